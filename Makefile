@@ -1,0 +1,50 @@
+# Two commands need nothing but Python 3.11 and make: `make demo` and `make test`. Each builds the environment it needs.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+PACKAGES := labctl instruments protocols sim_backends
+SOURCES := $(PACKAGES) tests
+
+# Real data sets, where a copy lies beside the checkout; tests that need them say so and skip where it does not.
+ifneq ($(wildcard ../shared/data),)
+export LABCTL_DATA ?= $(abspath ../shared/data)
+endif
+
+.PHONY: demo test test-full check format lock clean
+
+demo: $(INSTALLED)
+	$(BIN)/labctl demo
+
+test: check
+	$(BIN)/pytest -m "not full" --numprocesses 2 --cov --cov-report=term-missing:skip-covered
+
+test-full: check
+	$(BIN)/pytest --numprocesses 2 --cov --cov-report=term-missing:skip-covered
+
+check: $(INSTALLED)
+	$(BIN)/ruff format --check --quiet $(SOURCES)
+	$(BIN)/ruff check --quiet $(SOURCES)
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(INSTALLED)
+	$(BIN)/ruff format $(SOURCES)
+	$(BIN)/ruff check --fix $(SOURCES)
+
+lock:
+	$(PYTHON) -m venv $(VENV)-lock
+	$(VENV)-lock/bin/pip install --quiet pip-tools
+	$(VENV)-lock/bin/pip-compile --quiet --extra dev --generate-hashes --strip-extras --allow-unsafe --no-emit-index-url \
+		--no-emit-find-links --no-emit-trusted-host --no-emit-options --no-header --output-file requirements.lock pyproject.toml
+	rm -rf $(VENV)-lock
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*
+
+$(INSTALLED): requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@

@@ -1,0 +1,226 @@
+"""Alnair Labs TLG-220 tunable laser, driven from a command table that the operator can correct.
+
+No public command set exists for this laser, so the commands are data: a TOML file beside this module, or one the
+station names. What is still `<unknown>` there raises a named error, and an unverified table never emits unattended.
+"""
+
+import math
+import re
+import time
+import tomllib
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from instruments.interfaces import Identity, InstrumentError, LinkError, NotConfigured, Range, TunableLaser
+from instruments.visa import Transcript, VisaLink
+
+UNKNOWN = "<unknown>"
+DEFAULT_TABLE = Path(__file__).with_suffix(".toml")
+WAVELENGTH_TOLERANCE_NM = 0.01
+POWER_TOLERANCE_DB = 0.2
+COMMANDS = (
+    "identify",
+    "set_wavelength",
+    "get_wavelength",
+    "set_power",
+    "get_power",
+    "output_on",
+    "output_off",
+    "get_output",
+    "is_settled",
+    "error",
+)
+
+
+class Command(BaseModel):
+    """One line of the table."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    write: str
+    reply: str | None = None
+    unit: str = ""
+    min: float = -math.inf
+    max: float = math.inf
+    step: float | None = None
+    poll_s: float = 0.1
+    timeout_s: float = 30.0
+
+
+class TableTransport(BaseModel):
+    """How messages end on this laser, and how long a reply may take."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    write_eol: str = "\n"
+    read_eol: str = "\n"
+    timeout_s: float = Field(default=2.0, gt=0)
+
+
+class CommandTable(BaseModel):
+    """The laser's commands as its operator knows them."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    model: str
+    verified: bool
+    transport: TableTransport = TableTransport()
+    commands: dict[str, Command]
+    source: str = ""
+
+    @classmethod
+    def read(cls, path: Path) -> "CommandTable":
+        """Read a table.
+
+        Raises:
+            NotConfigured: the file is missing or is not such a table.
+        """
+        try:
+            return cls.model_validate(tomllib.loads(path.read_text("utf-8")) | {"source": str(path)})
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise NotConfigured(f"{path}: {where}: {first['msg']}: correct the laser's command table") from None
+        except (OSError, tomllib.TOMLDecodeError) as error:
+            raise NotConfigured(f"{path}: {error}: the laser's command table cannot be read") from None
+
+    def require_complete(self) -> None:
+        """Check that every command is there.
+
+        Raises:
+            NotConfigured: a command is missing or `<unknown>`.
+        """
+        for name in COMMANDS:
+            if name not in self.commands or self.commands[name].write == UNKNOWN:
+                raise NotConfigured(
+                    f"{self.source}: commands.{name}.write = {UNKNOWN!r}: enter the command from the laser's manual, "
+                    f"or use the driver 'manual-laser'"
+                )
+
+    def require_verified(self) -> None:
+        """Check that the laser may be switched on with nobody beside it.
+
+        Raises:
+            NotConfigured: `verified` is not true.
+        """
+        if not self.verified:
+            raise NotConfigured(
+                f"{self.source}: verified = false: try every command on the bench, then set verified = true; "
+                f"until then the laser is not switched on unattended"
+            )
+
+
+class Tlg220(TunableLaser):
+    """A TLG-220 behind a verified command table."""
+
+    switches_itself = True
+
+    def __init__(self, resource: str, table: CommandTable, transcript: Transcript) -> None:
+        """Drive the laser at the VISA address `resource` with the commands of `table`."""
+        self._table = table
+        self._link = VisaLink(
+            resource,
+            name="laser",
+            timeout_s=table.transport.timeout_s,
+            transcript=transcript,
+            error_queue=self._read_errors,
+            write_eol=table.transport.write_eol,
+            read_eol=table.transport.read_eol,
+        )
+
+    def identify(self) -> Identity:
+        """What the `identify` command answers."""
+        return Identity.parse(self._ask("identify")["text"])
+
+    def self_test(self) -> None:
+        """Ask for the error queue: the table knows no other test that needs no light."""
+        with self._link.checked():
+            self._number("get_output")
+
+    def tune(self, wavelength_nm: float) -> None:
+        """Set the wavelength, wait until settled, and compare with the read-back (tolerance 10 pm)."""
+        self._set("set_wavelength", wavelength_nm)
+        self._settle()
+        actual = self._number("get_wavelength")
+        if abs(actual - wavelength_nm) > WAVELENGTH_TOLERANCE_NM:
+            raise InstrumentError(
+                f"laser: wavelength {wavelength_nm:g} nm became {actual:g} nm: check its tuning range"
+            )
+
+    def set_power(self, power_w: float) -> None:
+        """Set the output power and compare with the read-back (tolerance 0.2 dB)."""
+        power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
+        self._set("set_power", power_dbm)
+        actual = self._number("get_power")
+        if abs(actual - power_dbm) > POWER_TOLERANCE_DB:
+            raise InstrumentError(f"laser: power {power_dbm:.2f} dBm became {actual:.2f} dBm: check its power range")
+
+    def emit(self) -> None:
+        """Emission on, settled."""
+        with self._link.checked():
+            self._link.write(self._command("output_on").write)
+        self._settle()
+
+    def darken(self) -> None:
+        """Emission off, confirmed by read-back."""
+        with self._link.checked():
+            self._link.write(self._command("output_off").write)
+        if self._number("get_output") != 0:
+            raise InstrumentError("laser: still emits after output_off: use its key switch")
+
+    def settings(self) -> dict[str, str | float]:
+        """Wavelength, power and whether it emits."""
+        return {
+            "model": self._table.model,
+            "table_verified": str(self._table.verified).lower(),
+            "wavelength_nm": self._number("get_wavelength"),
+            "power_dbm": self._number("get_power"),
+            "emitting": self._number("get_output"),
+        }
+
+    def make_safe(self) -> None:
+        """Emission off."""
+        self.darken()
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+    def _command(self, name: str) -> Command:
+        command = self._table.commands.get(name)
+        if command is None or command.write == UNKNOWN:
+            raise NotConfigured(f"{self._table.source}: commands.{name} is not configured: enter it from the manual")
+        return command
+
+    def _ask(self, name: str) -> dict[str, str]:
+        command = self._command(name)
+        answer = self._link.query(command.write)
+        match = re.fullmatch(command.reply or "(?P<text>.*)", answer)
+        if match is None:
+            raise InstrumentError(
+                f"laser: {command.write!r} was answered {answer!r}, expected {command.reply!r}: "
+                f"correct {self._table.source}"
+            )
+        return match.groupdict()
+
+    def _number(self, name: str) -> float:
+        return float(self._ask(name)["value"])
+
+    def _set(self, name: str, value: float) -> None:
+        command = self._command(name)
+        Range(command.min, command.max, command.unit).check(f"laser {name.removeprefix('set_')}", value)
+        with self._link.checked():
+            self._link.write(command.write.format(value=value))
+
+    def _settle(self) -> None:
+        command = self._command("is_settled")
+        deadline = time.monotonic() + command.timeout_s
+        while self._number("is_settled") != 1:
+            if time.monotonic() > deadline:
+                raise LinkError(f"laser: not settled after {command.timeout_s:g} s: check its front panel")
+            time.sleep(command.poll_s)
+
+    def _read_errors(self, _link: VisaLink) -> list[str]:
+        reply = self._ask("error")
+        return [] if int(reply["code"]) == 0 else [f"{reply['code']} {reply['text']}"]

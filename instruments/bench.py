@@ -1,0 +1,155 @@
+"""The bench: five opened instruments with their wiring and limits, and the safe state they must always end in."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from instruments.interfaces import (
+    BYPASS_PORT,
+    Awg,
+    Dmd,
+    EdgeTrigger,
+    Instrument,
+    InstrumentError,
+    Oscilloscope,
+    OutOfRange,
+    PatchPanel,
+    TunableLaser,
+)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What must never be exceeded on this bench, checked before the first command is sent."""
+
+    optical_power_w: float
+    rf_amplitude_vpp: float
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """How the instruments are cabled.
+
+    trigger: what triggers the oscilloscope. channels: its channels that carry detectors. bypass: the collection fibre
+    goes to a detector instead of into the chip. burst: DMD frame sync to AWG trigger, AWG marker to oscilloscope.
+    """
+
+    trigger: EdgeTrigger
+    channels: tuple[int, ...]
+    bypass: bool
+    burst: bool
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The optical and RF levels the bench works at."""
+
+    optical_power_w: float
+    rf_amplitude_vpp: float
+
+
+class UnsafeBench(InstrumentError):
+    """The safe state could not be confirmed; the message names every instrument that did not obey."""
+
+
+@dataclass
+class Bench:
+    """The opened instruments of a station.
+
+    `source` is the file that describes it, for messages. `now` gives the time of the bench in seconds: the wall clock
+    of a real bench, the virtual clock of a simulated one.
+    """
+
+    awg: Awg
+    scope: Oscilloscope
+    laser: TunableLaser
+    dmd: Dmd
+    patch_panel: PatchPanel
+    levels: Levels
+    limits: Limits
+    wiring: Wiring
+    source: str
+    now: Callable[[], float]
+
+    @property
+    def instruments(self) -> dict[str, Instrument]:
+        """The instruments by name, in the order of the safe state where it has one."""
+        return {
+            "laser": self.laser,
+            "awg": self.awg,
+            "dmd": self.dmd,
+            "scope": self.scope,
+            "patch_panel": self.patch_panel,
+        }
+
+    def __post_init__(self) -> None:
+        """Compare the levels with the limits, before anything can be sent.
+
+        Raises:
+            OutOfRange: the optical power or the RF amplitude exceeds its limit.
+        """
+        if self.levels.optical_power_w > self.limits.optical_power_w:
+            raise OutOfRange(
+                f"{self.source}: laser.power = {self.levels.optical_power_w * 1e3:g} mW exceeds limits.optical_power = "
+                f"{self.limits.optical_power_w * 1e3:g} mW: lower the power"
+            )
+        if self.levels.rf_amplitude_vpp > self.limits.rf_amplitude_vpp:
+            raise OutOfRange(
+                f"{self.source}: awg.amplitude = {self.levels.rf_amplitude_vpp:g} V exceeds limits.rf_amplitude = "
+                f"{self.limits.rf_amplitude_vpp:g} V: lower the amplitude"
+            )
+
+    def passes_for(self, ports: Sequence[int]) -> tuple[dict[int, int], ...]:
+        """Distribute `ports` over the oscilloscope's channels: one patching (channel -> port) per pass.
+
+        Where the chip is bypassed there is one fibre to measure, whatever ports are asked for.
+
+        Raises:
+            OutOfRange: a port that the patch panel does not carry.
+        """
+        if self.wiring.bypass:
+            return ({self.wiring.channels[0]: BYPASS_PORT},)
+        missing = [port for port in ports if port not in self.patch_panel.ports]
+        if missing:
+            raise OutOfRange(
+                f"{self.source}: port {missing[0]} is not patched (patch_panel.ports = "
+                f"{list(self.patch_panel.ports)}): choose other ports, or wire it and add it there"
+            )
+        width = len(self.wiring.channels)
+        return tuple(
+            dict(zip(self.wiring.channels, ports[first : first + width], strict=False))
+            for first in range(0, len(ports), width)
+        )
+
+    @contextmanager
+    def emitting(self, wavelength_nm: float) -> Iterator[None]:
+        """The only way to light: emission inside the block, the safe state however it ends."""
+        try:
+            self.laser.set_power(self.levels.optical_power_w)
+            self.laser.tune(wavelength_nm)
+            self.laser.emit()
+            yield
+        finally:
+            self.make_safe()
+
+    def make_safe(self) -> None:
+        """Laser off, AWG off, DMD blank, oscilloscope stopped: in this order, and each one even if another fails.
+
+        Raises:
+            UnsafeBench: an instrument did not obey.
+        """
+        failures = []
+        for name, instrument in self.instruments.items():
+            try:
+                instrument.make_safe()
+            except InstrumentError as error:
+                failures.append(f"{name}: {error}")
+        if failures:
+            raise UnsafeBench(
+                f"the safe state is not confirmed ({'; '.join(failures)}): switch the laser off by its key switch"
+            )
+
+    def close(self) -> None:
+        """Release every connection."""
+        for instrument in self.instruments.values():
+            instrument.close()

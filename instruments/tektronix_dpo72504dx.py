@@ -1,0 +1,177 @@
+"""Tektronix DPO72504DX digital phosphor oscilloscope.
+
+Commands: DPO/DSA/MSO70000 series programmer manual. Codes leave the instrument as it digitised them; they become volts
+only in analysis: volts = (code - YOFf) * YMUlt + YZEro.
+"""
+
+import numpy as np
+
+from instruments.interfaces import (
+    EdgeTrigger,
+    Frames,
+    Identity,
+    InstrumentError,
+    Oscilloscope,
+    OutOfRange,
+    Range,
+    Scaling,
+    Timebase,
+    Vertical,
+)
+from instruments.visa import VisaLink
+
+TRIGGER_WAIT_S = 10.0
+RATE_TOLERANCE = 1e-6
+
+
+class Dpo72504dx(Oscilloscope):
+    """Four channels of 8 bits, read one source at a time as signed little-endian integers."""
+
+    SAMPLE_RATE = Range(1.0, 100e9, "S/s")
+    AVERAGES = Range(1, 10240, "triggers")
+    vertical_scale = Range(6.25e-3, 0.6, "V/div")
+    SHORTEST_RECORD = 50  # points; of a shorter timebase only the first points are transferred
+    CLIP_LOW, CLIP_HIGH = -127, 126
+    INPUTS = (1, 2, 3, 4)
+
+    def __init__(self, link: VisaLink) -> None:
+        """Drive the instrument behind `link`."""
+        self._link = link
+        self.channels = ()
+        self._dtype: np.dtype[np.int8] | np.dtype[np.int16] = np.dtype(np.int8)
+
+    def identify(self) -> Identity:
+        """`*IDN?`."""
+        return Identity.parse(self._link.query("*IDN?"))
+
+    def self_test(self) -> None:
+        """`*TST?`: 0 means passed."""
+        result = self._link.query("*TST?", timeout_s=60.0)
+        if int(result) != 0:
+            raise InstrumentError(
+                f"{self._link.name}: self-test failed with code {result}: see the instrument's screen"
+            )
+
+    def configure(self, timebase: Timebase, trigger: EdgeTrigger, channels: tuple[int, ...], averages: int) -> None:
+        """Manual horizontal mode, edge trigger in normal mode, the channels, sample or average acquisition.
+
+        `DATa:STOP` is set with every record length: the instrument does not move it by itself.
+        """
+        record_length = max(timebase.samples, self.SHORTEST_RECORD)
+        self.SAMPLE_RATE.check("scope sample rate", timebase.sample_rate)
+        self.AVERAGES.check("averages", averages)
+        with self._link.checked():
+            for setting in (
+                "ACQuire:STATE STOP",
+                "*CLS",
+                "HEADer OFF",
+                "VERBose ON",
+                "FASTAcq:STATE OFF",
+                "HORizontal:FASTframe:STATE OFF",
+                "ACQuire:SAMPlingmode RT",
+                "ACQuire:STOPAfter SEQuence",
+                *self._acquisition(averages),
+                "HORizontal:MODE MANual",
+                f"HORizontal:MODE:SAMPLERate {timebase.sample_rate:.6E}",
+                f"HORizontal:MODE:RECOrdlength {record_length}",
+                "HORizontal:POSition 0",
+                *(f"SELect:CH{channel} {int(channel in channels)}" for channel in self.INPUTS),
+                *self._trigger(trigger),
+                "DATa:STARt 1",
+                f"DATa:STOP {timebase.samples}",
+                "DATa:ENCdg SRIbinary",
+                f"WFMOutpre:BYT_Nr {1 if averages == 1 else 2}",
+            ):
+                self._link.write(setting)
+        self._confirm("HORizontal:MODE:SAMPLERate", timebase.sample_rate)
+        self._confirm("HORizontal:MODE:RECOrdlength", record_length)
+        self.channels = channels
+        self._dtype = np.dtype("<i1") if averages == 1 else np.dtype("<i2")
+
+    def set_vertical(self, channel: int, vertical: Vertical) -> None:
+        """Set scale and offset with the trace at mid-screen."""
+        self.vertical_scale.check(f"CH{channel} scale", vertical.scale_v_per_div)
+        with self._link.checked():
+            self._link.write(f"CH{channel}:SCAle {vertical.scale_v_per_div:.6E}")
+            self._link.write(f"CH{channel}:POSition 0")
+            self._link.write(f"CH{channel}:OFFSet {vertical.offset_v:.6E}")
+
+    def scalings(self) -> tuple[Scaling, ...]:
+        """YMUlt, YZEro and YOFf of each channel: the preamble belongs to the waveform, not to the knobs."""
+        found = []
+        for channel in self.channels:
+            self._link.write(f"DATa:SOUrce CH{channel}")
+            multiplier, zero, offset = (
+                float(self._link.query(f"WFMOutpre:{field}?")) for field in ("YMUlt", "YZEro", "YOFf")
+            )
+            found.append(Scaling(scale_v=multiplier, offset_v=zero - offset * multiplier))
+        return tuple(found)
+
+    def arm(self) -> None:
+        """Start a single acquisition."""
+        self._link.write("ACQuire:STATE RUN")
+
+    def wait(self) -> None:
+        """`*OPC?` answers when the single acquisition is complete."""
+        self._link.query("*OPC?", timeout_s=TRIGGER_WAIT_S)
+
+    def read(self) -> Frames:
+        """One `CURVe?` per channel, with the sub-sample trigger time before it."""
+        offsets, traces = [], []
+        for channel in self.channels:
+            offsets.append(float(self._link.query(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?")))
+            traces.append(self._link.read_block("CURVe?", self._dtype))
+        codes = np.stack(traces)
+        step = 256 ** (self._dtype.itemsize - 1)
+        low, high = codes.min(axis=1), codes.max(axis=1)
+        clipped = (low <= self.CLIP_LOW * step) | (high >= self.CLIP_HIGH * step)
+        return Frames(codes, np.array(offsets), clipped)
+
+    def settings(self) -> dict[str, str | float]:
+        """Timebase, acquisition, trigger and the vertical range of every channel that is on."""
+        report: dict[str, str | float] = {
+            "sample_rate": float(self._link.query("HORizontal:MODE:SAMPLERate?")),
+            "record_length": float(self._link.query("HORizontal:MODE:RECOrdlength?")),
+            "acquisition_mode": self._link.query("ACQuire:MODe?"),
+            "trigger_source": self._link.query("TRIGger:A:EDGE:SOUrce?"),
+        }
+        for channel in self.channels:
+            report[f"ch{channel}_scale_v_per_div"] = float(self._link.query(f"CH{channel}:SCAle?"))
+            report[f"ch{channel}_offset_v"] = float(self._link.query(f"CH{channel}:OFFSet?"))
+            report[f"ch{channel}_bandwidth_hz"] = float(self._link.query(f"CH{channel}:BANdwidth?"))
+        return report
+
+    def make_safe(self) -> None:
+        """Stop acquiring."""
+        with self._link.checked():
+            self._link.write("ACQuire:STATE STOP")
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+    def _acquisition(self, averages: int) -> tuple[str, ...]:
+        return ("ACQuire:MODe SAMple",) if averages == 1 else ("ACQuire:MODe AVErage", f"ACQuire:NUMAVg {averages}")
+
+    def _trigger(self, trigger: EdgeTrigger) -> tuple[str, ...]:
+        slope = "RISe" if trigger.rising else "FALL"
+        common = ("TRIGger:A:TYPe EDGE", "TRIGger:A:MODe NORMal")
+        if trigger.source == "AUX":
+            return (
+                *common,
+                "TRIGger:A:EDGE:SOUrce AUXiliary",
+                f"TRIGger:A:EDGE:SLOpe:AUX {slope}",
+                f"TRIGger:AUXLevel {trigger.level_v:.4f}",
+            )
+        source = f"CH{trigger.source}"
+        return (
+            *common,
+            f"TRIGger:A:EDGE:SOUrce {source}",
+            f"TRIGger:A:EDGE:SLOpe:{source} {slope}",
+            f"TRIGger:A:LEVel:{source} {trigger.level_v:.4f}",
+        )
+
+    def _confirm(self, command: str, wanted: float) -> None:
+        actual = float(self._link.query(f"{command}?"))
+        if abs(actual - wanted) > RATE_TOLERANCE * wanted:
+            raise OutOfRange(f"{self._link.name}: {command} {wanted:g} became {actual:g}: choose a value it supports")

@@ -1,0 +1,62 @@
+"""Quantities at the edges: text with a unit, parsed once into SI (or into the unit that a name carries)."""
+
+import re
+from functools import cache
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+_TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ/]*)\s*")
+_SIGNIFICANT_DIGITS = 12
+
+# What the trade writes and pint does not know: samples per second are a rate, peak-to-peak volts are volts.
+_TRADE_UNITS = {
+    "Hz": (re.compile(r"([kMG]?)(?:S/s|Sa/s)"), r"\1Hz"),
+    "V": (re.compile(r"(m?V)pp"), r"\1"),
+}
+
+
+@cache
+def _registry() -> Any:
+    # Building the registry takes longer than most commands; only text with a unit needs it.
+    import pint
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
+def quantity(text: str, unit: str) -> float:
+    """The number `text` ("0.4 ns", "25 GS/s", "14.8 dBm") stands for, in `unit`.
+
+    Raises:
+        ValueError: not a number, no unit, or a unit of another kind.
+    """
+    match = _TEXT.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a number with a unit: write it like '1 {unit}'")
+    number, written = match.groups()
+    if not written:
+        raise ValueError(f"{text!r} has no unit: write it like '{text.strip()} {unit}'")
+    if unit in _TRADE_UNITS:
+        pattern, meaning = _TRADE_UNITS[unit]
+        written = re.sub(rf"^{pattern.pattern}$", meaning, written)
+    import pint
+
+    try:
+        converted = _registry().Quantity(float(number), written).to(unit).magnitude
+    except pint.PintError:
+        raise ValueError(f"{text!r} is not in {unit}: write it like '1 {unit}'") from None
+    return float(f"{converted:.{_SIGNIFICANT_DIGITS}g}")
+
+
+def _in(unit: str) -> BeforeValidator:
+    def parse(value: object) -> object:
+        return quantity(value, unit) if isinstance(value, str) else value
+
+    return BeforeValidator(parse)
+
+
+Seconds = Annotated[float, _in("s")]
+Hertz = Annotated[float, _in("Hz")]
+Volts = Annotated[float, _in("V")]
+Watts = Annotated[float, _in("W")]
+Nanometres = Annotated[float, _in("nm")]

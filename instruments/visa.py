@@ -1,0 +1,295 @@
+"""The VISA link: one session to one instrument, with text, binary blocks, error queue, bounded waits and a transcript.
+
+Blocks take the raw socket of a pyvisa-py SOCKET session where there is one: pyvisa-py ends a read at every line feed
+while its termination character is on, which makes `query_binary_values` some fifty times slower than the wire.
+"""
+
+import contextlib
+import socket
+import zlib
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar, cast
+
+import numpy as np
+import pyvisa
+from numpy.typing import NDArray
+from pyvisa.constants import StatusCode
+from pyvisa.errors import VisaIOError
+from pyvisa.resources import MessageBasedResource
+
+from instruments.interfaces import InstrumentError, LinkError
+
+Transcript = Callable[[str, str, str], None]
+"""Called with instrument name, direction ("<" from, ">" to the instrument) and the text of each message."""
+
+ErrorQueue = Callable[["VisaLink"], list[str]]
+"""Empties an instrument's error queue and returns what was in it, oldest first."""
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+ENCODING = "latin-1"
+MAX_ERRORS_READ = 64
+
+
+def scpi_error_queue(link: "VisaLink") -> list[str]:
+    """Empty the queue of a SCPI instrument by `SYSTem:ERRor?` (SCPI-99, 21.8)."""
+    errors = []
+    for _ in range(MAX_ERRORS_READ):
+        error = link.query("SYSTem:ERRor?")
+        if error.split(",", 1)[0].strip().lstrip("+") == "0":
+            break
+        errors.append(error)
+    return errors
+
+
+def tektronix_event_queue(link: "VisaLink") -> list[str]:
+    """Empty the event queue of a Tektronix oscilloscope: `*ESR?` releases the events, `ALLEv?` reads them."""
+    if int(link.query("*ESR?")) & 0b0011_1100 == 0:
+        return []
+    return [link.query("ALLEv?")]
+
+
+class VisaLink:
+    """One VISA session that logs every message, bounds every wait and checks the instrument's own errors.
+
+    The session opens at the first message and reopens after a lost link or a timeout: a late reply must never be taken
+    for the answer to the next question.
+    """
+
+    def __init__(
+        self,
+        resource: str,
+        *,
+        name: str,
+        timeout_s: float,
+        transcript: Transcript,
+        error_queue: ErrorQueue = scpi_error_queue,
+        write_eol: str = "\n",
+        read_eol: str = "\n",
+    ) -> None:
+        """Describe the session; nothing is opened yet. `name` is the instrument's word in messages and transcript."""
+        self.resource = resource
+        self.name = name
+        self.timeout_s = timeout_s
+        self._transcript = transcript
+        self._error_queue = error_queue
+        self._write_eol = write_eol
+        self._read_eol = read_eol
+        self._session: MessageBasedResource | None = None
+        self._socket: socket.socket | None = None
+
+    def write(self, command: str) -> None:
+        """Send one program message.
+
+        Raises:
+            LinkError: the instrument cannot be reached.
+        """
+        with self._conversation(command) as session:
+            self._transcript(self.name, ">", command)
+            session.write(command)
+
+    def query(self, command: str, *, timeout_s: float | None = None) -> str:
+        """Send one query and return its reply without terminator; `timeout_s` bounds this wait instead of the link's.
+
+        A reply that opens a quotation and does not close it goes on after the line feed (error texts of the AWG do).
+
+        Raises:
+            LinkError: no reply in time, or the instrument cannot be reached.
+        """
+        with self._conversation(command) as session, self._waiting(session, timeout_s):
+            self._transcript(self.name, ">", command)
+            reply: str = session.query(command)
+            while reply.count('"') % 2:
+                reply += "\n" + session.read()
+            self._transcript(self.name, "<", reply)
+            return reply
+
+    def write_block(self, header: str, block: NDArray[Any]) -> None:
+        """Send `header` followed by `block` as an IEEE 488.2 definite-length block.
+
+        Raises:
+            LinkError: the instrument cannot be reached.
+        """
+        with self._conversation(header) as session:
+            self._send_block(session, header, block)
+
+    def query_block(self, header: str, block: NDArray[Any]) -> str:
+        """`write_block`, then read the one-line reply."""
+        with self._conversation(header) as session:
+            self._send_block(session, header, block)
+            reply: str = session.read()
+            self._transcript(self.name, "<", reply)
+            return reply
+
+    def read_block(self, command: str, dtype: "np.dtype[Scalar]") -> NDArray[Scalar]:
+        """Send a query whose reply is one definite-length block and return it as an array of `dtype`, shape (n,).
+
+        Raises:
+            LinkError: no reply in time.
+            InstrumentError: the reply is not a block, or not a whole number of items.
+        """
+        with self._conversation(command) as session:
+            self._transcript(self.name, ">", command)
+            session.write(command)
+            data = self._receive_block(session)
+            if len(data) % dtype.itemsize:
+                raise InstrumentError(f"{self.name}: reply to {command} has {len(data)} bytes, not items of {dtype}")
+            self._transcript(self.name, "<", _describe(data))
+            return np.frombuffer(data, dtype)
+
+    @contextlib.contextmanager
+    def checked(self) -> Iterator[None]:
+        """A group of settings: the instrument's error queue is read once, at the end of the block.
+
+        Raises:
+            InstrumentError: the queue was not empty; the message carries the instrument's own text.
+        """
+        yield
+        errors = self.errors()
+        if errors:
+            raise InstrumentError(f"{self.name} at {self.resource} reports {'; '.join(errors)}")
+
+    def errors(self) -> list[str]:
+        """Empty the instrument's error queue and return what it held."""
+        return self._error_queue(self)
+
+    def close(self) -> None:
+        """Close the session if it is open; the next message would open it again."""
+        session, self._session, self._socket = self._session, None, None
+        if session is not None:
+            with contextlib.suppress(VisaIOError, OSError):
+                session.close()
+
+    @contextlib.contextmanager
+    def _conversation(self, command: str) -> Iterator[MessageBasedResource]:
+        """The open session; whatever breaks inside closes it and becomes one `LinkError`."""
+        try:
+            yield self._session or self._open()
+        except (VisaIOError, OSError, ValueError) as error:
+            self.close()
+            late = isinstance(error, TimeoutError) or getattr(error, "error_code", None) == StatusCode.error_timeout
+            what = "did not answer in time" if late else f"cannot be reached ({_one_line(error)})"
+            raise LinkError(
+                f"{self.name} at {self.resource} {what} (at {command.split(',')[0]!r}): check address, cable and power"
+            ) from error
+        except BaseException:
+            # Ctrl-C between a question and its answer: a session kept open would be one reply behind for ever.
+            self.close()
+            raise
+
+    @contextlib.contextmanager
+    def _waiting(self, session: MessageBasedResource, timeout_s: float | None) -> Iterator[None]:
+        if timeout_s is None:
+            yield
+            return
+        session.timeout = timeout_s * 1e3
+        try:
+            yield
+        finally:
+            session.timeout = self.timeout_s * 1e3
+
+    def _open(self) -> MessageBasedResource:
+        try:
+            opened = _resource_manager(self.resource).open_resource(
+                self.resource,
+                open_timeout=int(self.timeout_s * 1e3),
+                write_termination=self._write_eol,
+                read_termination=self._read_eol,
+            )
+        except Exception as error:  # pyvisa-py raises the bare class when a connection cannot be made
+            raise LinkError(
+                f"{self.name} at {self.resource} cannot be reached ({_one_line(error)}): check address, cable and power"
+            ) from error
+        session = cast(MessageBasedResource, opened)
+        session.timeout = self.timeout_s * 1e3
+        session.encoding = ENCODING
+        self._session, self._socket = session, _raw_socket(session)
+        if self._socket is not None:
+            # Without it a write followed by a query waits for the delayed acknowledgement of the write: 40 ms.
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return session
+
+    def _send_block(self, session: MessageBasedResource, header: str, block: NDArray[Any]) -> None:
+        payload = np.ascontiguousarray(block).view(np.uint8).reshape(-1).data
+        length = str(len(payload))
+        head = f"{header}#{len(length)}{length}".encode(ENCODING)
+        self._transcript(self.name, ">", f"{header}{_describe(payload)}")
+        if self._socket is None:
+            session.write_raw(b"".join((head, payload, self._write_eol.encode(ENCODING))))
+            return
+        self._socket.settimeout(self.timeout_s)
+        try:
+            self._socket.sendall(head)
+            self._socket.sendall(payload)
+            self._socket.sendall(self._write_eol.encode(ENCODING))
+        finally:
+            self._socket.settimeout(None)
+
+    def _receive_block(self, session: MessageBasedResource) -> bytearray:
+        if self._socket is None:
+            return self._receive_block_by_visa(session)
+        link, tail = self._socket, len(self._read_eol)
+        link.settimeout(self.timeout_s)
+        try:
+            marker, digits = bytes(_receive(link, 2))
+            data = _receive(link, _block_length(marker, digits, lambda count: bytes(_receive(link, count))))
+            _receive(link, tail)
+            return data
+        finally:
+            link.settimeout(None)
+
+    def _receive_block_by_visa(self, session: MessageBasedResource) -> bytearray:
+        termination = session.read_termination
+        session.read_termination = None
+        try:
+            marker, digits = session.read_bytes(2)
+            length = _block_length(marker, digits, lambda count: session.read_bytes(count))
+            data = bytearray(session.read_bytes(length, chunk_size=1 << 20))
+            session.read_bytes(len(self._read_eol))
+            return data
+        finally:
+            session.read_termination = termination
+
+
+def _resource_manager(resource: str) -> pyvisa.ResourceManager:
+    """pyvisa-py for the network, where it is fastest; this machine's own VISA library, if any, for USB and GPIB.
+
+    pyvisa keeps one manager per library, so asking again costs nothing.
+    """
+    return pyvisa.ResourceManager("@py" if resource.upper().startswith("TCPIP") else "")
+
+
+def _raw_socket(session: MessageBasedResource) -> socket.socket | None:
+    """The TCP socket under a pyvisa-py SOCKET session, or None for any other session."""
+    if session.resource_class != "SOCKET":
+        return None
+    interface = getattr(session.visalib, "sessions", {}).get(session.session)
+    found = getattr(interface, "interface", None)
+    return found if isinstance(found, socket.socket) else None
+
+
+def _receive(link: socket.socket, count: int) -> bytearray:
+    data = bytearray(count)
+    view = memoryview(data)
+    while len(view):
+        received = link.recv_into(view)
+        if received == 0:
+            raise ConnectionResetError("the instrument closed the connection in the middle of a block")
+        view = view[received:]
+    return data
+
+
+def _block_length(marker: int, digits: int, receive: Callable[[int], bytes]) -> int:
+    """The byte count behind `#N`; N may be a hexadecimal digit, because records can need ten digits."""
+    if marker != ord("#") or chr(digits) not in "123456789ABCDEFabcdef":
+        raise ValueError(f"the reply starts with {bytes((marker, digits))!r}, not with a block")
+    return int(receive(int(chr(digits), 16)))
+
+
+def _describe(block: bytes | bytearray | memoryview) -> str:
+    """A block in the transcript: its length and CRC-32, which unlike longer digests keeps pace with the wire."""
+    return f"#<{len(block)} bytes, crc32 {zlib.crc32(block):08x}>"
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

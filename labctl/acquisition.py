@@ -1,0 +1,83 @@
+"""One run from a station and a protocol: load the images, open the bench, carry it out, close it."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from labctl import datasets
+from labctl.command_log import CommandLog
+from labctl.engine import Outcome, Progress, Request, carry_out
+from labctl.interruption import Interruption
+from labctl.opening import opened
+from labctl.station import Station
+from labctl.stopwatch import Stopwatch
+from protocols.base import Images
+from protocols.image_readout import ImageReadout
+
+
+def _no_progress(_done: int, _total: int) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Acquisition:
+    """What to acquire, with what, and where to put it."""
+
+    protocol: ImageReadout
+    station: Station
+    directory: Path | None = None
+    data: Path | None = None
+    attended: bool = False
+    profile: bool = False
+
+
+@dataclass(frozen=True)
+class Acquired:
+    """A finished (or interrupted) run; `budget` is milliseconds of each step per shot, if it was profiled."""
+
+    outcome: Outcome
+    budget: dict[str, float] = field(default_factory=dict)
+
+
+def images_for(protocol: ImageReadout, data: Path | None = None) -> Images:
+    """The images a protocol asks for, chosen by its seed.
+
+    Raises:
+        DatasetError: the data set is missing, damaged or too small.
+    """
+    loaded = datasets.load(
+        protocol.dataset, classes=protocol.classes, images=protocol.images, seed=protocol.seed, directory=data
+    ).binarised(protocol.threshold)
+    return Images(loaded.images.astype(np.bool_), loaded.labels, loaded.indices)
+
+
+def acquire(
+    acquisition: Acquisition, *, interruption: Interruption | None = None, progress: Progress = _no_progress
+) -> Acquired:
+    """Carry out one acquisition.
+
+    Raises:
+        DatasetError, StationError, ProtocolError, RunError: what was asked for is wrong; no light was switched on.
+        InstrumentError: an instrument failed; finished shots are kept.
+    """
+    protocol, station = acquisition.protocol, acquisition.station
+    images = images_for(protocol, acquisition.data)
+    with ExitStack() as stack:
+        log = stack.enter_context(CommandLog())
+        open_bench = stack.enter_context(opened(station, log, attended=acquisition.attended))
+        simulation = open_bench.simulation
+        stopwatch = Stopwatch((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
+        if acquisition.profile:
+            stopwatch.watch(open_bench.bench)
+        outcome = carry_out(
+            Request(protocol, images, station),
+            open_bench.bench,
+            log,
+            directory=acquisition.directory,
+            interruption=interruption or Interruption(),
+            progress=progress,
+            stopwatch=stopwatch,
+        )
+        return Acquired(outcome, stopwatch.budget(outcome.shots) if acquisition.profile else {})

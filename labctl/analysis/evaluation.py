@@ -1,0 +1,192 @@
+"""How good a readout is: accuracy over many splits, confusion, accuracy against acquisition time, controls."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+from sklearn.metrics import confusion_matrix
+from threadpoolctl import threadpool_limits
+
+from labctl.analysis.errors import AnalysisError
+from labctl.analysis.readouts import softmax_classifier
+from labctl.analysis.splits import Split, random_splits
+from labctl.analysis.windows import WindowFeatures, compressive_ratio
+
+STANDARD_ERRORS = 4.0
+"""A control counts as chance up to this many standard errors above it: an honest one fails once in 30000 times."""
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Outcome of training and testing over several splits.
+
+    Attributes:
+        scores: (splits,) accuracy on the test shots of each split, 0..1.
+        classes: (k,) the class labels.
+        confusion: (k, k) test shots over all splits, true class by row, predicted class by column.
+    """
+
+    scores: NDArray[np.float64]
+    classes: NDArray[Any]
+    confusion: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class WindowAccuracy:
+    """Accuracy at one acquisition time.
+
+    Attributes:
+        window_s: T_N, s.
+        features: Number of features M N.
+        compressive_ratio: N / 784.
+        scores: (splits,) accuracy on the test shots of each split, 0..1.
+    """
+
+    window_s: float
+    features: int
+    compressive_ratio: float
+    scores: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Control:
+    """Accuracy of something that must not be recognisable.
+
+    Attributes:
+        scores: (splits,) accuracy on the test shots of each split.
+        chance: Share of the most frequent class: what guessing reaches.
+        tolerance: How far the mean may lie from chance, `STANDARD_ERRORS` standard errors over distinct groups.
+    """
+
+    scores: NDArray[np.float64]
+    chance: float
+    tolerance: float
+
+    @property
+    def at_chance(self) -> bool:
+        """True if nothing was recognised."""
+        return bool(np.mean(self.scores) <= self.chance + self.tolerance)
+
+
+def validate(
+    features: NDArray[Any], labels: NDArray[Any], splits: Iterable[Split], *, readout: Any = None
+) -> CrossValidation:
+    """Train and test a readout on every split, on one thread.
+
+    Args:
+        features: (shots, features), or records (shots, ports, samples) for a readout that starts with `WindowFeatures`.
+        labels: (shots,) class of each shot.
+        splits: Training and test positions.
+        readout: Unfitted estimator; None = `softmax_classifier()`.
+    """
+    estimator = softmax_classifier() if readout is None else readout
+    classes = np.unique(labels)
+    confusion = np.zeros((classes.size, classes.size), np.int64)
+    scores = []
+    with threadpool_limits(1):  # small matrices: threads cost more than they give, and sums change with their number
+        for train, test in splits:
+            predicted = clone(estimator).fit(features[train], labels[train]).predict(features[test])
+            scores.append(float(np.mean(predicted == labels[test])))
+            confusion += confusion_matrix(labels[test], predicted, labels=classes)
+    return CrossValidation(np.array(scores), classes, confusion)
+
+
+def cross_validated_accuracy(
+    features: NDArray[Any],
+    labels: NDArray[Any],
+    groups: NDArray[Any],
+    *,
+    splits: int = 10,
+    test_size: float | int = 0.1,
+    seed: int,
+) -> NDArray[np.float64]:
+    """Accuracy (splits,) of the softmax classifier on features (shots, features); the rest as in `random_splits`."""
+    chosen = random_splits(labels, groups, splits=splits, test_size=test_size, seed=seed)
+    return validate(features, labels, chosen).scores
+
+
+def accuracy_against_window(
+    frames: NDArray[Any],
+    labels: NDArray[Any],
+    groups: NDArray[Any],
+    *,
+    windows_s: Sequence[float],
+    window: WindowFeatures,
+    splits: int = 10,
+    test_size: float | int = 0.1,
+    seed: int,
+) -> tuple[WindowAccuracy, ...]:
+    """Accuracy of the softmax classifier at each acquisition time, over the same random splits.
+
+    Args:
+        frames: (shots, ports, samples).
+        labels: (shots,) class of each shot.
+        groups: (shots,) the image each shot shows.
+        windows_s: Acquisition times T_N, s.
+        window: Ports, sample interval and start of the window; its own `window_s` is not used.
+        splits: How many random splits.
+        test_size: Part of the images in the test set, or number of test shots.
+        seed: Seed of the splits.
+
+    Raises:
+        AnalysisError: A window does not fit into the records, or the shots cannot be split.
+    """
+    chosen = list(random_splits(labels, groups, splits=splits, test_size=test_size, seed=seed))
+    table = []
+    for window_s in windows_s:
+        features = clone(window).set_params(window_s=window_s).fit_transform(frames)
+        scores = validate(features, labels, chosen).scores
+        tau_s = window.tau_s if window.tau_s is not None else window.sample_interval_s
+        table.append(WindowAccuracy(window_s, features.shape[1], compressive_ratio(window_s, tau_s), scores))
+    return tuple(table)
+
+
+def window_key(window_s: float) -> str:
+    """The acquisition time as the text that keys results: nanoseconds with at least one decimal ("0.08", "1.0")."""
+    return repr(round(window_s * 1e9, 6))
+
+
+def mean_and_sd(scores: NDArray[np.float64]) -> dict[str, float]:
+    """Mean and sample standard deviation (0 for a single score) as a JSON object."""
+    return {"mean": float(np.mean(scores)), "sd": float(np.std(scores, ddof=1)) if scores.size > 1 else 0.0}
+
+
+def pooled(tables: Sequence[Sequence[WindowAccuracy]]) -> dict[str, dict[str, float]]:
+    """Mean and standard deviation of the accuracy at each window over several tables (twins, runs) with all splits.
+
+    Raises:
+        AnalysisError: The tables are of different windows.
+    """
+    windows = [[window_key(row.window_s) for row in table] for table in tables]
+    if not windows or any(keys != windows[0] for keys in windows):
+        raise AnalysisError("only tables of the same windows can be pooled: evaluate every run at the same windows")
+    return {
+        key: mean_and_sd(np.concatenate([table[position].scores for table in tables]))
+        for position, key in enumerate(windows[0])
+    }
+
+
+def control(
+    features: NDArray[Any],
+    labels: NDArray[Any],
+    groups: NDArray[Any],
+    *,
+    splits: int = 10,
+    test_size: float | int = 0.1,
+    seed: int,
+) -> Control:
+    """Accuracy on shots that say nothing about `labels` (fixed image, dark, shuffled labels), beside that of chance."""
+    scores = cross_validated_accuracy(features, labels, groups, splits=splits, test_size=test_size, seed=seed)
+    chance = float(np.max(np.unique_counts(labels).counts) / labels.size)
+    tolerance = STANDARD_ERRORS * float(np.sqrt(chance * (1 - chance) / np.unique(groups).size))
+    return Control(scores, chance, tolerance)
+
+
+def shuffled_labels(labels: NDArray[Any], groups: NDArray[Any], *, seed: int) -> NDArray[Any]:
+    """The labels (shots,) dealt out anew among the groups, so that they say nothing about the shots."""
+    names, first, member = np.unique(groups, return_index=True, return_inverse=True)
+    dealt = np.random.default_rng(seed).permutation(names.size)
+    return np.asarray(labels[first][dealt][member])

@@ -1,0 +1,157 @@
+"""Trained readouts as files: arrays and JSON in HDF5, readable by anything that reads HDF5 and never executed.
+
+Attributes of the file: `format` ("labctl-readout"), `format_version`, `metadata` (JSON object), `steps` (JSON list of
+the steps' names in order). One group a step, with attributes `estimator` (class name) and `parameters` (JSON object of
+the settings that differ from the class's defaults) and one data set for each fitted array.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.validation import check_is_fitted
+
+from labctl.analysis.errors import AnalysisError
+from labctl.analysis.windows import WindowFeatures
+
+FORMAT = "labctl-readout"
+FORMAT_VERSION = "1.0"
+
+FITTED: Mapping[str, tuple[type, tuple[str, ...]]] = {
+    "WindowFeatures": (WindowFeatures, ("rows_", "samples_", "ports_in_", "samples_in_")),
+    "StandardScaler": (StandardScaler, ("mean_", "var_", "scale_", "n_samples_seen_", "n_features_in_")),
+    "LogisticRegression": (LogisticRegression, ("classes_", "coef_", "intercept_", "n_iter_", "n_features_in_")),
+}
+"""What may be in a file: class name -> class and the fitted attributes that make up its state."""
+
+
+def save_model(path: Path, pipeline: Pipeline, metadata: Mapping[str, Any]) -> None:
+    """Write a fitted pipeline of `FITTED` classes; the file appears complete or not at all.
+
+    Args:
+        path: File to write; an existing one is replaced.
+        pipeline: Fitted pipeline.
+        metadata: Anything JSON can hold: run, protocol, window, accuracy, seeds, versions.
+
+    Raises:
+        AnalysisError: A step is of another class, or not fitted to plain arrays.
+        sklearn.exceptions.NotFittedError: The pipeline is not fitted.
+    """
+    for _, step in pipeline.steps:
+        if type(step).__name__ not in FITTED:
+            raise AnalysisError(
+                f"a step of class {type(step).__name__} cannot be saved: only {', '.join(FITTED)} have a file format"
+            )
+        check_is_fitted(step)
+    partial = path.with_name(path.name + ".partial")
+    with h5py.File(partial, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["metadata"] = _json(dict(metadata))
+        file.attrs["steps"] = json.dumps([name for name, _ in pipeline.steps])
+        for name, step in pipeline.steps:
+            group = file.create_group(name)
+            group.attrs["estimator"] = type(step).__name__
+            group.attrs["parameters"] = _json(_changed_parameters(step))
+            for attribute in FITTED[type(step).__name__][1]:
+                if (value := getattr(step, attribute)) is not None:
+                    group.create_dataset(attribute, data=_storable(np.asarray(value)))
+    os.replace(partial, path)
+
+
+def load_model(path: Path) -> Pipeline:
+    """The fitted pipeline in a file that `save_model` wrote; it predicts exactly what the saved one did.
+
+    Raises:
+        AnalysisError: The file is not a readout, is newer than this program, or holds an unknown class.
+    """
+    with _open(path) as file:
+        return Pipeline([(name, _step(file[name], path)) for name in json.loads(file.attrs["steps"])])
+
+
+def load_metadata(path: Path) -> dict[str, Any]:
+    """The metadata saved with a readout.
+
+    Raises:
+        AnalysisError: The file is not a readout, or is newer than this program.
+    """
+    with _open(path) as file:
+        metadata: dict[str, Any] = json.loads(file.attrs["metadata"])
+        return metadata
+
+
+def _open(path: Path) -> h5py.File:
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise AnalysisError(f"{path}: cannot be read as HDF5: name a file that 'labctl train' wrote") from error
+    kind, version = file.attrs.get("format"), str(file.attrs.get("format_version", ""))
+    if kind == FORMAT and _numbers(version) <= _numbers(FORMAT_VERSION):
+        return file
+    file.close()
+    if kind != FORMAT:
+        raise AnalysisError(f"{path}: an HDF5 file, but not a readout: name a file that 'labctl train' wrote")
+    raise AnalysisError(f"{path}: format version '{version}', this labctl reads up to {FORMAT_VERSION}: update labctl")
+
+
+def _numbers(version: str) -> tuple[float, ...]:
+    """Version as numbers to compare; a part that is none counts as newer than everything."""
+    return tuple(int(part) if part.isdecimal() else float("inf") for part in version.split("."))
+
+
+def _step(group: h5py.Group, path: Path) -> Any:
+    name = str(group.attrs["estimator"])
+    if name not in FITTED:
+        raise AnalysisError(f"{path}: holds a step of unknown class '{name}': this labctl knows {', '.join(FITTED)}")
+    estimator, attributes = FITTED[name]
+    parameters = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in json.loads(group.attrs["parameters"]).items()
+    }
+    step = estimator(**parameters)
+    for attribute in attributes:
+        setattr(step, attribute, _restored(group[attribute]) if attribute in group else None)
+    return step
+
+
+def _changed_parameters(step: Any) -> dict[str, Any]:
+    """Settings that differ from the class's defaults: what other versions of scikit-learn understand too."""
+    defaults = type(step)().get_params()
+    return {key: value for key, value in step.get_params(deep=False).items() if _json(value) != _json(defaults[key])}
+
+
+def _json(value: Any) -> str:
+    """JSON with sorted keys; NumPy numbers and arrays become plain ones."""
+
+    def plain(entry: object) -> Any:
+        if isinstance(entry, np.ndarray | np.generic):
+            return entry.tolist()
+        if isinstance(entry, Sequence):
+            return list(entry)
+        raise AnalysisError(f"{entry!r} cannot be saved with a readout: use numbers, text, lists and mappings")
+
+    return json.dumps(value, sort_keys=True, default=plain)
+
+
+def _storable(value: NDArray[Any]) -> Any:
+    """Text as HDF5 strings; numbers as they are."""
+    if value.dtype.kind in "UO" and all(isinstance(entry, str) for entry in value.flat):
+        return value.astype(h5py.string_dtype())
+    if value.dtype.kind not in "biuf":
+        raise AnalysisError(f"fitted values of type {value.dtype} cannot be saved: use numbers or text as class labels")
+    return value
+
+
+def _restored(dataset: h5py.Dataset) -> Any:
+    if h5py.check_string_dtype(dataset.dtype) is not None:
+        return dataset.asstr()[...].astype(np.str_)
+    value = dataset[()]
+    return value.item() if np.ndim(value) == 0 else value

@@ -1,0 +1,83 @@
+"""Splits of shots into a training and a test part that do not cheat.
+
+Shots that show the same image share a group; a group is never on both sides of a split.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.model_selection import StratifiedShuffleSplit
+
+from labctl.analysis.errors import AnalysisError
+
+Split = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Positions of the training shots and of the test shots, both ascending."""
+
+
+def random_splits(
+    labels: NDArray[Any], groups: NDArray[Any], *, splits: int = 10, test_size: float | int = 0.1, seed: int
+) -> Iterator[Split]:
+    """Random splits with every class in proportion and groups kept together.
+
+    Args:
+        labels: (shots,) class of each shot.
+        groups: (shots,) what must stay together: the image a shot shows.
+        splits: How many.
+        test_size: Test part: below 1 a part of the shots, otherwise a number of shots.
+        seed: Seed of the draw.
+
+    Raises:
+        AnalysisError: A group has shots of different classes, or there are too few groups for such splits.
+    """
+    names, first, member = np.unique(groups, return_index=True, return_inverse=True)
+    group_labels = labels[first]
+    if mixed := np.unique(groups[group_labels[member] != labels]).tolist():
+        raise AnalysisError(f"shots of group {mixed[0]} have different labels: give each image a group of its own")
+    test_groups = max(round(_share(test_size, labels.size) * names.size), 1)
+    fewest = np.unique_counts(group_labels).counts.min()
+    classes = np.unique(group_labels).size
+    if fewest < 2 or test_groups < classes or names.size - test_groups < classes:
+        raise AnalysisError(
+            f"{names.size} images of {classes} classes cannot be split with a test part of {test_size:g}: every class "
+            "needs an image on both sides, measure more images or change the test part"
+        )
+    splitter = StratifiedShuffleSplit(n_splits=splits, test_size=test_groups, random_state=seed)
+    for _, test in splitter.split(names, group_labels):
+        in_test = np.isin(member, test)
+        yield np.flatnonzero(~in_test), np.flatnonzero(in_test)
+
+
+def forward_in_time_split(
+    groups: NDArray[Any], *, test_size: float | int = 0.1, order: NDArray[Any] | None = None
+) -> Split:
+    """Train on the earlier shots, test on the last ones: shows drift that random splits hide.
+
+    Shots of an image that is also tested are left out of the training part.
+
+    Args:
+        groups: (shots,) the image each shot shows.
+        test_size: Test part: below 1 a part of the shots, otherwise a number of shots.
+        order: (shots,) time or number of each shot; None = they are in the order of acquisition.
+
+    Raises:
+        AnalysisError: One of the parts would be empty.
+    """
+    by_time = np.arange(groups.size) if order is None else np.argsort(order, kind="stable")
+    count = max(round(_share(test_size, groups.size) * groups.size), 1)
+    test = np.sort(by_time[-count:])
+    train = np.sort(by_time[:-count])
+    train = train[~np.isin(groups[train], groups[test])]
+    if not train.size:
+        raise AnalysisError(
+            f"no shot is left to train on: {groups.size} shots with a test part of {test_size:g} repeat the same images"
+        )
+    return train, test
+
+
+def _share(test_size: float | int, shots: int) -> float:
+    share = test_size if test_size < 1 else test_size / shots
+    if not 0 < share < 1:
+        raise AnalysisError(f"a test part of {test_size:g} of {shots} shots leaves nothing on one side: change it")
+    return share

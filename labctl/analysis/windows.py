@@ -1,0 +1,237 @@
+"""From oscilloscope records to features: volts, the window's sampling grid, the window itself.
+
+Records are arrays (shots, ports, samples), codes or volts. A window T_N sampled every tau_s on M ports gives M N
+features, N = T_N / tau_s.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted
+
+from labctl.analysis.errors import AnalysisError
+
+KERNEL_HALF_WIDTH = 16
+KERNEL_SHAPE = 8.0
+GRID_TOLERANCE = 0.01
+"""A window may miss the sampling grid by this part of a sample: text such as "0.56 ns" is never exact in binary."""
+
+
+def volts(frames: NDArray[np.integer], scale: ArrayLike, offset: ArrayLike) -> NDArray[np.float32]:
+    """Volts of digitiser codes: scale * code + offset.
+
+    Args:
+        frames: (shots, ports, samples) codes.
+        scale: (ports,) V per code.
+        offset: (ports,) V.
+    """
+    by_port = (slice(None), np.newaxis)
+    volts_per_code = np.asarray(scale, np.float32)[by_port]
+    return frames * volts_per_code + np.asarray(offset, np.float32)[by_port]
+
+
+def sample_count(window_s: float, tau_s: float) -> int:
+    """Number of samples N = T_N / tau_s of a window.
+
+    Raises:
+        AnalysisError: The window is shorter than one sample or not a whole number of them.
+    """
+    if not (window_s > 0 and tau_s > 0):
+        raise AnalysisError(f"a window of {window_s:g} s sampled every {tau_s:g} s is empty: both must be above zero")
+    ratio = window_s / tau_s
+    count = round(ratio)
+    if count < 1 or abs(ratio - count) > GRID_TOLERANCE:
+        below, above = max(int(ratio), 1), int(ratio) + 1
+        raise AnalysisError(
+            f"a window of {window_s * 1e9:g} ns is not a whole number of {tau_s * 1e9:g} ns samples: "
+            f"use {below * tau_s * 1e9:g} ns or {above * tau_s * 1e9:g} ns"
+        )
+    return count
+
+
+def compressive_ratio(window_s: float, tau_s: float, pixels: int = 28 * 28) -> float:
+    """C = N / pixels: samples of one waveform for each pixel of the image."""
+    return sample_count(window_s, tau_s) / pixels
+
+
+def resample(frames: NDArray[Any], trigger_offset_s: ArrayLike, *, sample_interval_s: float) -> NDArray[np.floating]:
+    """Records on the grid that starts at the trigger: sample k at k * sample_interval_s, whatever the phase was.
+
+    The oscilloscope reports for each record the time between the trigger and its sampling grid; sample k was taken at
+    k * sample_interval_s + offset. Band-limited interpolation by a Kaiser-windowed sinc of 33 taps, good up to 0.8 of
+    the Nyquist frequency and normalised so that a constant stays a constant. Beyond the ends the record is continued by
+    point reflection, so within 16 samples of an end the accuracy is that of the continuation.
+    Source: Oppenheim & Schafer, Discrete-Time Signal Processing, ch. 4 and 7.
+
+    Args:
+        frames: (shots, ports, samples), codes or volts.
+        trigger_offset_s: (shots,) or (shots, ports), s, at most one sample interval either way.
+        sample_interval_s: s.
+
+    Returns:
+        (shots, ports, samples), float64 for float64 frames and else float32. Records without offset are copied exactly.
+
+    Raises:
+        AnalysisError: The shapes do not fit, or an offset exceeds one sample.
+    """
+    records = np.asarray(frames)
+    shots, ports, samples = _three_axes(records)
+    offsets = np.asarray(trigger_offset_s, np.float64)
+    if offsets.shape not in {(shots,), (shots, ports)}:
+        raise AnalysisError(
+            f"trigger offsets have shape {offsets.shape}, frames {records.shape}: give one for each shot, or for each "
+            "shot and port"
+        )
+    shifts = np.broadcast_to(offsets.reshape(shots, -1) / sample_interval_s, (shots, ports))
+    if not np.all(np.abs(shifts) <= 1 + GRID_TOLERANCE):
+        raise AnalysisError(
+            f"a trigger offset of {np.max(np.abs(offsets)):g} s is more than one sample of {sample_interval_s:g} s: "
+            "cut the record at whole samples first"
+        )
+    result = _as_float(records)
+    moved = shifts != 0
+    if moved.any():
+        half = min(KERNEL_HALF_WIDTH, samples - 1)
+        rows = result[moved].astype(np.float64)
+        padded = np.pad(rows, ((0, 0), (half, half)), mode="reflect", reflect_type="odd") if half else rows
+        taps = np.arange(-half, half + 1)
+        distance = taps + shifts[moved][:, np.newaxis]
+        taper = np.i0(KERNEL_SHAPE * np.sqrt(np.clip(1 - (distance / (half + 1)) ** 2, 0, None)))
+        kernel = np.sinc(distance) * taper
+        kernel /= kernel.sum(axis=1, keepdims=True)
+        result[moved] = np.einsum("rnk,rk->rn", sliding_window_view(padded, taps.size, axis=1), kernel)
+    return result
+
+
+class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn ships no types
+    """The samples of a window on some ports as one row of features a shot.
+
+    Transforms (shots, ports, samples) into (shots, M N), port by port. The window's first sample is the record's sample
+    nearest to `start_s`; where fractions of a sample matter, `resample` the records first.
+
+    Args:
+        ports: Ports to use, in this order; None = every port of the records.
+        window_s: Acquisition time T_N, s.
+        sample_interval_s: Sample interval of the records, s.
+        start_s: Start of the window after the record's first sample, s.
+        tau_s: Interval of the features, s, a whole number of sample intervals; None = every sample.
+        recorded_ports: Port of each entry of the records' second axis; None = the records hold `ports`, in that order.
+
+    Attributes:
+        rows_: (M,) which entries of the second axis are used.
+        samples_: (N,) which samples are used.
+        ports_in_: Ports in the records.
+        samples_in_: Samples in the records.
+    """
+
+    def __init__(
+        self,
+        ports: Sequence[int] | None = None,
+        window_s: float = 0.4e-9,
+        sample_interval_s: float = 40e-12,
+        start_s: float = 0.0,
+        tau_s: float | None = None,
+        recorded_ports: Sequence[int] | None = None,
+    ) -> None:
+        self.ports = ports
+        self.window_s = window_s
+        self.sample_interval_s = sample_interval_s
+        self.start_s = start_s
+        self.tau_s = tau_s
+        self.recorded_ports = recorded_ports
+
+    def fit(self, X: ArrayLike, y: object = None) -> Self:  # noqa: N803  # scikit-learn's own name
+        """Work out which ports and samples the window takes from records shaped like `X`.
+
+        Raises:
+            AnalysisError: A port is not in the records, or the window does not fit into them.
+        """
+        _, ports, samples = _three_axes(np.asarray(X))
+        self.rows_ = self._rows(ports)
+        self.samples_ = self._samples(samples)
+        self.ports_in_ = ports
+        self.samples_in_ = samples
+        return self
+
+    def transform(self, X: ArrayLike) -> NDArray[np.floating]:  # noqa: N803
+        """Features (shots, M N) of records (shots, ports, samples): float64 for float64 records, else float32.
+
+        Raises:
+            AnalysisError: The records are not shaped like those of `fit`, or hold values that are not finite.
+        """
+        check_is_fitted(self)
+        records = np.asarray(X)
+        shots, ports, samples = _three_axes(records)
+        if (ports, samples) != (self.ports_in_, self.samples_in_):
+            raise AnalysisError(
+                f"records of {ports} ports x {samples} samples, but this window was fitted on "
+                f"{self.ports_in_} x {self.samples_in_}: cut the records alike"
+            )
+        chosen = records[:, self.rows_[:, np.newaxis], self.samples_]
+        features = _as_float(chosen.reshape(shots, -1))
+        if not np.isfinite(features).all():
+            raise AnalysisError("the records hold values that are not finite: leave the broken shots out")
+        return features
+
+    def get_feature_names_out(self, input_features: object = None) -> NDArray[np.object_]:
+        """Name of each feature: port and time after the start of the window."""
+        check_is_fitted(self)
+        recorded = self.recorded_ports if self.recorded_ports is not None else range(self.ports_in_)
+        names = self.ports if self.ports is not None else recorded
+        times = (self.samples_ - self.samples_[0]) * self.sample_interval_s * 1e9
+        return np.array([f"port {port}, {time:.3f} ns" for port in names for time in times], dtype=object)
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False
+        tags.input_tags.three_d_array = True
+        return tags
+
+    def _rows(self, count: int) -> NDArray[np.intp]:
+        recorded = self.recorded_ports if self.recorded_ports is not None else self.ports
+        if recorded is None:
+            return np.arange(count)
+        if len(recorded) != count:
+            raise AnalysisError(
+                f"the records hold {count} ports, but {len(recorded)} are named {tuple(recorded)}: give "
+                "recorded_ports, the port of each entry of the records' second axis"
+            )
+        wanted = self.ports if self.ports is not None else recorded
+        if missing := [port for port in wanted if port not in recorded]:
+            raise AnalysisError(f"ports {missing} were not recorded: choose from {tuple(recorded)}")
+        return np.array([list(recorded).index(port) for port in wanted], dtype=np.intp)
+
+    def _samples(self, recorded: int) -> NDArray[np.intp]:
+        tau_s = self.tau_s if self.tau_s is not None else self.sample_interval_s
+        count = sample_count(self.window_s, tau_s)
+        step = sample_count(tau_s, self.sample_interval_s)
+        start = round(self.start_s / self.sample_interval_s)
+        needed = start + (count - 1) * step + 1
+        if start < 0:
+            raise AnalysisError(f"the window starts {-self.start_s * 1e9:g} ns before the record: start at 0")
+        if needed > recorded:
+            raise AnalysisError(
+                f"a window of {self.window_s * 1e9:g} ns from {self.start_s * 1e9:g} ns needs {needed} samples, the "
+                f"records have {recorded} ({recorded * self.sample_interval_s * 1e9:g} ns): use a shorter window or "
+                "record longer"
+            )
+        return start + step * np.arange(count)
+
+
+def _as_float(values: NDArray[Any]) -> NDArray[np.floating]:
+    """A copy as float64 if it was float64, else as float32, which holds every 8- and 16-bit code exactly."""
+    if values.dtype == np.float64:
+        return values.astype(np.float64)
+    return values.astype(np.float32)
+
+
+def _three_axes(records: NDArray[Any]) -> tuple[int, int, int]:
+    if records.ndim != 3 or 0 in records.shape:
+        raise AnalysisError(f"records of shape {records.shape}: expected (shots, ports, samples), none of them empty")
+    shots, ports, samples = records.shape
+    return shots, ports, samples

@@ -1,0 +1,135 @@
+"""`labctl run`: one acquisition. `labctl demo`: the main experiment of the paper on simulated benches."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from labctl import demonstration
+from labctl.acquisition import Acquired, Acquisition, acquire, images_for
+from labctl.command_log import CommandLog
+from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError
+from labctl.interruption import interruptible
+from labctl.opening import opened
+from labctl.protocol_files import read_protocol
+from labctl.runs import open_run
+from labctl.station import read_station
+from protocols.base import ShotKind
+from protocols.image_readout import ImageReadout
+
+StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
+DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, looked at first.")]
+
+
+def run(
+    protocol: Annotated[str, typer.Argument(help="Name of a protocol, or a protocol file (TOML).")],
+    station: StationOption = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value; may be repeated.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Run directory; must be new or empty.")] = None,
+    data: DataOption = None,
+    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; open nothing.")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help="Print where the time of a shot goes.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Carry out a protocol and store the run."""
+    asked = read_protocol(protocol, settings or [])
+    if not isinstance(asked, ImageReadout):
+        raise UsageError(f"protocol {asked.name!r} does not show images: labctl run cannot carry it out")
+    acquisition = Acquisition(asked, read_station(station), out, data, attended, profile)
+    if dry_run:
+        plan = _plan(acquisition)
+        show(plan, as_json, lambda: table(("what", "value"), plan.items()))
+        return DONE
+    with interruptible() as interruption, progress_bar(asked.name) as progress:
+        acquired = acquire(acquisition, interruption=interruption, progress=progress)
+    result = _describe(acquired)
+    show(result, as_json, lambda: _print(result))
+    return DONE if acquired.outcome.complete else INTERRUPTED
+
+
+def demo(
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for the runs; default runs/.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
+    with interruptible() as interruption, progress_bar("demo") as progress:
+        result = demonstration.demonstrate(out or Path("runs"), interruption=interruption, progress=progress)
+    if result is None:
+        return INTERRUPTED
+    show(result, as_json, lambda: _print_demo(result))
+    return DONE if result["passed"] else FELL_SHORT
+
+
+def _plan(acquisition: Acquisition) -> dict[str, Any]:
+    protocol = acquisition.protocol
+    shots = protocol.shots(images_for(protocol, acquisition.data))
+    with CommandLog() as log, opened(acquisition.station, log, attended=acquisition.attended) as open_bench:
+        bench = open_bench.bench
+        legs = protocol.legs(bench)
+        return {
+            "protocol": protocol.name,
+            "digest": protocol.digest(),
+            "shots": len(shots),
+            "images": sum(shot.kind is ShotKind.IMAGE for shot in shots),
+            "passes": len(legs),
+            "ports": [list(leg.patching.values()) for leg in legs],
+            "samples": protocol.sample_count(),
+            "estimated_seconds_on_a_real_bench": protocol.duration_s(bench, len(shots)),
+        }
+
+
+def _describe(acquired: Acquired) -> dict[str, Any]:
+    outcome = acquired.outcome
+    with open_run(outcome.directory) as stored:
+        digest = stored.digest()
+        ports = list(stored.ports)
+    result: dict[str, Any] = {
+        "run": str(outcome.directory),
+        "shots": outcome.shots,
+        "complete": outcome.complete,
+        "ports": ports,
+        "frames_sha256": digest,
+        "clipped": outcome.clipped,
+        "seconds": round(outcome.seconds, 3),
+        "shots_per_second": round(outcome.shots_per_second, 1),
+        "bench_seconds": round(outcome.bench_seconds, 3),
+    }
+    return result | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
+
+
+def _print(result: dict[str, Any]) -> None:
+    say(f"{result['run']}: {result['shots']} shots on ports {', '.join(map(str, result['ports']))}")
+    say(
+        f"{result['seconds']:.1f} s, {result['shots_per_second']:.0f} shots/s; "
+        f"a real bench needs about {result['bench_seconds']:.0f} s"
+    )
+    if result["clipped"]:
+        say(f"{result['clipped']} records touch the end of the vertical range")
+    if not result["complete"]:
+        say("interrupted: the finished shots are kept, the bench is in the safe state")
+    if "profile_ms_per_shot" in result:
+        table(("step", "ms a shot"), ((step, f"{ms:.3f}") for step, ms in result["profile_ms_per_shot"].items()))
+
+
+def _print_demo(result: dict[str, Any]) -> None:
+    say(f"Digits 0-3, {result['shots']} images, ports 2-6, {result['twins']} simulated benches, 10 splits each")
+    table(
+        ("T_N (ns)", "accuracy", "sd", "without chip", "sd", "paper"),
+        (
+            (
+                window,
+                f"{reached['mean']:.3f}",
+                f"{reached['sd']:.3f}",
+                f"{result['accuracy_without_reservoir'][window]['mean']:.3f}",
+                f"{result['accuracy_without_reservoir'][window]['sd']:.3f}",
+                demonstration.paper_says(window),
+            )
+            for window, reached in result["accuracy"].items()
+        ),
+    )
+    verdict = "reached" if result["passed"] else "NOT reached"
+    say(f"the paper's result is {verdict}; {result['shots_per_second']:.0f} shots/s, {result['seconds']:.0f} s in all")
+    say(f"run: {result['run']}")
+    say(f"report: {result['report']}")

@@ -1,0 +1,137 @@
+"""Where the files of a data set lie, how they get there, and whether they are what their card says."""
+
+import gzip
+import hashlib
+import os
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pooch
+
+from labctl.datasets.cards import Card, DataFile, bundled_directory
+from labctl.datasets.errors import DatasetError
+
+DIRECTORY_VARIABLE = "LABCTL_DATA"
+DOWNLOAD_TIMEOUT_S = 60
+
+
+@dataclass(frozen=True)
+class FileCheck:
+    """Outcome of checking one file: `problem` is empty if its content has the digest on the card."""
+
+    path: Path
+    problem: str
+
+    @property
+    def ok(self) -> bool:
+        """True if nothing is wrong with the file."""
+        return not self.problem
+
+
+def cache_directory() -> Path:
+    """The user's cache folder for downloaded data sets (on Linux below XDG_CACHE_HOME)."""
+    return Path(pooch.os_cache("labctl"))
+
+
+def places(card: Card, directory: Path | None = None) -> Iterator[Path]:
+    """Folders that may hold the files of `card`, in order of precedence.
+
+    Args:
+        card: Which data set.
+        directory: Folder named by the user: it holds the data set's folder, or is that folder.
+    """
+    if card.bundled:
+        yield bundled_directory() / card.folder
+        return
+    if directory is not None:
+        yield directory / card.folder
+        yield directory
+    if variable := os.environ.get(DIRECTORY_VARIABLE):
+        yield Path(variable) / card.folder
+    yield cache_directory() / card.folder
+
+
+def locate(card: Card, directory: Path | None = None) -> Path:
+    """The first folder that holds every file of `card`; contents are not checked.
+
+    Raises:
+        DatasetError: No place holds them all.
+    """
+    for folder in places(card, directory):
+        if all((folder / file.name).is_file() for file in card.files):
+            return folder
+    looked = ", ".join(str(folder) for folder in places(card, directory))
+    remedy = (
+        "the installation is incomplete, install labctl again"
+        if card.bundled
+        else f"run 'labctl data fetch {card.name}', or set {DIRECTORY_VARIABLE} to a folder that holds {card.folder}/"
+    )
+    raise DatasetError(f"data set '{card.name}' not found (looked in {looked}): {remedy}")
+
+
+def download(card: Card, cache: Path | None = None) -> Path:
+    """Download what is missing of `card` into the cache, checking every digest; returns the folder.
+
+    Args:
+        card: Which data set.
+        cache: Cache folder; None = the user's.
+
+    Raises:
+        DatasetError: The source cannot be reached, or it served something else than the card says.
+    """
+    if card.bundled:
+        return locate(card)
+    folder = (cache or cache_directory()) / card.folder
+    for file in card.files:
+        try:
+            pooch.retrieve(
+                card.source + file.name,
+                known_hash=f"sha256:{file.sha256_gz}",
+                fname=file.name,
+                path=folder,
+                downloader=pooch.HTTPDownloader(timeout=DOWNLOAD_TIMEOUT_S),
+            )
+        except OSError as error:
+            raise DatasetError(
+                f"data set '{card.name}' is not on this machine and {card.source} cannot be reached "
+                f"({type(error).__name__}): set {DIRECTORY_VARIABLE} to a folder that holds {card.folder}/{file.name} "
+                "and the other files of its card"
+            ) from error
+        except ValueError as error:
+            raise DatasetError(
+                f"{card.source}{file.name}: what was downloaded is not the file on the card (its sha256 differs): set "
+                f"{DIRECTORY_VARIABLE} to a folder that holds {card.folder}/ from another source"
+            ) from error
+    return folder
+
+
+def read(folder: Path, file: DataFile) -> bytes:
+    """The decompressed content of one file.
+
+    Raises:
+        DatasetError: The file cannot be read, or its content differs from what the card says.
+    """
+    path = folder / file.name
+    try:
+        content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+    except (OSError, EOFError, zlib.error) as error:
+        raise DatasetError(f"{path}: cannot be read ({error}): replace the file") from error
+    found = hashlib.sha256(content).hexdigest()
+    if found != file.sha256:
+        raise DatasetError(f"{path}: sha256 is {found[:12]}..., expected {file.sha256[:12]}...: replace the file")
+    return content
+
+
+def check(card: Card, folder: Path) -> tuple[FileCheck, ...]:
+    """Check every file of `card` in `folder` against its digest."""
+
+    def problem(file: DataFile) -> str:
+        try:
+            read(folder, file)
+        except DatasetError as error:
+            return str(error)
+        return ""
+
+    return tuple(FileCheck(folder / file.name, problem(file)) for file in card.files)

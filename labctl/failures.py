@@ -1,0 +1,41 @@
+"""Which failures a person meets, and the exit status each one ends in."""
+
+from pydantic import ValidationError
+
+from instruments.interfaces import InstrumentError, NotConfigured, OutOfRange
+from labctl.analysis.errors import AnalysisError
+from labctl.datasets import DatasetError
+from labctl.runs import RunError
+from labctl.station import StationError, describe
+from protocols.base import ProtocolError
+
+DONE, FELL_SHORT, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
+
+
+class UsageError(Exception):
+    """A command was asked for something that cannot be: one line that names the option and what to do."""
+
+
+EXPECTED = (
+    UsageError,
+    StationError,
+    ProtocolError,
+    DatasetError,
+    AnalysisError,
+    RunError,
+    InstrumentError,
+    ValidationError,
+)
+"""What is told in one line; anything else is a defect."""
+
+
+def exit_status(error: Exception) -> int:
+    """1 if an instrument failed, 2 if what was asked for is wrong."""
+    failed = isinstance(error, InstrumentError) and not isinstance(error, OutOfRange | NotConfigured)
+    return FELL_SHORT if failed else WRONG_USE
+
+
+def one_line(error: Exception) -> str:
+    """The failure as it is printed."""
+    text = describe(error) if isinstance(error, ValidationError) else str(error)
+    return " ".join(text.split())

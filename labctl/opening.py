@@ -1,0 +1,108 @@
+"""From a station to an opened bench: the only place that knows the simulated bench exists."""
+
+import sys
+import time
+import tomllib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from instruments.bench import Bench, Levels, Limits, Wiring
+from instruments.interfaces import EdgeTrigger, InstrumentError, NotConfigured
+from instruments.visa import Transcript
+from labctl.drivers import Opening, driver
+from labctl.station import SIMULATED, LaserSection, Station, StationError
+from sim_backends.bench import SimulatedBench
+
+SIMULATED_LASER = Path(str(files("sim_backends.virtual") / "tlg220.toml"))
+"""Command table of the simulated laser."""
+
+
+@dataclass(frozen=True)
+class OpenBench:
+    """An opened bench; `simulation` is the simulated bench behind it, if this process runs one."""
+
+    bench: Bench
+    simulation: SimulatedBench | None
+
+
+@contextmanager
+def opened(station: Station, transcript: Transcript, *, attended: bool = False) -> Iterator[OpenBench]:
+    """The bench of `station`, released at the end however the block ends.
+
+    Instruments whose address is "simulated" are served by a simulated bench in this process, over real sockets. No
+    message is sent here: a station that is wrong is refused before any instrument hears of it.
+
+    Raises:
+        StationError: a driver that does not exist, or a laser that must not be switched on.
+        OutOfRange: a level above its limit.
+    """
+    with ExitStack() as stack:
+        simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
+        try:
+            bench = _bench(station, transcript, simulation, attended=attended)
+        except (NotConfigured, StationError) as error:
+            raise StationError(f"{station.source}: {error}") from None
+        stack.callback(bench.close)
+        yield OpenBench(bench, simulation)
+
+
+def simulated_bench(station: Station, *, host: str = "127.0.0.1", port_base: int | None = None) -> SimulatedBench:
+    """The simulated bench of `station`, not started; its laser speaks the station's command table if it names one."""
+    table = station.laser.commands
+    laser_table = None
+    if table is not None and str(table) != SIMULATED:
+        laser_table = tomllib.loads(table.read_text("utf-8"))
+    return SimulatedBench(twin_seed=station.sim.twin_seed, host=host, port_base=port_base, laser_table=laser_table)
+
+
+def _bench(station: Station, transcript: Transcript, simulation: SimulatedBench | None, *, attended: bool) -> Bench:
+    def instrument(name: str) -> Any:
+        section = getattr(station, name)
+        address = section.address
+        if simulation is not None and address == SIMULATED:
+            address = simulation.resources[name]["socket"]
+            if isinstance(section, LaserSection) and section.commands is None:
+                section = section.model_copy(update={"commands": SIMULATED})
+        return driver(section.driver)(section, Opening(address, transcript, ask_operator, attended, SIMULATED_LASER))
+
+    laser = instrument("laser")
+    if not (laser.switches_itself or attended):
+        raise NotConfigured(
+            f"laser.driver = {station.laser.driver!r}: software cannot switch this laser off, its key switch is "
+            f"the only interlock: stay at the bench and repeat with --attended"
+        )
+    trigger = station.scope
+    return Bench(
+        awg=instrument("awg"),
+        scope=instrument("scope"),
+        laser=laser,
+        dmd=instrument("dmd"),
+        patch_panel=instrument("patch_panel"),
+        levels=Levels(station.laser.power, station.awg.amplitude),
+        limits=Limits(station.limits.optical_power, station.limits.rf_amplitude),
+        wiring=Wiring(
+            trigger=EdgeTrigger(trigger.trigger_source, trigger.trigger_level, trigger.trigger_slope == "rise"),
+            channels=station.scope.channels,
+            bypass=station.patch_panel.bypass,
+            burst=station.wiring.burst,
+        ),
+        source=station.source,
+        now=time.time if simulation is None else lambda: simulation.world.clock.now,
+    )
+
+
+def ask_operator(request: str) -> str:
+    """Ask at the terminal and wait for an answer.
+
+    Raises:
+        InstrumentError: nobody is there to answer.
+    """
+    print(request, end=": ", file=sys.stderr, flush=True)  # noqa: T201
+    try:
+        return input()
+    except EOFError:
+        raise InstrumentError(f"nobody answered {request!r}: run this from a terminal") from None

@@ -1,0 +1,60 @@
+"""Protocols by name or from a TOML file, with settings from the command line on top."""
+
+import tomllib
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from labctl.station import describe
+from protocols.base import Measurement, ProtocolError
+
+GROUP = "labctl.protocols"
+
+
+def read_protocol(name_or_file: str, settings: Sequence[str]) -> Measurement:
+    """The protocol called by name, or described by a file `protocol = "name"` with a table `[settings]`.
+
+    `settings` are `key=value` and win over the file.
+
+    Raises:
+        ProtocolError: no such protocol, no such setting, or a value that does not fit it.
+    """
+    name, origin = name_or_file, "--set"
+    values: dict[str, Any] = {}
+    if name_or_file.endswith(".toml"):
+        name, values = _read_file(Path(name_or_file))
+        origin = name_or_file
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals:
+            raise ProtocolError(f"--set {setting}: write it as key=value")
+        values[key.strip()] = value.strip()
+    found = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in found:
+        raise ProtocolError(f"protocol {name!r} is not installed: choose one of {', '.join(sorted(found))}")
+    protocol: type[Measurement] = found[name].load()
+    unknown = values.keys() - protocol.model_fields.keys()
+    if unknown:
+        raise ProtocolError(
+            f"{origin}: {min(unknown)}: {name} has no such setting: choose from {', '.join(protocol.model_fields)}"
+        )
+    try:
+        return protocol.model_validate(values)
+    except ValidationError as error:
+        raise ProtocolError(f"{origin}: {describe(error)}") from None
+
+
+def _read_file(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        content = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise ProtocolError(f"{path}: cannot be read ({error.strerror}): name a protocol or a protocol file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ProtocolError(f"{path}: is not TOML ({error}): correct that line") from None
+    name, settings = content.pop("protocol", None), content.pop("settings", {})
+    if not isinstance(name, str) or not isinstance(settings, dict) or content:
+        raise ProtocolError(f'{path}: needs protocol = "name" and a table [settings], and nothing else')
+    return name, settings

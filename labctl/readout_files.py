@@ -1,0 +1,191 @@
+"""Readouts from run to model file and back: training on a part of a run, testing on what was kept apart."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+from threadpoolctl import threadpool_limits
+
+from labctl.analysis.errors import AnalysisError
+from labctl.analysis.evaluation import (
+    accuracy_against_window,
+    control,
+    mean_and_sd,
+    shuffled_labels,
+    validate,
+    window_key,
+)
+from labctl.analysis.models import load_metadata, load_model, save_model
+from labctl.analysis.readouts import softmax_readout
+from labctl.analysis.records import Records, read_records
+from labctl.analysis.splits import forward_in_time_split, random_splits
+from labctl.reports.html import Result
+from labctl.reports.recognition import Confusion, recognition_report
+from labctl.runs import Run, open_run
+
+SPLITS = 10
+
+
+def train_readout(
+    directory: Path, *, window_s: float, ports: tuple[int, ...] | None, seed: int, out: Path | None
+) -> dict[str, Any]:
+    """Train a softmax readout on nine tenths of the images of a run and save it.
+
+    Raises:
+        AnalysisError: a port or window that the run does not have, or too few images.
+        RunError: no such run.
+    """
+    with open_run(directory) as run:
+        records, digest = read_records(run), run.digest()
+    chosen = ports or records.ports
+    pipeline = softmax_readout(
+        ports=ports,
+        window_s=window_s,
+        sample_interval_s=records.sample_interval_s,
+        recorded_ports=records.ports if ports else None,
+    )
+    train, test = next(iter(random_splits(records.labels, records.groups, splits=1, seed=seed)))
+    with threadpool_limits(1):
+        pipeline.fit(records.traces[train], records.labels[train])
+    score = float(np.mean(pipeline.predict(records.traces[test]) == records.labels[test]))
+    path = out or directory / "models" / f"softmax-{window_key(window_s)}ns-ports-{'-'.join(map(str, chosen))}.h5"
+    metadata = {
+        "readout": "softmax",
+        "run": str(directory),
+        "frames_sha256": digest,
+        "window_s": window_s,
+        "ports": list(chosen),
+        "features": int(len(chosen) * round(window_s / records.sample_interval_s)),
+        "seed": seed,
+        "training_shots": int(train.size),
+        "test_shots": int(test.size),
+        "test_groups": np.unique(records.groups[test]).tolist(),
+        "accuracy": score,
+    }
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_model(path, pipeline, metadata)
+    except OSError as error:
+        raise AnalysisError(f"{path}: cannot be written ({error.strerror}): name another --out") from None
+    return {"model": str(path)} | {key: value for key, value in metadata.items() if key != "test_groups"}
+
+
+def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
+    """Test a saved readout on a run, and the same kind of readout trained anew on parts of that run.
+
+    On the run it was trained on only the shots kept apart are tested. Controls train on what says nothing about the
+    labels (shuffled labels, a fixed image, darkness) and must stay at chance. Writes figures and report of the run.
+
+    Raises:
+        AnalysisError: not a readout, or a run it does not fit.
+        RunError: no such run.
+    """
+    readout, metadata = load_model(model), load_metadata(model)
+    with open_run(directory) as run:
+        records = read_records(run)
+        test = _unseen(records, metadata, run.digest())
+        controls = _controls(run, records, metadata["seed"])
+    unfitted = clone(readout)
+    predicted = readout.predict(records.traces[test])
+    random = validate(
+        records.traces,
+        records.labels,
+        random_splits(records.labels, records.groups, splits=SPLITS, seed=metadata["seed"]),
+        readout=unfitted,
+    )
+    forward = validate(records.traces, records.labels, [forward_in_time_split(records.groups)], readout=unfitted)
+    found: dict[str, Any] = {
+        "model": str(model),
+        "run": str(directory),
+        "test_shots": int(test.size),
+        "accuracy": float(np.mean(predicted == records.labels[test])),
+        "random_splits": mean_and_sd(random.scores),
+        "forward_in_time": float(forward.scores[0]),
+        "controls": controls,
+        "classes": random.classes.tolist(),
+        "confusion": random.confusion.tolist(),
+    }
+    windows = accuracy_against_window(
+        records.traces,
+        records.labels,
+        records.groups,
+        windows_s=_windows(records),
+        window=readout[0],
+        splits=SPLITS,
+        seed=metadata["seed"],
+    )
+    report = recognition_report(
+        directory,
+        title=f"Image recognition: {directory.name}",
+        summary=(
+            f"{records.labels.size} images on ports {', '.join(map(str, metadata['ports']))}; softmax readout, "
+            f"{SPLITS} random splits with a tenth of the images to test."
+        ),
+        accuracies={"softmax readout": {window_key(row.window_s): mean_and_sd(row.scores) for row in windows}},
+        results=[
+            Result(
+                f"accuracy at {window_key(metadata['window_s'])} ns",
+                "",
+                "",
+                f"{100 * np.mean(random.scores):.1f} %",
+                None,
+            ),
+            Result("forward in time", "", "", f"{100 * found['forward_in_time']:.1f} %", None),
+            *(
+                Result(f"control: {name}", "", "at chance", f"{100 * entry['accuracy']:.1f} %", entry["at_chance"])
+                for name, entry in controls.items()
+            ),
+        ],
+        confusions=[Confusion(f"{window_key(metadata['window_s'])} ns", random.confusion)],
+        classes=[str(label) for label in random.classes],
+    )
+    return found | {"report": str(report)}
+
+
+def _unseen(records: Records, metadata: dict[str, Any], digest: str) -> NDArray[np.intp]:
+    """Places of the shots the readout was not trained on: all of another run, the kept ones of its own."""
+    if metadata["frames_sha256"] != digest:
+        return np.arange(records.labels.size)
+    return np.flatnonzero(np.isin(records.groups, metadata["test_groups"]))
+
+
+def _controls(run: Run, records: Records, seed: int) -> dict[str, dict[str, Any]]:
+    """Accuracy on what must not be recognisable, beside chance.
+
+    A reference or dark shot is given the label of the image shown last before it: were anything but the mirrors to
+    carry the label (drift, a trace read twice), it would be found there.
+    """
+    flat = records.traces.reshape(records.labels.size, -1)
+    candidates = {"shuffled labels": (flat, shuffled_labels(records.labels, records.groups, seed=seed), records.groups)}
+    for name, kind in (("fixed image", "reference"), ("dark", "dark")):
+        try:
+            blank = read_records(run, kind)
+        except AnalysisError:
+            continue
+        before = np.searchsorted(records.indices, blank.indices) - 1
+        candidates[name] = (
+            blank.traces.reshape(blank.labels.size, -1),
+            records.labels[before],
+            np.arange(blank.labels.size),
+        )
+    found = {}
+    for name, (features, labels, groups) in candidates.items():
+        try:
+            checked = control(features, labels, groups, splits=SPLITS, seed=seed)
+        except AnalysisError:
+            continue  # too few such shots to split
+        found[name] = {
+            "accuracy": float(np.mean(checked.scores)),
+            "chance": checked.chance,
+            "at_chance": checked.at_chance,
+        }
+    return found
+
+
+def _windows(records: Records) -> list[float]:
+    """Acquisition times from two samples to the whole record, doubling."""
+    samples = records.traces.shape[2]
+    counts = [count for count in (2, 4, 6, 8, 10, 14, 20, 25, 50, 100, 250, 500) if count < samples] + [samples]
+    return [count * records.sample_interval_s for count in counts]

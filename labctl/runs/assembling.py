@@ -1,0 +1,182 @@
+"""data.h5: all complete shots of a run as one plain HDF5 file, made once from the shards.
+
+    /frames            (shot, port, sample)  codes; chunks of about 1 MB, each of whole shots
+    /scale  /offset    (port,)               volts = scale * code + offset
+    /ports  /pass_of_port  (port,)           which port, and the pass that measured it
+    /wavelength_of_port    (port,)           nm, 0 where the run does not say
+    /shots             (shot,)               compound: index, kind, dataset_index, label, wavelength_nm, group and,
+                                             of the pass that completed the shot, epoch and time_s; flags of all passes
+    /trigger_offset_s  /clipped  (shot, port)
+    /epoch  /measured_at_s       (shot, pass)
+    /time              (sample,)             s, relative to the trigger
+    /drive                                   samples, marker; attribute sample_rate in S/s
+    attributes: format_version, manifest (JSON), complete, shots_planned, evidence
+
+It holds the shots that are complete on all passes and no others. That of an interrupted run therefore has fewer shots
+than planned, tells them apart by `/shots.index` and has `complete` false; the shards stay, and when the run is resumed
+and ends, data.h5 is made again. The axes are HDF5 dimension scales, so that xarray knows them.
+"""
+
+import io
+import json
+from io import FileIO
+from typing import Any
+
+import h5py
+import numpy as np
+
+from labctl.runs.durable import replacing, write_all
+from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, Manifest
+from labctl.runs.plan import write_drive
+from labctl.runs.shards import Shards
+from labctl.runs.shots import SHOTS_DTYPE, PlayedDrive
+
+AXES = {
+    "frames": ("shot", "port", "sample"),
+    "trigger_offset_s": ("shot", "port"),
+    "clipped": ("shot", "port"),
+    "epoch": ("shot", "pass"),
+    "measured_at_s": ("shot", "pass"),
+    "shots": ("shot",),
+}
+UNITS = {
+    "trigger_offset_s": "s",
+    "measured_at_s": "s",
+    "time": "s",
+    "scale": "V",
+    "offset": "V",
+    "wavelength_of_port": "nm",
+}
+
+
+def write_data_file(
+    shards: Shards, manifest: Manifest, drive: PlayedDrive | None, *, compression: str | None = None
+) -> int:
+    """Write data.h5 from `shards` and fsync it; returns the number of shots in it.
+
+    Without a single complete shot there is no data.h5. `compression` is h5py's ("gzip", "lzf").
+
+    Raises:
+        RunError: a shard is missing or damaged (an existing data.h5 is then left alone), or the disk is full.
+    """
+    count = len(shards.complete)
+    if not count:
+        return 0
+    path = shards.paths.data
+    with replacing(path) as raw:
+        target = _Target(raw)
+        try:
+            with h5py.File(target, "w", libver=LIBVER) as file:
+                _create(file, shards, count, compression)
+                _describe(file, shards, manifest, drive, complete=count == shards.shape.shots)
+                for start, block in shards.blocks():
+                    for name, values in block.items():
+                        file[name][start : start + len(values)] = values
+                    target.check()
+        except HDF5_ERRORS:
+            target.check()
+            raise
+        target.check()
+    return count
+
+
+def _create(file: h5py.File, shards: Shards, count: int, compression: str | None) -> None:
+    shape = shards.shape
+    rows, ports, passes = min(count, shards.rows_per_block), len(shape.ports), len(shape.passes)
+    file.create_dataset(
+        "frames",
+        (count, ports, shape.samples),
+        shape.dtype,
+        chunks=(rows, ports, shape.samples),
+        compression=compression,
+    )
+    file.create_dataset("trigger_offset_s", (count, ports), "<f8")
+    file.create_dataset("clipped", (count, ports), np.bool_)
+    file.create_dataset("epoch", (count, passes), "<i4")
+    file.create_dataset("measured_at_s", (count, passes), "<f8")
+    file.create_dataset("shots", (count,), SHOTS_DTYPE)
+
+
+def _describe(
+    file: h5py.File, shards: Shards, manifest: Manifest, drive: PlayedDrive | None, *, complete: bool
+) -> None:
+    shape = shards.shape
+    scale, offset = shards.all_scales()
+    scales = {
+        "shot": file.create_dataset("shot", data=shards.complete),
+        "port": file.create_dataset("ports", data=np.asarray(shape.ports, "<i8")),
+        "sample": file.create_dataset("time", data=shape.time),
+        "pass": file.create_dataset("passes", data=np.arange(len(shape.passes), dtype="<i8")),
+    }
+    for axis, dataset in scales.items():
+        dataset.make_scale(axis)
+    file.create_dataset("scale", data=scale)
+    file.create_dataset("offset", data=offset)
+    file.create_dataset(
+        "pass_of_port", data=np.repeat(np.arange(len(shape.passes)), [len(ports) for ports in shape.passes])
+    )
+    file.create_dataset("wavelength_of_port", data=np.asarray(shape.wavelength_of_port, "<f8"))
+    by_port = dict.fromkeys(("scale", "offset", "pass_of_port", "wavelength_of_port"), ("port",))
+    for name, axes in (AXES | by_port).items():
+        for dimension, axis in zip(file[name].dims, axes, strict=True):
+            dimension.label = axis
+            dimension.attach_scale(scales[axis])
+    for name, unit in UNITS.items():
+        file[name].attrs["units"] = unit
+    write_drive(file, drive)
+    file.attrs["format_version"] = FORMAT_VERSION
+    file.attrs["manifest"] = json.dumps(dict(manifest.values))
+    file.attrs["complete"] = complete
+    file.attrs["shots_planned"] = np.int64(shape.shots)
+    file.attrs["evidence"] = shards.evidence
+
+
+class _Target(io.RawIOBase):
+    """Where HDF5 writes data.h5.
+
+    HDF5 cannot close a file whose disk is full, and takes the whole interpreter down with it at exit. So the first
+    failure is kept, HDF5 is told that all went well, and `check` raises the failure afterwards.
+    """
+
+    def __init__(self, file: FileIO) -> None:
+        super().__init__()
+        self._file = file
+        self._failure: OSError | None = None
+
+    def check(self) -> None:
+        """Raise the first failure, if there was one."""
+        if self._failure is not None:
+            raise self._failure
+
+    def write(self, data: Any, /) -> int:
+        """Write all of `data`, or note why not."""
+        if self._failure is None:
+            try:
+                write_all(self._file, data)
+            except OSError as error:
+                self._failure = error
+        return len(data)
+
+    def truncate(self, size: int | None = None, /) -> int:
+        """Set the length, or note why not."""
+        if self._failure is None:
+            try:
+                self._file.truncate(size)
+            except OSError as error:
+                self._failure = error
+        return size or 0
+
+    def readinto(self, buffer: Any, /) -> int:
+        """Read back what was written."""
+        return self._file.readinto(buffer)
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        """Go to a position."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """The position."""
+        return self._file.tell()
+
+    def flush(self) -> None:
+        """Nothing is kept back."""

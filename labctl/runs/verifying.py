@@ -1,0 +1,175 @@
+"""Is everything that was measured still there, and is data.h5 what the shards say?"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.runs.assembling import write_data_file
+from labctl.runs.journal import read_journal
+from labctl.runs.layout import HDF5_ERRORS, Manifest, RunError, RunPaths
+from labctl.runs.plan import read_drive, read_plan
+from labctl.runs.reading import damaged
+from labctl.runs.shards import Shards
+from labctl.runs.shots import PlayedDrive
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What `verify_run` found.
+
+    Attributes:
+        path: the run directory.
+        complete: every planned shot is there and intact.
+        shots: how many shots are intact on all passes.
+        planned: how many were planned.
+        passes: how many intact shots each pass has.
+        shards: how many shards are intact.
+        data_file: whether data.h5 holds what the shards hold; "stale" is one made before the run was resumed.
+        problems: what is wrong, a line each. An incomplete run is no problem.
+        notes: what is worth knowing: traces of a crash, a missing data.h5.
+    """
+
+    path: str
+    complete: bool = False
+    shots: int = 0
+    planned: int = 0
+    passes: tuple[int, ...] = ()
+    shards: int = 0
+    data_file: Literal["current", "stale", "missing", "damaged"] = "missing"
+    problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
+    """Check the manifest, the plan, every line of the journal, every shard, and data.h5 against the shards.
+
+    `rebuild` makes data.h5 anew first, unless a shard is damaged: then the old data.h5 may be the last copy.
+
+    Raises:
+        RunError: not a run directory at all, or `rebuild` finds the disk full.
+    """
+    paths = RunPaths(Path(path))
+    if not paths.manifest.exists():
+        raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)")
+    try:
+        manifest = Manifest.read(paths)
+        plan, drive = read_plan(paths, manifest.values["plan_sha256"])
+        journal = read_journal(paths.journal)
+        named = Shards(paths, manifest.shape, plan, journal.entries)
+    except (RunError, KeyError) as error:
+        return RunReport(str(path), problems=(str(error),))
+    problems = [*journal.problems, *_measured_twice(named)]
+    notes = _traces(named, torn=paths.journal.stat().st_size > journal.whole_bytes)
+    lost = set()
+    for number in named.entries:
+        try:
+            named.read(number)
+        except RunError as error:
+            problems.append(f"{error}; `labctl resume` measures its shots again")
+            lost.add(number)
+    intact = Shards(paths, manifest.shape, plan, [named.entries[n] for n in named.entries if n not in lost])
+    if rebuild and lost:
+        notes.append("data.h5 was not rebuilt: a shard is damaged")
+    elif rebuild:
+        write_data_file(intact, manifest, drive)
+    state, differences = _data_file(paths, manifest, drive, named, intact)
+    if state == "stale" or (state == "missing" and intact.completed):
+        notes.append(f"data.h5 is {state}: `labctl verify --rebuild` makes it from the shards")
+    shots = len(intact.complete)
+    return RunReport(
+        path=str(path),
+        complete=shots == manifest.shape.shots,
+        shots=shots,
+        planned=manifest.shape.shots,
+        passes=intact.done,
+        shards=len(intact.entries),
+        data_file=state,
+        problems=(*problems, *differences),
+        notes=tuple(notes),
+    )
+
+
+def _measured_twice(shards: Shards) -> list[str]:
+    measured = np.zeros((len(shards.shape.passes), shards.shape.shots), np.int64)
+    for entry in shards.entries.values():
+        measured[entry.pass_index, entry.first : entry.first + entry.count] += 1
+    return [
+        f"journal.jsonl: pass {pass_index} has shot {int(shot)} more than once"
+        for pass_index, shot in np.argwhere(measured > 1)[:1]
+    ]
+
+
+def _traces(shards: Shards, *, torn: bool) -> list[str]:
+    folder = shards.paths.shards
+    notes = ["the last line of journal.jsonl is torn: a crash; `labctl resume` mends it"] if torn else []
+    notes += [f"{found.name}: half-written, of no use" for found in sorted(folder.glob("*.tmp"))]
+    notes += [f"{found.name}: set aside as damaged by a resume" for found in sorted(folder.glob("*.damaged"))]
+    known = {shards.paths.shard(number) for number in shards.entries}
+    unknown = sorted(set(folder.glob("*.h5")) - known)
+    return notes + [f"{found.name}: not in the journal; `labctl resume` takes it in" for found in unknown]
+
+
+def _data_file(
+    paths: RunPaths, manifest: Manifest, drive: PlayedDrive | None, named: Shards, intact: Shards
+) -> tuple[Literal["current", "stale", "missing", "damaged"], list[str]]:
+    """The state of data.h5, and in what it differs from the run."""
+    if not paths.data.exists():
+        return "missing", []
+    try:
+        with h5py.File(paths.data, "r") as file:
+            current = file.attrs["evidence"] == named.evidence
+            differences = [
+                *_different_constants(file, manifest, drive, intact),
+                *_different_columns(file, intact),
+            ]
+            if current and not np.array_equal(file["shots"]["index"], named.complete):
+                differences.append(f"{paths.data}: /shots.index is not the list of complete shots")
+    except HDF5_ERRORS as error:
+        return "damaged", [str(damaged(paths.data, error))]
+    if differences:
+        return "damaged", differences
+    return ("current" if current else "stale"), []
+
+
+def _different_constants(file: h5py.File, manifest: Manifest, drive: PlayedDrive | None, shards: Shards) -> list[str]:
+    differences = []
+    if json.loads(file.attrs["manifest"]) != dict(manifest.values):
+        differences.append("the manifest in it is not manifest.json")
+    scale, offset = shards.all_scales()
+    expected = {"ports": np.asarray(shards.shape.ports), "time": shards.shape.time, "scale": scale, "offset": offset}
+    for name, values in expected.items():
+        known = ~np.isnan(values) if name in ("scale", "offset") else slice(None)
+        if not np.array_equal(file[name][:][known], values[known]):
+            differences.append(f"/{name} differs from the run's")
+    found = read_drive(file)
+    if _drive_bytes(found) != _drive_bytes(drive):
+        differences.append("/drive differs from the planned one")
+    return [f"{shards.paths.data}: {difference}" for difference in differences]
+
+
+def _drive_bytes(drive: PlayedDrive | None) -> tuple[bytes, bytes, float] | None:
+    return None if drive is None else (drive.samples.tobytes(), drive.marker.tobytes(), drive.sample_rate)
+
+
+def _different_columns(file: h5py.File, shards: Shards) -> list[str]:
+    """Compare every shot that intact shards hold with its row in data.h5; the first difference of each column."""
+    index: NDArray[Any] = file["shots"]["index"]
+    if not np.array_equal(index, np.unique(index)):
+        return [f"{shards.paths.data}: /shots.index is not ascending"]
+    different: dict[str, int] = {}
+    complete = shards.complete[np.isin(shards.complete, index)]
+    for start in range(0, len(complete), shards.rows_per_block):
+        chosen = complete[start : start + shards.rows_per_block]
+        rows = np.searchsorted(index, chosen)
+        window = slice(int(rows[0]), int(rows[-1]) + 1)
+        for name, expected in shards.block(chosen).items():
+            found = file[name][window][rows - rows[0]]
+            equal = np.array([a.tobytes() == b.tobytes() for a, b in zip(found, expected, strict=True)])
+            if not equal.all():
+                different.setdefault(name, int(chosen[np.argmin(equal)]))
+    return [f"{shards.paths.data}: /{name} differs from the shards at shot {shot}" for name, shot in different.items()]

@@ -1,0 +1,339 @@
+"""Writing a run: shots in, shards and journal out, data.h5 at the end."""
+
+import hashlib
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labctl.runs.assembling import write_data_file
+from labctl.runs.durable import replace_file, sync_folder
+from labctl.runs.journal import Entry, JournalFile, read_journal
+from labctl.runs.layout import Manifest, RunError, RunPaths
+from labctl.runs.plan import read_plan
+from labctl.runs.preparing import prepare
+from labctl.runs.recovering import recover
+from labctl.runs.shards import Shard, Shards
+from labctl.runs.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns
+
+
+class Timer(Protocol):
+    """What `RunWriter` needs of `threading.Timer`."""
+
+    def start(self) -> None:
+        """Begin to count."""
+
+    def cancel(self) -> None:
+        """Never call back, unless that has begun."""
+
+
+TimerFactory = Callable[[float, Callable[[], None]], Timer]
+
+
+def wall_timer(seconds: float, call: Callable[[], None]) -> Timer:
+    """A timer by the wall that does not keep the process alive."""
+    timer = threading.Timer(seconds, call)
+    timer.daemon = True
+    return timer
+
+
+class RunWriter:
+    """Writes one run; the only thing that changes a run directory while the run lasts.
+
+    Shots of one pass go into an open shard in memory. It is closed, that is written, fsynced, renamed and entered in
+    the journal, when `Durability` says so, when the pass changes and when the next planned shot of the pass is there
+    already. The age limit is kept by a timer, so that it holds while the bench waits for an instrument or a person.
+
+    As a context manager: at the end of the block the open shard is closed and data.h5 is made, however the block ends.
+    """
+
+    def __init__(
+        self,
+        manifest: Manifest,
+        shards: Shards,
+        drive: PlayedDrive | None,
+        durability: Durability,
+        journal: JournalFile,
+        *,
+        next_shard: int = 0,
+        recovered: tuple[str, ...] = (),
+        timer: TimerFactory = wall_timer,
+    ) -> None:
+        """Not for callers: `create` and `resume` open a run."""
+        self.recovered = recovered
+        self._manifest = manifest
+        self._shape = manifest.shape
+        self._shards = shards
+        self._drive = drive
+        self._durability = durability
+        self._journal = journal
+        self._next_shard = next_shard
+        self._new_timer = timer
+        self._timer: Timer | None = None
+        self._guard = threading.RLock()
+        self._open: list[Measured] = []
+        self._open_pass = 0
+        self._failure: RunError | None = None
+        self._closed = False
+        self._scales = {
+            index: found for index in range(len(self._shape.passes)) if (found := shards.scales(index)) is not None
+        }
+
+    @classmethod
+    def create(
+        cls,
+        directory: Path,
+        manifest: Mapping[str, Any],
+        shape: RunShape,
+        plan: ShotColumns,
+        drive: PlayedDrive | None = None,
+        durability: Durability | None = None,
+        *,
+        timer: TimerFactory = wall_timer,
+    ) -> Self:
+        """Begin a run in `directory`, which must be new or empty.
+
+        `manifest` is anything JSON can hold. The catalogue shows its keys `protocol` (a name, or a map with `name`),
+        `started` (ISO 8601, UTC), `seed` and `twin_seed` (or a map `seeds` of both). Added are `format_version`,
+        `shape`, `durability` and `plan_sha256`.
+
+        Raises:
+            RunExists: the directory holds something.
+            RunError: it cannot be written.
+            ValueError, TypeError: `plan` has another number of shots than `shape`, or `manifest` is not JSON.
+        """
+        durability = durability or Durability()
+        paths = RunPaths(directory)
+        checked, shots = prepare(paths, manifest, shape, plan, drive, durability)
+        journal = JournalFile(paths.journal)
+        sync_folder(directory)
+        return cls(checked, Shards(paths, shape, shots, ()), drive, durability, journal, timer=timer)
+
+    @classmethod
+    def resume(cls, directory: Path, durability: Durability | None = None, *, timer: TimerFactory = wall_timer) -> Self:
+        """Go on with an interrupted run: `missing` says what is still to be measured.
+
+        What a crash left behind is put in order first, and `recovered` says in words what was found: a shard that did
+        not reach the journal is taken in, a damaged one is set aside and its shots are missing again.
+
+        Raises:
+            RunError: no run, a run that another process is writing, a damaged manifest or plan.
+        """
+        paths = RunPaths(directory)
+        manifest = Manifest.read(paths)
+        plan, drive = read_plan(paths, manifest.values["plan_sha256"])
+        journal = JournalFile(paths.journal)
+        try:
+            shards = Shards(paths, manifest.shape, plan, read_journal(paths.journal).entries)
+            recovered, next_shard = recover(shards, journal)
+            return cls(
+                manifest,
+                shards,
+                drive,
+                durability or Durability.from_json(manifest.values["durability"]),
+                journal,
+                next_shard=next_shard,
+                recovered=recovered,
+                timer=timer,
+            )
+        except BaseException:
+            journal.close()
+            raise
+
+    @property
+    def paths(self) -> RunPaths:
+        """Where things lie."""
+        return self._shards.paths
+
+    @property
+    def done(self) -> tuple[int, ...]:
+        """How many shots of each pass are on disk."""
+        with self._guard:
+            return self._shards.done
+
+    @property
+    def complete(self) -> int:
+        """How many shots are on disk for all passes."""
+        with self._guard:
+            return self._shards.completed
+
+    def missing(self, pass_index: int) -> NDArray[np.int64]:
+        """Indices of the shots that a pass still lacks on disk, ascending: what a resumed run measures."""
+        with self._guard:
+            return self._shards.missing(pass_index)
+
+    def locked_scales(self, pass_index: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Scale (V per code) and offset (V) per port that this run uses on a pass; None before the first shard."""
+        return self._scales.get(pass_index)
+
+    def scales(self, pass_index: int, scale: ArrayLike, offset: ArrayLike) -> None:
+        """Set volts = scale * code + offset of a pass, per port or one for all. It holds for the whole run.
+
+        Raises:
+            RunError: the run was begun with other values: codes of the two ranges would be mixed.
+        """
+        ports = len(self._shape.passes[pass_index])
+        found = tuple(np.broadcast_to(np.asarray(values, np.float64), ports).copy() for values in (scale, offset))
+        with self._guard:
+            locked = self._scales.setdefault(pass_index, (found[0], found[1]))
+        if not (np.array_equal(locked[0], found[0]) and np.array_equal(locked[1], found[1])):
+            raise RunError(
+                f"{self.paths.directory}: vertical range of pass {pass_index} is locked at {locked[0].tolist()} V per "
+                f"code, offset {locked[1].tolist()} V, and cannot become {found[0].tolist()}, {found[1].tolist()}: "
+                "set the oscilloscope to the locked range"
+            )
+
+    def append(self, pass_index: int, measured: Measured) -> None:
+        """Take one shot of a pass, to be on disk after at most the configured shots or seconds.
+
+        Raises:
+            RunError: the disk is full or refuses; from then on the writer takes nothing more.
+            ValueError: arrays of another shape or type than the run's, no scales yet, or a shot that is there already.
+        """
+        self._check(pass_index, measured)
+        with self._guard:
+            self._raise_failure()
+            expected = self._open[-1].shot + 1 if self._open else measured.shot
+            if (pass_index, measured.shot) != (
+                self._open_pass,
+                expected,
+            ) or self._bytes() > self._durability.shard_bytes:
+                self._close_shard()
+            if self._shards.has(pass_index, measured.shot):
+                raise ValueError(f"shot {measured.shot} of pass {pass_index} is in the run already")
+            self._open_pass = pass_index
+            self._open.append(_copied(measured))
+            if len(self._open) >= self._durability.shots or self._is_last(pass_index, measured.shot):
+                self._close_shard()
+            elif self._timer is None:
+                self._timer = self._new_timer(self._durability.seconds, self._close_aged)
+                self._timer.start()
+
+    def sync(self) -> None:
+        """Close the open shard: every shot appended so far is then on disk.
+
+        Raises:
+            RunError: the disk is full or refuses.
+        """
+        with self._guard:
+            self._raise_failure()
+            self._close_shard()
+
+    def finish(self, *, compression: str | None = None) -> bool:
+        """Close the last shard, make data.h5 of the complete shots, let go of the run; True if no shot is missing.
+
+        Raises:
+            RunError: the disk is full or refuses, or a shard turned out damaged. The shards stay valid.
+        """
+        with self._guard:
+            if self._closed:
+                return self.complete == self._shape.shots
+            try:
+                self.sync()
+                write_data_file(self._shards, self._manifest, self._drive, compression=compression)
+            finally:
+                self.abandon()
+            return self.complete == self._shape.shots
+
+    def abandon(self) -> None:
+        """Let go of the run at once: the open shard is lost, data.h5 is not made. For tests and hopeless disks."""
+        with self._guard:
+            self._stop_timer()
+            self._open.clear()
+            self._closed = True
+            self._journal.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self.finish()
+        except RunError as failure:
+            if error is None:
+                raise
+            if failure is not error:
+                error.add_note(str(failure))
+
+    def _check(self, pass_index: int, measured: Measured) -> None:
+        ports = len(self._shape.passes[pass_index])
+        if pass_index not in self._scales:
+            raise ValueError(f"scales of pass {pass_index} are not set")
+        if not 0 <= measured.shot < self._shape.shots:
+            raise ValueError(f"shot {measured.shot} is not one of 0..{self._shape.shots - 1}")
+        if measured.codes.shape != (ports, self._shape.samples) or measured.codes.dtype != self._shape.dtype:
+            raise ValueError(
+                f"shot {measured.shot} has codes {measured.codes.dtype} {measured.codes.shape}, "
+                f"the run {self._shape.dtype} {(ports, self._shape.samples)}"
+            )
+        if measured.trigger_offset_s.shape != (ports,) or measured.clipped.shape != (ports,):
+            raise ValueError(f"shot {measured.shot}: trigger_offset_s and clipped must have shape {(ports,)}")
+
+    def _bytes(self) -> int:
+        return (len(self._open) + 1) * self._open[0].codes.nbytes if self._open else 0
+
+    def _is_last(self, pass_index: int, shot: int) -> bool:
+        return shot + 1 == self._shape.shots or self._shards.has(pass_index, shot + 1)
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        if self._closed:
+            raise RunError(f"{self.paths.directory}: this run is closed; `labctl resume` opens it again")
+
+    def _close_aged(self) -> None:
+        with self._guard:
+            self._timer = None
+            if not self._closed and self._failure is None:
+                try:
+                    self._close_shard()
+                except RunError as error:
+                    self._failure = error  # nobody listens on this thread: the next call on the writer raises it
+
+    def _close_shard(self) -> None:
+        self._stop_timer()
+        if not self._open:
+            return
+        scale, offset = self._scales[self._open_pass]
+        shard = Shard.of(self._open_pass, self._open, scale, offset)
+        image = shard.encode(self._shape)
+        entry = Entry(
+            shard=self._next_shard,
+            pass_index=self._open_pass,
+            passes=len(self._shape.passes),
+            first=shard.first,
+            shots=self._shards.completes(self._open_pass, shard.first, len(self._open)),
+            count=len(self._open),
+            sha256=hashlib.sha256(image).hexdigest(),
+        )
+        try:
+            replace_file(self.paths.shard(self._next_shard), image)
+            self._journal.append(entry)
+        except RunError as error:
+            self._failure = error
+            raise
+        self._shards.add(entry)
+        self._next_shard += 1
+        self._open.clear()
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+def _copied(measured: Measured) -> Measured:
+    """The caller may go on using its arrays: drivers read frames into one buffer."""
+    return replace(
+        measured,
+        codes=measured.codes.copy(),
+        trigger_offset_s=measured.trigger_offset_s.copy(),
+        clipped=measured.clipped.copy(),
+    )

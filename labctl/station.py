@@ -1,0 +1,185 @@
+"""The station file: a bench described in TOML, checked whole before anything is opened.
+
+Every key is known, every quantity has its unit, every level is inside its limit; otherwise one line says which key of
+which file is wrong and what to do.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveInt, ValidationError
+
+from instruments.units import Nanometres, Seconds, Volts, Watts
+from protocols.image_readout import Ports
+
+SIMULATED = "simulated"
+
+
+class StationError(Exception):
+    """The station file is wrong: one line that names file, key, value and what to do."""
+
+
+class Section(BaseModel):
+    """A table of the station file: unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _by_source(value: object) -> object:
+    return "AUX" if isinstance(value, str) and value.upper() in ("AUX", "AUXILIARY") else value
+
+
+class AwgSection(Section):
+    """The arbitrary waveform generator."""
+
+    driver: str = "tektronix-awg70002a"
+    address: str = SIMULATED
+    channel: Literal[1, 2] = 1
+    amplitude: Volts = 0.5
+    timeout: Annotated[Seconds, Field(gt=0)] = 5.0
+
+
+class ScopeSection(Section):
+    """The oscilloscope and what triggers it."""
+
+    driver: str = "tektronix-dpo72504dx"
+    address: str = SIMULATED
+    channels: Annotated[tuple[Annotated[int, Field(ge=1, le=4)], ...], Field(min_length=1)] = (1, 2, 3, 4)
+    trigger_source: Annotated[Literal["AUX"] | Annotated[int, Field(ge=1, le=4)], BeforeValidator(_by_source)] = "AUX"
+    trigger_level: Volts = 0.5
+    trigger_slope: Literal["rise", "fall"] = "rise"
+    timeout: Annotated[Seconds, Field(gt=0)] = 10.0
+
+
+class LaserSection(Section):
+    """The light source.
+
+    `commands` is the operator's command table, or "simulated" for the simulated laser's; without it the driver's own.
+    """
+
+    driver: str = "alnair-tlg-220"
+    address: str = SIMULATED
+    commands: Path | None = None
+    power: Watts = 0.03
+    wavelength: Nanometres = 1550.0
+
+
+class DmdSection(Section):
+    """The micromirror device. `version` and `library` name the vendor's ALP library on a real bench."""
+
+    driver: str = "vialux-alp"
+    address: str = SIMULATED
+    version: str = "4.3"
+    library: str | None = None
+    timeout: Annotated[Seconds, Field(gt=0)] = 5.0
+
+
+class PatchPanelSection(Section):
+    """What connects the chip to the oscilloscope; `ports` are the waveguides that are wired, 0 the fibre before it.
+
+    With `bypass` the fibre that would enter the chip is wired to the oscilloscope instead, and every run measures that.
+    """
+
+    driver: str = "scpi-fibre-switch"
+    address: str = SIMULATED
+    ports: Ports = tuple(port for port in range(15) if port != 10)
+    bypass: bool = False
+    timeout: Annotated[Seconds, Field(gt=0)] = 5.0
+
+
+class LimitsSection(Section):
+    """What must never be exceeded."""
+
+    optical_power: Watts = 0.03
+    rf_amplitude: Volts = 0.5
+
+
+class WiringSection(Section):
+    """Optional cables: `burst` = DMD frame sync to AWG trigger and AWG marker to the oscilloscope."""
+
+    burst: bool = False
+
+
+class DurabilitySection(Section):
+    """How much a killed process may lose: so many shots, or so many seconds."""
+
+    shots: PositiveInt = 20
+    seconds: Annotated[float, Field(gt=0)] = 1.0
+
+
+class SimSection(Section):
+    """The simulated bench: which twin it is (fibre, chip, noise)."""
+
+    twin_seed: int = 1
+
+
+class Station(Section):
+    """A bench as its file describes it; `source` is where it came from, for messages."""
+
+    source: str = "built-in station"
+    name: str = "simulated bench"
+    awg: AwgSection = AwgSection()
+    scope: ScopeSection = ScopeSection()
+    laser: LaserSection = LaserSection()
+    dmd: DmdSection = DmdSection()
+    patch_panel: PatchPanelSection = PatchPanelSection()
+    limits: LimitsSection = LimitsSection()
+    wiring: WiringSection = WiringSection()
+    durability: DurabilitySection = DurabilitySection()
+    sim: SimSection = SimSection()
+
+    @property
+    def addresses(self) -> dict[str, str]:
+        """Instrument -> VISA address."""
+        sections = ("awg", "scope", "laser", "dmd", "patch_panel")
+        return {section: getattr(self, section).address for section in sections}
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any instrument is one of the simulated bench's."""
+        return SIMULATED in self.addresses.values()
+
+
+def read_station(path: Path | None) -> Station:
+    """Read a station file; without one, the simulated bench.
+
+    Raises:
+        StationError: the file cannot be read or is wrong anywhere.
+    """
+    if path is None:
+        return Station()
+    try:
+        return Station.model_validate(tomllib.loads(path.read_text("utf-8")) | {"source": str(path)})
+    except OSError as error:
+        raise StationError(f"{path}: cannot be read ({error.strerror}): name a station file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise StationError(f"{path}: is not TOML ({error}): correct that line") from None
+    except ValidationError as error:
+        raise StationError(f"{path}: {describe(error)}") from None
+
+
+def describe(error: ValidationError) -> str:
+    """The first fault of a validation in one line: key, value, what is wrong."""
+    fault = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in fault["loc"])
+    if fault["type"] == "extra_forbidden":
+        return f"{key} = {fault['input']!r}: unknown key: check its spelling against the reference of settings"
+    message = fault["msg"].removeprefix("Value error, ")
+    return f"{key} = {fault['input']!r}: {message}" if key else message
+
+
+def write_addresses(path: Path, addresses: Mapping[str, str]) -> None:
+    """Write a station file that points at instruments of a simulated bench.
+
+    Raises:
+        StationError: the file exists or cannot be written.
+    """
+    tables = [f'[{name}]\naddress = "{address}"\n' for name, address in addresses.items()]
+    text = "\n".join(tables).replace("[laser]\n", f'[laser]\ncommands = "{SIMULATED}"\n')
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise StationError(f"{path}: cannot be written ({error.strerror}): name a new file") from None

@@ -1,0 +1,203 @@
+"""The main experiment: show each image, trigger the drive, capture the window on every port."""
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import product
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, PositiveInt, field_validator
+
+from instruments.bench import Bench
+from instruments.interfaces import Drive, Frames, Timebase
+from instruments.units import Nanometres, Seconds
+from protocols.base import Events, Images, Leg, LegStarted, Measurement, ProtocolError, Record, Shot, ShotKind
+from protocols.ranging import find_ranges
+
+DRIVE_RATE = 25e9
+DRIVE_SAMPLES = 2500
+"""One period of the drive, 100 ns: above the AWG's minimum and longer than the fibre's delay spread."""
+PROBES = 40
+
+REAL_SHOT_S = 50e-3
+"""A software-timed shot on real instruments: a DMD upload (5 ms), arming (20 ms), four transfers (5 ms each)."""
+REAL_LEG_S = 5.0
+"""Retuning, repatching by switch, and ranging, on real instruments."""
+
+
+def parse_ports(value: object) -> object:
+    """Turn "2-6" or "0,2,4-6" into a tuple of port numbers; anything else is left to pydantic.
+
+    Raises:
+        ValueError: a part is neither a number nor a range.
+    """
+    if isinstance(value, int):
+        return (value,)
+    if not isinstance(value, str):
+        return value
+    ports: list[int] = []
+    for part in value.split(","):
+        first, _, last = part.strip().partition("-")
+        if not (first.isdecimal() and (last or first).isdecimal()):
+            raise ValueError(f"{value!r} is not a list of ports: write it like '2-6' or '2,3,5'")
+        ports.extend(range(int(first), int(last or first) + 1))
+    return tuple(ports)
+
+
+def parse_list(value: object) -> object:
+    """Turn "1550 nm, 1551 nm" or "0,1,2" into a list of its parts; anything else is left to pydantic."""
+    return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
+
+
+Ports = Annotated[tuple[Annotated[int, Field(ge=0, le=14)], ...], BeforeValidator(parse_ports), Field(min_length=1)]
+Wavelengths = Annotated[tuple[Nanometres, ...], BeforeValidator(parse_list), Field(min_length=1)]
+Classes = Annotated[tuple[int, ...], BeforeValidator(parse_list)]
+
+
+class ImageReadout(Measurement):
+    """Show each image, trigger the drive, capture the window on every port.
+
+    Pixels of at least `threshold` are on; a data set that is binary already stays as it is. Port 0 is the collection
+    fibre before the chip. A reference image and a dark frame follow every `reference_every` images, so that drift can
+    be seen.
+    """
+
+    name: ClassVar[str] = "image-readout"
+
+    dataset: str = "mnist-0-3"
+    classes: Classes | None = None
+    images: PositiveInt = 1000
+    threshold: Annotated[int, Field(ge=1, le=255)] = 128
+    ports: Ports = (2, 3, 4, 5, 6)
+    window: Annotated[Seconds, Field(gt=0)] = 2e-9
+    wavelengths: Wavelengths = (1550.0,)
+    timing: Literal["software", "burst"] = "software"
+    reference_every: PositiveInt = 20
+
+    @field_validator("ports", "wavelengths")
+    @classmethod
+    def _distinct(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        if len(set(values)) != len(values):
+            raise ValueError(f"{values} names one twice: list each once")
+        return values
+
+    def shots(self, images: Images) -> Sequence[Shot]:
+        """A class-balanced random order of the images, with a reference and a dark frame after every few.
+
+        Classes alternate throughout, so that no slow drift of the bench can follow the labels.
+        """
+        order = balanced_order(images.labels, np.random.default_rng((self.seed, 1)))
+        reference = order[0]
+        shots: list[Shot] = []
+        for place, image in enumerate(order, start=1):
+            shots.append(_shot(len(shots), ShotKind.IMAGE, images, image))
+            if place % self.reference_every == 0 or place == len(order):
+                shots.append(_shot(len(shots), ShotKind.REFERENCE, images, reference))
+                shots.append(Shot(len(shots), ShotKind.DARK, -1, -1, -1))
+        return shots
+
+    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+        """Every wavelength with every patching that the ports need."""
+        patchings = bench.passes_for(self.ports)
+        return tuple(
+            Leg(index, wavelength, patching)
+            for index, (wavelength, patching) in enumerate(product(self.wavelengths, patchings))
+        )
+
+    def check(self, bench: Bench, images: Images) -> None:
+        """The images must fit the DMD, and the timing the wiring."""
+        if self.timing == "burst":
+            lacking = "is not available in this version" if bench.wiring.burst else "needs wiring.burst of the station"
+            raise ProtocolError(f"timing = 'burst' {lacking}: choose timing = 'software'")
+        Patterns(images, bench.dmd.shape)
+
+    def drive(self, bench: Bench) -> Drive:
+        """Uniform pseudorandom samples at 25 GS/s, fixed by the seed."""
+        samples = np.random.default_rng((self.seed, 2)).uniform(-1.0, 1.0, DRIVE_SAMPLES).astype(np.float32)
+        return Drive("pseudorandom", samples, DRIVE_RATE, bench.levels.rf_amplitude_vpp)
+
+    def sample_count(self) -> int:
+        """The window in samples of 40 ps."""
+        return max(1, round(self.window * self.sample_rate))
+
+    def duration_s(self, bench: Bench, shots: int) -> float:
+        """Arm, transfer and settling times of real instruments, leg by leg."""
+        return len(self.legs(bench)) * (REAL_LEG_S + (shots + PROBES) * REAL_SHOT_S)
+
+    def acquire(self, bench: Bench, images: Images, shots: Sequence[Shot]) -> Events:
+        """Software-timed: show, arm, wait for the marker of the running drive, read."""
+        timebase = Timebase(self.sample_rate, self.sample_count())
+        patterns = Patterns(images, bench.dmd.shape)
+        probes = [shot for shot in shots if shot.kind is ShotKind.IMAGE][:PROBES]
+        bench.awg.load(self.drive(bench))
+        legs = self.legs(bench)
+        with bench.emitting(legs[0].wavelength_nm):
+            bench.awg.play()
+            for leg in legs:
+                bench.laser.tune(leg.wavelength_nm)
+                bench.patch_panel.connect(leg.patching)
+                bench.scope.configure(timebase, bench.wiring.trigger, tuple(leg.patching), self.averages)
+                captures = [partial(show_and_capture, bench, patterns[shot]) for shot in probes]
+                yield LegStarted(leg, find_ranges(bench.scope, captures))
+                for shot in shots:
+                    yield Record(leg, shot, show_and_capture(bench, patterns[shot]))
+
+
+def show_and_capture(bench: Bench, mirrors: NDArray[np.uint8]) -> Frames:
+    """Show one pattern and take one frame of every configured channel."""
+    bench.dmd.show(mirrors)
+    return bench.scope.capture()
+
+
+def balanced_order(labels: NDArray[np.int64], generator: np.random.Generator) -> NDArray[np.int64]:
+    """A random permutation of 0..n-1 in which the classes alternate as evenly as their numbers allow, shape (n,)."""
+    places = np.empty(labels.size)
+    for label in np.unique(labels):
+        members = np.flatnonzero(labels == label)
+        # Each class is spread evenly over the unit interval, at random inside each of its equal slots.
+        places[generator.permutation(members)] = (
+            np.arange(members.size) + generator.random(members.size)
+        ) / members.size
+    return np.argsort(places, kind="stable")
+
+
+class Patterns:
+    """The mirror patterns of a run's shots: images as large as the DMD allows, centred, whole mirrors a pixel."""
+
+    def __init__(self, images: Images, shape: tuple[int, int]) -> None:
+        """Prepare patterns for a DMD of `shape` mirrors.
+
+        Raises:
+            ProtocolError: the images are larger than the DMD.
+        """
+        height, width = images.images.shape[1:]
+        self._pitch = min(shape[0] // height, shape[1] // width)
+        if self._pitch == 0:
+            raise ProtocolError(
+                f"images of {height}x{width} pixels do not fit a DMD of {shape[0]}x{shape[1]} mirrors: "
+                f"use smaller images"
+            )
+        self._row = (shape[0] - height * self._pitch) // 2
+        self._column = (shape[1] - width * self._pitch) // 2
+        self._shape = shape
+        self._images = images.images
+        self._place = {int(index): place for place, index in enumerate(images.indices)}
+
+    def __getitem__(self, shot: Shot) -> NDArray[np.uint8]:
+        """The packed mirror bits of `shot`, shape (rows, columns / 8); a dark shot turns every mirror away."""
+        rows, columns = self._shape
+        mirrors = np.zeros((rows, columns // 8), np.uint8)
+        if shot.kind is ShotKind.DARK:
+            return mirrors
+        image = self._images[self._place[shot.dataset_index]]
+        lines = np.zeros((image.shape[0], columns), bool)
+        lines[:, self._column : self._column + image.shape[1] * self._pitch] = np.repeat(image, self._pitch, axis=1)
+        packed = np.repeat(np.packbits(lines, axis=1), self._pitch, axis=0)
+        mirrors[self._row : self._row + len(packed)] = packed
+        return mirrors
+
+
+def _shot(index: int, kind: ShotKind, images: Images, place: np.int64) -> Shot:
+    source = int(images.indices[place])
+    return Shot(index, kind, source, int(images.labels[place]), source)

@@ -1,0 +1,74 @@
+"""Finding the vertical ranges of the oscilloscope from probe shots."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.interfaces import Frames, Oscilloscope, Scaling, Vertical
+
+DIVISIONS = 10
+HEADROOM = 1.3
+"""Speckle intensities are exponentially distributed: the largest of a thousand images exceeds that of a few dozen
+by about this factor (ratio of the logarithms of the numbers of samples)."""
+ROOM_FOR_BRIGHTER = 6.0
+"""How many times brighter than the first probe the others may be before the search widens."""
+STEPS = 8
+
+Capture = Callable[[], Frames]
+
+
+def find_ranges(scope: Oscilloscope, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
+    """Set each channel so that the traces of all `probes` fill its screen with some headroom.
+
+    Starts at the coarsest range and narrows it on the first probe, since a trace of a few codes says little about its
+    own height; then takes the extremes over all probes, widening where one is clipped.
+
+    Returns:
+        What a code of each channel now means.
+    """
+    verticals = [Vertical(scope.vertical_scale.high, 0.0)] * len(scope.channels)
+    for _ in range(STEPS):
+        _apply(scope, verticals)
+        narrowed = [_fit(scope, *ends, room=ROOM_FOR_BRIGHTER) for ends in _extremes(scope, probes[:1])]
+        scales = zip(narrowed, verticals, strict=True)
+        settled = all(new.scale_v_per_div > old.scale_v_per_div / 2 for new, old in scales)
+        verticals = narrowed
+        if settled:
+            break
+    for _ in range(STEPS):
+        _apply(scope, verticals)
+        ends = _extremes(scope, probes)
+        clipped = np.isnan(ends[:, 0])
+        if not clipped.any():
+            break
+        verticals = [
+            Vertical(min(2 * old.scale_v_per_div, scope.vertical_scale.high), old.offset_v) if wider else old
+            for old, wider in zip(verticals, clipped, strict=True)
+        ]
+    _apply(scope, [_fit(scope, *pair, room=HEADROOM) for pair in np.nan_to_num(ends)])
+    probes[0]()
+    return scope.scalings()
+
+
+def _extremes(scope: Oscilloscope, probes: Sequence[Capture]) -> NDArray[np.float64]:
+    """Lowest and highest voltage of each channel over all probes, shape (channels, 2); NaN where one is clipped."""
+    frames = [probe() for probe in probes]
+    scalings = scope.scalings()
+    codes = np.stack([frame.codes for frame in frames])
+    ends = np.stack([codes.min(axis=(0, 2)), codes.max(axis=(0, 2))], axis=1)
+    volts = np.array([scaling.scale_v * pair + scaling.offset_v for scaling, pair in zip(scalings, ends, strict=True)])
+    if len(probes) > 1:
+        volts[np.any([frame.clipped for frame in frames], axis=0)] = np.nan
+    return volts
+
+
+def _fit(scope: Oscilloscope, low: float, high: float, *, room: float) -> Vertical:
+    limits = scope.vertical_scale
+    scale = float(np.clip((high - low) * room / DIVISIONS, limits.low, limits.high))
+    return Vertical(scale, float(low + high) / 2)
+
+
+def _apply(scope: Oscilloscope, verticals: Sequence[Vertical]) -> None:
+    for channel, vertical in zip(scope.channels, verticals, strict=True):
+        scope.set_vertical(channel, vertical)

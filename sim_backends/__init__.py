@@ -1,0 +1,1 @@
+"""The simulated bench: virtual instruments on real sockets that share one physical world."""

@@ -1,0 +1,116 @@
+"""The simulated bench: one world, five virtual instruments, two network addresses for each."""
+
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any, Self
+
+from threadpoolctl import threadpool_limits
+
+from sim_backends.parameters import Parameters
+from sim_backends.servers.clients import Instrument
+from sim_backends.servers.hislip import serve_hislip
+from sim_backends.servers.loop import Loop
+from sim_backends.servers.socket import serve_socket
+from sim_backends.virtual.alp import VirtualAlp
+from sim_backends.virtual.awg70002a import VirtualAwg70002a
+from sim_backends.virtual.dpo72504dx import VirtualDpo72504dx
+from sim_backends.virtual.fibre_switch import VirtualFibreSwitch
+from sim_backends.virtual.tlg220 import VirtualTlg220
+from sim_backends.world import World
+
+HISLIP_OFFSET = 10  # of the HiSLIP ports from the ports of the raw sockets
+
+
+class SimulatedBench:
+    """Virtual instruments that share one world and listen on the network, as long as the context lasts.
+
+    Args:
+        parameters: The physics; None: the defaults.
+        twin_seed: Which fibre, which chip, which noise.
+        host: The address to listen on. The default is reachable from this machine only: nothing here asks who calls.
+        port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
+            ports 10 higher; None: any free ports.
+        laser_table: The commands the laser obeys, in the form of `virtual/tlg220.toml`; None: that file.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters | None = None,
+        *,
+        twin_seed: int = 1,
+        host: str = "127.0.0.1",
+        port_base: int | None = None,
+        laser_table: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.world = World(parameters, twin_seed=twin_seed)
+        self.resources: dict[str, dict[str, str]] = {}
+        self._host = host
+        self._port_base = port_base
+        self._loop: Loop | None = None
+        self._instruments: dict[str, Instrument] = {
+            "awg": VirtualAwg70002a(self.world),
+            "scope": VirtualDpo72504dx(self.world),
+            "laser": VirtualTlg220(self.world, laser_table),
+            "dmd": VirtualAlp(self.world),
+            "patch_panel": VirtualFibreSwitch(self.world),
+        }
+
+    def start(self) -> None:
+        """Begin to listen; every address in `resources` answers when this returns.
+
+        Raises:
+            OSError: A port is taken, or `host` is not an address of this machine.
+            RuntimeError: The bench is running.
+        """
+        if self._loop is not None:
+            raise RuntimeError("the simulated bench is running: stop it before starting it again")
+        loop = Loop()
+        try:
+            self.resources = {
+                role: self._serve(loop, instrument, rank)
+                for rank, (role, instrument) in enumerate(self._instruments.items())
+            }
+        except OSError:
+            loop.stop()
+            raise
+        # One BLAS thread: the products of a frame are too small to share, and sums depend on the number of threads.
+        self._threads = threadpool_limits(1)
+        loop.start()
+        self._loop = loop
+
+    @property
+    def running(self) -> bool:
+        """Whether clients are served; False again when an error in a virtual instrument has ended it."""
+        return self._loop is not None and self._loop.running
+
+    def stop(self) -> None:
+        """Close every connection and wait until nothing runs any more; may be called again.
+
+        Raises:
+            BaseException: Whatever a virtual instrument raised while the bench was running: an error in it, which had
+                ended all connections.
+        """
+        loop, self._loop = self._loop, None
+        if loop is not None:
+            try:
+                loop.stop()
+            finally:
+                self._threads.restore_original_limits()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _serve(self, loop: Loop, instrument: Instrument, rank: int) -> dict[str, str]:
+        base = self._port_base
+        socket_port = serve_socket(loop, instrument, self._host, 0 if base is None else base + rank)
+        hislip_port = serve_hislip(loop, instrument, self._host, 0 if base is None else base + HISLIP_OFFSET + rank)
+        return {
+            "socket": f"TCPIP0::{self._host}::{socket_port}::SOCKET",
+            "hislip": f"TCPIP0::{self._host}::hislip0,{hislip_port}::INSTR",
+        }

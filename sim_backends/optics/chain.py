@@ -1,0 +1,261 @@
+"""The whole optical chain: what the instruments' settings make of the mirrors' amplitudes.
+
+Everything in front of the photodiode is linear in the field and in the mirror amplitudes v_p, so modulator, chip and
+fibre commute and fold into one set of masks. At channel m and light time t
+
+    V_m(t) = | sum_r a_r C_rm(t) |^2   (volts behind an infinitely fast detector),   a = v Phi,
+
+Phi the real speckle basis and C_rm(t) = sum_d T_rd g_m(t - d dt): T the fibre's taps, g_m the modulated light behind
+port m of the chip. Setting the instruments fixes C; an image then costs two real matrix products.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backends.optics import cavity, drive, fibre, mirrors, receiver
+from sim_backends.parameters import Parameters, power_ratio
+
+BYPASS = 0
+IMAGE_BLOCK = 8
+IMPULSE_POINTS = 1024
+_ACAUSAL_POINTS = 128  # band limits smear the chip's response a little to negative times
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLight:
+    """One period of the field behind the modulator, (n,) complex64 of modulus 1, on a grid of `step_s`."""
+
+    field: NDArray[np.complex64]
+    step_s: float
+
+    @property
+    def period_s(self) -> float:
+        """Period of the drive (s)."""
+        return self.field.size * self.step_s
+
+
+def idle_light(parameters: Parameters) -> DriveLight:
+    """Light without a drive: unmodulated, so that one grid point describes it."""
+    return DriveLight(np.ones(1, np.complex64), parameters.drive_step_s)
+
+
+def driven_light(parameters: Parameters, volts: NDArray[np.float32], sample_rate: float) -> DriveLight:
+    """Field behind the modulator for DAC `volts` (n,) at `sample_rate` S/s."""
+    points = drive.oversampling(sample_rate, parameters.drive_step_s)
+    step = 1.0 / (sample_rate * points)
+    held = drive.held_and_filtered(
+        volts, points_per_sample=points, sample_rate=sample_rate, bandwidth_hz=parameters.awg_bandwidth_hz
+    )
+    driven = drive.amplified(held, gain=parameters.rf_gain, saturation_v=parameters.rf_saturation_v)
+    field = drive.phase_modulated_field(
+        driven, v_pi=parameters.v_pi_v, bandwidth_hz=parameters.modulator_bandwidth_hz, step=step
+    )
+    return DriveLight(field, step)
+
+
+def port_transmission(parameters: Parameters, port: int) -> float:
+    """Power transmission of everything between laser and detector but projection, chip and fill of the image."""
+    if parameters.light_path == "direct":
+        common = power_ratio(-parameters.modulator_loss_db)
+    else:
+        common = parameters.projector_transmission * parameters.amplifier_gain
+    return common * lead_transmission(parameters, port)
+
+
+def lead_transmission(parameters: Parameters, port: int) -> float:
+    """Power transmission from the chip's input fibre to the detector, the cavity itself left out."""
+    if port == BYPASS:
+        return power_ratio(-parameters.bypass_attenuation_db)
+    return power_ratio(-parameters.spot_size_converter_loss_db - parameters.facet_loss_db)
+
+
+def chip_transfer(
+    parameters: Parameters, chip: cavity.Cavity, *, step_s: float, detuning_hz: float
+) -> NDArray[np.complex128]:
+    """Field transfer from the input waveguide to every port, (ports, `IMPULSE_POINTS`), FFT frequencies of `step_s`."""
+    return cavity.transfer(
+        chip,
+        points=IMPULSE_POINTS,
+        step=step_s,
+        detuning_hz=detuning_hz,
+        loss_hz=1.0 / (2 * np.pi * parameters.chip_loss_lifetime_s),
+        input_port=parameters.chip_input_port,
+    )
+
+
+def periodic_transfer(transfer: NDArray[np.complex128], points: int) -> NDArray[np.complex128]:
+    """Resample (ports, F) transfer functions to the harmonics of a period of `points` grid points.
+
+    The impulse response (a few hundred ps) is wrapped into the period: exact for a periodic drive of any length.
+    """
+    impulse = np.roll(np.fft.ifft(transfer, axis=-1), _ACAUSAL_POINTS, axis=-1)
+    ports, length = impulse.shape
+    padded = np.pad(impulse, ((0, 0), (0, -length % points)))
+    wrapped = np.roll(padded.reshape(ports, -1, points).sum(axis=1), -_ACAUSAL_POINTS, axis=-1)
+    return np.asarray(np.fft.fft(wrapped, axis=-1))
+
+
+def port_fields(
+    light: DriveLight, transfer: NDArray[np.complex128], amplitudes: list[tuple[int, float]]
+) -> NDArray[np.complex64]:
+    """Modulated light g_m behind each (port, field amplitude): (channels, n) complex64, one period.
+
+    Port `BYPASS` has S = 1; an amplitude of 0 gives a dark channel.
+    """
+    fields = np.zeros((len(amplitudes), light.field.size), np.complex64)
+    behind_chip = [
+        (channel, port, size) for channel, (port, size) in enumerate(amplitudes) if port != BYPASS and size > 0
+    ]
+    if behind_chip:
+        response = periodic_transfer(transfer[[port - 1 for _, port, _ in behind_chip]], light.field.size)
+        answers = np.fft.ifft(np.fft.fft(light.field) * response, axis=-1)
+        for (channel, _, size), answer in zip(behind_chip, answers, strict=True):
+            fields[channel] = size * answer
+    for channel, (port, size) in enumerate(amplitudes):
+        if port == BYPASS:
+            fields[channel] = np.float32(size) * light.field
+    return fields
+
+
+def interpolation(position: NDArray[np.float64], points: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+    """Four-point Lagrange interpolation on a periodic grid of `points`, at `position` in grid steps.
+
+    Returns indices (4, n) and weights (4, n); positions within 1e-4 of a grid point take that point alone.
+    """
+    nearest = np.rint(position)
+    position = np.where(np.abs(position - nearest) < 1e-4, nearest, position)
+    base = np.floor(position)
+    x = position - base
+    index = np.mod(base.astype(np.int64)[None] + np.arange(-1, 3)[:, None], points)
+    weight = np.stack(
+        [
+            -x * (x - 1) * (x - 2) / 6,
+            (x + 1) * (x - 1) * (x - 2) / 2,
+            -(x + 1) * x * (x - 2) / 2,
+            (x + 1) * x * (x - 1) / 6,
+        ]
+    )
+    return index.astype(np.intp), weight.astype(np.float32)
+
+
+def masks(
+    fields: NDArray[np.complex64], taps: NDArray[np.complex64], light_times: NDArray[np.float64], step_s: float
+) -> NDArray[np.float32]:
+    """The mask coefficients C at the given light times.
+
+    Args:
+        fields: (channels, n) one period on a grid of `step_s`.
+        taps: (modes, r, D) of the fibre.
+        light_times: (K,) s, any order.
+        step_s: grid step (s).
+
+    Returns:
+        (r, 2 * modes * channels * K) float32, ordered [real or imaginary, mode, channel, time].
+    """
+    channels, points = fields.shape
+    modes, rank, depth = taps.shape
+    index, weight = interpolation(light_times / step_s, points)
+    used = range(4) if np.any(weight[[0, 2, 3]]) else (1,)
+    delayed = np.zeros((depth, channels, light_times.size), np.complex64)
+    for corner in used:
+        gathered = fields[:, (index[corner] - np.arange(depth)[:, None]) % points]
+        delayed += (gathered * weight[corner]).transpose(1, 0, 2)
+    product = taps.reshape(modes * rank, depth) @ delayed.reshape(depth, -1)
+    split = np.stack([product.real, product.imag]).reshape(2, modes, rank, -1)
+    return np.ascontiguousarray(split.transpose(2, 0, 1, 3)).reshape(rank, -1)
+
+
+def speckle_amplitudes(basis: NDArray[np.float32], on: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mirror patterns in the speckle basis, a = v Phi: on-fractions (images, 784) -> (images, r) float32."""
+    return in_blocks(on, basis)
+
+
+def in_blocks(rows: NDArray[np.float32], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Product rows @ matrix in blocks of `IMAGE_BLOCK` rows, zero-padded.
+
+    Every block has the same shape, so how many rows there are cannot change a byte of one.
+    """
+    out = np.empty((rows.shape[0], matrix.shape[1]), np.float32)
+    for start in range(0, rows.shape[0], IMAGE_BLOCK):
+        block = rows[start : start + IMAGE_BLOCK]
+        padded = np.zeros((IMAGE_BLOCK, rows.shape[1]), np.float32)
+        padded[: len(block)] = block
+        out[start : start + len(block)] = (padded @ matrix)[: len(block)]
+    return out
+
+
+def fast_volts(field: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Volts behind an infinitely fast detector: |E|^2, collected modes added as powers.
+
+    Root volts (..., real and imaginary, modes, channels, K) -> (..., channels, K).
+    """
+    squared = field * field
+    return np.asarray(squared.sum(axis=(-4, -3)))
+
+
+def mean_volts(
+    amplitudes: NDArray[np.float32], fields: NDArray[np.complex64], taps: NDArray[np.complex64]
+) -> NDArray[np.float64]:
+    """Mean of the fast volts over the drive's period, (channels,): what an AC-coupled detector takes away.
+
+    a^T Re(T R_m T^H) a with R_m[d, e] the periodic autocorrelation of g_m at lag e - d; amplitudes a (r,).
+    """
+    points = fields.shape[1]
+    depth = taps.shape[-1]
+    lag = (np.arange(depth)[None, :] - np.arange(depth)[:, None]) % points
+    projected = amplitudes @ taps
+    correlations = np.fft.ifft(np.abs(np.fft.fft(fields, axis=1)) ** 2, axis=1) / points
+    return np.array([np.sum(projected * (projected.conj() @ row[lag].T)).real for row in correlations])
+
+
+def volts_per_field(parameters: Parameters, port: int, laser_power_w: float) -> float:
+    """Volts per squared field, the field being a C of unit-power light through fibre and chip."""
+    volts = laser_power_w * port_transmission(parameters, port) * parameters.detector_gain_v_per_w
+    if parameters.light_path == "direct":
+        return volts
+    return volts / mirrors.SIDE**4  # the sum over superpixels as the mean over the square: the collected mode's part
+
+
+def port_noise(
+    parameters: Parameters, transfer: NDArray[np.complex128], port: int | None, step_s: float
+) -> receiver.NoiseLaw:
+    """Noise law of the detector on `port`; None = nothing connected, or a port without light.
+
+    The chip filters the amplifier's ASE with the same |S|^2 as the light, taken at its mean over the optical filter.
+    """
+    density = 0.0
+    if port is not None and parameters.light_path == "projector":
+        density = parameters.ase_density * lead_transmission(parameters, port)
+        if port != BYPASS:
+            band = np.abs(np.fft.fftfreq(transfer.shape[-1], step_s)) < parameters.amplifier_filter_hz / 2
+            density *= float(np.mean(np.abs(transfer[port - 1, band]) ** 2))
+    return receiver.noise_law(
+        ase_density=density,
+        ase_bandwidth_hz=parameters.amplifier_filter_hz,
+        bandwidth_hz=receiver.noise_bandwidth(parameters.detector_bandwidth_hz, parameters.scope_bandwidth_hz),
+        gain_v_per_w=parameters.detector_gain_v_per_w,
+        responsivity=parameters.detector_responsivity_a_per_w,
+        nep=parameters.detector_nep_w_per_rthz,
+        rin_per_hz=power_ratio(parameters.laser_rin_db_per_hz),
+    )
+
+
+def draw_fibre(parameters: Parameters, generator: np.random.Generator) -> tuple[NDArray[np.float32], fibre.FibreModes]:
+    """The speckle basis and one fibre; the direct path is a fibre of one mode without delay that all light takes."""
+    if parameters.light_path == "direct":
+        return np.zeros((mirrors.SIDE**2, 1), np.float32), fibre.FibreModes(
+            np.zeros(1), np.ones((1, 1, 1), np.complex64)
+        )
+    basis = fibre.speckle_basis(parameters.grain_superpixels, parameters.basis_cut, parameters.launch_profile)
+    modes = fibre.draw_modes(
+        generator,
+        modes=min(parameters.launched_modes, parameters.simulated_modes_limit),
+        spread=parameters.delay_spread_s,
+        rank=basis.shape[1],
+        profile=parameters.launch_profile,
+        longest=fibre.delay_spread(parameters.fibre_length_m, parameters.fibre_na, parameters.fibre_index),
+        collected_modes=parameters.collected_modes,
+    )
+    return basis, modes

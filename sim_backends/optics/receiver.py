@@ -1,0 +1,188 @@
+"""Photodetector, oscilloscope front end and digitiser.
+
+Sources: Saleh & Teich, ch. 18 (photodetector noise) and ch. 15 (amplifier noise); Olsson, J. Lightwave Technol. 7, 1071
+(1989) for the beat noise of optical amplifiers; IEEE 1241 for the effective number of bits.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc
+
+ELEMENTARY_CHARGE = 1.602176634e-19
+CODES_PER_DIVISION = 25
+DIVISIONS = 10.24
+LOWEST_CODE, HIGHEST_CODE = -128, 127
+
+
+def gaussian_time_width(bandwidth_hz: float) -> float:
+    """Standard deviation (s) of the impulse response of a Gaussian filter with -3 dB at `bandwidth_hz`."""
+    return math.sqrt(math.log(2.0)) / (2 * math.pi * bandwidth_hz)
+
+
+def noise_bandwidth(detector_hz: float, scope_hz: float) -> float:
+    """Noise-equivalent bandwidth (Hz) of a one-pole detector and a Gaussian oscilloscope in series.
+
+    B = integral of exp(-ln2 (f/f_s)^2) / (1 + (f/f_d)^2) df = (pi f_d / 2) exp(a^2) erfc(a), a = sqrt(ln2) f_d / f_s.
+    """
+    a = math.sqrt(math.log(2.0)) * detector_hz / scope_hz
+    return math.pi * detector_hz / 2 * math.exp(a * a) * math.erfc(a)
+
+
+def impulse_response(
+    seconds: NDArray[np.float64], *, detector_hz: float, scope_hz: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Impulse response (1/s) of detector and oscilloscope, and its time derivative (1/s^2), at `seconds`.
+
+    One pole (tau = 1 / (2 pi f_d)) convolved with a Gaussian g of width s:
+    h(t) = exp(s^2 / (2 tau^2) - t / tau) erfc((s / tau - t / s) / sqrt 2) / (2 tau),  h' = (g - h) / tau.
+    """
+    tau, s = 1.0 / (2 * np.pi * detector_hz), gaussian_time_width(scope_hz)
+    late = np.maximum(seconds, -8 * s)  # earlier, h is 0 and the exponential would overflow
+    h = np.exp(s * s / (2 * tau * tau) - late / tau) * erfc((s / tau - late / s) / math.sqrt(2)) / (2 * tau)
+    gauss = np.exp(-0.5 * (seconds / s) ** 2) / (s * math.sqrt(2 * math.pi))
+    return h, (gauss - h) / tau
+
+
+@dataclass(frozen=True, eq=False)
+class SamplingFilter:
+    """Filter and decimation as one matrix for a block of samples.
+
+    `matrix` (points, 2 * samples) float32: left half intensities -> volts, right half their time derivative (per s).
+    Point `before` of the grid coincides with the first sample, later samples follow every `decimation` points.
+    """
+
+    matrix: NDArray[np.float32]
+    samples: int
+    decimation: int
+    before: int
+
+    @property
+    def points(self) -> int:
+        """Grid points one block of samples needs."""
+        return int(self.matrix.shape[0])
+
+
+def sampling_filter(
+    *, samples: int, decimation: int, step: float, shift_s: float, detector_hz: float, scope_hz: float
+) -> SamplingFilter:
+    """Matrix that takes intensities on a grid of `step` s to `samples` filtered samples every `decimation` points.
+
+    Taps are centred on the grid points, so that a finer grid gives the same samples; their sum is 1 (a constant
+    passes unchanged). `shift_s`: samples are taken this much later than their grid point, at most about two samples.
+    """
+    before = math.ceil((12.0 / (2 * np.pi * detector_hz) + max(-shift_s, 0.0)) / step)
+    after = math.ceil((4.5 * gaussian_time_width(scope_hz) + max(shift_s, 0.0)) / step)
+    points = (samples - 1) * decimation + 1 + before + after
+    lag = (before + decimation * np.arange(samples)[None, :] - np.arange(points)[:, None]) * step + shift_s
+    h, slope = impulse_response(np.asarray(lag, np.float64), detector_hz=detector_hz, scope_hz=scope_hz)
+    total = h.sum(axis=0)
+    slope = slope - h * (slope.sum(axis=0) / total)  # a constant has no slope
+    matrix = np.concatenate([h / total, slope / total], axis=1).astype(np.float32)
+    return SamplingFilter(matrix, samples, decimation, before)
+
+
+def apply_filter(
+    sampling: SamplingFilter, intensities: NDArray[np.float32], samples: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Filter and decimate intensities of shape (..., points) to `samples` samples: values and time derivatives (1/s).
+
+    Long records run through the same matrix block by block, so a record's length changes no byte of its beginning.
+    """
+    blocks = -(-samples // sampling.samples)
+    advance = sampling.samples * sampling.decimation
+    wanted = (blocks - 1) * advance + sampling.points
+    missing = wanted - intensities.shape[-1]
+    if missing > 0:
+        intensities = np.pad(intensities, [(0, 0)] * (intensities.ndim - 1) + [(0, missing)])
+    windows = np.lib.stride_tricks.sliding_window_view(intensities, sampling.points, axis=-1)[..., ::advance, :]
+    windows = windows[..., :blocks, :]
+    out = np.matmul(windows.reshape(-1, sampling.points), sampling.matrix)
+    out = out.reshape(*windows.shape[:-1], 2, sampling.samples)
+    shape = (*windows.shape[:-2], blocks * sampling.samples)
+    return (out[..., 0, :].reshape(shape)[..., :samples], out[..., 1, :].reshape(shape)[..., :samples])
+
+
+@dataclass(frozen=True)
+class NoiseLaw:
+    """Variance of the receiver's noise at signal volts v: floor + linear v + quadratic v^2 (V^2, V, 1).
+
+    `offset_v`: mean volts of the amplified spontaneous emission, present without any signal.
+    """
+
+    floor: float
+    linear: float
+    quadratic: float
+    offset_v: float
+
+
+def noise_law(
+    *,
+    ase_density: float,
+    ase_bandwidth_hz: float,
+    bandwidth_hz: float,
+    gain_v_per_w: float,
+    responsivity: float,
+    nep: float,
+    rin_per_hz: float,
+) -> NoiseLaw:
+    """Noise of a direct-detection receiver behind an optical amplifier, as input power variance times gain^2.
+
+    thermal NEP^2 B; shot 2 q P B / R; signal-ASE beat 4 P S B; ASE-ASE beat 2 S^2 (B_o - B/2) B; RIN P^2 B; mean ASE
+    power S B_o (one polarisation: waveguides and collected mode are polarised).
+
+    Args:
+        ase_density: S at the detector (W/Hz).
+        ase_bandwidth_hz: optical bandwidth B_o.
+        bandwidth_hz: electrical noise bandwidth B.
+        gain_v_per_w: conversion gain.
+        responsivity: A/W.
+        nep: noise-equivalent power (W/rtHz).
+        rin_per_hz: relative intensity noise (1/Hz).
+    """
+    ase_power = ase_density * ase_bandwidth_hz
+    shot = 2 * ELEMENTARY_CHARGE / responsivity * bandwidth_hz
+    beat = 2 * ase_density**2 * (ase_bandwidth_hz - bandwidth_hz / 2) * bandwidth_hz
+    return NoiseLaw(
+        floor=gain_v_per_w**2 * (nep**2 * bandwidth_hz + beat + shot * ase_power),
+        linear=gain_v_per_w * (shot + 4 * ase_density * bandwidth_hz),
+        quadratic=rin_per_hz * bandwidth_hz,
+        offset_v=gain_v_per_w * ase_power,
+    )
+
+
+def digitiser_noise_codes(enob: float) -> float:
+    """Rms noise in front of the 8-bit quantiser (codes) that makes its total error the one of `enob` effective bits.
+
+    Total: FS / 2^ENOB / sqrt(12), FS = 10.24 div = 256 codes; the quantiser's own 1/12 code^2 is part of it.
+    """
+    return math.sqrt(max(0.0, (CODES_PER_DIVISION * DIVISIONS / 2**enob) ** 2 - 1.0) / 12.0)
+
+
+def digitise(
+    volts: NDArray[np.float32],
+    *,
+    scale_v_per_div: float,
+    offset_v: float,
+    position_div: float,
+    enob: float,
+    generator: np.random.Generator,
+) -> NDArray[np.int8]:
+    """What an 8-bit digitiser makes of `volts`, any shape.
+
+    code = round((v - offset) / (scale / 25) + 25 position + noise), clipped to -128..127; noise of `enob` effective
+    bits from `generator`.
+    """
+    exact = (volts - np.float32(offset_v)) * np.float32(CODES_PER_DIVISION / scale_v_per_div)
+    exact += np.float32(CODES_PER_DIVISION * position_div)
+    exact += np.float32(digitiser_noise_codes(enob)) * generator.standard_normal(volts.shape, dtype=np.float32)
+    np.rint(exact, out=exact)
+    return np.clip(exact, LOWEST_CODE, HIGHEST_CODE, out=exact).astype(np.int8)
+
+
+def averaged_codes(codes: NDArray[np.int8]) -> NDArray[np.int16]:
+    """Mean of quantised records along the first axis, kept to 16 bits: round(256 mean); one record gives 256 code."""
+    mean: NDArray[np.float64] = codes.mean(axis=0, dtype=np.float64)
+    return np.rint(mean * 256.0).astype(np.int16)

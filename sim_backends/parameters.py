@@ -1,0 +1,313 @@
+"""Every number of the simulated bench in one frozen model: default, unit, and the physical reason for it.
+
+Nothing here depends on an experiment or on data: the same values serve every protocol. Quantities that follow from
+others (mode counts, delay spread, speckle grain, power transmissions) are properties, so that they cannot be paired
+at will.
+"""
+
+import math
+from typing import Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from sim_backends.optics import cavity, fibre, mirrors
+
+PLANCK = 6.62607015e-34
+SPEED_OF_LIGHT = 299_792_458.0
+
+
+def quantity(default: object, unit: str, reason: str, **limits: float) -> Any:
+    """A model field with its unit ("1" for pure numbers, "-" for words) and its physical reason."""
+    return Field(default=default, description=reason, json_schema_extra={"unit": unit}, **limits)  # type: ignore[call-overload]
+
+
+def power_ratio(db: float) -> float:
+    """Power ratio of `db` decibel."""
+    return float(10.0 ** (db / 10.0))
+
+
+class Parameters(BaseModel):
+    """The physics of the simulated bench.
+
+    Power budget at the defaults, laser 14.8 dBm (30 mW): modulator -3.5, booster +12, multimode fibre -1, mirrors -4,
+    part of the core that lights the 28x28 square -8.1, one of the square's about 108 spatial modes -20.3 dB gives
+    -10 dBm with every mirror on and about -19 dBm (13 uW, 4000 photons per 40 ps) for a handwritten digit. The 26 dB
+    preamplifier brings that to about 5 mW, spot-size converter, cavity (1/25 a port) and facet take 20 dB, and a
+    detector sees about 50 uW or 30 mV. Without amplifiers it would be 8 nW, 300 times below the detector's own noise
+    of 2.7 uW: the set-up has some, whether named or not.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    # drive and modulator
+    awg_bandwidth_hz: float = quantity(
+        14e9, "Hz", "Output stage of the generator, one pole: direct path, -3 dB at 13 to 15 GHz.", gt=0
+    )
+    rf_gain: float = quantity(
+        17.8, "1", "RF driver, 25 dB: the generator gives 0.5 Vpp, uniform phases over 2 pi need 2 V_pi = 8 Vpp.", gt=0
+    )
+    rf_saturation_v: float = quantity(
+        8.0, "V", "Peak output at which the RF driver saturates (tanh): 0.5 Vpp come out as 8.1 Vpp, 2.02 V_pi.", gt=0
+    )
+    v_pi_v: float = quantity(4.0, "V", "Half-wave voltage of the LiNbO3 phase modulator, 3.5 to 5 V at 1 GHz.", gt=0)
+    modulator_bandwidth_hz: float = quantity(16e9, "Hz", "Electro-optic bandwidth, one pole: vendor class.", gt=0)
+    modulator_loss_db: float = quantity(3.5, "dB", "Insertion loss of the modulator with its isolator.", ge=0)
+    drive_step_s: float = quantity(
+        5e-12, "s", "Largest step of the grid the light's envelope is computed on: 200 GHz against 16 GHz.", gt=0
+    )
+    light_path: Literal["projector", "direct"] = quantity(
+        "projector",
+        "-",
+        "projector: modulator, fibre, mirrors, collection, amplifier, chip. direct: modulator straight into the chip, "
+        "as for time series; no fibre, mirrors, collection or amplifier.",
+    )
+    path_delay_s: float = quantity(
+        98e-9,
+        "s",
+        "Marker edge to the light it belongs to: 96.3 ns of multimode fibre, the rest leads and cables.",
+        ge=0,
+    )
+
+    # multimode fibre and the image of its end on the mirrors
+    design_wavelength_nm: float = quantity(1550.0, "nm", "Where mode count and speckle grain are evaluated.", gt=0)
+    core_diameter_m: float = quantity(200e-6, "m", "Step-index multimode fibre.", gt=0)
+    fibre_na: float = quantity(0.39, "1", "Numerical aperture of the fibre.", gt=0, lt=1)
+    launch_na: float = quantity(
+        0.13,
+        "1",
+        "Aperture the single-mode lead fills: modes, delay spread and speckle grain all follow from it. Weak mixing "
+        "over 20 m keeps it well below the fibre's 0.39; the delay spread of 0.39 ns agrees with a decorrelation "
+        "within 0.02 nm.",
+        gt=0,
+        lt=1,
+    )
+    launch_profile: Literal["filled", "gaussian"] = quantity(
+        "gaussian",
+        "-",
+        "How the launch fills its aperture: as the Gaussian far field of a single-mode lead, launch_na at 1/e^2, as in "
+        "the paper, or evenly up to launch_na. The soft edge adds fine speckle and late modes: 1 to 2 points of "
+        "accuracy.",
+    )
+    fibre_length_m: float = quantity(20.0, "m", "Length of the multimode fibre.", gt=0)
+    fibre_index: float = quantity(1.444, "1", "Silica at 1550 nm.", gt=1)
+    fibre_loss_db: float = quantity(1.0, "dB", "Launch and end facets of the multimode fibre.", ge=0)
+    simulated_modes_limit: int = quantity(
+        800, "1", "Modes drawn at most: results are converged from about 50, rank is set by spread and bandwidth.", ge=1
+    )
+    image_side: float = quantity(
+        0.35,
+        "1",
+        "Side of the 28x28 square as a part of the imaged core diameter: 70 um of the core, inside its flat middle. "
+        "With the launch aperture it sets the speckle grain, 2.4 superpixels.",
+        gt=0,
+        le=0.7,
+    )
+    basis_cut: float = quantity(
+        1e-3,
+        "1",
+        "Part of the speckle's power left out of its Karhunen-Loeve basis: the finest thousandth, far below noise.",
+        gt=0,
+        lt=0.1,
+    )
+
+    # mirrors and collection
+    mirror_loss_db: float = quantity(4.0, "dB", "Diffraction efficiency 50 % at 1550 nm, fill factor, window.", ge=0)
+    mirror_leaves_s: float = quantity(0.5e-6, "s", "Mirrors start to move this long after the reset pulse.", ge=0)
+    mirror_arrives_s: float = quantity(1.5e-6, "s", "All mirrors have landed: crossover takes about 1 us.", gt=0)
+    collection_core_m: float = quantity(50e-6, "m", "Collecting multimode fibre.", gt=0)
+    collection_na: float = quantity(
+        0.22, "1", "Aperture of the collecting fibre: 124 modes a polarisation.", gt=0, lt=1
+    )
+    collected_modes: int = quantity(
+        1,
+        "1",
+        "Spatial modes that reach the amplifier, added as powers: one, because amplifier and chip are single-mode. "
+        "2, 5, 20 change the accuracy by about +1 point at most.",
+        ge=1,
+        le=124,
+    )
+
+    # optical amplifiers: booster behind the modulator, preamplifier between collection and chip
+    booster_gain_db: float = quantity(
+        12.0,
+        "dB",
+        "Gain behind the modulator, where light is strong and amplifier noise does not matter: every dB here in place "
+        "of one of the preamplifier's lets a dB more photons survive to it. 12 dB on 11 dBm is a common 23 dBm "
+        "booster; without it a sample has some 100 photons before the chip and 1 point less accuracy. Its own ASE is "
+        "left out.",
+        ge=0,
+    )
+    amplifier_gain_db: float = quantity(
+        26.0,
+        "dB",
+        "Brings the detectors from 130 nW each to some 50 uW against 2.7 uW of their own noise.",
+        ge=0,
+    )
+    amplifier_noise_figure_db: float = quantity(
+        4.5, "dB", "Erbium preamplifier, quantum limit 3 dB; photons in front of it, not at the detector, count.", ge=3
+    )
+    amplifier_filter_hz: float = quantity(
+        100e9, "Hz", "Optical filter behind the amplifier, 0.8 nm: passes the modulation, keeps most ASE out.", gt=0
+    )
+
+    # chip
+    stadium_radius_m: float = quantity(25e-6, "m", "Radius of the stadium's half circles.", gt=0)
+    stadium_straight_m: float = quantity(100e-6, "m", "Straight part of the stadium: area 6963 um^2.", gt=0)
+    chip_index: float = quantity(2.85, "1", "Effective index of the 220 nm silicon slab, TE0.", gt=1)
+    chip_group_index: float = quantity(3.9, "1", "Group index of the same slab: sets the mode density.", gt=1)
+    chip_ports: int = quantity(14, "1", "Single-mode waveguides at the cavity.", ge=2)
+    chip_input_port: int = quantity(10, "1", "Waveguide the light enters by.", ge=1)
+    chip_coupling: float = quantity(
+        0.9, "1", "Transmission between a waveguide and the cavity: escape lifetime 83 ps through 14 ports.", gt=0, le=1
+    )
+    chip_loss_lifetime_s: float = quantity(
+        200e-12,
+        "s",
+        "Photon lifetime by wall scattering and absorption alone. Images hardly notice (89 to 93 % for 3 to 430 ps), "
+        "time series do.",
+        gt=0,
+    )
+    chip_modes: int = quantity(320, "1", "Resonances computed: +-200 GHz at one per GHz, the drive fills +-40.", ge=50)
+    spot_size_converter_loss_db: float = quantity(3.0, "dB", "Fibre to waveguide.", ge=0)
+    facet_loss_db: float = quantity(3.0, "dB", "Waveguide to fibre at an output port.", ge=0)
+    bypass_attenuation_db: float = quantity(
+        20.0,
+        "dB",
+        "Fixed attenuator in the lead that goes past the chip: the same level as behind the chip; 5 mW would "
+        "overdrive the detector.",
+        ge=0,
+    )
+
+    # detectors and oscilloscope
+    detector_bandwidth_hz: float = quantity(12e9, "Hz", "Photodetector with amplifier, one pole.", gt=0)
+    detector_gain_v_per_w: float = quantity(600.0, "V/W", "Conversion gain into 50 ohm.", gt=0)
+    detector_responsivity_a_per_w: float = quantity(0.9, "A/W", "InGaAs at 1550 nm.", gt=0)
+    detector_nep_w_per_rthz: float = quantity(
+        24e-12, "W/rtHz", "Noise-equivalent power: 2.7 uW in 12.6 GHz, 1.6 mV.", ge=0
+    )
+    detector_limit_v: float = quantity(1.0, "V", "Output the detector's amplifier cannot exceed.", gt=0)
+    detector_coupling: Literal["dc", "ac"] = quantity(
+        "dc", "-", "ac takes the mean over the drive's period away, and with it the brightness of an image."
+    )
+    laser_rin_db_per_hz: float = quantity(-150.0, "dB/Hz", "Relative intensity noise: 0.4 % rms, negligible.")
+    scope_bandwidth_hz: float = quantity(25e9, "Hz", "Oscilloscope, Gaussian response.", gt=0)
+    record_step_s: float = quantity(
+        10e-12, "s", "Largest step of the grid intensities are computed on: 100 GHz against 12 GHz.", gt=0
+    )
+    enob: float = quantity(
+        5.5,
+        "bit",
+        "Effective bits of the 8-bit digitiser at full bandwidth. 7, 5.5, 4.5: 92.6, 91.6, 89.4 %.",
+        gt=0,
+        le=8,
+    )
+    trigger_jitter_s: float = quantity(1.2e-12, "s", "Trigger jitter, rms, of this class of oscilloscope.", ge=0)
+    shared_reference: bool = quantity(
+        default=True,
+        unit="-",
+        reason="Generator and oscilloscope run from one 10 MHz: the sampling grid does not slip against the drive.",
+    )
+
+    # slow changes
+    laser_wander_hz: float = quantity(
+        0.0, "Hz", "Rms laser detuning between steps. Above 300 MHz accuracy falls (0.39 ns of delay spread).", ge=0
+    )
+    chip_wander_hz: float = quantity(
+        0.0, "Hz", "Rms detuning of the chip's resonances (about 10 GHz/K). Above 0.5 GHz accuracy falls.", ge=0
+    )
+    wander_step_s: float = quantity(0.1, "s", "Virtual time for which a detuning stays: thermal times.", gt=0)
+    laser_tuning_s: float = quantity(1.0, "s", "Time for which a tuning laser stays dark.", ge=0)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.launch_na > self.fibre_na:
+            raise ValueError(f"launch_na {self.launch_na} exceeds fibre_na {self.fibre_na}: the fibre cannot guide it")
+        if self.mirror_arrives_s <= self.mirror_leaves_s:
+            raise ValueError("mirror_arrives_s must be later than mirror_leaves_s: mirrors need time to move")
+        if self.chip_input_port > self.chip_ports:
+            raise ValueError(f"chip_input_port {self.chip_input_port} is not among the {self.chip_ports} ports")
+        return self
+
+    @property
+    def fibre_v_number(self) -> float:
+        """V number of the fibre at its full aperture, 158 at the defaults."""
+        return fibre.v_number(self.core_diameter_m / 2, self.fibre_na, self.design_wavelength_nm * 1e-9)
+
+    @property
+    def launched_modes(self) -> int:
+        """Modes within the launch aperture, one polarisation: V^2/4, 694 at the defaults."""
+        return fibre.mode_count(self.core_diameter_m / 2, self.launch_na, self.design_wavelength_nm * 1e-9)
+
+    @property
+    def collection_modes(self) -> int:
+        """Modes of the collecting fibre, one polarisation: 124 at the defaults."""
+        return fibre.mode_count(self.collection_core_m / 2, self.collection_na, self.design_wavelength_nm * 1e-9)
+
+    @property
+    def delay_spread_s(self) -> float:
+        """Modal delay spread of the launched aperture (s), 0.39 ns at the defaults."""
+        return fibre.delay_spread(self.fibre_length_m, self.launch_na, self.fibre_index)
+
+    @property
+    def grain_superpixels(self) -> float:
+        """Speckle grain on the mirrors, intensity FWHM in superpixels, 2.5 at the defaults."""
+        superpixel_m = self.image_side * self.core_diameter_m / mirrors.SIDE
+        wavelength = self.design_wavelength_nm * 1e-9
+        return fibre.speckle_grain(self.launch_na, wavelength, self.launch_profile) / superpixel_m
+
+    @property
+    def square_modes(self) -> float:
+        """Spatial modes of the light on the 28x28 square: area times solid angle over wavelength squared, 108."""
+        return self._square_etendue * math.pi / (self.design_wavelength_nm * 1e-9) ** 2
+
+    @property
+    def _square_etendue(self) -> float:
+        return (self.image_side * self.core_diameter_m * self.launch_na) ** 2
+
+    @property
+    def square_transmission(self) -> float:
+        """Power on the square that the collecting fibre accepts, over the power at the fibre's end.
+
+        The square's part of the core's area, 4 s^2 / pi (-8.1 dB), times min(1, ratio of etendues): 50 um x 0.22 just
+        takes all of a 70 um square of aperture 0.13. (The whole core would overfill it by 7.5 dB.)
+        """
+        accepted = math.pi / 4 * (self.collection_core_m * self.collection_na) ** 2
+        return 4 * self.image_side**2 / math.pi * min(1.0, accepted / self._square_etendue)
+
+    @property
+    def projector_transmission(self) -> float:
+        """Power transmission laser to collecting fibre, all modes together, every mirror on (a booster included)."""
+        losses = self.modulator_loss_db + self.fibre_loss_db + self.mirror_loss_db
+        return power_ratio(self.booster_gain_db - losses) * self.square_transmission
+
+    @property
+    def amplifier_gain(self) -> float:
+        """Power gain of the preamplifier; 1 without it."""
+        return power_ratio(self.amplifier_gain_db)
+
+    @property
+    def ase_density(self) -> float:
+        """ASE behind the amplifier, one polarisation (W/Hz): S = n_sp h nu (G - 1), n_sp = F / 2.
+
+        Saleh & Teich, ch. 15 (amplifier noise), with the noise figure's large-gain limit F = 2 n_sp.
+        """
+        photon = PLANCK * SPEED_OF_LIGHT / (self.design_wavelength_nm * 1e-9)
+        return power_ratio(self.amplifier_noise_figure_db) / 2 * photon * (self.amplifier_gain - 1)
+
+    @property
+    def mode_density_per_hz(self) -> float:
+        """Weyl density of the stadium's resonances (1/Hz), 1.05 per GHz at the defaults."""
+        return cavity.weyl_density(
+            radius=self.stadium_radius_m,
+            straight=self.stadium_straight_m,
+            index=self.chip_index,
+            group_index=self.chip_group_index,
+            wavelength=self.design_wavelength_nm * 1e-9,
+        )
+
+    @property
+    def light_delay_s(self) -> float:
+        """Marker edge to light (s): without the multimode fibre's transit when the light goes straight to the chip."""
+        if self.light_path == "projector":
+            return self.path_delay_s
+        return self.path_delay_s - self.fibre_length_m * self.fibre_index / SPEED_OF_LIGHT

@@ -1,0 +1,1 @@
+"""IEEE 488.2 messages and the command tables of the virtual instruments."""

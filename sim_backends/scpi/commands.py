@@ -1,0 +1,269 @@
+"""Tables of SCPI commands: one line a command, and the search of a header in the table.
+
+A header is written as in the manuals: capitals are the short form, `[:NODE]` may be left out, `#` stands for a numeric
+suffix: `SOURce#:VOLTage[:LEVel][:IMMediate][:AMPLitude]`. A table is searched once for each spelling a client uses;
+after that it is one dictionary look-up. Rules: SCPI-99, volume 1, chapter 6.
+"""
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import product
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sim_backends.scpi.arguments import Kind, Several, nr3, short_form
+from sim_backends.scpi.messages import Argument
+from sim_backends.scpi.status import ScpiError
+
+Chunk = bytes | memoryview
+Reply = str | bool | int | float | bytes | memoryview | list[Chunk] | None
+
+_CACHED_SPELLINGS = 4096
+_OPTIONAL_NODE = re.compile(r"\[:\w+#?\]")
+_SENT_NODE = re.compile(r"([A-Z_*]+)(\d{0,9})")
+
+
+def definite_block(data: memoryview) -> list[Chunk]:
+    """A definite-length block, `#<digits><bytes>` and the bytes themselves, not copied; ten digits are written `#A`."""
+    length = str(data.nbytes)
+    return [f"#{len(length):X}{length}".encode(), data]
+
+
+def chunks(reply: Reply) -> list[Chunk]:
+    """A reply as the pieces to be sent."""
+    if isinstance(reply, list):
+        return reply
+    if isinstance(reply, (bytes, memoryview)):
+        return [reply]
+    if isinstance(reply, (bool, np.bool_)):
+        return [b"1" if reply else b"0"]
+    return [(nr3(reply) if isinstance(reply, float) else str(reply)).encode("latin-1", "replace")]
+
+
+class Command(ABC):
+    """One line of a table.
+
+    Attributes:
+        header: As declared, without `?`.
+        waits: Whether the instrument first finishes every overlapping operation.
+        labelled: Whether the reply brings its own headers, if the instrument sends headers.
+    """
+
+    answers = True
+    acts = True
+
+    def __init__(self, header: str, *, waits: bool = False, labelled: bool = False) -> None:
+        self.header = header.removesuffix("?")
+        self.waits = waits
+        self.labelled = labelled
+
+    @abstractmethod
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> Reply:
+        """Carry out the command form; only an Action of a line-oriented instrument replies."""
+
+    @abstractmethod
+    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> Reply:
+        """Carry out the query form."""
+
+
+class Setting(Command):
+    """A command that sets an attribute of the instrument and a query that reads it; `...?` makes it read-only.
+
+    The attribute is a path: `sources#.markers#.high_v` takes the header's suffixes as indices. A property may refuse a
+    value by raising ScpiError.
+    """
+
+    def __init__(self, header: str, attribute: str, kind: Kind) -> None:
+        super().__init__(header)
+        self.acts = not header.endswith("?")
+        *self._owners, self.attribute = attribute.split(".")
+        self.kind = kind
+        self._kinds = (kind,)
+
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> None:
+        """Set the attribute."""
+        (value,) = bind(self._kinds, arguments)
+        setattr(self._owner(instrument, suffixes), self.attribute, value)
+
+    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> str:
+        """The attribute, formatted."""
+        bind((), arguments)
+        value = getattr(self._owner(instrument, suffixes), self.attribute)
+        return self.kind.format(value, verbose=instrument.verbose)
+
+    def _owner(self, instrument: Any, suffixes: Sequence[int]) -> Any:
+        owner, index = instrument, iter(suffixes)
+        for name in self._owners:
+            owner = getattr(owner, name[:-1])[next(index)] if name[-1] == "#" else getattr(owner, name)
+        return owner
+
+
+class _Call(Command):
+    """A command carried out by a method of the instrument or of one of its parts (`waveforms.new`)."""
+
+    def __init__(self, header: str, method: str, *kinds: Kind, waits: bool = False, labelled: bool = False) -> None:
+        super().__init__(header, waits=waits, labelled=labelled)
+        self._method = attrgetter(method)
+        self._kinds = kinds
+
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> Reply:
+        """Call the method with the header's suffixes and the arguments; one that was left out is None."""
+        reply: Reply = self._method(instrument)(*suffixes, *bind(self._kinds, arguments))
+        return reply
+
+    answer = execute
+
+
+class Query(_Call):
+    """A query answered by a method."""
+
+    acts = False
+
+
+class Action(_Call):
+    """A command carried out by a method."""
+
+    answers = False
+
+
+def bind(kinds: Sequence[Kind], arguments: Sequence[Argument]) -> list[Any]:
+    """The values of `arguments`, one for each kind; None for an optional one that was left out.
+
+    Optional arguments are filled from the left while enough remain for the required ones.
+    Raises ScpiError: -109 too few, -108 too many, and what the kinds refuse.
+    """
+    spare = len(arguments) - sum(kind.required for kind in kinds)
+    if spare < 0:
+        raise ScpiError(-109)
+    if len(arguments) > len(kinds) and not any(isinstance(kind, Several) for kind in kinds):
+        raise ScpiError(-108)
+    values: list[Any] = []
+    position = 0
+    for kind in kinds:
+        if isinstance(kind, Several):
+            taken = arguments[position : position + spare + kind.required]
+            values.append(tuple(kind.of.parse(argument) for argument in taken))
+            position, spare = position + len(taken), 0
+        elif kind.required or spare > 0:
+            values.append(kind.parse(arguments[position]))
+            position += 1
+            spare -= not kind.required
+        else:
+            values.append(None)
+    return values
+
+
+class Found(NamedTuple):
+    """What a header means: the command, its suffixes, and the path that a following bare header continues."""
+
+    command: Command
+    suffixes: tuple[int, ...]
+    path: str
+
+
+class _Entry(NamedTuple):
+    command: Command
+    suffixed: tuple[bool, ...]
+    limits: tuple[int, ...]
+
+
+class CommandTable:
+    """The commands of one model, searched by header.
+
+    Args:
+        commands: The table.
+        suffixes: For each node that is declared with `#`, its highest suffix (the lowest is 1).
+        default_suffix: What a missing suffix means; None: it may not be missing.
+    """
+
+    def __init__(
+        self, commands: Iterable[Command], suffixes: Mapping[str, int] | None = None, default_suffix: int | None = 1
+    ) -> None:
+        self._default_suffix = default_suffix
+        self._entries: dict[tuple[str, bool], list[_Entry]] = {}
+        self._found: dict[tuple[str, str, bool], Found] = {}
+        for command in commands:
+            for key, suffixed, nodes in _spellings(command.header):
+                limits = tuple((suffixes or {}).get(node, 0) for node in nodes)
+                entry = _Entry(command, suffixed, limits)
+                for query, meant in ((True, command.answers), (False, command.acts)):
+                    if meant:
+                        self._entries.setdefault((key, query), []).append(entry)
+
+    def find(self, path: str, header: str, *, query: bool) -> Found:
+        """The command that `header` means behind `path`; raises ScpiError -113 (undefined) or -114 (bad suffix)."""
+        key = (path, header, query)
+        found = self._found.get(key)
+        if found is None:
+            found = self._search(path, header, query=query)
+            if len(self._found) >= _CACHED_SPELLINGS:
+                self._found.clear()
+            self._found[key] = found
+        return found
+
+    def _search(self, path: str, header: str, *, query: bool) -> Found:
+        if header.startswith("*"):
+            whole, path_after = header, path
+        else:
+            whole = header[1:] if header.startswith(":") else path + header
+            path_after = whole[: whole.rfind(":") + 1]
+        nodes = [_SENT_NODE.fullmatch(node) for node in whole.upper().split(":")]
+        parts = [(node[1], node[2]) for node in nodes if node]
+        if len(parts) == len(nodes):
+            for entry in self._entries.get((":".join(name for name, _ in parts), query), ()):
+                suffixes = self._suffixes(entry, [digits for _, digits in parts], whole)
+                if suffixes is not None:
+                    return Found(entry.command, suffixes, path_after)
+        raise ScpiError(-113, _printable(header))
+
+    def _suffixes(self, entry: _Entry, sent: list[str], header: str) -> tuple[int, ...] | None:
+        """The suffixes for `entry`; None: this entry is not meant."""
+        suffixes = []
+        for digits, suffixed, limit in zip(sent, entry.suffixed, entry.limits, strict=True):
+            if not suffixed:
+                if digits:
+                    return None
+                continue
+            suffix = int(digits) if digits else self._default_suffix
+            if suffix is None:
+                return None
+            if not 1 <= suffix <= limit:
+                raise ScpiError(-114, _printable(header))
+            suffixes.append(suffix)
+        return tuple(suffixes)
+
+
+def reply_header(command: Command, suffixes: Sequence[int], *, verbose: bool) -> str:
+    """The header in front of a reply, `:CH1:SCALE` or `:CH1:SCA`; empty for common commands."""
+    if command.header.startswith("*"):
+        return ""
+    index = iter(suffixes)
+    words = []
+    for node in _OPTIONAL_NODE.sub("", command.header).split(":"):
+        name = node.removesuffix("#")
+        word = name.upper() if verbose else short_form(name)
+        words.append(f"{word}{next(index)}" if node.endswith("#") else word)
+    return ":" + ":".join(words)
+
+
+def _printable(text: str) -> str:
+    return "".join(character for character in text if character.isprintable())[:60]
+
+
+def _spellings(header: str) -> Iterator[tuple[str, tuple[bool, ...], tuple[str, ...]]]:
+    """Every way to write a header: its key without suffixes, which nodes take a suffix, and their declared names."""
+    spaced = header.replace("[:", ":[").strip(":")
+    options = []
+    for node in spaced.split(":"):
+        bare = node.strip("[]")
+        name = bare.removesuffix("#")
+        forms: list[tuple[str, bool, str] | None] = [
+            (form, bare != name, name) for form in dict.fromkeys((name.upper(), short_form(name)))
+        ]
+        options.append([*forms, None] if node.startswith("[") else forms)
+    for choice in product(*options):
+        nodes = [node for node in choice if node is not None]
+        yield ":".join(form for form, _, _ in nodes), tuple(node[1] for node in nodes), tuple(node[2] for node in nodes)

@@ -1,0 +1,1 @@
+"""The virtual instruments' network side: one loop, raw sockets and HiSLIP."""

@@ -1,0 +1,83 @@
+"""What the loop knows of a client and of an instrument."""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Generator
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from sim_backends.scpi.messages import Message, MessageReader
+from sim_backends.servers.channel import Chunk
+
+if TYPE_CHECKING:
+    from sim_backends.servers.loop import Loop
+
+MOST_WAITING = 256  # messages of one client; more are left on its side of the wire
+
+Execution = Generator[None, None, list[Chunk]]
+
+
+class Instrument(Protocol):
+    """What the loop asks of a virtual instrument."""
+
+    def run(self, message: Message) -> Execution:
+        """Execute `message`: yields while it is blocked, returns the reply without its terminator, [] for none."""
+
+    def clear(self) -> None:
+        """Drop pending output and blocked execution (device clear)."""
+
+    def status_byte(self) -> int:
+        """The status byte of IEEE 488.2, as a serial poll reads it."""
+
+
+class Request(NamedTuple):
+    """A message that waits to be executed."""
+
+    arrival: int
+    message: Message
+    queries: bool
+    tag: int  # what the transport wants to know again when the reply is sent
+
+
+class Client(ABC):
+    """One client of one instrument: the messages it has sent and the one that is blocked, if any."""
+
+    def __init__(self, loop: "Loop", instrument: Instrument) -> None:
+        self.loop = loop
+        self.instrument = instrument
+        self.reader = MessageReader()
+        self.waiting: deque[Request] = deque()
+        self.blocked: tuple[Execution, int] | None = None
+        self.number = loop.join(self)
+
+    def deliver(self, messages: list[Message], tag: int = 0) -> None:
+        """Queue `messages` for execution."""
+        for message in messages:
+            self.waiting.append(Request(self.loop.count_arrival(), message, message.queries, tag))
+
+    def abandon(self) -> None:
+        """Forget what is waiting and what is blocked."""
+        self.waiting.clear()
+        if self.blocked:
+            self.blocked[0].close()
+            self.blocked = None
+
+    def held_off(self) -> bool:
+        """Whether this client must wait although it has sent something (another one holds the lock)."""
+        return False
+
+    @property
+    @abstractmethod
+    def sending(self) -> bool:
+        """Whether a reply is still on its way."""
+
+    @abstractmethod
+    def reply(self, chunks: list[Chunk], tag: int) -> None:
+        """Send the reply to the request that came with `tag`."""
+
+    @abstractmethod
+    def resume(self) -> None:
+        """Called after a message was executed: read on, if reading was suspended because too much was waiting."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the connection."""

@@ -1,0 +1,208 @@
+"""The one thread in which every client of the simulated bench is heard and every virtual instrument runs.
+
+What an instrument does depends on the order in which messages reach it, and messages of several clients reach the
+sockets in an order that nobody controls. The loop makes the order as firm as it can: it hears everybody before anything
+is executed, executes settings before queries, and answers queries one by one, in the order in which clients connected.
+"""
+
+import logging
+import selectors
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+
+from sim_backends.servers.clients import Client
+
+logger = logging.getLogger(__name__)
+
+
+class Loop:
+    """Listens, hears, executes, replies; in one thread between `start` and `stop`."""
+
+    def __init__(self) -> None:
+        self.selector = selectors.DefaultSelector()
+        self._clients: list[Client] = []
+        self._leaving: list[Client] = []
+        self._later: list[Callable[[], None]] = []
+        self._numbers = self._arrivals = 0
+        self._stopping = False
+        self._failure: BaseException | None = None
+        self._alarm, self._bell = socket.socketpair()
+        self.selector.register(self._alarm, selectors.EVENT_READ, self._woken)
+        self._thread = threading.Thread(target=self._run, name="simulated bench", daemon=True)
+
+    def listen(self, host: str, port: int, accept: Callable[[socket.socket], object]) -> int:
+        """Call `accept` with every connection to `port` (0: any free one) of `host`; before `start`. Returns the port.
+
+        Raises:
+            OSError: The port is taken or the address is not one of this machine.
+        """
+        try:
+            listener = socket.create_server((host, port))
+        except OSError as error:
+            reason = f"cannot listen on {host}:{port} ({error.strerror}): choose another port or address"
+            raise OSError(error.errno, reason) from error
+        listener.settimeout(0)
+        self.selector.register(listener, selectors.EVENT_READ, lambda _events: self._accept(listener, accept))
+        return int(listener.getsockname()[1])
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread is at work."""
+        return self._thread.is_alive()
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End serving and close every connection; may be called again.
+
+        Raises:
+            BaseException: Whatever a virtual instrument raised: that ended the loop.
+        """
+        if self._thread.is_alive():
+            self._stopping = True
+            with suppress(OSError):  # the loop has just failed and closed its end
+                self._bell.send(b".")
+            self._thread.join()
+        self._close()
+        self._bell.close()
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+
+    def join(self, client: Client) -> int:
+        """Take in a client; returns its number, which is its rank among clients that ask at the same time."""
+        self._clients.append(client)
+        self._numbers += 1
+        return self._numbers
+
+    def leave(self, client: Client) -> None:
+        """The client sends nothing any more: execute what it has sent, then close it."""
+        if client.blocked:
+            client.abandon()
+        self._leaving.append(client)
+
+    def count_arrival(self) -> int:
+        """The rank of a message among all messages."""
+        self._arrivals += 1
+        return self._arrivals
+
+    def when_idle(self, call: Callable[[], None]) -> None:
+        """Call once, as soon as everything that can be executed is executed."""
+        self._later.append(call)
+
+    def _run(self) -> None:
+        try:
+            self._serve()
+        except BaseException as failure:  # an error of a virtual instrument: for `stop` to raise
+            logger.exception("the simulated bench failed and closes its connections")
+            self._failure = failure
+        finally:
+            self._close()
+
+    def _serve(self) -> None:
+        while not self._stopping:  # a ring of the bell may have been heard between two queries
+            self._hear(None)
+            self._hear_everybody()
+            self._retry_blocked()  # a device clear may have set them free
+            self._execute_everything()
+            while self._later:
+                later, self._later = self._later, []
+                for call in later:
+                    call()
+                self._execute_everything()
+            self._close_leaving()
+
+    def _hear(self, timeout: float | None) -> bool:
+        """Read what is there (None: wait for it) and send on where there is room; returns whether anything happened."""
+        events = self.selector.select(timeout)
+        for key, mask in events:
+            key.data(mask)
+        return bool(events)
+
+    def _hear_everybody(self) -> None:
+        while self._hear(0):
+            pass
+
+    def _execute_everything(self) -> None:
+        heard = True
+        while (client := self._next()) is not None:
+            if client.waiting[0].queries and not heard:
+                self._hear_everybody()  # settings that came in the meantime go first
+                heard = True
+                continue
+            self._execute(client)
+            heard = False
+
+    def _next(self) -> Client | None:
+        """Whose turn it is: settings in the order of arrival, then queries in the order of the clients."""
+        chosen: Client | None = None
+        rank = (True, 0)
+        for client in self._clients:
+            if not client.waiting or client.blocked or client.held_off():
+                continue
+            head = client.waiting[0]
+            if head.queries and client.sending:
+                continue  # who does not fetch a reply gets no other
+            candidate = (head.queries, client.number if head.queries else head.arrival)
+            if chosen is None or candidate < rank:
+                chosen, rank = client, candidate
+        return chosen
+
+    def _execute(self, client: Client) -> None:
+        request = client.waiting.popleft()
+        client.blocked = (client.instrument.run(request.message), request.tag)
+        self._advance(client)
+        client.resume()
+        self._retry_blocked()
+
+    def _retry_blocked(self) -> None:
+        while any(self._advance(client) for client in self._clients if client.blocked):
+            pass  # what one execution set free may set others free
+
+    def _advance(self, client: Client) -> bool:
+        """Execute on what a client is blocked in; returns whether that is now complete."""
+        if client.blocked is None:
+            return False
+        execution, tag = client.blocked
+        try:
+            next(execution)
+        except StopIteration as end:
+            client.blocked = None
+            if end.value:
+                client.reply(end.value, tag)
+            return True
+        return False
+
+    def _close_leaving(self) -> None:
+        for client in list(self._leaving):
+            if client.blocked:
+                client.abandon()
+            if not client.waiting and not client.sending:
+                self._leaving.remove(client)
+                self._clients.remove(client)
+                client.close()
+
+    def _accept(self, listener: socket.socket, accept: Callable[[socket.socket], object]) -> None:
+        try:
+            connection, _ = listener.accept()
+        except (BlockingIOError, ConnectionAbortedError):
+            return  # gone again
+        accept(connection)
+
+    def _woken(self, _events: int) -> None:
+        self._alarm.recv(16)
+
+    def _close(self) -> None:
+        for client in self._clients:
+            client.abandon()
+            client.close()
+        self._clients.clear()
+        self._leaving.clear()
+        for watched in list((self.selector.get_map() or {}).values()):
+            if isinstance(watched.fileobj, socket.socket):  # a listener, the alarm, a connection without a client yet
+                watched.fileobj.close()
+        self.selector.close()

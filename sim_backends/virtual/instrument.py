@@ -1,0 +1,185 @@
+"""What every virtual instrument is: a table of commands, IEEE 488.2 status, and the execution of messages."""
+
+from collections.abc import Generator, Mapping
+from typing import ClassVar
+
+from sim_backends.scpi.arguments import integer
+from sim_backends.scpi.commands import (
+    Action,
+    Chunk,
+    Command,
+    CommandTable,
+    Found,
+    Query,
+    Reply,
+    Setting,
+    chunks,
+    reply_header,
+)
+from sim_backends.scpi.messages import Malformed, Message, Unit
+from sim_backends.scpi.status import ScpiError, Status
+from sim_backends.world import World
+
+COMMON = (
+    Query("*IDN?", "identity"),
+    Query("*OPT?", "installed_options"),
+    Query("*TST?", "self_test"),
+    Query("*ESR?", "status.read_events"),
+    Setting("*ESE", "status.event_mask", integer(0, 255)),
+    Setting("*SRE", "status.service_mask", integer(0, 255)),
+    Query("*STB?", "read_status_byte"),
+    Query("*OPC?", "operations_complete", waits=True),
+    Action("*OPC", "note_completion"),
+    Action("*WAI", "carry_on", waits=True),
+    Action("*CLS", "clear_status"),
+    Action("*RST", "reset"),
+    Action("*TRG", "bus_trigger"),
+)
+
+ERROR_QUEUE = (
+    Query("SYSTem:ERRor[:NEXT]?", "status.next_text"),
+    Query("SYSTem:ERRor:COUNt?", "status.count"),
+    Query("SYSTem:ERRor:ALL?", "status.all_texts"),
+    Query("SYSTem:ERRor:CODE[:NEXT]?", "status.next_code"),
+    Query("SYSTem:ERRor:CODE:ALL?", "status.all_codes"),
+)
+
+
+class VirtualInstrument:
+    """One instrument as its clients see it.
+
+    A model adds `COMMANDS` and the attributes and methods they name. Nothing a client sends raises: what a command
+    refuses is queued as the model's error, leaves the state as it was, and the rest of the message goes on.
+    """
+
+    COMMANDS: ClassVar[tuple[Command, ...]] = ()
+    SUFFIXES: ClassVar[Mapping[str, int]] = {}
+    DEFAULT_SUFFIX: ClassVar[int | None] = 1
+    IDENTITY: ClassVar[str] = ""
+    OPTIONS: ClassVar[str] = "0"
+    _TABLE: ClassVar[CommandTable]
+
+    def __init_subclass__(cls) -> None:
+        """Index the model's table of commands."""
+        super().__init_subclass__()
+        cls._TABLE = CommandTable(COMMON + cls.COMMANDS, cls.SUFFIXES, cls.DEFAULT_SUFFIX)
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.status = Status()
+        self.headers = False  # replies begin with the header of their query
+        self.verbose = False  # replies use long words
+        self._completion_asked = False
+        self._replying = False
+
+    def run(self, message: Message) -> Generator[None, None, list[Chunk]]:
+        """Execute `message`; returns its reply as the chunks to send, [] for none.
+
+        Yields while a command must wait for an overlapping operation (`*OPC?`, `*WAI`).
+        """
+        reply: list[Chunk] = []
+        path = ""
+        for unit in message.units:
+            self._notice_completion()
+            try:
+                found = self._find(path, unit)
+                path = found.path
+                if found.command.waits:
+                    while self.pending():
+                        yield
+                self._replying = bool(reply)
+                part = self._execute(found, unit)
+            except ScpiError as error:
+                part = self.refused(unit, error)
+            if part is not None:
+                if reply:
+                    reply.append(b";")
+                reply.extend(chunks(part))
+        return reply
+
+    def clear(self) -> None:
+        """Device clear: forget a pending `*OPC`; status and settings stay, messages under way are their owner's."""
+        self._completion_asked = False
+
+    def status_byte(self) -> int:
+        """The status byte as a serial poll reads it."""
+        self._notice_completion()
+        return self.status.byte()
+
+    # --- what a model may say otherwise
+
+    def pending(self) -> bool:
+        """Whether an overlapping operation is still under way."""
+        return False
+
+    def changed(self) -> None:
+        """A command was executed (perhaps one that changed nothing)."""
+
+    def reset(self) -> None:
+        """`*RST`."""
+
+    def bus_trigger(self) -> None:
+        """`*TRG`."""
+
+    def refused(self, unit: Unit, error: ScpiError) -> Reply:
+        """`unit` was refused: queue the error; a line-oriented instrument answers with it."""
+        self.status.report(error)
+        return None
+
+    # --- common commands
+
+    def identity(self) -> str:
+        """`*IDN?`."""
+        return self.IDENTITY
+
+    def installed_options(self) -> str:
+        """`*OPT?`."""
+        return self.OPTIONS
+
+    def self_test(self) -> int:
+        """`*TST?`: 0, passed."""
+        return 0
+
+    def read_status_byte(self) -> int:
+        """`*STB?`."""
+        return self.status.byte(message_available=self._replying)
+
+    def operations_complete(self) -> int:
+        """`*OPC?`: 1, once nothing is pending."""
+        return 1
+
+    def note_completion(self) -> None:
+        """`*OPC`: set the event bit once nothing is pending."""
+        self._completion_asked = True
+
+    def carry_on(self) -> None:
+        """`*WAI`: nothing but the wait itself."""
+
+    def clear_status(self) -> None:
+        """`*CLS`."""
+        self._completion_asked = False
+        self.status.clear()
+
+    # --- execution
+
+    def _notice_completion(self) -> None:
+        if self._completion_asked and not self.pending():
+            self._completion_asked = False
+            self.status.complete()
+
+    def _find(self, path: str, unit: Unit) -> Found:
+        if isinstance(unit, Malformed):
+            raise ScpiError(unit.code)
+        return self._TABLE.find(path, unit.header, query=unit.query)
+
+    def _execute(self, found: Found, unit: Unit) -> Reply:
+        command, suffixes, _ = found
+        if not unit.query:
+            reply = command.execute(self, suffixes, unit.arguments)
+            self.changed()
+            return reply
+        reply = command.answer(self, suffixes, unit.arguments)
+        if not self.headers or command.labelled or reply is None:
+            return reply
+        header = reply_header(command, suffixes, verbose=self.verbose)
+        return [header.encode() + b" ", *chunks(reply)] if header else reply

@@ -1,0 +1,72 @@
+"""Safe state, limits and passes."""
+
+from typing import Any
+
+import pytest
+
+from instruments.bench import Bench, UnsafeBench
+from instruments.interfaces import BYPASS_PORT, InstrumentError, OutOfRange
+from labctl.command_log import CommandLog
+from labctl.opening import opened
+from labctl.station import LaserSection, LimitsSection, PatchPanelSection, Station, StationError
+from sim_backends.bench import SimulatedBench
+
+
+def test_light_only_inside_emitting(bench: Bench) -> None:
+    with bench.emitting(1550.0):
+        assert bench.laser.settings()["emitting"] == 1
+    assert bench.laser.settings()["emitting"] == 0
+
+
+def test_dark_after_a_failure(bench: Bench) -> None:
+    with pytest.raises(RuntimeError, match="fault"), bench.emitting(1550.0):
+        raise RuntimeError("fault")
+    assert bench.laser.settings()["emitting"] == 0
+
+
+def test_the_safe_state_comes_in_its_order(bench: Bench, log: Any) -> None:
+    bench.make_safe()
+    order = list(dict.fromkeys(name for name, _, _ in log.messages))
+    assert order == ["laser", "awg", "dmd", "scope"]
+
+
+def test_every_instrument_is_tried_when_one_fails(bench: Bench, simulation: SimulatedBench, log: Any) -> None:
+    simulation.stop()
+    with pytest.raises(UnsafeBench, match=r"laser: .*awg: .*dmd: .*scope: .*key switch"):
+        bench.make_safe()
+
+
+def test_five_ports_need_two_passes(bench: Bench) -> None:
+    assert bench.passes_for((2, 3, 4, 5, 6)) == ({1: 2, 2: 3, 3: 4, 4: 5}, {1: 6})
+
+
+def test_a_port_that_is_not_patched(bench: Bench) -> None:
+    with pytest.raises(OutOfRange, match="port 10 is not patched"):
+        bench.passes_for((2, 10))
+
+
+def test_a_bypassed_chip_has_one_fibre() -> None:
+    with CommandLog() as log, opened(Station(patch_panel=PatchPanelSection(bypass=True)), log) as found:
+        assert found.bench.passes_for((2, 3, 4, 5, 6)) == ({1: BYPASS_PORT},)
+
+
+@pytest.mark.parametrize(
+    ("station", "message"),
+    [
+        (Station(laser=LaserSection(power=0.05)), r"laser.power = 50 mW exceeds limits.optical_power = 30 mW"),
+        (Station(limits=LimitsSection(rf_amplitude=0.3)), r"awg.amplitude = 0.5 V exceeds limits.rf_amplitude = 0.3 V"),
+        (Station(laser=LaserSection(driver="manual-laser")), r"manual-laser.*key switch is the only interlock"),
+        (Station(laser=LaserSection(driver="nothing")), r"driver = 'nothing' is not installed: choose one of "),
+        (Station(laser=LaserSection(address="TCPIP0::127.0.0.1::9::SOCKET")), r"commands\.\w+\.write = '<unknown>'"),
+    ],
+)
+def test_a_wrong_station_is_refused_before_any_message(station: Station, message: str, log: Any) -> None:
+    with pytest.raises((StationError, OutOfRange), match=f"built-in station: .*{message}"), opened(station, log):
+        pass
+    assert not log.messages
+
+
+def test_an_address_that_does_not_answer(log: Any) -> None:
+    station = Station(awg=Station().awg.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET", "timeout": 0.5}))
+    with opened(station, log) as found, pytest.raises(InstrumentError, match=r"awg at TCPIP0::127.0.0.1::9::SOCKET"):
+        found.bench.awg.identify()

@@ -1,0 +1,194 @@
+"""The drivers, through real sockets, against the virtual instruments."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.bench import Bench
+from instruments.interfaces import (
+    BYPASS_PORT,
+    Drive,
+    EdgeTrigger,
+    InstrumentError,
+    LinkError,
+    OutOfRange,
+    Timebase,
+    Vertical,
+)
+from instruments.visa import VisaLink
+from sim_backends.bench import SimulatedBench
+
+AUX = EdgeTrigger("AUX", 0.5)
+
+
+def drive(samples: int = 2500, *, rate: float = 25e9, amplitude: float = 0.5, name: str = "d") -> Drive:
+    values = np.random.default_rng(0).uniform(-1, 1, samples).astype(np.float32)
+    return Drive(name, values, rate, amplitude)
+
+
+def test_every_instrument_says_who_it_is(bench: Bench) -> None:
+    models = {name: instrument.identify().model for name, instrument in bench.instruments.items()}
+    assert models["awg"] == "AWG70002A"
+    assert models["scope"] == "DPO72504DX"
+    assert all(models[name] for name in ("laser", "dmd", "patch_panel"))
+
+
+def test_every_instrument_passes_its_self_test_in_the_dark(bench: Bench) -> None:
+    for instrument in bench.instruments.values():
+        instrument.self_test()
+    assert bench.laser.settings()["emitting"] == 0
+
+
+class TestAwg:
+    def test_plays_what_was_loaded(self, bench: Bench) -> None:
+        assert bench.awg.load(drive()) == 25e9
+        bench.awg.play()
+        settings = bench.awg.settings()
+        assert (settings["waveform"], settings["output"], settings["dac_bits"]) == ("d", 1, 9)
+
+    def test_repeats_a_short_drive_instead_of_padding_it(self, bench: Bench, log: Any) -> None:
+        bench.awg.load(drive(1000))
+        new = next(text for text in log.sent_to("awg") if "WAVeform:NEW" in text)
+        assert new.endswith(",3000")
+
+    def test_loads_the_same_name_again(self, bench: Bench) -> None:
+        bench.awg.load(drive())
+        bench.awg.load(drive(5000))
+        bench.awg.play()
+
+    def test_a_long_drive_goes_in_chunks(self, bench: Bench, log: Any) -> None:
+        bench.awg.load(drive(1_500_000))
+        blocks = [text for text in log.sent_to("awg") if "WAVeform:DATA" in text]
+        assert [text.split(",")[1:3] for text in blocks] == [["0", "1000000"], ["1000000", "500000"]]
+
+    @pytest.mark.parametrize("wrong", [drive(rate=30e9), drive(amplitude=0.6)])
+    def test_refuses_before_sending(self, bench: Bench, log: Any, wrong: Drive) -> None:
+        with pytest.raises(OutOfRange, match=r"choose a value inside"):
+            bench.awg.load(wrong)
+        assert not log.messages
+
+    def test_without_a_drive_it_does_not_play(self, bench: Bench) -> None:
+        with pytest.raises(InstrumentError, match="awg"):
+            bench.awg.play()
+
+    def test_stopped_it_is_silent(self, bench: Bench) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        bench.awg.make_safe()
+        bench.awg.make_safe()
+        assert bench.awg.settings()["output"] == 0
+
+
+class TestScope:
+    def test_captures_what_the_marker_triggers(self, bench: Bench) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        bench.patch_panel.connect({1: 2, 2: 3})
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1, 2), 1)
+        frames = bench.scope.capture()
+        assert frames.codes.shape == (2, 50)
+        assert frames.codes.dtype == np.int8
+        assert frames.trigger_offset_s.shape == (2,)
+
+    def test_averages_are_sixteen_bit(self, bench: Bench) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        bench.patch_panel.connect({1: 2})
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 16)
+        bench.scope.set_vertical(1, Vertical(0.01, 0.0))
+        averaged = bench.scope.capture().codes
+        assert averaged.dtype == np.int16
+        (fine,) = bench.scope.scalings()
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        bench.scope.capture()
+        (coarse,) = bench.scope.scalings()
+        assert coarse.scale_v == pytest.approx(256 * fine.scale_v)
+
+    def test_reports_clipping(self, bench: Bench) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        bench.patch_panel.connect({1: 2})
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        bench.scope.set_vertical(1, Vertical(0.01, 1.0))
+        assert bench.scope.capture().clipped.all()
+        bench.scope.set_vertical(1, Vertical(0.5, 0.0))
+        assert not bench.scope.capture().clipped.any()
+
+    def test_a_setting_that_does_not_take_is_an_error(self, bench: Bench) -> None:
+        with pytest.raises(InstrumentError, match="scope"):
+            bench.scope.configure(Timebase(25e9, 10**12), AUX, (1,), 1)
+
+    def test_its_own_errors_are_told(self, bench: Bench) -> None:
+        with pytest.raises(InstrumentError, match="reports"):
+            bench.scope.set_vertical(7, Vertical(0.1, 0.0))
+
+    def test_no_trigger_ends_in_a_clear_error(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S", 0.2)
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        bench.scope.arm()
+        with pytest.raises(LinkError, match=r"scope at .* did not answer in time"):
+            bench.scope.wait()
+        bench.scope.make_safe()
+        assert bench.scope.settings()["sample_rate"] == 25e9
+
+
+class TestLaser:
+    def test_emits_what_was_asked(self, bench: Bench) -> None:
+        bench.laser.set_power(0.02)
+        bench.laser.tune(1551.0)
+        bench.laser.emit()
+        settings = bench.laser.settings()
+        assert settings["wavelength_nm"] == pytest.approx(1551.0)
+        assert settings["power_dbm"] == pytest.approx(13.01, abs=0.01)
+        assert settings["emitting"] == 1
+        bench.laser.make_safe()
+        assert bench.laser.settings()["emitting"] == 0
+
+    @pytest.mark.parametrize("wavelength_nm", [1500.0, 1600.0, float("nan")])
+    def test_refuses_other_bands(self, bench: Bench, wavelength_nm: float) -> None:
+        with pytest.raises(OutOfRange, match="wavelength"):
+            bench.laser.tune(wavelength_nm)
+
+    @pytest.mark.parametrize("power_w", [0.0, 1.0])
+    def test_refuses_other_powers(self, bench: Bench, power_w: float) -> None:
+        with pytest.raises(OutOfRange, match="power"):
+            bench.laser.set_power(power_w)
+
+
+class TestDmd:
+    def test_shows_the_very_bits(self, bench: Bench, simulation: SimulatedBench) -> None:
+        rows, columns = bench.dmd.shape
+        assert (rows, columns) == (768, 1024)
+        pattern = np.random.default_rng(1).integers(0, 256, (rows, columns // 8), dtype=np.uint8)
+        bench.dmd.show(pattern)
+        bench.dmd.show(np.flip(pattern))
+        bench.dmd.blank()
+
+    def test_can_be_opened_again(self, bench: Bench) -> None:
+        bench.dmd.blank()
+        bench.dmd.close()
+        bench.dmd.blank()
+        bench.dmd.close()
+
+    def test_a_device_left_allocated_is_taken_over(self, bench: Bench, simulation: SimulatedBench, log: Any) -> None:
+        forgotten = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
+        assert forgotten.query("ALP:DEVALLOC") == "0"
+        forgotten.close()
+        bench.dmd.blank()
+
+    def test_reports_return_codes_in_words(self, bench: Bench) -> None:
+        with pytest.raises(InstrumentError, match=r"ALP:SEQPUT returned 10\d\d: "):
+            bench.dmd.show(np.zeros((10, 10), np.uint8))
+
+
+class TestPatchPanel:
+    def test_connects_and_nothing_else(self, bench: Bench) -> None:
+        bench.patch_panel.connect({1: 2, 2: 3, 3: 4, 4: 5})
+        bench.patch_panel.connect({1: 6})
+        assert bench.patch_panel.settings()["routes"] == "(@1!6)"
+        bench.patch_panel.connect({1: BYPASS_PORT})
+
+    def test_refuses_a_port_that_is_not_wired(self, bench: Bench) -> None:
+        with pytest.raises(OutOfRange, match="port 10 is not wired"):
+            bench.patch_panel.connect({1: 10})

@@ -1,0 +1,52 @@
+"""The operator's command table of the laser."""
+
+from pathlib import Path
+
+import pytest
+
+from instruments.alnair_tlg220 import DEFAULT_TABLE, CommandTable
+from instruments.interfaces import NotConfigured
+from labctl.opening import SIMULATED_LASER
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "laser.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_shipped_table_is_refused_until_somebody_fills_it_in() -> None:
+    with pytest.raises(NotConfigured, match=r"alnair_tlg220\.toml: commands\.\w+\.write = '<unknown>'.*manual-laser"):
+        CommandTable.read(DEFAULT_TABLE).require_complete()
+
+
+def test_a_complete_table_still_has_to_be_verified(tmp_path: Path) -> None:
+    text = SIMULATED_LASER.read_text("utf-8").replace("verified = true", "verified = false")
+    table = CommandTable.read(write(tmp_path, text))
+    table.require_complete()
+    with pytest.raises(NotConfigured, match="verified = false"):
+        table.require_verified()
+
+
+def test_the_simulated_lasers_table_is_ready() -> None:
+    table = CommandTable.read(SIMULATED_LASER)
+    table.require_complete()
+    table.require_verified()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("verified = true", "model: Field required"),
+        ("model = [", "cannot be read"),
+        ('model = "x"\nverified = true\ncolour = "red"\n[commands]', "colour"),
+    ],
+)
+def test_a_damaged_table_is_named(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(NotConfigured, match=message):
+        CommandTable.read(write(tmp_path, text))
+
+
+def test_a_missing_table_is_named(tmp_path: Path) -> None:
+    with pytest.raises(NotConfigured, match=r"nowhere\.toml"):
+        CommandTable.read(tmp_path / "nowhere.toml")

@@ -1,0 +1,122 @@
+"""The DMD driver through the vendor's Python library.
+
+The vendor's shared library is not to be had here. In its place stands a module with ALP4lib's own signatures that
+passes every call on to the simulated device, so the driver and its conversions run unchanged.
+"""
+
+import ctypes
+import sys
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.interfaces import InstrumentError, NotConfigured
+from instruments.vialux_alp import AlpByVendorLibrary, AlpOverVisa, VialuxAlp
+from instruments.visa import VisaLink
+from labctl.drivers import Opening, vialux_alp
+from labctl.opening import SIMULATED_LASER
+from labctl.station import DmdSection
+from sim_backends.bench import SimulatedBench
+
+
+class ALPError(Exception):
+    """Named as in ALP4lib."""
+
+
+class VendorLibrary:
+    """ALP4lib 1.1's class ALP4: same names, same arguments, same types, with the simulated device behind it."""
+
+    device: AlpOverVisa
+    sequence_bytes = 768 * 128
+
+    def __init__(self, version: str = "4.3", libDir: str | None = None) -> None:  # noqa: N803
+        if libDir == "nowhere":
+            raise OSError("libalp43.so: cannot open shared object file")
+
+    def _pass_on(self, call: Any, *arguments: Any) -> Any:
+        try:
+            return call(*arguments)
+        except InstrumentError as error:
+            raise ALPError(str(error)) from None
+
+    def Initialize(self, DeviceNum: int | None = None) -> None:  # noqa: N802, N803
+        self._pass_on(self.device.Initialize)
+
+    def DevInquire(self, inquireType: int) -> ctypes.c_long:  # noqa: N802, N803
+        return ctypes.c_long(self._pass_on(self.device.DevInquire, inquireType))
+
+    def SeqAlloc(self, nbImg: int = 1, bitDepth: int = 1) -> ctypes.c_long:  # noqa: N802, N803
+        return ctypes.c_long(self._pass_on(self.device.SeqAlloc, nbImg, bitDepth))
+
+    def SeqControl(self, controlType: int, value: int, SequenceId: Any = None) -> None:  # noqa: N802, N803
+        self._pass_on(self.device.SeqControl, SequenceId.value, controlType, value)
+
+    def SeqPut(  # noqa: N802
+        self,
+        imgData: Any,  # noqa: N803
+        SequenceId: Any = None,  # noqa: N803
+        PicOffset: int = 0,  # noqa: N803
+        PicLoad: int = 0,  # noqa: N803
+        dataFormat: str = "Python",  # noqa: N803
+    ) -> None:
+        assert dataFormat == "C"
+        frames = np.ctypeslib.as_array(imgData, (PicLoad, 768, 128))
+        self._pass_on(self.device.SeqPut, SequenceId.value, PicOffset, frames)
+
+    def Run(self, SequenceId: Any = None, loop: bool = True) -> None:  # noqa: N802, N803
+        self._pass_on(self.device.Run, SequenceId.value)
+
+    def Halt(self) -> None:  # noqa: N802
+        self._pass_on(self.device.Halt)
+
+    def FreeSeq(self, SequenceId: Any = None) -> None:  # noqa: N802, N803
+        self._pass_on(self.device.FreeSeq, SequenceId.value)
+
+    def Free(self) -> None:  # noqa: N802
+        self._pass_on(self.device.Free)
+
+
+@pytest.fixture
+def vendor(simulation: SimulatedBench, log: Any, monkeypatch: pytest.MonkeyPatch) -> AlpOverVisa:
+    link = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
+    module = ModuleType("ALP4")
+    module.__dict__.update(ALP4=VendorLibrary, ALPError=ALPError)
+    monkeypatch.setitem(sys.modules, "ALP4", module)
+    VendorLibrary.device = AlpOverVisa(link)
+    return VendorLibrary.device
+
+
+def opening(address: str = "usb") -> Opening:
+    return Opening(address, lambda *_: None, input, attended=False, simulated_laser=SIMULATED_LASER)
+
+
+def test_the_same_driver_over_usb(vendor: AlpOverVisa, log: Any) -> None:
+    dmd = vialux_alp(DmdSection(address="usb"), opening())
+    dmd.self_test()
+    pattern = np.random.default_rng(0).integers(0, 256, (768, 128), dtype=np.uint8)
+    dmd.show(pattern)
+    assert dmd.shape == (768, 1024)
+    assert dmd.settings()["free_pictures"]
+    assert dmd.identify().manufacturer == "ViALUX"
+    dmd.make_safe()
+    dmd.close()
+    assert log.sent_to("dmd")[-1] == "ALP:DEVFREE"
+
+
+def test_its_errors_are_told_in_words(vendor: AlpOverVisa) -> None:
+    library = AlpByVendorLibrary("4.3", None)
+    with pytest.raises(InstrumentError, match=r"dmd: SeqAlloc failed: .*returned 10\d\d"):
+        library.SeqAlloc(1, 1)
+
+
+def test_a_missing_library_is_named(vendor: AlpOverVisa) -> None:
+    with pytest.raises(NotConfigured, match=r"ALP 4\.3 cannot be loaded: libalp43\.so"):
+        VialuxAlp(AlpByVendorLibrary("4.3", "nowhere"))
+
+
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ALP4", None)
+    with pytest.raises(NotConfigured, match=r"pip install 'photonic-labctl\[alp\]'"):
+        AlpByVendorLibrary("4.3", None)

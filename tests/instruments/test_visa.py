@@ -1,0 +1,122 @@
+"""The link itself: both transports, blocks, errors with line ends, lost connections, replies that come too late."""
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.interfaces import InstrumentError, LinkError
+from instruments.visa import VisaLink
+from sim_backends.bench import SimulatedBench
+
+
+@pytest.fixture(params=["socket", "hislip"])
+def awg(request: pytest.FixtureRequest, simulation: SimulatedBench, log: Any) -> Iterator[VisaLink]:
+    link = VisaLink(simulation.resources["awg"][request.param], name="awg", timeout_s=5, transcript=log)
+    yield link
+    link.close()
+
+
+def test_text_and_blocks_on_either_transport(awg: VisaLink) -> None:
+    samples = np.random.default_rng(0).uniform(-1, 1, 5000).astype("<f4")
+    with awg.checked():
+        awg.write('WLISt:WAVeform:NEW "w",5000')
+        awg.write_block('WLISt:WAVeform:DATA "w",', samples)
+    assert np.array_equal(awg.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4")), samples)
+    assert awg.query("WLISt:SIZE?") == "1"
+
+
+def test_the_instruments_own_words_are_in_the_error(awg: VisaLink) -> None:
+    with pytest.raises(InstrumentError, match=r"awg at TCPIP0.* reports -113,"), awg.checked():
+        awg.write("NO:SUCH:COMMAND 1")
+    assert not awg.errors()
+
+
+def test_a_reply_that_is_no_block(awg: VisaLink) -> None:
+    with pytest.raises(LinkError, match="not with a block"):
+        awg.read_block("*IDN?", np.dtype("<f4"))
+    assert awg.query("*OPC?") == "1"
+
+
+class Script:
+    """A peer that answers each line as it is told, for what no well-behaved instrument does."""
+
+    def __init__(self, *answers: bytes | None) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.address = f"TCPIP0::127.0.0.1::{self._listener.getsockname()[1]}::SOCKET"
+        self._answers = iter(answers)
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        for _ in range(3):
+            try:
+                client, _ = self._listener.accept()
+            except OSError:
+                return
+            with client, client.makefile("rb") as lines:
+                for _line in lines:
+                    answer = next(self._answers)
+                    if answer is None:
+                        break
+                    client.sendall(answer)
+
+    def close(self) -> None:
+        self._listener.close()
+
+
+@pytest.fixture
+def peer(log: Any) -> Iterator[Callable[..., VisaLink]]:
+    opened: list[Script | VisaLink] = []
+
+    def connect(*answers: bytes | None) -> VisaLink:
+        script = Script(*answers)
+        link = VisaLink(script.address, name="peer", timeout_s=0.3, transcript=log)
+        opened.extend((link, script))
+        return link
+
+    yield connect
+    for found in opened:
+        found.close()
+
+
+def test_an_error_text_with_a_line_end_inside(peer: Callable[..., VisaLink]) -> None:
+    link = peer(b'-222,"Data out of range;OUTPUT1:PATH DCA\r\n"\n', b'0,"No error"\n', b"1\n")
+    assert link.errors() == ['-222,"Data out of range;OUTPUT1:PATH DCA\r\n"']
+    assert link.query("*OPC?") == "1"
+
+
+def test_a_connection_that_breaks_inside_a_block_is_opened_anew(peer: Callable[..., VisaLink]) -> None:
+    link = peer(b"#41000" + bytes(10), None, b"1\n")
+    with pytest.raises(LinkError, match="peer at"):
+        link.read_block("CURVe?", np.dtype(np.int8))
+    with pytest.raises(LinkError):
+        link.query("*OPC?")
+    assert link.query("*OPC?") == "1"
+
+
+def test_a_block_of_half_an_item(peer: Callable[..., VisaLink]) -> None:
+    link = peer(b"#13abc\n")
+    with pytest.raises(InstrumentError, match="3 bytes, not items of float32"):
+        link.read_block("CURVe?", np.dtype("<f4"))
+
+
+def test_a_hexadecimal_length_digit(peer: Callable[..., VisaLink]) -> None:
+    link = peer(b"#A0000000004" + bytes(4) + b"\n")
+    assert link.read_block("CURVe?", np.dtype(np.int8)).size == 4
+
+
+def test_a_host_that_is_not_there(log: Any) -> None:
+    link = VisaLink("TCPIP0::127.0.0.1::9::SOCKET", name="awg", timeout_s=0.3, transcript=log)
+    with pytest.raises(LinkError, match="check address, cable and power"):
+        link.query("*IDN?")
+    link.close()
+
+
+def test_an_address_that_is_none(log: Any) -> None:
+    link = VisaLink("somewhere", name="awg", timeout_s=0.3, transcript=log)
+    with pytest.raises(LinkError, match="awg at somewhere cannot be reached"):
+        link.query("*IDN?")

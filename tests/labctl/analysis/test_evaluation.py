@@ -1,0 +1,163 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.datasets import load_digits
+
+from labctl.analysis import AnalysisError
+from labctl.analysis.evaluation import (
+    WindowAccuracy,
+    accuracy_against_window,
+    control,
+    cross_validated_accuracy,
+    mean_and_sd,
+    pooled,
+    shuffled_labels,
+    validate,
+    window_key,
+)
+from labctl.analysis.splits import forward_in_time_split, random_splits
+from labctl.analysis.windows import WindowFeatures
+
+TAU = 40e-12
+
+
+@pytest.fixture(scope="module")
+def digits() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Real images of digits 0-3, seen through a complex random matrix and a square-law detector."""
+    images, labels = load_digits(return_X_y=True)
+    images, labels = images[labels < 4], labels[labels < 4]
+    generator = np.random.default_rng(1)
+    masks = generator.normal(size=(64, 5 * 25)) + 1j * generator.normal(size=(64, 5 * 25))
+    frames = np.abs(images @ masks).reshape(-1, 5, 25) ** 2
+    return (120 * frames / frames.max()).astype(np.int8), labels, np.arange(labels.size)
+
+
+def test_a_thousand_shots_give_900_and_100() -> None:
+    labels, groups = np.arange(1000) % 4, np.arange(1000)
+    splits = list(random_splits(labels, groups, splits=3, seed=1))
+    assert [(train.size, test.size) for train, test in splits] == [(900, 100)] * 3
+    assert all(np.bincount(labels[test]).tolist() == [25] * 4 for _, test in splits)
+    again = list(random_splits(labels, groups, splits=3, test_size=100, seed=1))
+    assert all(np.array_equal(one[1], other[1]) for one, other in zip(splits, again, strict=True))
+    other_seed = next(random_splits(labels, groups, splits=3, seed=2))
+    assert not np.array_equal(splits[0][1], other_seed[1])
+
+
+@given(st.integers(0, 99), st.lists(st.integers(1, 5), min_size=30, max_size=40))
+def test_repeats_of_an_image_stay_on_one_side(seed: int, repeats: list[int]) -> None:
+    generator = np.random.default_rng(seed)
+    groups = generator.permutation(np.repeat(np.arange(len(repeats)), repeats))
+    labels = groups % 3
+    for train, test in random_splits(labels, groups, splits=4, test_size=0.2, seed=seed):
+        assert not set(groups[train]) & set(groups[test])
+        assert sorted([*train, *test]) == list(range(groups.size))
+        assert set(labels[test]) == {0, 1, 2}
+
+
+def test_splits_that_cannot_be_are_refused() -> None:
+    with pytest.raises(AnalysisError, match="group 0 have different labels"):
+        list(random_splits(np.array([0, 1, 0, 1]), np.array([0, 0, 1, 2]), seed=1))
+    with pytest.raises(AnalysisError, match="cannot be split"):
+        list(random_splits(np.arange(20) % 4, np.arange(20), seed=1))
+    with pytest.raises(AnalysisError, match="leaves nothing on one side"):
+        list(random_splits(np.arange(20) % 4, np.arange(20), test_size=20, seed=1))
+
+
+def test_the_future_is_not_trained_on() -> None:
+    order = np.random.default_rng(0).permutation(50)
+    train, test = forward_in_time_split(np.arange(50), test_size=0.2, order=order)
+    assert (train.size, test.size) == (40, 10)
+    assert order[train].max() < order[test].min()
+    repeated = np.arange(50) % 30
+    train, test = forward_in_time_split(repeated, test_size=10)
+    assert test.tolist() == list(range(40, 50))
+    assert not set(repeated[train]) & set(repeated[test])
+    with pytest.raises(AnalysisError, match="no shot is left"):
+        forward_in_time_split(np.zeros(50))
+
+
+def test_real_digits_are_recognised_better_with_longer_windows(
+    digits: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    frames, labels, groups = digits
+    windows = (0.08e-9, 0.4e-9, 1e-9)
+    table = accuracy_against_window(
+        frames, labels, groups, windows_s=windows, window=WindowFeatures(sample_interval_s=TAU), splits=3, seed=2
+    )
+    means = [float(row.scores.mean()) for row in table]
+    assert [row.features for row in table] == [10, 50, 125]
+    assert table[1].compressive_ratio == 10 / 784
+    assert means[0] < means[1] <= means[2]
+    assert means[0] > 0.6
+    assert means[2] > 0.95
+
+
+def test_confusion_counts_every_test_shot(digits: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    frames, labels, groups = digits
+    features = WindowFeatures().fit_transform(frames)
+    splits = list(random_splits(labels, groups, splits=2, seed=3))
+    outcome = validate(features, labels, splits)
+    assert outcome.confusion.sum() == sum(test.size for _, test in splits)
+    assert np.trace(outcome.confusion) / outcome.confusion.sum() == pytest.approx(outcome.scores.mean())
+    np.testing.assert_array_equal(outcome.classes, [0, 1, 2, 3])
+    scores = cross_validated_accuracy(features, labels, groups, splits=2, seed=3)
+    np.testing.assert_array_equal(scores, outcome.scores)
+
+
+def test_an_accuracy_forward_in_time(digits: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    frames, labels, groups = digits
+    outcome = validate(WindowFeatures().fit_transform(frames), labels, [forward_in_time_split(groups)])
+    assert outcome.scores.shape == (1,)
+    assert outcome.scores[0] > 0.85
+
+
+def test_shuffled_labels_are_at_chance_and_true_ones_are_not(
+    digits: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    frames, labels, groups = digits
+    features = WindowFeatures(window_s=0.2e-9).fit_transform(frames)
+    dealt = shuffled_labels(labels, groups, seed=4)
+    assert np.bincount(dealt).tolist() == np.bincount(labels).tolist()
+    assert control(features, dealt, groups, splits=4, seed=4).at_chance
+    honest = control(features, labels, groups, splits=4, seed=4)
+    assert not honest.at_chance
+    assert honest.chance == np.bincount(labels).max() / labels.size
+
+
+def test_shuffling_keeps_repeats_together() -> None:
+    groups = np.repeat(np.arange(20), 3)
+    dealt = shuffled_labels(groups % 4, groups, seed=1)
+    assert all(np.unique(dealt[groups == group]).size == 1 for group in range(20))
+
+
+@pytest.mark.parametrize(
+    ("window_s", "key"),
+    [
+        (0.08e-9, "0.08"),
+        (0.16e-9, "0.16"),
+        (0.24e-9, "0.24"),
+        (0.32e-9, "0.32"),
+        (0.4e-9, "0.4"),
+        (0.56e-9, "0.56"),
+        (0.8e-9, "0.8"),
+        (1e-9, "1.0"),
+        (2e-9, "2.0"),
+        (14 * TAU, "0.56"),
+    ],
+)
+def test_the_key_of_a_window(window_s: float, key: str) -> None:
+    assert window_key(window_s) == key
+
+
+def test_tables_are_pooled_over_twins_and_splits() -> None:
+    def row(window_s: float, *scores: float) -> WindowAccuracy:
+        return WindowAccuracy(window_s, 10, 0.01, np.array(scores))
+
+    table = pooled([[row(0.4e-9, 0.9, 0.92), row(1e-9, 1.0)], [row(0.4e-9, 0.94, 0.96), row(1e-9, 0.9)]])
+    assert table["0.4"]["mean"] == pytest.approx(0.93)
+    assert table["0.4"]["sd"] == pytest.approx(np.std([0.9, 0.92, 0.94, 0.96], ddof=1))
+    assert list(table) == ["0.4", "1.0"]
+    assert mean_and_sd(np.array([0.5])) == {"mean": 0.5, "sd": 0.0}
+    with pytest.raises(AnalysisError, match="same windows"):
+        pooled([[row(0.4e-9, 0.9)], [row(1e-9, 0.9)]])

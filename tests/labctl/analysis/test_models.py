@@ -1,0 +1,112 @@
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from sklearn.datasets import load_digits
+from sklearn.exceptions import NotFittedError
+from sklearn.linear_model import LogisticRegression, Ridge
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from labctl.analysis import AnalysisError
+from labctl.analysis.models import load_metadata, load_model, save_model
+from labctl.analysis.readouts import softmax_classifier, softmax_readout
+
+
+@pytest.fixture(scope="module")
+def digits() -> tuple[np.ndarray, np.ndarray]:
+    images, labels = load_digits(return_X_y=True)
+    return images.reshape(-1, 8, 8)[:600].astype(np.int8), labels[:600]
+
+
+@pytest.fixture(scope="module")
+def readout(digits: tuple[np.ndarray, np.ndarray]) -> Pipeline:
+    frames, labels = digits
+    readout = softmax_readout(ports=range(1, 9), window_s=0.28e-9, sample_interval_s=40e-12, start_s=40e-12)
+    return readout.fit(frames[:500], labels[:500])
+
+
+def test_a_loaded_readout_predicts_the_same(
+    readout: Pipeline, digits: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    frames, _ = digits
+    path = tmp_path / "readout.h5"
+    metadata = {"run": "20230215-image-readout", "window_s": np.float64(0.28e-9), "ports": np.arange(1, 9)}
+    save_model(path, readout, metadata)
+    loaded = load_model(path)
+    np.testing.assert_array_equal(loaded.predict_proba(frames), readout.predict_proba(frames))
+    assert [name for name, _ in loaded.steps] == [name for name, _ in readout.steps]
+    assert load_metadata(path) == {**metadata, "window_s": 0.28e-9, "ports": list(range(1, 9))}
+    assert [file.name for file in tmp_path.iterdir()] == ["readout.h5"]
+    save_model(path, loaded, {})
+    np.testing.assert_array_equal(load_model(path).predict(frames), readout.predict(frames))
+
+
+def test_class_names_may_be_text(digits: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    frames, labels = digits
+    names = np.array(["null", "eins", "zwei", "drei", "vier", "fünf", "sechs", "sieben", "acht", "neun"])[labels]
+    flat = frames.reshape(-1, 64)
+    classifier = softmax_classifier().fit(flat, names)
+    save_model(tmp_path / "text.h5", classifier, {})
+    assert load_model(tmp_path / "text.h5").predict(flat).tolist() == classifier.predict(flat).tolist()
+
+
+def test_settings_other_than_the_defaults_come_back(digits: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    frames, labels = digits
+    flat = frames.reshape(-1, 64)
+    pipeline = make_pipeline(StandardScaler(with_std=False), LogisticRegression(C=0.5, max_iter=2000)).fit(flat, labels)
+    save_model(tmp_path / "other.h5", pipeline, {})
+    loaded = load_model(tmp_path / "other.h5")
+    assert loaded.get_params()["logisticregression__C"] == 0.5
+    assert loaded.get_params()["standardscaler__with_std"] is False
+    np.testing.assert_array_equal(loaded.predict_proba(flat), pipeline.predict_proba(flat))
+
+
+def test_what_has_no_file_format_is_refused(
+    readout: Pipeline, digits: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    frames, labels = digits
+    path = tmp_path / "no.h5"
+    with pytest.raises(AnalysisError, match="class Ridge cannot be saved"):
+        save_model(path, make_pipeline(StandardScaler(), Ridge()).fit(frames.reshape(-1, 64), labels), {})
+    with pytest.raises(NotFittedError):
+        save_model(path, softmax_classifier(), {})
+    with pytest.raises(AnalysisError, match="cannot be saved with a readout"):
+        save_model(path, readout, {"path": path})
+    dates = softmax_classifier().fit(frames.reshape(-1, 64), np.array(labels, "datetime64[D]"))
+    with pytest.raises(AnalysisError, match="use numbers or text as class labels"):
+        save_model(path, dates, {})
+    assert not path.exists()
+
+
+def test_files_that_are_no_readouts_are_refused(readout: Pipeline, tmp_path: Path) -> None:
+    path = tmp_path / "file.h5"
+    with pytest.raises(AnalysisError, match="cannot be read as HDF5"):
+        load_model(path)
+    path.write_text("not HDF5")
+    with pytest.raises(AnalysisError, match="cannot be read as HDF5"):
+        load_model(path)
+    with h5py.File(path, "w"):
+        pass
+    with pytest.raises(AnalysisError, match="not a readout"):
+        load_metadata(path)
+
+
+@pytest.mark.parametrize("version", ["1.1", "2.0", "1.0.1", "x", ""])
+def test_a_newer_format_is_refused(readout: Pipeline, tmp_path: Path, version: str) -> None:
+    path = tmp_path / "newer.h5"
+    save_model(path, readout, {})
+    with h5py.File(path, "a") as file:
+        file.attrs["format_version"] = version
+    with pytest.raises(AnalysisError, match="update labctl"):
+        load_model(path)
+
+
+def test_an_unknown_class_in_a_file_is_never_made(readout: Pipeline, tmp_path: Path) -> None:
+    path = tmp_path / "unknown.h5"
+    save_model(path, readout, {})
+    with h5py.File(path, "a") as file:
+        file["standardscaler"].attrs["estimator"] = "FunctionTransformer"
+    with pytest.raises(AnalysisError, match="unknown class 'FunctionTransformer'"):
+        load_model(path)

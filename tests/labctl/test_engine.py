@@ -1,0 +1,81 @@
+"""The engine: what it refuses to store, and how it stops."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.interfaces import Frames, InstrumentError
+from labctl.acquisition import images_for
+from labctl.command_log import CommandLog
+from labctl.engine import Request, carry_out
+from labctl.interruption import Interruption
+from labctl.opening import OpenBench, ask_operator
+from labctl.runs import open_run
+from labctl.station import Station
+from labctl.stopwatch import Stopwatch
+from protocols.image_readout import ImageReadout
+
+PROTOCOL = ImageReadout(images=40)
+
+
+def run(open_bench: OpenBench, directory: Path, **changes: Any) -> Any:
+    options: dict[str, Any] = {"interruption": Interruption(), "progress": lambda _done, _total: None} | changes
+    with CommandLog() as log:
+        return carry_out(
+            Request(PROTOCOL, images_for(PROTOCOL), Station()),
+            open_bench.bench,
+            log,
+            directory=directory,
+            stopwatch=Stopwatch(lambda: 0.0),
+            **options,
+        )
+
+
+def test_the_same_trace_twice_is_an_error_and_what_was_measured_is_kept(
+    open_bench: OpenBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = open_bench.bench.scope.read
+    taken: list[Frames] = []
+
+    def stuck() -> Frames:
+        """An oscilloscope that stops acquiring after a while and returns its last trace."""
+        taken.append(read() if len(taken) < 120 else taken[-1])
+        return taken[-1]
+
+    monkeypatch.setattr(open_bench.bench.scope, "read", stuck)
+    with pytest.raises(InstrumentError, match="byte-identical traces: it did not acquire anew"):
+        run(open_bench, tmp_path / "run")
+    assert open_bench.bench.laser.settings()["emitting"] == 0
+    with open_run(tmp_path / "run") as stored:
+        assert not stored.complete
+        assert stored.done[0] > 0
+
+
+def test_an_interruption_finishes_the_shot(open_bench: OpenBench, tmp_path: Path) -> None:
+    interruption = Interruption()
+
+    def progress(done: int, _total: int) -> None:
+        interruption.requested = done == 50
+
+    outcome = run(open_bench, tmp_path / "run", interruption=interruption, progress=progress)
+    assert not outcome.complete
+    assert outcome.shots == 6
+    assert open_bench.bench.laser.settings()["emitting"] == 0
+    with open_run(tmp_path / "run") as stored:
+        assert stored.done == (44, 6)
+        assert np.array_equal(stored.shots["index"], np.arange(6))
+
+
+def test_nobody_at_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("builtins.input", lambda: "")
+    assert ask_operator("press Enter") == ""
+
+    def closed() -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", closed)
+    with pytest.raises(InstrumentError, match="nobody answered"):
+        ask_operator("press Enter")
+    assert "press Enter" in capsys.readouterr().err

@@ -1,0 +1,57 @@
+"""The protocol on a simulated bench: ranges, passes, order of commands."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.bench import Bench
+from labctl.acquisition import images_for
+from protocols.base import LegStarted, ProtocolError, Record, ShotKind
+from protocols.image_readout import ImageReadout
+
+SMALL = {"images": 40, "reference_every": 20}
+
+
+def test_five_ports_in_two_passes_with_ranges_that_fit(bench: Bench) -> None:
+    protocol = ImageReadout(**SMALL)
+    images = images_for(protocol)
+    shots = protocol.shots(images)
+    events = list(protocol.acquire(bench, images, shots))
+    legs = [event for event in events if isinstance(event, LegStarted)]
+    records = [event for event in events if isinstance(event, Record)]
+    assert [len(leg.scalings) for leg in legs] == [4, 1]
+    assert [record.shot for record in records] == [*shots, *shots]
+    images_only = [record for record in records[:44] if record.shot.kind is ShotKind.IMAGE]
+    codes = np.stack([record.frames.codes for record in images_only])
+    assert np.all(np.ptp(codes.astype(int), axis=(0, 2)) > 128), "the traces should fill more than half the screen"
+    assert np.mean([record.frames.clipped.any() for record in images_only]) < 0.05
+    assert bench.laser.settings()["emitting"] == 0
+
+
+def test_the_laser_is_tuned_once_a_leg_and_patched_before_it_is_measured(bench: Bench, log: Any) -> None:
+    protocol = ImageReadout(**SMALL, ports=(2,), wavelengths=(1550.0, 1551.0))
+    images = images_for(protocol)
+    records = [e for e in protocol.acquire(bench, images, protocol.shots(images)) if isinstance(e, Record)]
+    assert [record.leg.wavelength_nm for record in records] == [1550.0] * 44 + [1551.0] * 44
+    first, second = (np.stack([r.frames.codes for r in records[start : start + 40]]) for start in (0, 44))
+    assert not np.array_equal(first, second)
+
+
+def test_leaving_early_leaves_it_dark(bench: Bench) -> None:
+    protocol = ImageReadout(**SMALL)
+    images = images_for(protocol)
+    events = protocol.acquire(bench, images, protocol.shots(images))
+    next(events)
+    assert bench.laser.settings()["emitting"] == 1
+    events.close()
+    assert bench.laser.settings()["emitting"] == 0
+    assert bench.awg.settings()["output"] == 0
+
+
+def test_a_burst_without_its_wiring_is_refused_in_the_dark(bench: Bench, log: Any) -> None:
+    protocol = ImageReadout(**SMALL, timing="burst")
+    images = images_for(protocol)
+    with pytest.raises(ProtocolError, match=r"timing = 'burst' needs wiring\.burst"):
+        protocol.check(bench, images)
+    assert not log.messages

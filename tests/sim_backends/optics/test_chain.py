@@ -1,0 +1,151 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sim_backends.optics import cavity, chain, fibre
+from sim_backends.parameters import Parameters
+
+PARAMETERS = Parameters()
+RATE = 25e9
+
+
+@pytest.fixture(scope="module")
+def light() -> chain.DriveLight:
+    volts = np.random.default_rng(0).uniform(-0.25, 0.25, 500).astype(np.float32)
+    return chain.driven_light(PARAMETERS, volts, RATE)
+
+
+@pytest.fixture(scope="module")
+def transfer(light: chain.DriveLight) -> NDArray[np.complex128]:
+    chip = cavity.draw_cavity(
+        np.random.default_rng(1), modes=320, density=PARAMETERS.mode_density_per_hz, ports=14, transmission=0.9
+    )
+    return chain.chip_transfer(PARAMETERS, chip, step_s=light.step_s, detuning_hz=0.0)
+
+
+@pytest.fixture(scope="module")
+def taps() -> NDArray[np.complex64]:
+    _, modes = chain.draw_fibre(PARAMETERS, np.random.default_rng(2))
+    return fibre.delay_taps(modes, frequency_hz=193.4e12, step=5e-12)
+
+
+def test_grid_is_five_picoseconds_and_light_has_unit_power(light: chain.DriveLight) -> None:
+    assert light.step_s == pytest.approx(5e-12)
+    assert light.period_s == pytest.approx(20e-9)
+    np.testing.assert_allclose(np.abs(light.field), 1.0, atol=1e-6)
+
+
+def test_bypass_is_the_modulated_light_itself(light: chain.DriveLight, transfer: NDArray[np.complex128]) -> None:
+    fields = chain.port_fields(light, transfer, [(chain.BYPASS, 0.5), (3, 0.0)])
+    np.testing.assert_allclose(fields[0], 0.5 * light.field, atol=1e-6)
+    assert not fields[1].any()
+
+
+def test_the_chip_never_gives_more_than_it_gets(light: chain.DriveLight, transfer: NDArray[np.complex128]) -> None:
+    ports = [(port, 1.0) for port in range(1, 15)]
+    power = np.mean(np.abs(chain.port_fields(light, transfer, ports)) ** 2, axis=1)
+    assert power.sum() <= 1.0
+    assert power.sum() == pytest.approx(0.7, abs=0.12)
+
+
+def test_wrapped_response_is_that_of_a_repeated_drive(
+    light: chain.DriveLight, transfer: NDArray[np.complex128]
+) -> None:
+    once = chain.port_fields(light, transfer, [(4, 1.0)])
+    thrice = chain.port_fields(chain.DriveLight(np.tile(light.field, 3), light.step_s), transfer, [(4, 1.0)])
+    np.testing.assert_allclose(thrice, np.tile(once, 3), atol=1e-5)
+
+
+def test_idle_light_is_one_grid_point_with_the_static_answer(transfer: NDArray[np.complex128]) -> None:
+    field = chain.port_fields(chain.idle_light(PARAMETERS), transfer, [(4, 1.0)])
+    assert field.shape == (1, 1)
+    assert field[0, 0] == pytest.approx(transfer[3, 0], abs=1e-6)
+
+
+def test_interpolation_is_exact_on_the_grid_and_good_between() -> None:
+    grid = np.cos(2 * np.pi * np.arange(200) / 40)
+    index, weight = chain.interpolation(np.array([5.0, 5.25, -0.5, 399.99999]), 200)
+    np.testing.assert_allclose(weight[:, 0], [0, 1, 0, 0])
+    value = (grid[index] * weight).sum(axis=0)
+    np.testing.assert_allclose(value, np.cos(2 * np.pi * np.array([5, 5.25, -0.5, 0]) / 40), atol=1e-4)
+
+
+def test_masks_are_the_sum_over_delays(
+    light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
+) -> None:
+    fields = chain.port_fields(light, transfer, [(2, 1.0), (5, 1.0)])
+    times = np.array([0.0, 35e-12, 19.99e-9])
+    masks = chain.masks(fields, taps, times, light.step_s).reshape(-1, 2, 1, 2, 3)
+    r, channel, k = 7, 1, 1
+    delays = np.arange(taps.shape[2])
+    expected = np.sum(taps[0, r] * fields[channel, (7 - delays) % fields.shape[1]])
+    assert masks[r, 0, 0, channel, k] == pytest.approx(expected.real, abs=1e-5)
+    assert masks[r, 1, 0, channel, k] == pytest.approx(expected.imag, abs=1e-5)
+
+
+def test_masks_change_within_one_symbol(
+    light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
+) -> None:
+    fields = chain.port_fields(light, transfer, [(chain.BYPASS, 1.0)])
+    times = np.arange(400, dtype=np.float64) * 40e-12
+    basis = fibre.speckle_basis(PARAMETERS.grain_superpixels, PARAMETERS.basis_cut, PARAMETERS.launch_profile)
+    split = chain.masks(fields, taps, times, light.step_s).reshape(-1, 2, times.size)
+    intensity = np.abs(basis @ (split[:, 0] + 1j * split[:, 1])) ** 2
+    intensity = intensity - intensity.mean(axis=1, keepdims=True)
+    lag = np.mean(intensity[:, 1:] * intensity[:, :-1]) / np.mean(intensity**2)
+    assert abs(lag) < 0.15
+
+
+def test_mask_contrast_is_one(
+    light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
+) -> None:
+    fields = chain.port_fields(light, transfer, [(chain.BYPASS, 1.0)])
+    basis = fibre.speckle_basis(PARAMETERS.grain_superpixels, PARAMETERS.basis_cut, PARAMETERS.launch_profile)
+    split = chain.masks(fields, taps, np.arange(400, dtype=np.float64) * 40e-12, light.step_s).reshape(-1, 2, 400)
+    intensity = np.abs(basis @ (split[:, 0] + 1j * split[:, 1])) ** 2
+    assert intensity.mean() == pytest.approx(1.0, abs=0.15)
+    assert intensity.std() / intensity.mean() == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("rows", [1, 7, 8, 9, 20])
+def test_number_of_images_changes_no_byte(rows: int) -> None:
+    rng = np.random.default_rng(3)
+    images, matrix = rng.random((20, 100)).astype(np.float32), rng.random((100, 333)).astype(np.float32)
+    assert np.array_equal(chain.in_blocks(images[:rows], matrix), chain.in_blocks(images, matrix)[:rows])
+
+
+def test_mean_volts_is_the_mean_over_the_period(
+    light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
+) -> None:
+    fields = chain.port_fields(light, transfer, [(2, 1.0), (chain.BYPASS, 1.0)])
+    amplitudes = np.random.default_rng(4).random(size=(taps.shape[1],), dtype=np.float32)
+    masks = chain.masks(fields, taps, np.arange(4000, dtype=np.float64) * light.step_s, light.step_s)
+    volts = chain.fast_volts((amplitudes @ masks).reshape(2, 1, 2, 4000))
+    np.testing.assert_allclose(chain.mean_volts(amplitudes, fields, taps), volts.mean(axis=1), rtol=1e-4)
+
+
+def test_collected_modes_add_as_powers() -> None:
+    field = np.arange(24, dtype=np.float32).reshape(2, 3, 1, 4)
+    np.testing.assert_allclose(chain.fast_volts(field)[0], (field**2).sum(axis=(0, 1, 2)))
+
+
+def test_a_dark_port_has_thermal_noise_only(transfer: NDArray[np.complex128]) -> None:
+    dark = chain.port_noise(PARAMETERS, transfer, None, 5e-12)
+    lit = chain.port_noise(PARAMETERS, transfer, 3, 5e-12)
+    assert dark.offset_v == 0.0
+    assert np.sqrt(dark.floor) / 600 == pytest.approx(2.7e-6, rel=0.02)
+    assert lit.offset_v > 0
+    assert lit.linear > 5 * dark.linear  # signal-ASE beat, not shot noise
+
+
+def test_power_budget_without_amplifiers_is_nanowatts() -> None:
+    bare = Parameters(booster_gain_db=0.0, amplifier_gain_db=0.0)
+    one_mode = chain.port_transmission(bare, 3) / PARAMETERS.square_modes
+    assert 0.03 * one_mode * 0.04 == pytest.approx(60e-9, rel=0.3)  # every mirror on
+
+
+def test_direct_path_has_no_speckle() -> None:
+    direct = Parameters(light_path="direct")
+    _, modes = chain.draw_fibre(direct, np.random.default_rng(0))
+    assert modes.delays_s.tolist() == [0.0]
+    assert chain.volts_per_field(direct, 2, 0.03) == pytest.approx(0.03 * 600 * 10 ** (-0.95))

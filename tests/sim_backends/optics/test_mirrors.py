@@ -1,0 +1,47 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from sim_backends.optics import mirrors
+
+
+def naive(packed: NDArray[np.uint8]) -> NDArray[np.float64]:
+    bits = np.unpackbits(packed, axis=1)
+    out = np.zeros((28, 28))
+    for row in range(28):
+        for column in range(28):
+            block = bits[6 + 27 * row : 33 + 27 * row, 134 + 27 * column : 161 + 27 * column]
+            out[row, column] = block.mean()
+    return out.ravel()
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0, 1))
+def test_on_fraction_is_the_mean_of_every_superpixel(seed: int, fill: float) -> None:
+    bits = np.random.default_rng(seed).random((768, 1024)) < fill
+    packed = np.packbits(bits, axis=1)
+    np.testing.assert_allclose(mirrors.on_fraction(packed), naive(packed), atol=1e-6)
+
+
+def test_mirrors_outside_the_square_do_not_count() -> None:
+    bits = np.ones((768, 1024), bool)
+    bits[6:762, 134:890] = False
+    assert not mirrors.on_counts(np.packbits(bits, axis=1)).any()
+    assert (mirrors.on_counts(np.full((768, 128), 255, np.uint8)) == 729).all()
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((768, 1024), np.uint8), np.zeros((768, 128), np.int64)])
+def test_other_layouts_are_refused(wrong: Any) -> None:
+    with pytest.raises(ValueError, match="packed bits"):
+        mirrors.on_counts(wrong)
+
+
+def test_mirrors_leave_at_half_and_arrive_at_one_and_a_half_microseconds() -> None:
+    time = np.array([0.0, 0.5, 1.0, 1.5, 9.0]) * 1e-6
+    moved = mirrors.moved_fraction(time, leaves=0.5e-6, arrives=1.5e-6)
+    np.testing.assert_allclose(moved, [0, 0, 0.5, 1, 1], atol=1e-12)
+    assert np.all(np.diff(mirrors.moved_fraction(np.linspace(0, 2e-6, 99), leaves=0.5e-6, arrives=1.5e-6)) >= 0)

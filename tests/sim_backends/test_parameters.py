@@ -1,0 +1,61 @@
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from sim_backends.parameters import Parameters
+
+
+@pytest.mark.parametrize("name", list(Parameters.model_fields))
+def test_every_parameter_has_unit_and_reason(name: str) -> None:
+    field = Parameters.model_fields[name]
+    assert not field.is_required()
+    assert field.description
+    assert isinstance(field.json_schema_extra, dict)
+    assert field.json_schema_extra["unit"]
+
+
+def test_defaults_are_the_bench() -> None:
+    bench = Parameters()
+    assert bench.fibre_v_number == pytest.approx(158, abs=0.2)
+    assert bench.launched_modes == 694
+    assert bench.collection_modes == 124
+    assert bench.delay_spread_s == pytest.approx(0.39e-9, rel=0.01)
+    assert bench.grain_superpixels == pytest.approx(2.53, abs=0.01)
+    assert Parameters(launch_profile="filled").grain_superpixels == pytest.approx(2.45, abs=0.01)
+    assert bench.square_modes == pytest.approx(108, abs=1)
+    assert bench.mode_density_per_hz == pytest.approx(1.04e-9, rel=0.01)
+    assert (bench.enob, bench.mirror_leaves_s, bench.mirror_arrives_s) == (5.5, 0.5e-6, 1.5e-6)
+
+
+def test_full_aperture_gives_long_spread_and_fine_grain_together() -> None:
+    full = Parameters(launch_na=0.39)
+    assert full.delay_spread_s == pytest.approx(3.48e-9, rel=0.01)
+    assert 0.4 < full.grain_superpixels < 0.85
+    assert full.launched_modes == pytest.approx(6250, abs=10)
+    assert full.square_transmission < Parameters().square_transmission / 7  # its light overfills the collecting fibre
+
+
+def test_light_path_shortens_the_delay() -> None:
+    fibre_transit = Parameters().light_delay_s - Parameters(light_path="direct").light_delay_s
+    assert fibre_transit == pytest.approx(96.3e-9, abs=0.1e-9)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"launch_na": 0.5},
+        {"mirror_arrives_s": 0.1e-6},
+        {"chip_input_port": 15},
+        {"enob": 9.0},
+        {"unknown": 1.0},
+    ],
+)
+def test_impossible_values_are_refused(wrong: Any) -> None:
+    with pytest.raises(ValidationError):
+        Parameters(**wrong)
+
+
+def test_frozen() -> None:
+    with pytest.raises(ValidationError):
+        Parameters().enob = 8.0  # type: ignore[misc]

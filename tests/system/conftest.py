@@ -1,0 +1,33 @@
+"""The simulated bench as a service in a process of its own."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
+
+
+@pytest.fixture(scope="session")
+def labctl_command() -> tuple[str, ...]:
+    """The command line that starts labctl in another process."""
+    return LABCTL
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[dict[str, Any], Path]]:
+    """Resources of `labctl sim serve`, and a station file that points at them."""
+    station = tmp_path_factory.mktemp("served") / "station.toml"
+    command = [*LABCTL, "sim", "serve", "--json", "--save-station", str(station)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        yield json.loads(server.stdout.readline())["resources"], station
+        server.send_signal(signal.SIGTERM)
+        rest, _ = server.communicate(timeout=30)
+    assert rest == "", "one JSON object and nothing else"
+    assert server.returncode == 0
