@@ -253,7 +253,7 @@ def draw_fibre(parameters: Parameters, generator: np.random.Generator) -> tuple[
         generator,
         modes=min(parameters.launched_modes, parameters.simulated_modes_limit),
         spread=parameters.delay_spread_s,
-        rank=basis.shape[1],
+        basis=basis,
         profile=parameters.launch_profile,
         longest=fibre.delay_spread(parameters.fibre_length_m, parameters.fibre_na, parameters.fibre_index),
         collected_modes=parameters.collected_modes,

@@ -98,12 +98,15 @@ def draw_modes(
     *,
     modes: int,
     spread: float,
-    rank: int,
+    basis: NDArray[np.float32],
     profile: LaunchProfile = "filled",
     longest: float = math.inf,
     collected_modes: int = 1,
 ) -> FibreModes:
-    """Draw a fibre: mode delays and circular Gaussian amplitudes of mean power 1 over all modes.
+    """Draw a fibre: mode delays and circular Gaussian amplitudes in `basis`, of mean power 1 over all modes.
+
+    The draw is white noise on the superpixels, projected onto the basis: the fields are then C^(1/2) times that noise,
+    whichever way round an eigenvector of C, or a pair of equal power, came out of the linear algebra of this machine.
 
     The delay of a mode goes with the square of its angle, tau = spread (sin theta / NA)^2, and solid angle with the
     same square: uniform delays up to `spread` (s) for a filled pupil, p(tau) = exp(-2 tau / spread) up to `longest`
@@ -112,7 +115,8 @@ def draw_modes(
     delays = generator.random(modes)
     if profile == "gaussian":
         delays = -0.5 * np.log1p(-delays * (1 - math.exp(-2 * longest / spread)))
-    parts = generator.standard_normal((2, collected_modes, rank, modes), dtype=np.float32)
+    white = generator.standard_normal((2, collected_modes, len(basis), modes), dtype=np.float32)
+    parts = (basis / np.linalg.norm(basis, axis=0)).T @ white
     return FibreModes(spread * delays, ((parts[0] + 1j * parts[1]) / np.sqrt(2 * modes)).astype(np.complex64))
 
 
