@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PACKAGES := labctl instruments protocols sim_backends
-SOURCES := $(PACKAGES) tests
+SOURCES := $(PACKAGES) tests benchmarks
 
 # Real data sets, where a copy lies beside the checkout; tests that need them say so and skip where it does not.
 ifneq ($(wildcard ../shared/data),)

@@ -2,8 +2,8 @@
 
     python benchmarks/acquisition.py
 
-The reference is the number of queries a shot makes, times the latency of an empty query over the same kind of link in the
-same run: a bench without physics, parsing or storage could not be faster.
+The reference is the number of queries a shot makes, times the latency of an empty query over the same kind of link in
+the same run: a bench without physics, parsing or storage could not be faster.
 """
 
 import json

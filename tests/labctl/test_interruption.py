@@ -18,6 +18,7 @@ def test_the_first_interrupt_asks(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_second_interrupt_or_a_terminate_stops_and_is_not_interrupted_itself(number: int) -> None:
+    before = signal.getsignal(signal.SIGINT)
     with interruptible() as interruption:
         if number == signal.SIGINT:
             os.kill(os.getpid(), signal.SIGINT)
@@ -25,7 +26,7 @@ def test_the_second_interrupt_or_a_terminate_stops_and_is_not_interrupted_itself
             os.kill(os.getpid(), number)
         os.kill(os.getpid(), signal.SIGINT)
         assert interruption.requested
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_other_threads_run_without_signals() -> None:
