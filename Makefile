@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+INTEROP := .venv-interop
+MINUTES ?= 60
 PACKAGES := labctl instruments protocols sim_backends
 SOURCES := $(PACKAGES) tests benchmarks
 
@@ -12,7 +14,7 @@ ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: demo test test-full check format lock clean
+.PHONY: demo test test-full interop fuzz check format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
@@ -22,6 +24,14 @@ test: check
 
 test-full: check
 	$(BIN)/pytest --numprocesses 2 --cov --cov-report=term-missing:skip-covered
+
+# Drivers nobody here wrote, in an environment of their own, against `labctl sim serve`.
+interop: $(INSTALLED) $(INTEROP)/.installed
+	LABCTL=$(abspath $(BIN)/labctl) $(INTEROP)/bin/pytest -c tests/interop/interop.ini --rootdir=. --confcutdir=tests/interop \
+		tests/interop tests/instruments/test_vendor_tree.py
+
+fuzz: $(INSTALLED)
+	$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES)
 
 check: $(INSTALLED)
 	$(BIN)/ruff format --check --quiet $(SOURCES)
@@ -41,10 +51,15 @@ lock:
 	rm -rf $(VENV)-lock
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*
+	rm -rf $(VENV) $(INTEROP) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*
 
 $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+$(INTEROP)/.installed: requirements-interop.lock
+	$(PYTHON) -m venv $(INTEROP)
+	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-interop.lock
 	touch $@

@@ -180,7 +180,8 @@ class Tlg220(TunableLaser):
         }
 
     def make_safe(self) -> None:
-        """Emission off."""
+        """Emission off; errors of what went before are not held against it."""
+        self._link.errors()
         self.darken()
 
     def close(self) -> None:

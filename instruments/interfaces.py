@@ -5,7 +5,7 @@ implement them. Every driver is reached through the entry-point group `labctl.in
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -101,10 +101,11 @@ class Drive:
 
 @dataclass(frozen=True)
 class Timebase:
-    """How a trace is sampled: `samples` points at `sample_rate` (S/s), the first one at the trigger."""
+    """How a trace is sampled: `samples` points at `sample_rate` (S/s), the first one `delay_s` after the trigger."""
 
     sample_rate: float
     samples: int
+    delay_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,20 @@ class Frames:
     clipped: NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class Burst:
+    """One frame per channel for each of many triggers.
+
+    codes: (triggers, channels, samples), int8. trigger_offset_s: (triggers, channels). time_s: (triggers,), when each
+    trigger came, on the oscilloscope's clock, from any start. clipped: (triggers, channels).
+    """
+
+    codes: NDArray[np.int8]
+    trigger_offset_s: NDArray[np.float64]
+    time_s: NDArray[np.float64]
+    clipped: NDArray[np.bool_]
+
+
 class Instrument(ABC):
     """What every instrument of the bench can be asked."""
 
@@ -181,8 +196,10 @@ class Awg(Instrument):
     """Arbitrary waveform generator: plays a drive for ever, with a marker at the start of each period."""
 
     @abstractmethod
-    def load(self, drive: Drive) -> float:
+    def load(self, drive: Drive, *, periods_per_trigger: int | None = None) -> float:
         """Upload `drive`, assign it to the channel and return the sample rate the instrument settled on.
+
+        It plays for ever, or so many periods at each falling edge of the trigger input, with one marker at their start.
 
         Raises:
             OutOfRange: length, rate or amplitude outside the limits.
@@ -240,6 +257,22 @@ class Oscilloscope(Instrument):
     def read(self) -> Frames:
         """Transfer the completed acquisition, channels in the configured order."""
 
+    @abstractmethod
+    def most_frames(self) -> int:
+        """How many frames of the configured length one burst may have."""
+
+    @abstractmethod
+    def arm_burst(self, frames: int) -> None:
+        """Start an acquisition of one frame at each of the next `frames` triggers; returns when ready for them."""
+
+    @abstractmethod
+    def read_burst(self) -> Burst:
+        """Transfer the completed burst, one block a channel.
+
+        Raises:
+            LinkError: not all triggers came in time.
+        """
+
     def capture(self) -> Frames:
         """Arm, wait for the trigger, read."""
         self.arm()
@@ -295,6 +328,38 @@ class Dmd(Instrument):
     @abstractmethod
     def blank(self) -> None:
         """Turn every mirror away from the collection fibre; this is the DMD's safe state."""
+
+
+class BurstDmd(Dmd):
+    """A DMD that plays pictures from its own memory and pulses its synchronisation output at each."""
+
+    @abstractmethod
+    def capacity(self) -> int:
+        """How many pictures its memory holds."""
+
+    @abstractmethod
+    def load(self, mirrors: Iterable[NDArray[np.uint8]], count: int) -> None:
+        """Put `count` pictures into its memory, in the place of those there.
+
+        mirrors: blocks of packed bits, shape (n, rows, columns / 8), `count` pictures together.
+
+        Raises:
+            OutOfRange: more than its capacity.
+        """
+
+    @abstractmethod
+    def hold(self) -> None:
+        """Keep the picture that is shown and send no pulses: a picture shown for long is refreshed, with a pulse."""
+
+    @abstractmethod
+    def play(self, first: int, count: int, period_s: float) -> None:
+        """Show `count` pictures from the `first` on, once, one every `period_s`; returns at once.
+
+        Each picture comes with a pulse that begins with it and ends when its mirrors rest.
+
+        Raises:
+            OutOfRange: faster than the mirrors can follow.
+        """
 
 
 class PatchPanel(Instrument):

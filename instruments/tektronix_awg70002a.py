@@ -26,7 +26,8 @@ class Awg70002a(Awg):
     MARKER_HIGH_V, MARKER_LOW_V = 1.0, 0.0
     MARKER_1 = 0x40
     MARKER_RESOLUTION_BITS = 9  # 10 bits would take the marker's place
-    RUNNING = "2"
+    TRIGGER_LEVEL_V = 1.4  # half of a TTL pulse
+    WAITING, RUNNING = "1", "2"
 
     def __init__(self, link: VisaLink, *, channel: int = 1) -> None:
         """Drive `channel` of the instrument behind `link`."""
@@ -45,8 +46,11 @@ class Awg70002a(Awg):
                 f"{self._link.name}: self-test failed with code {result}: see the instrument's screen"
             )
 
-    def load(self, drive: Drive) -> float:
+    def load(self, drive: Drive, *, periods_per_trigger: int | None = None) -> float:
         """Upload `drive` with its marker, assign it, and return the rate the clock settled on.
+
+        In triggered mode the marker is high in the first period only: one edge, and so one frame, a trigger. It starts
+        with the falling edge, since a DMD's pulse begins with the picture and ends when its mirrors rest.
 
         Raises:
             OutOfRange: rate, amplitude or length outside the limits; nothing was sent.
@@ -57,8 +61,15 @@ class Awg70002a(Awg):
         source = f"SOURce{self._channel}"
         minimum, maximum = (int(self._link.query(f"WLISt:WAVeform:{limit}?")) for limit in ("LMINimum", "LMAXimum"))
         Range(1, maximum, "samples").check("drive length", drive.samples.size)
-        samples = drive.repeated_to(minimum).astype("<f4", copy=False)
-        markers = np.tile(drive.marker * np.uint8(self.MARKER_1), samples.size // drive.samples.size)
+        markers = drive.marker * np.uint8(self.MARKER_1)
+        if periods_per_trigger is None:
+            samples = drive.repeated_to(minimum).astype("<f4", copy=False)
+            markers = np.tile(markers, samples.size // drive.samples.size)
+        else:
+            samples = drive.repeated_to(max(minimum, periods_per_trigger * drive.samples.size)).astype(
+                "<f4", copy=False
+            )
+            markers = np.concatenate([markers, np.zeros(samples.size - markers.size, np.uint8)])
         with self._link.checked():
             self._link.write("AWGControl:ARSettings 0")
             self._link.write(f'WLISt:WAVeform:DELete "{drive.name}"')
@@ -74,7 +85,13 @@ class Awg70002a(Awg):
             self._link.write(f"{source}:MARKer1:VOLTage:HIGH {self.MARKER_HIGH_V}")
             self._link.write(f"{source}:MARKer1:VOLTage:LOW {self.MARKER_LOW_V}")
             self._link.write(f"{source}:VOLTage {drive.amplitude_vpp:.4f}")
-            self._link.write(f"{source}:RMODe CONTinuous")
+            if periods_per_trigger is None:
+                self._link.write(f"{source}:RMODe CONTinuous")
+            else:
+                self._link.write(f"{source}:TINPut ATRigger")
+                self._link.write(f"TRIGger:LEVel {self.TRIGGER_LEVEL_V},ATRigger")
+                self._link.write("TRIGger:SLOPe NEGative,ATRigger")
+                self._link.write(f"{source}:RMODe TRIGgered")
             self._link.write(f'{source}:CASSet:WAVeform "{drive.name}"')
             self._link.write(f"CLOCk:SRATe {drive.sample_rate:.9E}")
             self._finish()
@@ -88,7 +105,7 @@ class Awg70002a(Awg):
             self._link.write("OUTPut:OFF 0")
             self._link.write(f"OUTPut{self._channel}:STATe 1")
         state = self._link.query("AWGControl:RSTate?")
-        if state != self.RUNNING:
+        if state not in (self.WAITING, self.RUNNING):
             raise InstrumentError(
                 f"{self._link.name}: does not run (AWGControl:RSTate? answers {state}): load a drive first"
             )
@@ -115,7 +132,8 @@ class Awg70002a(Awg):
         }
 
     def make_safe(self) -> None:
-        """Output off, stopped."""
+        """Output off, stopped; errors of what went before are not held against it."""
+        self._link.errors()
         self.stop()
 
     def close(self) -> None:

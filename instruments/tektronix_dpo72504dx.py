@@ -4,13 +4,20 @@ Commands: DPO/DSA/MSO70000 series programmer manual. Codes leave the instrument 
 only in analysis: volts = (code - YOFf) * YMUlt + YZEro.
 """
 
+import re
+import time
+from datetime import datetime
+
 import numpy as np
+from numpy.typing import NDArray
 
 from instruments.interfaces import (
+    Burst,
     EdgeTrigger,
     Frames,
     Identity,
     InstrumentError,
+    LinkError,
     Oscilloscope,
     OutOfRange,
     Range,
@@ -21,6 +28,7 @@ from instruments.interfaces import (
 from instruments.visa import VisaLink
 
 TRIGGER_WAIT_S = 10.0
+BURST_WAIT_S = 60.0
 RATE_TOLERANCE = 1e-6
 
 
@@ -38,6 +46,8 @@ class Dpo72504dx(Oscilloscope):
         """Drive the instrument behind `link`."""
         self._link = link
         self.channels = ()
+        self._samples = 0
+        self._frames = 0
         self._dtype: np.dtype[np.int8] | np.dtype[np.int16] = np.dtype(np.int8)
 
     def identify(self) -> Identity:
@@ -74,7 +84,7 @@ class Dpo72504dx(Oscilloscope):
                 "HORizontal:MODE MANual",
                 f"HORizontal:MODE:SAMPLERate {timebase.sample_rate:.6E}",
                 f"HORizontal:MODE:RECOrdlength {record_length}",
-                "HORizontal:POSition 0",
+                *self._delay(timebase.delay_s),
                 *(f"SELect:CH{channel} {int(channel in channels)}" for channel in self.INPUTS),
                 *self._trigger(trigger),
                 "DATa:STARt 1",
@@ -86,6 +96,8 @@ class Dpo72504dx(Oscilloscope):
         self._confirm("HORizontal:MODE:SAMPLERate", timebase.sample_rate)
         self._confirm("HORizontal:MODE:RECOrdlength", record_length)
         self.channels = channels
+        self._samples = timebase.samples
+        self._frames = 0
         self._dtype = np.dtype("<i1") if averages == 1 else np.dtype("<i2")
 
     def set_vertical(self, channel: int, vertical: Vertical) -> None:
@@ -122,10 +134,46 @@ class Dpo72504dx(Oscilloscope):
             offsets.append(float(self._link.query(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?")))
             traces.append(self._link.read_block("CURVe?", self._dtype))
         codes = np.stack(traces)
-        step = 256 ** (self._dtype.itemsize - 1)
-        low, high = codes.min(axis=1), codes.max(axis=1)
-        clipped = (low <= self.CLIP_LOW * step) | (high >= self.CLIP_HIGH * step)
-        return Frames(codes, np.array(offsets), clipped)
+        return Frames(codes, np.array(offsets), self._clipped(codes))
+
+    def most_frames(self) -> int:
+        """`HORizontal:FASTframe:MAXFRames?` at the configured record length."""
+        return int(float(self._link.query("HORizontal:FASTframe:MAXFRames?")))
+
+    def arm_burst(self, frames: int) -> None:
+        """FastFrame of `frames` frames, started; ready for triggers 400 ms later, which `TRIGger:A:READY?` tells."""
+        if frames != self._frames:
+            with self._link.checked():
+                for setting in (
+                    "HORizontal:FASTframe:STATE ON",
+                    f"HORizontal:FASTframe:COUNt {frames}",
+                    "HORizontal:FASTframe:SEQuence FIRst",
+                    "HORizontal:FASTframe:SUMFrame NONe",
+                    "DATa:FRAMESTARt 1",
+                    f"DATa:FRAMESTOP {frames}",
+                ):
+                    self._link.write(setting)
+            self._confirm("HORizontal:FASTframe:COUNt", frames)
+            self._frames = frames
+        self._link.write("ACQuire:STATE RUN")
+        deadline = time.monotonic() + TRIGGER_WAIT_S
+        while self._link.query("TRIGger:A:READY?") != "1":
+            if time.monotonic() > deadline:
+                raise LinkError(f"{self._link.name}: not ready for triggers after {TRIGGER_WAIT_S:g} s: see its screen")
+
+    def read_burst(self) -> Burst:
+        """Wait for the last frame; one `CURVe?`, one list of trigger offsets and of time stamps for each channel."""
+        self._link.query("*OPC?", timeout_s=BURST_WAIT_S)
+        offsets, traces = [], []
+        span = f"1,{self._frames}"
+        for channel in self.channels:
+            self._link.write(f"DATa:SOUrce CH{channel}")
+            block = self._link.read_block("CURVe?", np.dtype("<i1"))
+            traces.append(block.reshape(self._frames, self._samples))
+            offsets.append(_numbers(self._link.query(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}")))
+        stamps = self._link.query(f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}? {span}")
+        codes = np.stack(traces, axis=1)
+        return Burst(codes, np.stack(offsets, axis=1), _times(stamps), self._clipped(codes))
 
     def settings(self) -> dict[str, str | float]:
         """Timebase, acquisition, trigger and the vertical range of every channel that is on."""
@@ -142,13 +190,29 @@ class Dpo72504dx(Oscilloscope):
         return report
 
     def make_safe(self) -> None:
-        """Stop acquiring."""
+        """Stop acquiring; errors of what went before are not held against it."""
+        self._link.errors()
         with self._link.checked():
             self._link.write("ACQuire:STATE STOP")
 
     def close(self) -> None:
         """Close the link."""
         self._link.close()
+
+    def _clipped(self, codes: NDArray[np.integer]) -> NDArray[np.bool_]:
+        step = 256 ** (codes.dtype.itemsize - 1)
+        low, high = codes.min(axis=-1), codes.max(axis=-1)
+        clipped: NDArray[np.bool_] = (low <= self.CLIP_LOW * step) | (high >= self.CLIP_HIGH * step)
+        return clipped
+
+    def _delay(self, delay_s: float) -> tuple[str, ...]:
+        if delay_s == 0:
+            return ("HORizontal:MAIn:DELay:MODe OFF", "HORizontal:POSition 0")
+        return (
+            "HORizontal:MAIn:DELay:MODe ON",
+            "HORizontal:MAIn:DELay:POSition 0",
+            f"HORizontal:MAIn:DELay:TIMe {delay_s:.6E}",
+        )
 
     def _acquisition(self, averages: int) -> tuple[str, ...]:
         return ("ACQuire:MODe SAMple",) if averages == 1 else ("ACQuire:MODe AVErage", f"ACQuire:NUMAVg {averages}")
@@ -175,3 +239,20 @@ class Dpo72504dx(Oscilloscope):
         actual = float(self._link.query(f"{command}?"))
         if abs(actual - wanted) > RATE_TOLERANCE * wanted:
             raise OutOfRange(f"{self._link.name}: {command} {wanted:g} became {actual:g}: choose a value it supports")
+
+
+_STAMP = re.compile(r"(\d{2} \w{3} \d{4} \d{2}:\d{2}:\d{2})\.(\d{3} \d{3} \d{3} \d{3})")
+_OFFSET = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)")
+
+
+def _times(reply: str) -> NDArray[np.float64]:
+    """Time stamps `DD MON YYYY HH:MM:SS.fff fff fff fff` as seconds after the first one's full second."""
+    stamps = [(match[1], int(match[2].replace(" ", ""))) for match in _STAMP.finditer(reply)]
+    clock = {text: datetime.strptime(text, "%d %b %Y %H:%M:%S") for text in {text for text, _ in stamps}}
+    start = min(clock.values())
+    return np.array([(clock[text] - start).total_seconds() + picoseconds * 1e-12 for text, picoseconds in stamps])
+
+
+def _numbers(reply: str) -> NDArray[np.float64]:
+    """The numbers with exponent in a list of frame numbers and trigger offsets."""
+    return np.array([float(text) for text in _OFFSET.findall(reply)])

@@ -7,13 +7,13 @@ the simulated one among them.
 
 import ctypes
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.interfaces import Dmd, Identity, InstrumentError, NotConfigured
+from instruments.interfaces import BurstDmd, Identity, InstrumentError, NotConfigured, Range
 from instruments.visa import VisaLink
 
 ALP_DEFAULT = 0
@@ -22,10 +22,13 @@ ALP_VERSION = 2001
 ALP_AVAIL_MEMORY = 2003
 ALP_DEV_DISPLAY_HEIGHT = 2057
 ALP_DEV_DISPLAY_WIDTH = 2058
+ALP_FIRSTFRAME = 2101
+ALP_LASTFRAME = 2102
 ALP_BIN_MODE = 2104
 ALP_BIN_UNINTERRUPTED = 2106
 ALP_DATA_FORMAT = 2110
 ALP_DATA_BINARY_TOPDOWN = 2
+ALP_MIN_PICTURE_TIME = 2211
 
 RETURN_CODES = {
     1001: "the device is not online",
@@ -54,6 +57,10 @@ SETTLING_S = 50e-6
 """Longer than a mirror needs: reset, flight and settling end within 13 us, the load of a frame within 44 us."""
 
 
+SYNCH_PULSE_US = 20
+"""The frame synchronisation pulse begins with the picture and ends when the mirrors have rested for microseconds."""
+
+
 class AlpLibrary(Protocol):
     """The calls of the ALP API that the driver needs, named as ALP4lib names them."""
 
@@ -61,8 +68,10 @@ class AlpLibrary(Protocol):
     def DevInquire(self, inquire_type: int) -> int: ...  # noqa: N802, D102
     def SeqAlloc(self, pictures: int, bit_depth: int) -> int: ...  # noqa: N802, D102
     def SeqControl(self, sequence: int, control_type: int, value: int) -> None: ...  # noqa: N802, D102
+    def SeqInquire(self, sequence: int, inquire_type: int) -> int: ...  # noqa: N802, D102
     def SeqPut(self, sequence: int, offset: int, frames: NDArray[np.uint8]) -> None: ...  # noqa: N802, D102
-    def Run(self, sequence: int) -> None: ...  # noqa: N802, D102
+    def SeqTiming(self, sequence: int, picture_time_us: int, pulse_us: int) -> None: ...  # noqa: N802, D102
+    def Run(self, sequence: int, *, loop: bool) -> None: ...  # noqa: N802, D102
     def Halt(self) -> None: ...  # noqa: N802, D102
     def FreeSeq(self, sequence: int) -> None: ...  # noqa: N802, D102
     def Free(self) -> None: ...  # noqa: N802, D102
@@ -96,14 +105,22 @@ class AlpOverVisa:
         """AlpSeqControl."""
         self._call(f"ALP:SEQCONTROL {sequence},{control_type},{value}")
 
+    def SeqInquire(self, sequence: int, inquire_type: int) -> int:  # noqa: N802
+        """AlpSeqInquire."""
+        return self._call(f"ALP:SEQINQUIRE {sequence},{inquire_type}")
+
     def SeqPut(self, sequence: int, offset: int, frames: NDArray[np.uint8]) -> None:  # noqa: N802
         """AlpSeqPut of `frames`, shape (n, rows, bytes a row)."""
         header = f"ALP:SEQPUT {sequence},{offset},{len(frames)},"
         self._result("ALP:SEQPUT", self._link.query_block(header, frames))
 
-    def Run(self, sequence: int) -> None:  # noqa: N802
-        """AlpProjStartCont."""
-        self._call(f"ALP:PROJSTARTCONT {sequence}")
+    def SeqTiming(self, sequence: int, picture_time_us: int, pulse_us: int) -> None:  # noqa: N802
+        """AlpSeqTiming with the library's own illumination time and delays."""
+        self._call(f"ALP:SEQTIMING {sequence},0,{picture_time_us},0,{pulse_us},0")
+
+    def Run(self, sequence: int, *, loop: bool) -> None:  # noqa: N802
+        """AlpProjStartCont, or AlpProjStart for once."""
+        self._call(f"ALP:PROJSTART{'CONT' if loop else ''} {sequence}")
 
     def Halt(self) -> None:  # noqa: N802
         """AlpDevHalt."""
@@ -165,6 +182,11 @@ class AlpByVendorLibrary:
         """AlpSeqControl."""
         self._call(self._alp.SeqControl, control_type, value, SequenceId=ctypes.c_ulong(sequence))
 
+    def SeqInquire(self, sequence: int, inquire_type: int) -> int:  # noqa: N802
+        """AlpSeqInquire."""
+        value = self._call(self._alp.SeqInquire, inquire_type, SequenceId=ctypes.c_ulong(sequence))
+        return int(getattr(value, "value", value))
+
     def SeqPut(self, sequence: int, offset: int, frames: NDArray[np.uint8]) -> None:  # noqa: N802
         """AlpSeqPut of `frames`, shape (n, rows, bytes a row), taken from memory as they are."""
         data = np.ascontiguousarray(frames).ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte))
@@ -177,9 +199,18 @@ class AlpByVendorLibrary:
             dataFormat="C",
         )
 
-    def Run(self, sequence: int) -> None:  # noqa: N802
-        """AlpProjStartCont."""
-        self._call(self._alp.Run, SequenceId=ctypes.c_ulong(sequence), loop=True)
+    def SeqTiming(self, sequence: int, picture_time_us: int, pulse_us: int) -> None:  # noqa: N802
+        """AlpSeqTiming with the library's own illumination time and delays."""
+        self._call(
+            self._alp.SetTiming,
+            SequenceId=ctypes.c_ulong(sequence),
+            pictureTime=picture_time_us,
+            synchPulseWidth=pulse_us,
+        )
+
+    def Run(self, sequence: int, *, loop: bool) -> None:  # noqa: N802
+        """AlpProjStartCont, or AlpProjStart for once."""
+        self._call(self._alp.Run, SequenceId=ctypes.c_ulong(sequence), loop=loop)
 
     def Halt(self) -> None:  # noqa: N802
         """AlpDevHalt."""
@@ -200,16 +231,18 @@ class AlpByVendorLibrary:
             raise InstrumentError(f"dmd: {function.__name__} failed: {error}") from None
 
 
-class VialuxAlp(Dmd):
-    """A DMD behind the ALP library: one binary sequence of one picture, shown without dark phase.
+class VialuxAlp(BurstDmd):
+    """A DMD behind the ALP library: a binary sequence of one picture to show, and one of many pictures to play.
 
-    A sequence in use cannot be loaded, so every `show` is halt, put, run: the order the API asks for.
+    Pictures are shown without dark phase. A sequence in use cannot be loaded, so every `show` is halt, put, run: the
+    order the API asks for.
     """
 
     def __init__(self, library: AlpLibrary) -> None:
         """Drive the device behind `library`; it is allocated at the first use."""
         self._alp = library
         self._sequence: int | None = None
+        self._pictures: int | None = None
 
     @property
     def shape(self) -> tuple[int, int]:  # type: ignore[override]
@@ -234,13 +267,50 @@ class VialuxAlp(Dmd):
         sequence = self._prepare()
         self._alp.Halt()
         self._alp.SeqPut(sequence, 0, mirrors[np.newaxis])
-        self._alp.Run(sequence)
+        self._alp.Run(sequence, loop=True)
         time.sleep(SETTLING_S)
 
     def blank(self) -> None:
         """Show a picture with every mirror off."""
         self._prepare()
         self.show(np.zeros((self._shape[0], self._shape[1] // 8), np.uint8))
+
+    def capacity(self) -> int:
+        """AlpDevInquire of the free memory, in binary pictures."""
+        self._prepare()
+        self._free_pictures()
+        return self._alp.DevInquire(ALP_AVAIL_MEMORY)
+
+    def load(self, mirrors: Iterable[NDArray[np.uint8]], count: int) -> None:
+        """A new sequence of `count` pictures, put block by block."""
+        room = self.capacity()
+        Range(1, room, "pictures").check("pictures in the DMD's memory", count)
+        sequence = self._pictures = self._alp.SeqAlloc(count, 1)
+        self._alp.SeqControl(sequence, ALP_DATA_FORMAT, ALP_DATA_BINARY_TOPDOWN)
+        self._alp.SeqControl(sequence, ALP_BIN_MODE, ALP_BIN_UNINTERRUPTED)
+        first = 0
+        for block in mirrors:
+            self._alp.SeqPut(sequence, first, block)
+            first += len(block)
+
+    def hold(self) -> None:
+        """AlpDevHalt."""
+        self._alp.Halt()
+
+    def play(self, first: int, count: int, period_s: float) -> None:
+        """Once from the first to the last picture, one every `period_s`, with a pulse of 20 us from its start on."""
+        if self._pictures is None:
+            raise InstrumentError("dmd: no pictures are loaded: load them before playing")
+        shortest = self._alp.SeqInquire(self._pictures, ALP_MIN_PICTURE_TIME)
+        period_us = round(period_s * 1e6)
+        Range(shortest, 10_000_000, "us").check("time between pictures", period_us)
+        self._alp.Halt()
+        # The first picture must never lie behind the last one, not even between two calls.
+        self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, 0)
+        self._alp.SeqControl(self._pictures, ALP_LASTFRAME, first + count - 1)
+        self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, first)
+        self._alp.SeqTiming(self._pictures, period_us, SYNCH_PULSE_US)
+        self._alp.Run(self._pictures, loop=False)
 
     def settings(self) -> dict[str, str | float]:
         """Mirrors and free picture memory."""
@@ -260,8 +330,15 @@ class VialuxAlp(Dmd):
         sequence, self._sequence = self._sequence, None
         if sequence is not None:
             self._alp.Halt()
+            self._free_pictures()
             self._alp.FreeSeq(sequence)
             self._alp.Free()
+
+    def _free_pictures(self) -> None:
+        pictures, self._pictures = self._pictures, None
+        if pictures is not None:
+            self._alp.Halt()
+            self._alp.FreeSeq(pictures)
 
     def _prepare(self) -> int:
         if self._sequence is None:

@@ -16,6 +16,7 @@ from instruments.interfaces import Awg, Dmd, Oscilloscope, PatchPanel, TunableLa
 from instruments.manual import Ask, ManualLaser, ManualPatchPanel
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
+from instruments.ti_dlpc900 import HidApi, TiDlpc900
 from instruments.vialux_alp import AlpByVendorLibrary, AlpOverVisa, VialuxAlp
 from instruments.visa import Transcript, VisaLink, tektronix_event_queue
 from labctl.station import AwgSection, DmdSection, LaserSection, PatchPanelSection, ScopeSection, StationError
@@ -97,6 +98,19 @@ def vialux_alp(section: DmdSection, opening: Opening) -> Dmd:
         return VialuxAlp(AlpByVendorLibrary(section.version, section.library))
     link = VisaLink(opening.address, name="dmd", timeout_s=section.timeout, transcript=opening.transcript)
     return VialuxAlp(AlpOverVisa(link))
+
+
+def ti_dlpc900(section: DmdSection, opening: Opening) -> Dmd:
+    """TI DLPC900 (LightCrafter 6500) on USB.
+
+    Raises:
+        StationError: another address.
+    """
+    if opening.address != USB:
+        raise StationError(
+            f"dmd.address = {opening.address!r}: driver = {section.driver!r} is on USB only: write address = {USB!r}"
+        )
+    return TiDlpc900(HidApi())
 
 
 def scpi_fibre_switch(section: PatchPanelSection, opening: Opening) -> PatchPanel:

@@ -7,23 +7,25 @@ interruption, and the checks that a record is new. Light and safe state belong t
 import hashlib
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 
 from instruments.bench import Bench
-from instruments.interfaces import Drive, InstrumentError
+from instruments.interfaces import Codes, Drive, InstrumentError
 from labctl.command_log import CommandLog
 from labctl.interruption import Interruption
 from labctl.provenance import git_revision, versions
-from labctl.runs import Durability, Measured, PlayedDrive, RunPaths, RunShape, RunWriter, ShotColumns, run_name
+from labctl.runs import Durability, MeasuredBurst, PlayedDrive, RunPaths, RunShape, RunWriter, ShotColumns, run_name
 from labctl.station import Station
 from labctl.stopwatch import Stopwatch
-from protocols.base import Images, Leg, LegStarted, Measurement, Record, Shot
+from protocols.base import BurstRecord, Images, Leg, LegStarted, Measurement, Record, Shot
 
 Progress = Callable[[int, int], None]
 """Called after every record with the number of records so far and in all."""
@@ -121,45 +123,94 @@ def _store(
     """Store every record of the protocol until it ends or is interrupted; returns how many were clipped."""
     total = len(shots) * len(protocol.legs(bench))
     done = clipped = 0
-    previous: Record | None = None
+    previous: Codes | None = None
     began = bench.now()
-    with closing(protocol.acquire(bench, images, shots)) as events:
+    with Storage(writer, stopwatch) as storage, closing(protocol.acquire(bench, images, shots)) as events:
         for event in events:
             if isinstance(event, LegStarted):
                 scalings = event.scalings
                 writer.scales(event.leg.index, [s.scale_v for s in scalings], [s.offset_v for s in scalings])
+                previous = None
                 continue
-            _refuse_stale(previous, event)
-            previous = event
-            with stopwatch.step("storage"):
-                writer.append(event.leg.index, _measured(event, bench.now() - began))
-            clipped += bool(event.frames.clipped.any())
-            done += 1
+            burst = _measured(event, bench.now() - began)
+            _refuse_stale(previous, burst)
+            previous = burst.codes[-1]
+            storage.keep(event, burst)
+            clipped += int(np.count_nonzero(burst.clipped.any(axis=1)))
+            done += len(burst.codes)
             progress(done, total)
             if interruption.requested:
                 break
     return clipped
 
 
-def _refuse_stale(previous: Record | None, record: Record) -> None:
+class Storage:
+    """Stores records; a burst in a thread of its own, while the bench measures the next one."""
+
+    def __init__(self, writer: RunWriter, stopwatch: Stopwatch) -> None:
+        self._writer = writer
+        self._stopwatch = stopwatch
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="storage")
+        self._stored: Future[None] | None = None
+
+    def keep(self, event: Record | BurstRecord, burst: MeasuredBurst) -> None:
+        """Store a single shot now, or wait until the last burst is stored and begin with this one."""
+        if isinstance(event, Record):
+            with self._stopwatch.step("storage"):
+                self._writer.append(event.leg.index, burst.shot(0))
+            return
+        self._finish()
+        self._stored = self._thread.submit(self._store, event.leg.index, burst)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._finish()
+        finally:
+            self._thread.shutdown()
+
+    def _store(self, leg: int, burst: MeasuredBurst) -> None:
+        with self._stopwatch.step("storage"):
+            self._writer.append_burst(leg, burst)
+
+    def _finish(self) -> None:
+        stored, self._stored = self._stored, None
+        if stored is not None:
+            stored.result()
+
+
+def _refuse_stale(previous: Codes | None, burst: MeasuredBurst) -> None:
     """Noise makes two traces differ: equal ones mean that the oscilloscope gave the same acquisition again."""
-    if previous is not None and np.array_equal(previous.frames.codes, record.frames.codes):
+    first = 0 if previous is None else int(np.array_equal(previous, burst.codes[0]))
+    repeated = np.flatnonzero((burst.codes[1:] == burst.codes[:-1]).all(axis=(1, 2)))
+    if first or repeated.size:
+        shot = burst.first + (0 if first else int(repeated[0]) + 1)
         raise InstrumentError(
-            f"scope: shots {previous.shot.index} and {record.shot.index} gave byte-identical traces: "
-            f"it did not acquire anew; check its trigger"
+            f"scope: shot {shot} and the one before gave byte-identical traces: it did not acquire anew; "
+            f"check its trigger"
         )
 
 
-def _measured(record: Record, time_s: float) -> Measured:
-    frames = record.frames
-    return Measured(
-        shot=record.shot.index,
-        codes=frames.codes,
-        trigger_offset_s=frames.trigger_offset_s,
-        time_s=time_s,
-        clipped=frames.clipped,
-        epoch=record.leg.index,
-    )
+def _measured(event: Record | BurstRecord, time_s: float) -> MeasuredBurst:
+    """What is stored of an event; `time_s` is the time of the last shot in it."""
+    epoch = event.leg.index
+    if isinstance(event, Record):
+        frames = event.frames
+        return MeasuredBurst(
+            event.shot.index,
+            frames.codes[np.newaxis],
+            frames.trigger_offset_s[np.newaxis],
+            np.array([time_s]),
+            frames.clipped[np.newaxis],
+            epoch,
+        )
+    burst = event.burst
+    times = time_s + burst.time_s - burst.time_s[-1]
+    return MeasuredBurst(event.first, burst.codes, burst.trigger_offset_s, times, burst.clipped, epoch)
 
 
 def _shape(protocol: Measurement, legs: Sequence[Leg], shots: Sequence[Shot]) -> RunShape:

@@ -142,6 +142,10 @@ class Station(Section):
         return SIMULATED in self.addresses.values()
 
 
+SIMULATED_STATION = Station(wiring=WiringSection(burst=True))
+"""What is used where no station file is named: every instrument simulated, every cable there."""
+
+
 def read_station(path: Path | None) -> Station:
     """Read a station file; without one, the simulated bench.
 
@@ -149,7 +153,7 @@ def read_station(path: Path | None) -> Station:
         StationError: the file cannot be read or is wrong anywhere.
     """
     if path is None:
-        return Station()
+        return SIMULATED_STATION
     try:
         return Station.model_validate(tomllib.loads(path.read_text("utf-8")) | {"source": str(path)})
     except OSError as error:
@@ -177,6 +181,7 @@ def write_addresses(path: Path, addresses: Mapping[str, str]) -> None:
         StationError: the file exists or cannot be written.
     """
     tables = [f'[{name}]\naddress = "{address}"\n' for name, address in addresses.items()]
+    tables.append("[wiring]\nburst = true\n")
     text = "\n".join(tables).replace("[laser]\n", f'[laser]\ncommands = "{SIMULATED}"\n')
     try:
         with path.open("x", encoding="utf-8") as file:

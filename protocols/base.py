@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from instruments.bench import Bench
-from instruments.interfaces import Drive, Frames, Scaling
+from instruments.interfaces import Burst, Drive, Frames, Scaling
 
 
 class ProtocolError(Exception):
@@ -76,7 +76,16 @@ class Record:
     frames: Frames
 
 
-Events = Generator[LegStarted | Record, None, None]
+@dataclass(frozen=True)
+class BurstRecord:
+    """Consecutive shots, the first one `first` in the plan, measured on the channels of one leg in one burst."""
+
+    leg: Leg
+    first: int
+    burst: Burst
+
+
+Events = Generator[LegStarted | Record | BurstRecord, None, None]
 
 
 class Measurement(BaseModel, ABC):

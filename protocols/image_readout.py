@@ -13,6 +13,8 @@ from instruments.bench import Bench
 from instruments.interfaces import Drive, Frames, Timebase
 from instruments.units import Nanometres, Seconds
 from protocols.base import Events, Images, Leg, LegStarted, Measurement, ProtocolError, Record, Shot, ShotKind
+from protocols.bursts import PictureMemory, burst_dmd, measure_bursts
+from protocols.patterns import Patterns
 from protocols.ranging import find_ranges
 
 DRIVE_RATE = 25e9
@@ -108,8 +110,9 @@ class ImageReadout(Measurement):
     def check(self, bench: Bench, images: Images) -> None:
         """The images must fit the DMD, and the timing the wiring."""
         if self.timing == "burst":
-            lacking = "is not available in this version" if bench.wiring.burst else "needs wiring.burst of the station"
-            raise ProtocolError(f"timing = 'burst' {lacking}: choose timing = 'software'")
+            burst_dmd(bench)
+            if self.averages != 1:
+                raise ProtocolError(f"averages = {self.averages}: a burst takes one trigger a shot: choose 1")
         Patterns(images, bench.dmd.shape)
 
     def drive(self, bench: Bench) -> Drive:
@@ -126,22 +129,29 @@ class ImageReadout(Measurement):
         return len(self.legs(bench)) * (REAL_LEG_S + (shots + PROBES) * REAL_SHOT_S)
 
     def acquire(self, bench: Bench, images: Images, shots: Sequence[Shot]) -> Events:
-        """Software-timed: show, arm, wait for the marker of the running drive, read."""
+        """Shot by shot: show, arm, wait for the marker of the running drive, read. Or in hardware-timed bursts."""
         timebase = Timebase(self.sample_rate, self.sample_count())
         patterns = Patterns(images, bench.dmd.shape)
         probes = [shot for shot in shots if shot.kind is ShotKind.IMAGE][:PROBES]
-        bench.awg.load(self.drive(bench))
+        drive = self.drive(bench)
         legs = self.legs(bench)
+        if self.timing == "burst":
+            dmd = burst_dmd(bench)
+            memory = PictureMemory(dmd, patterns, shots)
         with bench.emitting(legs[0].wavelength_nm):
-            bench.awg.play()
             for leg in legs:
                 bench.laser.tune(leg.wavelength_nm)
                 bench.patch_panel.connect(leg.patching)
+                bench.awg.load(drive)
+                bench.awg.play()
                 bench.scope.configure(timebase, bench.wiring.trigger, tuple(leg.patching), self.averages)
                 captures = [partial(show_and_capture, bench, patterns[shot]) for shot in probes]
                 yield LegStarted(leg, find_ranges(bench.scope, captures))
-                for shot in shots:
-                    yield Record(leg, shot, show_and_capture(bench, patterns[shot]))
+                if self.timing == "burst":
+                    yield from measure_bursts(bench, dmd, memory, leg, drive, timebase)
+                else:
+                    for shot in shots:
+                        yield Record(leg, shot, show_and_capture(bench, patterns[shot]))
 
 
 def show_and_capture(bench: Bench, mirrors: NDArray[np.uint8]) -> Frames:
@@ -160,42 +170,6 @@ def balanced_order(labels: NDArray[np.int64], generator: np.random.Generator) ->
             np.arange(members.size) + generator.random(members.size)
         ) / members.size
     return np.argsort(places, kind="stable")
-
-
-class Patterns:
-    """The mirror patterns of a run's shots: images as large as the DMD allows, centred, whole mirrors a pixel."""
-
-    def __init__(self, images: Images, shape: tuple[int, int]) -> None:
-        """Prepare patterns for a DMD of `shape` mirrors.
-
-        Raises:
-            ProtocolError: the images are larger than the DMD.
-        """
-        height, width = images.images.shape[1:]
-        self._pitch = min(shape[0] // height, shape[1] // width)
-        if self._pitch == 0:
-            raise ProtocolError(
-                f"images of {height}x{width} pixels do not fit a DMD of {shape[0]}x{shape[1]} mirrors: "
-                f"use smaller images"
-            )
-        self._row = (shape[0] - height * self._pitch) // 2
-        self._column = (shape[1] - width * self._pitch) // 2
-        self._shape = shape
-        self._images = images.images
-        self._place = {int(index): place for place, index in enumerate(images.indices)}
-
-    def __getitem__(self, shot: Shot) -> NDArray[np.uint8]:
-        """The packed mirror bits of `shot`, shape (rows, columns / 8); a dark shot turns every mirror away."""
-        rows, columns = self._shape
-        mirrors = np.zeros((rows, columns // 8), np.uint8)
-        if shot.kind is ShotKind.DARK:
-            return mirrors
-        image = self._images[self._place[shot.dataset_index]]
-        lines = np.zeros((image.shape[0], columns), bool)
-        lines[:, self._column : self._column + image.shape[1] * self._pitch] = np.repeat(image, self._pitch, axis=1)
-        packed = np.repeat(np.packbits(lines, axis=1), self._pitch, axis=0)
-        mirrors[self._row : self._row + len(packed)] = packed
-        return mirrors
 
 
 def _shot(index: int, kind: ShotKind, images: Images, place: np.int64) -> Shot:

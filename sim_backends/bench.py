@@ -1,4 +1,4 @@
-"""The simulated bench: one world, five virtual instruments, two network addresses for each."""
+"""The simulated bench: one world, five virtual instruments, two or three network addresses for each."""
 
 from collections.abc import Mapping
 from types import TracebackType
@@ -11,6 +11,7 @@ from sim_backends.servers.clients import Instrument
 from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Loop
 from sim_backends.servers.socket import serve_socket
+from sim_backends.servers.vxi11 import serve_vxi11
 from sim_backends.virtual.alp import VirtualAlp
 from sim_backends.virtual.awg70002a import VirtualAwg70002a
 from sim_backends.virtual.dpo72504dx import VirtualDpo72504dx
@@ -18,7 +19,8 @@ from sim_backends.virtual.fibre_switch import VirtualFibreSwitch
 from sim_backends.virtual.tlg220 import VirtualTlg220
 from sim_backends.world import World
 
-HISLIP_OFFSET = 10  # of the HiSLIP ports from the ports of the raw sockets
+HISLIP_OFFSET, VXI11_OFFSET = 10, 20  # of the other ports from the ports of the raw sockets
+SPEAK_VXI11 = ("awg", "scope")  # as the Tektronix instruments do
 
 
 class SimulatedBench:
@@ -29,7 +31,7 @@ class SimulatedBench:
         twin_seed: Which fibre, which chip, which noise.
         host: The address to listen on. The default is reachable from this machine only: nothing here asks who calls.
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
-            ports 10 higher; None: any free ports.
+            ports 10 higher, VXI-11 20 higher; None: any free ports.
         laser_table: The commands the laser obeys, in the form of `virtual/tlg220.toml`; None: that file.
     """
 
@@ -67,7 +69,7 @@ class SimulatedBench:
         loop = Loop()
         try:
             self.resources = {
-                role: self._serve(loop, instrument, rank)
+                role: self._serve(loop, role, instrument, rank)
                 for rank, (role, instrument) in enumerate(self._instruments.items())
             }
         except OSError:
@@ -106,11 +108,17 @@ class SimulatedBench:
     ) -> None:
         self.stop()
 
-    def _serve(self, loop: Loop, instrument: Instrument, rank: int) -> dict[str, str]:
-        base = self._port_base
-        socket_port = serve_socket(loop, instrument, self._host, 0 if base is None else base + rank)
-        hislip_port = serve_hislip(loop, instrument, self._host, 0 if base is None else base + HISLIP_OFFSET + rank)
-        return {
-            "socket": f"TCPIP0::{self._host}::{socket_port}::SOCKET",
-            "hislip": f"TCPIP0::{self._host}::hislip0,{hislip_port}::INSTR",
+    def _serve(self, loop: Loop, role: str, instrument: Instrument, rank: int) -> dict[str, str]:
+        host = self._host
+
+        def port(offset: int) -> int:
+            return 0 if self._port_base is None else self._port_base + offset + rank
+
+        addresses = {
+            "socket": f"TCPIP0::{host}::{serve_socket(loop, instrument, host, port(0))}::SOCKET",
+            "hislip": f"TCPIP0::{host}::hislip0,{serve_hislip(loop, instrument, host, port(HISLIP_OFFSET))}::INSTR",
         }
+        if role in SPEAK_VXI11:
+            vxi11_port = serve_vxi11(loop, instrument, host, port(VXI11_OFFSET))
+            addresses["vxi11"] = f"TCPIP0::{host},{vxi11_port}::inst0::INSTR"
+        return addresses

@@ -1,4 +1,4 @@
-"""What travels between the virtual instruments and the world: light, waveforms, trigger conditions, records."""
+"""What travels between the instruments and the world: light, waveforms, patterns, trigger conditions, records."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,13 +22,17 @@ class Emission:
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """What the generator's channel 1 is putting out, periodic for ever from t = 0 of the virtual clock.
+    """What the generator's channel 1 is putting out.
 
     volts: (n,) DAC volts into 50 ohm in front of the output stage, scaled, quantised and clipped.
     marker: (n,) marker 1, between `marker_low_v` and `marker_high_v`. sample_rate: S/s.
+    lengths: None: one period, repeated for ever from t = 0 of the virtual clock. Otherwise `volts` and `marker` are cut
+        into segments of these lengths; each edge at the trigger input starts the next one, cyclically, and is ignored
+        while one plays; in between the output idles at 0 V with the marker low.
+    runs_on: the last segment, once reached, repeats for ever.
 
     Raises:
-        ValueError: `volts` and `marker` are not two equally long periods.
+        ValueError: `volts` and `marker` are not equally long, or `lengths` do not add up to them.
     """
 
     volts: NDArray[np.float32]
@@ -36,28 +40,83 @@ class Playback:
     marker_low_v: float
     marker_high_v: float
     sample_rate: float
+    lengths: tuple[int, ...] | None = None
+    runs_on: bool = False
 
     def __post_init__(self) -> None:
         if self.volts.ndim != 1 or self.volts.size == 0 or self.marker.shape != self.volts.shape:
             raise ValueError(
                 f"playback: volts {self.volts.shape}, marker {self.marker.shape}: give two equally long periods"
             )
+        if self.lengths is not None and (sum(self.lengths) != self.volts.size or min(self.lengths) < 1):
+            raise ValueError(
+                f"playback: segments {self.lengths} of {self.volts.size} samples: they must add up to them"
+            )
+        if self.lengths is None and self.runs_on:
+            raise ValueError("playback: only a triggered playback runs on: give lengths")
 
     @property
     def period(self) -> float:
-        """Period (s)."""
+        """Period (s); of a triggered playback the duration of all segments together."""
         return float(self.volts.size / self.sample_rate)
+
+    def segment(self, number: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Volts and marker of segment `number`, from 0; all of them when there are no segments."""
+        if self.lengths is None:
+            return self.volts, self.marker
+        begin = sum(self.lengths[:number])
+        part = slice(begin, begin + self.lengths[number])
+        return self.volts[part], self.marker[part]
 
     @cached_property
     def digest(self) -> bytes:
         """Names the playback, computed once."""
+        triggered: tuple[chance.Purpose, ...] = (
+            () if self.lengths is None else ("triggered", *self.lengths, self.runs_on)
+        )
         return chance.digest(
             self.volts.astype("<f4").tobytes(),
             np.packbits(self.marker).tobytes(),
             float(self.marker_low_v),
             float(self.marker_high_v),
             float(self.sample_rate),
+            *triggered,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Patterns that the DMD shows one after another.
+
+    patterns: (n, 768, 128) packed bits, most significant bit leftmost, 1 = towards the collecting fibre.
+    start_s: virtual time at which the first one is latched; the others follow every `picture_time_s`.
+    synch_delay_s: from the latch to the frame synch pulse that goes to the generator's trigger input A.
+    loop: from the beginning again after the last one, for ever; otherwise the last one stays.
+    triggered: slave mode; each edge at the DMD's trigger input latches the next one, the first one included, but none
+        sooner than `picture_time_s` after the one before. The generator's marker 1 supplies the edges, one a segment.
+    synch_pulse_s: width of the frame synch pulse. synch_high: whether the pulse goes from 0 up to 3.3 V or down.
+    repeats: how often a finite projection shows all its patterns.
+
+    Raises:
+        ValueError: patterns of another shape, or none; no picture time.
+    """
+
+    patterns: NDArray[np.uint8]
+    start_s: float
+    picture_time_s: float
+    synch_delay_s: float = 0.0
+    loop: bool = False
+    triggered: bool = False
+    synch_pulse_s: float = 10e-6
+    synch_high: bool = True
+    repeats: int = 1
+
+    def __post_init__(self) -> None:
+        if self.patterns.ndim != 3 or len(self.patterns) == 0 or not self.picture_time_s > 0:
+            raise ValueError(
+                f"projection: patterns {self.patterns.shape} every {self.picture_time_s} s: "
+                "give packed bits (n, 768, 128) and a time above 0"
+            )
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,18 @@
 """Where physics meets the instruments: their settings go in, volts at the oscilloscope's inputs come out.
 
 The world knows what is on the wires and in the fibres, never why: no label, no image but mirror bits, no experiment.
-Every random number of a record is a function of the twin's seed, the instruments' state, the acquisition and how many
-triggers were recorded since that state was last changed. Byte-equality holds on one machine with one number of BLAS
-threads; matrix shapes are kept fixed so that the number of triggers in a record changes nothing.
+The wires: DMD frame synch -> generator's trigger input A, generator's marker 1 -> oscilloscope's AUX input and DMD's
+trigger input. Every random number of a record is a function of the twin's seed, the instruments' state when the
+trigger comes (the pattern on the mirrors, not the ones before or after it in a projection), the acquisition and how
+many triggers were recorded in that state since a setting was last changed. Byte-equality holds on one machine with one
+number of BLAS threads; matrix shapes are kept fixed so that the number of triggers in a record changes nothing.
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +20,35 @@ from numpy.typing import NDArray
 from sim_backends import chance, triggers
 from sim_backends.clock import VirtualClock
 from sim_backends.light_path import LightPath, Setting
-from sim_backends.optics import mirrors
+from sim_backends.optics import chain
 from sim_backends.parameters import Parameters
-from sim_backends.signals import AUX, BYPASS, Acquisition, Emission, Playback, Record, TriggerCondition
+from sim_backends.pictures import Pictures, Sight
+from sim_backends.segments import SegmentStarts
+from sim_backends.signals import AUX, BYPASS, Acquisition, Emission, Playback, Projection, Record, TriggerCondition
 
-__all__ = ["AUX", "BYPASS", "Acquisition", "Emission", "Playback", "Record", "TriggerCondition", "World"]
+__all__ = ["AUX", "BYPASS", "Acquisition", "Emission", "Playback", "Projection", "Record", "TriggerCondition", "World"]
 
 CHANNELS = (1, 2, 3, 4)
 _SHIFT_STEP_S = 2.5e-12
 _PHASE_STEP_S = 1.25e-12
 _SAME_PHASE_S = 15e-12
 
-_Sight = tuple[int, float, float, float | None, bool]
+_BLOCK_BYTES = 32_000_000  # of fields computed together; bounds the memory, not the result
+_ONSET_S = 15e-9  # longer than fibre, chip and filters remember
+_LONGEST_ONSET = 2**22  # samples of a repeated segment that are followed from its first one on
+
+
+class _Light(NamedTuple):
+    """What triggers have in common that one computation serves: all but the pattern."""
+
+    step: int
+    segment: int | None
+    repeats: int
+    phase_s: float
+    shift_s: float
+    scene: int
+    age_s: float | None
+    lit: bool
 
 
 class World:
@@ -42,13 +63,14 @@ class World:
         self._emission: Emission | None = None
         self._lit_from_s = 0.0
         self._playback: Playback | None = None
+        self._starts = SegmentStarts()
         self._patching: dict[int, int] = {}
-        self._counts: NDArray[np.uint16] | None = None
-        self._shown_at_s = -math.inf
-        self._patterns = np.zeros((2, mirrors.SIDE**2), np.float32)  # before and after the mirrors' last change
-        self._amplitudes = self._light_path.amplitudes(self._patterns)
-        self._state: bytes | None = None
-        self._recorded = 0
+        self._pictures = Pictures(
+            self._light_path.amplitudes,
+            leaves_s=self.parameters.mirror_leaves_s,
+            arrives_s=self.parameters.mirror_arrives_s,
+        )
+        self._recorded: Counter[bytes] = Counter()
         self._marker_phases = np.empty(0)
         self._light_phases = np.empty(0)
         self.physics_seconds = perf_counter() - began
@@ -68,21 +90,61 @@ class World:
         if (playback.digest if playback else None) == before:
             return
         self._playback = playback
+        self._starts.play(playback, self.clock.now)
         self._marker_phases = np.empty(0)
         if playback is not None:
-            edges = [triggers.marker_edges(playback.marker, rising=rising) for rising in (True, False)]
-            self._marker_phases = np.concatenate(edges) / playback.sample_rate
+            segments = range(len(playback.lengths or (0,)))
+            markers = [playback.segment(number)[1] for number in segments]
+            edges = [triggers.marker_edges(marker, rising=rising) for marker in markers for rising in (True, False)]
+            self._marker_phases = np.unique(np.concatenate([[0.0], *edges])) / playback.sample_rate
         self._changed()
+
+    def trigger_awg(self) -> None:
+        """An edge at the generator's trigger input A now: a software or internal trigger."""
+        number = self._starts.edge(self.clock.now)
+        if number is not None and self._playback is not None and self._playback.segment(number)[1].any():
+            self._pictures.advance(self.clock.now)
+
+    def awg_trigger_level(self, level_v: float, *, rising: bool) -> None:
+        """Which edge of the DMD's frame synch pulse (0 and 3.3 V) the generator's input A takes; 1.4 V rising at first.
+
+        A level the pulse does not cross takes none.
+        """
+        self._starts.heed(level_v, rising=rising, now_s=self.clock.now)
 
     def show(self, mirrors: NDArray[np.uint8] | None) -> None:
         """Latch a pattern: packed bits (768, 128), 1 = towards the collecting fibre; None lets the mirrors float.
+
+        It stays; the frame synch output is silent.
 
         Raises:
             ValueError: not (768, 128) bytes.
         """
         began = perf_counter()
-        self._latch(mirrors)
+        self._starts.project(None, self.clock.now)
+        self._latch(None if mirrors is None else mirrors[np.newaxis], None)
         self.physics_seconds += perf_counter() - began
+
+    def project(self, projection: Projection) -> None:
+        """Play patterns one after another on the virtual clock; after the last one of a finite projection it stays.
+
+        Raises:
+            ValueError: patterns that are not (n, 768, 128) bytes.
+        """
+        began = perf_counter()
+        self._latch(projection.patterns, projection)
+        self._starts.project(projection, self.clock.now)
+        self.physics_seconds += perf_counter() - began
+
+    def hold(self) -> None:
+        """Stop a projection: the picture of now stays, the frame synch output is silent."""
+        self._starts.project(None, self.clock.now)
+        if self._pictures.hold(self.clock.now):
+            self._changed()
+
+    def pictures_shown(self) -> int:
+        """How many pictures of the present projection have been latched, repetitions counted."""
+        return self._pictures.latched_count(self.clock.now)
 
     def patch(self, patching: Mapping[int, int]) -> None:
         """Connect oscilloscope channels to ports: 0 is the collecting fibre itself, past the chip.
@@ -103,26 +165,42 @@ class World:
         return chance.generator(chance.digest(self.twin_seed, *purpose))
 
     def next_triggers(
-        self, condition: TriggerCondition, count: int, holdoff_s: float = 0.0
+        self, condition: TriggerCondition, count: int, holdoff_s: float = 0.0, *, after_s: float | None = None
     ) -> NDArray[np.float64] | None:
-        """Times (s) of the next `count` triggers at or after now; None if none will ever come in this state."""
+        """Times (s) of the next `count` triggers at or after `after_s` (default: now); it may lie in the past.
+
+        A triggered playback gives one AUX edge for every segment played whose marker has one, perhaps fewer than
+        `count`; light itself triggers on a periodic playback only. None if no trigger will ever come in this state.
+        """
         began = perf_counter()
-        phases = self._trigger_phases(condition)
+        after_s = self.clock.now if after_s is None else after_s
+        playback = self._playback
+        times = None
+        if playback is not None and playback.lengths is not None:
+            if condition.source == AUX and playback.marker_low_v < condition.level_v < playback.marker_high_v:
+                times = self._starts.marker_edges(count, rising=condition.rising, after_s=after_s, holdoff_s=holdoff_s)
+        elif playback is not None:
+            phases = self._trigger_phases(playback, condition)
+            if phases.size:
+                times = triggers.upcoming(phases, playback.period, after=after_s, count=count, holdoff=holdoff_s)
         self.physics_seconds += perf_counter() - began
-        if phases.size == 0 or self._playback is None:
-            return None
-        return triggers.upcoming(phases, self._playback.period, after=self.clock.now, count=count, holdoff=holdoff_s)
+        return None if times is None or times.size == 0 else times
 
     def record(self, acquisition: Acquisition, trigger_times: NDArray[np.float64], *, setting: bytes = b"") -> Record:
         """Sample the light after each of `trigger_times`, (T,) s.
 
+        Every trigger sees the pattern that is on the mirrors then, and the light of the segment that plays then.
         `setting` names what else the oscilloscope's noise depends on, its vertical settings for instance.
         """
         began = perf_counter()
-        frame = chance.digest(self.twin_seed, self._state_digest(), acquisition.digest, setting)
-        keys = tuple(chance.digest(frame, self._recorded + number) for number in range(len(trigger_times)))
-        self._recorded += len(trigger_times)
-        shape = (len(trigger_times), len(acquisition.channels), acquisition.samples)
+        times = np.asarray(trigger_times, np.float64)
+        shape = (len(times), len(acquisition.channels), acquisition.samples)
+        sight = self._pictures.sight(
+            times,
+            begins_s=acquisition.start_s,
+            ends_s=acquisition.start_s + acquisition.samples / acquisition.sample_rate,
+        )
+        keys = self._keys(sight.names, acquisition, setting)
         offsets, lateness = np.zeros(shape[0]), np.empty(shape[0])
         volts = np.empty(shape, np.float32)
         for number, key in enumerate(keys):
@@ -133,71 +211,81 @@ class World:
                 offsets[number] = (source.random() - 0.5) / acquisition.sample_rate
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse
-        for sight, rows in self._alike(np.asarray(trigger_times, np.float64), coarse).items():
-            self._expose(volts, rows, lateness, acquisition, sight)
+        for light, rows in self._alike(times, coarse, acquisition, sight).items():
+            self._expose(volts, np.array(rows), lateness, acquisition, light, sight)
         self.physics_seconds += perf_counter() - began
-        return Record(volts, offsets, keys)
+        return Record(volts, offsets, tuple(keys))
 
     def _expose(
         self,
         volts: NDArray[np.float32],
-        rows: list[int],
+        rows: NDArray[np.intp],
         lateness: NDArray[np.float64],
         acquisition: Acquisition,
-        sight: _Sight,
+        light: _Light,
+        sight: Sight,
     ) -> None:
         """Turn unit noise in `volts[rows]` into noisy volts. Jitter enters by the trace's slope: first-order Taylor."""
-        step, phase, shift, moving, lit = sight
-        optics = self._light_path.optics(self._setting(acquisition.channels, step, lit=lit))
-        clean, slope = self._light_path.sampled(
-            optics, acquisition, self._amplitudes, phase_s=phase, shift_s=shift, moving_since_s=moving
-        )
+        setting = self._setting(acquisition.channels, light.step, light.segment, light.repeats, lit=light.lit)
+        optics = self._light_path.optics(setting)
         floor, linear, quadratic, offset = optics.laws
-        signal = np.maximum(clean, 0)
-        deviation = np.sqrt(floor + signal * (linear + quadratic * signal))
-        clean = clean + offset
-        for row in rows:
-            trace = volts[row]
-            trace *= deviation
-            trace += clean
-            trace += np.float32(lateness[row]) * slope
-            np.minimum(trace, np.float32(self.parameters.detector_limit_v), out=trace)
+        amplitudes = sight.scenes[light.scene].amplitudes
+        seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if light.age_s is not None else 0)
+        pairs, which = np.unique(seen, return_inverse=True)
+        after, before = amplitudes[pairs // len(amplitudes)], amplitudes[pairs % len(amplitudes)]
+        points = acquisition.samples / (acquisition.sample_rate * self.parameters.record_step_s) + 100
+        block = max(1, int(_BLOCK_BYTES / (8 * len(acquisition.channels) * points * chain.IMAGE_BLOCK)))
+        block *= chain.IMAGE_BLOCK
+        order = np.argsort(which, kind="stable")
+        for begin in range(0, len(pairs), block):
+            clean, slope = self._light_path.sampled(
+                optics,
+                acquisition,
+                after[begin : begin + block],
+                phase_s=light.phase_s,
+                shift_s=light.shift_s,
+                before=None if light.age_s is None else before[begin : begin + block],
+                moving_since_s=light.age_s or 0.0,
+            )
+            signal = np.maximum(clean, 0)
+            deviation = np.sqrt(floor + signal * (linear + quadratic * signal))
+            clean = clean + offset
+            low, high = np.searchsorted(which[order], [begin, begin + len(clean)])
+            for place in order[low:high].tolist():
+                trace, image = volts[rows[place]], which[place] - begin
+                trace *= deviation[image]
+                trace += clean[image]
+                trace += np.float32(lateness[rows[place]]) * slope[image]
+                np.minimum(trace, np.float32(self.parameters.detector_limit_v), out=trace)
 
-    def _latch(self, packed: NDArray[np.uint8] | None) -> None:
-        counts = None if packed is None else mirrors.on_counts(packed)
-        if counts is None or self._counts is None:
-            if counts is self._counts:
-                return
-        elif np.array_equal(counts, self._counts):
-            return
-        constants = self.parameters
-        since = np.asarray(self.clock.now - self._shown_at_s)
-        moved = mirrors.moved_fraction(since, leaves=constants.mirror_leaves_s, arrives=constants.mirror_arrives_s)
-        before, after = self._patterns
-        new = np.zeros_like(after) if counts is None else mirrors.fraction(counts)
-        self._patterns = np.stack([before + np.float32(moved) * (after - before) if moved < 1 else after, new])
-        self._amplitudes = self._light_path.amplitudes(self._patterns)
-        self._counts = counts
-        self._shown_at_s = self.clock.now
-        self._changed()
+    def _latch(self, patterns: NDArray[np.uint8] | None, projection: Projection | None) -> None:
+        if self._pictures.latch(patterns, projection, self.clock.now):
+            self._changed()
 
     def _changed(self) -> None:
-        self._state = None
-        self._recorded = 0
+        self._recorded.clear()
         self._light_phases = np.empty(0)
 
-    def _state_digest(self) -> bytes:
-        if self._state is None:
-            self._state = chance.digest(
-                self._setting(CHANNELS, 0, lit=True).key,
-                *(f"{channel}:{port}" for channel, port in sorted(self._patching.items())),
-                "floating" if self._counts is None else self._counts.tobytes(),
-            )
-        return self._state
+    def _keys(self, shown: list[bytes], acquisition: Acquisition, setting: bytes) -> list[bytes]:
+        """Noise keys of triggers that come while the patterns named `shown` are latched; counts them."""
+        others = chance.digest(
+            self._setting(CHANNELS, 0, None, 1, lit=True).key,
+            *(f"{channel}:{port}" for channel, port in sorted(self._patching.items())),
+        )
+        frames: dict[bytes, bytes] = {}
+        keys = []
+        for name in shown:
+            if name not in frames:
+                frames[name] = chance.digest(self.twin_seed, others, name, acquisition.digest, setting)
+            keys.append(chance.digest(frames[name], self._recorded[name]))
+            self._recorded[name] += 1
+        return keys
 
-    def _setting(self, channels: tuple[int, ...], step: int, *, lit: bool) -> Setting:
+    def _setting(
+        self, channels: tuple[int, ...], step: int, segment: int | None, repeats: int, *, lit: bool
+    ) -> Setting:
         ports = tuple(self._lit_port(channel) for channel in channels)
-        return Setting(self._emission if lit else None, self._playback, ports, step)
+        return Setting(self._emission if lit else None, self._playback, ports, step, segment, repeats)
 
     def _lit_port(self, channel: int) -> int | None:
         """The port whose light a channel sees; None: nothing connected, the input port, or the fibre is unplugged."""
@@ -210,47 +298,82 @@ class World:
         wanders = constants.laser_wander_hz > 0 or constants.chip_wander_hz > 0
         return math.floor(time_s / constants.wander_step_s) if wanders else 0
 
-    def _alike(self, times: NDArray[np.float64], coarse: NDArray[np.float64]) -> dict[_Sight, list[int]]:
-        """Triggers that see the same light, by (wander step, phase, shift, mirrors' age if they move, laser lit)."""
-        groups: dict[_Sight, list[int]] = {}
-        shifts, phases = coarse.tolist(), self._phases(times).tolist()
-        for row, (time, phase, shift) in enumerate(zip(times.tolist(), phases, shifts, strict=True)):
-            age = time - self._shown_at_s
-            moving = age if age < self.parameters.mirror_arrives_s else None
-            sight = (self._wander_step(time), phase, shift, moving, time >= self._lit_from_s)
-            groups.setdefault(sight, []).append(row)
+    def _alike(
+        self, times: NDArray[np.float64], coarse: NDArray[np.float64], acquisition: Acquisition, sight: Sight
+    ) -> dict[_Light, list[int]]:
+        """Triggers that see the same light, on whatever patterns of one scene."""
+        groups: dict[_Light, list[int]] = {}
+        phases, segments, repeats = self._phases(times, acquisition)
+        columns = (times, segments, repeats, phases, coarse, sight.scene, sight.age_s)
+        for row, (time, segment, repeat, phase, shift, scene, age) in enumerate(
+            zip(*(column.tolist() for column in columns), strict=True)
+        ):
+            light = _Light(
+                self._wander_step(time),
+                segment if segment >= 0 else None,
+                repeat,
+                phase,
+                shift,
+                scene,
+                None if math.isnan(age) else age,
+                time >= self._lit_from_s,
+            )
+            groups.setdefault(light, []).append(row)
         return groups
 
-    def _phases(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Phases of triggers in the drive's period (s), freed of the rounding that a large virtual time brings."""
-        if self._playback is None:
-            return np.zeros_like(times)
-        period = self._playback.period
-        phases = times % period
+    def _phases(
+        self, times: NDArray[np.float64], acquisition: Acquisition
+    ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:
+        """Phases of triggers (s), the segments they fall into (-1 = none) and how often those are repeated.
+
+        The phase is a time in the drive's period, or from the segment's start, freed of the rounding that a large
+        virtual time brings.
+        """
+        playback = self._playback
+        segments, repeats = np.full(times.size, -1), np.ones(times.size, np.intp)
+        if playback is None:
+            return np.zeros_like(times), segments, repeats
+        if playback.lengths is None:
+            return self._snapped(times % playback.period, playback.period), segments, repeats
+        starts, segments = self._starts.latest(times)
+        phases = self._snapped(np.where(segments < 0, 0.0, times - np.nan_to_num(starts)), math.inf)
+        if playback.runs_on:
+            period = playback.lengths[-1] / playback.sample_rate
+            last = segments == len(playback.lengths) - 1
+            begins = phases + acquisition.start_s - self.parameters.light_delay_s
+            ends = begins + acquisition.samples / acquisition.sample_rate + _ONSET_S
+            covering = np.maximum(1, np.ceil(ends / period))
+            onset = (begins < _ONSET_S) & (covering * playback.lengths[-1] < _LONGEST_ONSET)
+            repeats = np.where(last, np.where(onset, covering, 0), 1).astype(np.intp)
+            phases = np.where(last & ~onset, self._snapped(phases % period, period), phases)
+        return phases, segments, repeats
+
+    def _snapped(self, phases: NDArray[np.float64], period: float) -> NDArray[np.float64]:
+        """Phases on a fine grid, or on the edges that triggers come from where they are near one."""
         snapped = np.rint(phases / _PHASE_STEP_S) * _PHASE_STEP_S
         marks = np.concatenate([self._marker_phases, self._light_phases])
         if marks.size:
-            away = np.abs((phases[:, None] - marks + period / 2) % period - period / 2)
+            away = np.abs(phases[:, None] - marks)
+            if math.isfinite(period):
+                away = np.minimum(away, period - away)
             nearest = away.argmin(axis=1)
-            close = away[np.arange(times.size), nearest] < _SAME_PHASE_S
+            close = away[np.arange(phases.size), nearest] < _SAME_PHASE_S
             snapped = np.where(close, marks[nearest], snapped)
         return snapped
 
-    def _trigger_phases(self, condition: TriggerCondition) -> NDArray[np.float64]:
-        playback = self._playback
-        if playback is None:
-            return np.empty(0)
+    def _trigger_phases(self, playback: Playback, condition: TriggerCondition) -> NDArray[np.float64]:
         if condition.source == AUX:
             if not playback.marker_low_v < condition.level_v < playback.marker_high_v:
                 return np.empty(0)
             return triggers.marker_edges(playback.marker, rising=condition.rising) / playback.sample_rate
         points = math.ceil(playback.period / self.parameters.record_step_s)
         period = Acquisition((condition.source,), points / playback.period, points, 0.0)
-        optics = self._light_path.optics(self._setting(period.channels, self._wander_step(self.clock.now), lit=True))
+        step = self._wander_step(self.clock.now)
+        optics = self._light_path.optics(self._setting(period.channels, step, None, 1, lit=True))
         clean, _ = self._light_path.sampled(
-            optics, period, self._amplitudes, phase_s=0.0, shift_s=0.0, moving_since_s=None
+            optics, period, self._pictures.latched(self.clock.now)[np.newaxis], phase_s=0.0, shift_s=0.0
         )
-        trace = np.minimum(clean[0] + optics.laws[3, 0], np.float32(self.parameters.detector_limit_v))
+        trace = np.minimum(clean[0, 0] + optics.laws[3, 0], np.float32(self.parameters.detector_limit_v))
         self._light_phases = (
             triggers.level_crossings(trace, condition.level_v, rising=condition.rising) / period.sample_rate
         )

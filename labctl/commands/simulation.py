@@ -1,19 +1,25 @@
 """`labctl sim serve`: the simulated bench as a service."""
 
+import ipaddress
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from labctl.commands.output import JsonOption, say, show, table
+from labctl.commands.output import JsonOption, errors, say, show, table
 from labctl.commands.run import StationOption
-from labctl.failures import DONE
+from labctl.failures import DONE, UsageError
 from labctl.interruption import on_stop_signal
 from labctl.opening import simulated_bench
-from labctl.station import SimSection, read_station, write_addresses
+from labctl.station import SimSection, Station, read_station, write_addresses
+from sim_backends.bench import SimulatedBench
 
 POLL_S = 0.5
+LOOPBACK = "127.0.0.1"
+TRANSPORTS = ("socket", "hislip", "vxi11")
 
 app = typer.Typer(help="The simulated bench.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -33,14 +39,19 @@ def serve(
     save_station: Annotated[
         Path | None, typer.Option("--save-station", help="Write a station file that points at these instruments.")
     ] = None,
+    host: Annotated[
+        str, typer.Option("--host", help="Address of this machine to listen on; the default is this machine alone.")
+    ] = LOOPBACK,
     as_json: JsonOption = False,
 ) -> int:
-    """Serve every instrument on loopback until Ctrl-C or SIGTERM."""
+    """Serve every instrument until Ctrl-C or SIGTERM; on loopback, unless --host names another address."""
+    if not _is_loopback(host):
+        errors.print(f"labctl: anyone who reaches {host} can drive these instruments: nobody is asked who they are")
     asked = read_station(station)
     if twin_seed is not None:
         asked = asked.model_copy(update={"sim": SimSection(twin_seed=twin_seed)})
     stop = threading.Event()
-    with on_stop_signal(stop.set), simulated_bench(asked, port_base=port_base) as bench:
+    with on_stop_signal(stop.set), _listening(asked, host, port_base) as bench:
         if save_station is not None:
             write_addresses(save_station, {name: found["socket"] for name, found in bench.resources.items()})
         resources = bench.resources
@@ -48,8 +59,8 @@ def serve(
             {"resources": resources},
             as_json,
             lambda: table(
-                ("instrument", "socket", "hislip"),
-                ((name, found["socket"], found["hislip"]) for name, found in resources.items()),
+                ("instrument", *TRANSPORTS),
+                ((name, *(found.get(transport, "") for transport in TRANSPORTS)) for name, found in resources.items()),
             ),
         )
         if not as_json:
@@ -57,3 +68,25 @@ def serve(
         while bench.running and not stop.wait(POLL_S):
             pass
     return DONE
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.IPv4Address(host).is_loopback
+    except ipaddress.AddressValueError:
+        raise UsageError(
+            f"--host = {host!r}: give an address of this machine in four numbers, such as {LOOPBACK}"
+        ) from None
+
+
+@contextmanager
+def _listening(station: Station, host: str, port_base: int | None) -> Iterator[SimulatedBench]:
+    bench = simulated_bench(station, host=host, port_base=port_base)
+    try:
+        bench.start()
+    except OSError as error:
+        raise UsageError(f"--host, --port-base: {error.strerror}") from None
+    try:
+        yield bench
+    finally:
+        bench.stop()

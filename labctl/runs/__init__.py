@@ -7,7 +7,7 @@ Writing: `RunWriter`. Reading: `open_run`, `list_runs`. Checking: `verify_run`. 
 from labctl.runs.catalogue import RunRow, list_runs
 from labctl.runs.layout import FORMAT_VERSION, RunError, RunExists, RunPaths, run_name
 from labctl.runs.reading import Run, open_run
-from labctl.runs.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns, ShotFlag
+from labctl.runs.shots import Durability, Measured, MeasuredBurst, PlayedDrive, RunShape, ShotColumns, ShotFlag
 from labctl.runs.verifying import RunReport, verify_run
 from labctl.runs.writing import RunWriter
 
@@ -15,6 +15,7 @@ __all__ = [
     "FORMAT_VERSION",
     "Durability",
     "Measured",
+    "MeasuredBurst",
     "PlayedDrive",
     "Run",
     "RunError",

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from labctl.runs.journal import Entry
 from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, RunError, RunPaths, check_version
-from labctl.runs.shots import SHOTS_DTYPE, Measured, RunShape, ShotFlag
+from labctl.runs.shots import SHOTS_DTYPE, Measured, MeasuredBurst, RunShape, ShotFlag
 
 ROWS_DTYPE = np.dtype([("shot", "<i8"), ("time_s", "<f8"), ("epoch", "<i4"), ("flags", "<i4")])
 BLOCK_BYTES = 1 << 20  # of /frames: one chunk of data.h5, and what readers hold in memory at a time
@@ -67,6 +67,18 @@ class Shard:
             clipped=np.stack([shot.clipped for shot in measured]),
             rows=rows,
         )
+
+    @classmethod
+    def of_burst(
+        cls, pass_index: int, burst: MeasuredBurst, scale: NDArray[np.float64], offset: NDArray[np.float64]
+    ) -> "Shard":
+        """The shots of a burst."""
+        rows = np.zeros(len(burst.codes), ROWS_DTYPE)
+        rows["shot"] = burst.first + np.arange(rows.size)
+        rows["time_s"] = burst.time_s
+        rows["epoch"] = burst.epoch
+        rows["flags"] = np.where(burst.clipped.any(axis=1), int(ShotFlag.CLIPPED), 0)
+        return cls(pass_index, burst.first, scale, offset, burst.codes, burst.trigger_offset_s, burst.clipped, rows)
 
     def encode(self, shape: RunShape) -> bytes:
         """The bytes of the file."""

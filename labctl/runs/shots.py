@@ -177,6 +177,50 @@ class PlayedDrive:
 
 
 @dataclass(frozen=True)
+class MeasuredBurst:
+    """Consecutive shots of one pass that came together, the first one `first` in the plan; arrays as in `Measured`.
+
+    Attributes:
+        first: index of the first shot in the plan.
+        codes: digitiser codes, shape (shots, ports of the pass, samples).
+        trigger_offset_s: s, shape (shots, ports of the pass).
+        time_s: s since the run began, on the bench's clock, shape (shots,).
+        clipped: shape (shots, ports of the pass).
+        epoch: as in `Measured`.
+    """
+
+    first: int
+    codes: NDArray[np.int8] | NDArray[np.int16]
+    trigger_offset_s: NDArray[np.float64]
+    time_s: NDArray[np.float64]
+    clipped: NDArray[np.bool_]
+    epoch: int = 0
+
+    def shot(self, place: int) -> "Measured":
+        """The shot at `place` of this burst."""
+        return Measured(
+            shot=self.first + place,
+            codes=self.codes[place],
+            trigger_offset_s=self.trigger_offset_s[place],
+            time_s=float(self.time_s[place]),
+            clipped=self.clipped[place],
+            epoch=self.epoch,
+        )
+
+    def part(self, start: int, stop: int) -> "MeasuredBurst":
+        """The shots `start` to `stop` of this burst, without copying them."""
+        rows = slice(start, stop)
+        return MeasuredBurst(
+            self.first + start,
+            self.codes[rows],
+            self.trigger_offset_s[rows],
+            self.time_s[rows],
+            self.clipped[rows],
+            self.epoch,
+        )
+
+
+@dataclass(frozen=True)
 class Measured:
     """One shot on one pass.
 

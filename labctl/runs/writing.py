@@ -19,7 +19,7 @@ from labctl.runs.plan import read_plan
 from labctl.runs.preparing import prepare
 from labctl.runs.recovering import recover
 from labctl.runs.shards import Shard, Shards
-from labctl.runs.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.shots import Durability, Measured, MeasuredBurst, PlayedDrive, RunShape, ShotColumns
 
 
 class Timer(Protocol):
@@ -214,6 +214,29 @@ class RunWriter:
                 self._timer = self._new_timer(self._durability.seconds, self._close_aged)
                 self._timer.start()
 
+    def append_burst(self, pass_index: int, burst: MeasuredBurst) -> None:
+        """Take the shots of a burst; all of them are on disk when this returns.
+
+        Raises:
+            RunError: the disk is full or refuses; from then on the writer takes nothing more.
+            ValueError: arrays of another shape or type than the run's, no scales yet, or shots that are there already.
+        """
+        count = len(burst.codes)
+        ports = len(self._shape.passes[pass_index])
+        if burst.codes.shape != (count, ports, self._shape.samples) or burst.codes.dtype != self._shape.dtype:
+            raise ValueError(f"a burst has codes {burst.codes.dtype} {burst.codes.shape}, the run {self._shape}")
+        if pass_index not in self._scales or not 0 <= burst.first < burst.first + count <= self._shape.shots:
+            raise ValueError(f"scales of pass {pass_index} are not set, or shots {burst.first}.. are not in the plan")
+        rows = max(1, self._durability.shard_bytes // burst.codes[0].nbytes)
+        with self._guard:
+            self._raise_failure()
+            self._close_shard()
+            if self._shards.has(pass_index, burst.first, count):
+                raise ValueError(f"shots {burst.first}.. of pass {pass_index} are in the run already")
+            for start in range(0, count, rows):
+                part = burst.part(start, min(start + rows, count))
+                self._write_shard(Shard.of_burst(pass_index, part, *self._scales[pass_index]))
+
     def sync(self) -> None:
         """Close the open shard: every shot appended so far is then on disk.
 
@@ -301,16 +324,18 @@ class RunWriter:
         self._stop_timer()
         if not self._open:
             return
-        scale, offset = self._scales[self._open_pass]
-        shard = Shard.of(self._open_pass, self._open, scale, offset)
+        self._write_shard(Shard.of(self._open_pass, self._open, *self._scales[self._open_pass]))
+        self._open.clear()
+
+    def _write_shard(self, shard: Shard) -> None:
         image = shard.encode(self._shape)
         entry = Entry(
             shard=self._next_shard,
-            pass_index=self._open_pass,
+            pass_index=shard.pass_index,
             passes=len(self._shape.passes),
             first=shard.first,
-            shots=self._shards.completes(self._open_pass, shard.first, len(self._open)),
-            count=len(self._open),
+            shots=self._shards.completes(shard.pass_index, shard.first, len(shard.rows)),
+            count=len(shard.rows),
             sha256=hashlib.sha256(image).hexdigest(),
         )
         try:
@@ -321,7 +346,6 @@ class RunWriter:
             raise
         self._shards.add(entry)
         self._next_shard += 1
-        self._open.clear()
 
     def _stop_timer(self) -> None:
         if self._timer is not None:

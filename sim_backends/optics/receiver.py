@@ -87,9 +87,10 @@ def sampling_filter(
 def apply_filter(
     sampling: SamplingFilter, intensities: NDArray[np.float32], samples: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Filter and decimate intensities of shape (..., points) to `samples` samples: values and time derivatives (1/s).
+    """Filter and decimate intensities of shape (..., channels, points) to `samples`: values and time derivatives (1/s).
 
-    Long records run through the same matrix block by block, so a record's length changes no byte of its beginning.
+    Long records run through the same matrix block by block, and every image by itself: neither a record's length nor
+    the number of images changes a byte of what they share.
     """
     blocks = -(-samples // sampling.samples)
     advance = sampling.samples * sampling.decimation
@@ -99,7 +100,7 @@ def apply_filter(
         intensities = np.pad(intensities, [(0, 0)] * (intensities.ndim - 1) + [(0, missing)])
     windows = np.lib.stride_tricks.sliding_window_view(intensities, sampling.points, axis=-1)[..., ::advance, :]
     windows = windows[..., :blocks, :]
-    out = np.matmul(windows.reshape(-1, sampling.points), sampling.matrix)
+    out = np.matmul(windows.reshape(*windows.shape[:-3], -1, sampling.points), sampling.matrix)
     out = out.reshape(*windows.shape[:-1], 2, sampling.samples)
     shape = (*windows.shape[:-2], blocks * sampling.samples)
     return (out[..., 0, :].reshape(shape)[..., :samples], out[..., 1, :].reshape(shape)[..., :samples])

@@ -155,10 +155,28 @@ class Keyword(Kind):
 
 
 @dataclass(frozen=True)
+class NumberOrWord(Kind):
+    """A whole number or one of several words; its value is an int or the word as declared."""
+
+    number: Integer = Integer()
+    word: Keyword = Keyword()
+
+    def parse(self, argument: Argument) -> int | str:
+        """Read a number (-222 outside its range) or a word; -224 for any other."""
+        text = text_of(argument)
+        return self.number.parse(argument) if text[:1].isdigit() or text[:1] in "+-#." else self.word.parse(argument)
+
+    def format(self, value: int | str, *, verbose: bool) -> str:
+        """The number, or the word as a keyword is written."""
+        return str(value) if isinstance(value, int) else self.word.format(value, verbose=verbose)
+
+
+@dataclass(frozen=True)
 class Quoted(Kind):
-    """A string in quotes; `words` may stand without (`ALL`)."""
+    """A string in quotes; `words` may stand without (`ALL`), and with `bare` so may anything."""
 
     words: tuple[str, ...] = ()
+    bare: bool = False
 
     def parse(self, argument: Argument) -> str:
         """The text between the quotes, or the bare word in capitals; -104 for anything else."""
@@ -167,6 +185,8 @@ class Quoted(Kind):
             return text[1:-1].replace(2 * text[0], text[0])
         if text.upper() in self.words:
             return text.upper()
+        if self.bare and text:
+            return text
         raise ScpiError(-104, text)
 
     def format(self, value: str, *, verbose: bool) -> str:
@@ -241,6 +261,11 @@ def keyword(*words: str) -> Keyword:
     return Keyword(forms=forms)
 
 
+def number_or_word(minimum: int, maximum: int, *words: str) -> NumberOrWord:
+    """A whole number within limits, or one of `words`."""
+    return NumberOrWord(number=integer(minimum, maximum), word=keyword(*words))
+
+
 def block(dtype: str) -> Block:
     """A block of numbers of a numpy type."""
     return Block(dtype=dtype)
@@ -265,3 +290,4 @@ boolean = Boolean()
 run_or_stop = Boolean(true=("ON", "RUN"), false=("OFF", "STOP"))
 quoted = Quoted()
 quoted_or_all = Quoted(words=("ALL",))
+quoted_or_bare = Quoted(bare=True)

@@ -86,19 +86,52 @@ class Setting(Command):
     def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> None:
         """Set the attribute."""
         (value,) = bind(self._kinds, arguments)
-        setattr(self._owner(instrument, suffixes), self.attribute, value)
+        setattr(_owner(instrument, self._owners, suffixes), self.attribute, value)
 
     def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> str:
         """The attribute, formatted."""
         bind((), arguments)
-        value = getattr(self._owner(instrument, suffixes), self.attribute)
+        value = getattr(_owner(instrument, self._owners, suffixes), self.attribute)
         return self.kind.format(value, verbose=instrument.verbose)
 
-    def _owner(self, instrument: Any, suffixes: Sequence[int]) -> Any:
-        owner, index = instrument, iter(suffixes)
-        for name in self._owners:
-            owner = getattr(owner, name[:-1])[next(index)] if name[-1] == "#" else getattr(owner, name)
-        return owner
+
+def _owner(root: Any, path: Sequence[str], suffixes: Sequence[int]) -> Any:
+    """What is at `path` below `root`; a name that ends in # is indexed with the next suffix."""
+    owner, index = root, iter(suffixes)
+    for name in path:
+        owner = getattr(owner, name[:-1])[next(index)] if name[-1] == "#" else getattr(owner, name)
+    return owner
+
+
+class ItemSetting(Command):
+    """A setting of one entry of a list, named by the first argument: `WLISt:WAVeform:SRATe "m",1e9`, `...SRATe? "m"`.
+
+    Args:
+        header: As declared.
+        items: Attribute of the instrument: entries by name. An entry's `modified()` is called after each change.
+        attribute: Path below the entry, `steps#.repeats` with the header's suffixes as indices.
+        kind: The kind of the value.
+        name: The kind of the name.
+    """
+
+    def __init__(self, header: str, items: str, attribute: str, kind: Kind, name: Kind) -> None:
+        super().__init__(header)
+        *self._owners, self._attribute = attribute.split(".")
+        self._items = attrgetter(items)
+        self._kind, self._name = kind, name
+
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> None:
+        """Set the attribute of the entry."""
+        name, value = bind((self._name, self._kind), arguments)
+        item = self._items(instrument)[name]
+        setattr(_owner(item, self._owners, suffixes), self._attribute, value)
+        item.modified()
+
+    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> str:
+        """The attribute of the entry."""
+        (name,) = bind((self._name,), arguments)
+        value = getattr(_owner(self._items(instrument)[name], self._owners, suffixes), self._attribute)
+        return self._kind.format(value, verbose=instrument.verbose)
 
 
 class _Call(Command):

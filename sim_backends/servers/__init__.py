@@ -1,1 +1,1 @@
-"""The virtual instruments' network side: one loop, raw sockets and HiSLIP."""
+"""The virtual instruments' network side: one loop, raw sockets, HiSLIP and VXI-11."""

@@ -76,7 +76,7 @@ class Client(ABC):
 
     @abstractmethod
     def resume(self) -> None:
-        """Called after a message was executed: read on, if reading was suspended because too much was waiting."""
+        """Called when a message was executed, or is blocked: read on, if too much was waiting to do so before."""
 
     @abstractmethod
     def close(self) -> None:

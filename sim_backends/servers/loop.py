@@ -155,8 +155,8 @@ class Loop:
     def _execute(self, client: Client) -> None:
         request = client.waiting.popleft()
         client.blocked = (client.instrument.run(request.message), request.tag)
-        self._advance(client)
-        client.resume()
+        if not self._advance(client):
+            client.resume()
         self._retry_blocked()
 
     def _retry_blocked(self) -> None:
@@ -174,6 +174,7 @@ class Loop:
             client.blocked = None
             if end.value:
                 client.reply(end.value, tag)
+            client.resume()
             return True
         return False
 

@@ -1,8 +1,9 @@
 """The virtual DMD: the calls of the ALP library as lines, each answered by its return code.
 
 `ALP:SEQALLOC 1,10` is AlpSeqAlloc with two arguments; inquiries and allocations answer `code,value`. Source: instrument
-facts 4.2. Not simulated: the sequence in master timing (the first frame of the range stays), grey scales in time, slave
-triggers.
+facts 4.2. Sequences play on the virtual clock. In slave mode the generator's marker 1 is the trigger input: every
+segment it plays with a marker latches the next picture. Not simulated: grey scales in time and the dark phase between
+pictures (one binary plane stays for the whole picture time), TRIGGER_IN_DELAY, PROJ_STEP, the trigger's edge.
 """
 
 import numpy as np
@@ -16,7 +17,7 @@ from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual import alp_constants as alp
 from sim_backends.virtual.alp_sequence import LEAST_PICTURE_US, Sequence
 from sim_backends.virtual.instrument import VirtualInstrument
-from sim_backends.world import World
+from sim_backends.world import Projection, World
 
 SERIAL = 13042
 VERSION = 43
@@ -75,7 +76,8 @@ class VirtualAlp(VirtualInstrument):
         self._device = {kind: values[0] for kind, values in _DEVICE_CHOICES.items()}
         self._projection = {kind: values[0] for kind, values in _PROJECTION_CHOICES.items()}
         self._shown: Sequence | None = None
-        self._ends_s = 0.0  # virtual time at which a finite run is over; infinite for an endless one
+        self._ends_s = np.inf  # virtual time at which a finite run is over; infinite for an endless one
+        self._frames_to_latch: int | None = None  # by triggers, of a finite run in slave mode
         self.world.show(None)
 
     def reset(self) -> None:
@@ -108,9 +110,10 @@ class VirtualAlp(VirtualInstrument):
         return alp.OK
 
     def halt(self) -> int:
-        """`AlpDevHalt`: the last picture stays."""
+        """`AlpDevHalt`: the picture that is shown now stays."""
         self._require_device()
-        self._finish()
+        if self._active():
+            self.world.hold()
         self._shown = None
         return alp.OK
 
@@ -194,46 +197,60 @@ class VirtualAlp(VirtualInstrument):
         return _answer({alp.PROJECTION_STATE: state, **self._projection}, kind)
 
     def start_once(self, identifier: int) -> int:
-        """`AlpProjStart`: the range of frames, as often as REPEAT says."""
-        sequence = self._sequence(identifier)
-        self._start(sequence, self.world.clock.now + sequence.duration_s)
+        """`AlpProjStart`: the range of frames, as often as REPEAT says; the last one stays."""
+        self._start(self._sequence(identifier), loop=False)
         return alp.OK
 
     def start_for_ever(self, identifier: int) -> int:
-        """`AlpProjStartCont`: until it is halted."""
-        self._start(self._sequence(identifier), np.inf)
+        """`AlpProjStartCont`: the range of frames again and again, until it is halted."""
+        self._start(self._sequence(identifier), loop=True)
         return alp.OK
 
     def wait(self) -> int:
-        """`AlpProjWait`: until a finite run is over, in virtual time; 1005 if it has no end."""
+        """`AlpProjWait`: until a finite run is over, in virtual time; 1005 if it has no end of its own."""
         self._require_device()
         if self._active():
             if self._ends_s == np.inf:
                 raise ScpiError(alp.PARAMETER_INVALID)
             self.world.clock.advance(self._ends_s - self.world.clock.now)
-            self._finish()
+            self._shown = None
         return alp.OK
 
-    def _start(self, sequence: Sequence, ends_s: float) -> None:
+    def _start(self, sequence: Sequence, *, loop: bool) -> None:
+        """Latch the first picture now; in slave mode the first edge does."""
         if self._device[alp.DMD_MODE] == alp.DMD_POWER_FLOAT:
             raise ScpiError(alp.NOT_IDLE)
-        self._shown, self._ends_s = sequence, ends_s
-        self._show(sequence.mirrors(sequence.controls[alp.FIRST_FRAME]))
+        slave = self._projection[alp.PROJECTION_MODE] == alp.SLAVE
+        now_s, picture_time_s = self.world.clock.now, sequence.picture_time_s
+        endless = loop or slave
+        self._shown = sequence
+        self._frames_to_latch = sequence.frames if slave and not loop else None
+        self._ends_s = np.inf if endless else now_s + sequence.frames * picture_time_s
+        self.world.project(
+            Projection(
+                self._turned(sequence.mirrors()),
+                now_s,
+                picture_time_s,
+                synch_delay_s=1e-6 * sequence.timing[alp.SYNCH_DELAY],
+                loop=loop,
+                triggered=slave,
+                synch_pulse_s=1e-6 * sequence.timing[alp.SYNCH_PULSE_WIDTH],
+                synch_high=self._device[alp.SYNCH_POLARITY] == alp.LEVEL_HIGH,
+                repeats=1 if loop else sequence.controls[alp.REPEAT],
+            )
+        )
         self.world.clock.advance(SHOW_S)
 
-    def _finish(self) -> None:
-        """A finite run that is over leaves its last frame."""
-        if self._shown is not None and self.world.clock.now >= self._ends_s:
-            sequence, self._shown = self._shown, None
-            self._show(sequence.mirrors(sequence.controls[alp.LAST_FRAME]))
-
-    def _show(self, mirrors: NDArray[np.uint8]) -> None:
+    def _turned(self, mirrors: NDArray[np.uint8]) -> NDArray[np.uint8]:
         if self._projection[alp.UPSIDE_DOWN]:
-            mirrors = mirrors[::-1]
-        self.world.show(~mirrors if self._projection[alp.INVERSION] else mirrors)
+            mirrors = mirrors[:, ::-1]
+        return ~mirrors if self._projection[alp.INVERSION] else mirrors
 
     def _active(self) -> bool:
-        self._finish()
+        """Whether a projection runs; a finite one that is over leaves its last picture."""
+        to_latch = self._frames_to_latch
+        if self.world.clock.now >= self._ends_s or (to_latch is not None and self.world.pictures_shown() >= to_latch):
+            self._shown = None
         return self._shown is not None
 
     # --- what a call requires

@@ -49,8 +49,7 @@ class Sequence:
         }
         self.timing: dict[int, int] = {}
         self.set_timing(0, 0, 0, 0, 0)
-        self._mirrors: dict[int, NDArray[np.uint8]] = {}
-        self._blank = np.zeros((ROWS, BYTES_PER_ROW), np.uint8)
+        self._blocks: list[tuple[int, NDArray[np.uint8]]] = []  # first picture and pictures, as they were loaded
 
     @property
     def memory(self) -> int:
@@ -58,14 +57,32 @@ class Sequence:
         return self.bit_planes * self.pictures
 
     @property
-    def duration_s(self) -> float:
-        """Duration of one finite run (s)."""
-        frames = self.controls[alp.LAST_FRAME] - self.controls[alp.FIRST_FRAME] + 1
-        return 1e-6 * self.timing[alp.PICTURE_TIME] * frames * self.controls[alp.REPEAT]
+    def frames(self) -> int:
+        """Pictures of one finite run, repetitions counted."""
+        return (self.controls[alp.LAST_FRAME] - self.controls[alp.FIRST_FRAME] + 1) * self.controls[alp.REPEAT]
 
-    def mirrors(self, picture: int) -> NDArray[np.uint8]:
-        """Packed mirror bits (768, 128) of a picture; dark where nothing was loaded."""
-        return self._mirrors.get(picture, self._blank)
+    @property
+    def picture_time_s(self) -> float:
+        """Time from picture to picture (s)."""
+        return 1e-6 * self.timing[alp.PICTURE_TIME]
+
+    def mirrors(self) -> NDArray[np.uint8]:
+        """Packed mirror bits (n, 768, 128) of the range of frames; dark where nothing was loaded.
+
+        A range that was loaded by one call is not copied.
+        """
+        first, last = self.controls[alp.FIRST_FRAME], self.controls[alp.LAST_FRAME] + 1
+        for begin, block in reversed(self._blocks):
+            if begin <= first and last <= begin + len(block):
+                return block[first - begin : last - begin]
+            if begin < last and first < begin + len(block):
+                break
+        frames = np.zeros((last - first, ROWS, BYTES_PER_ROW), np.uint8)
+        for begin, block in self._blocks:
+            low, high = max(first, begin), min(last, begin + len(block))
+            if low < high:
+                frames[low - first : high - first] = block[low - begin : high - begin]
+        return frames
 
     def put(self, first: int, count: int, data: NDArray[np.uint8]) -> int:
         """Load `count` pictures (0: all from `first` on) in the present data format; returns how many.
@@ -75,8 +92,11 @@ class Sequence:
         count = count or self.pictures - first
         if count <= 0 or first + count > self.pictures:
             raise ScpiError(alp.PARAMETER_INVALID)
-        for picture, mirrors in enumerate(self._unpacked(data, count), start=first):
-            self._mirrors[picture] = mirrors
+        last = first + count
+        self._blocks = [
+            (begin, block) for begin, block in self._blocks if begin < first or last < begin + len(block)
+        ]  # what is loaded over is forgotten
+        self._blocks.append((first, self._unpacked(data, count)))
         return count
 
     def _unpacked(self, data: NDArray[np.uint8], count: int) -> NDArray[np.uint8]:

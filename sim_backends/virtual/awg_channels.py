@@ -4,16 +4,17 @@ Source: instrument facts 1.5 and 1.6. Limits that are only recalled are module c
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, optional, real, short_form
 from sim_backends.scpi.commands import Setting, bind
 from sim_backends.scpi.messages import Argument
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.waveforms import Waveform
+from sim_backends.virtual.awg_sequences import SequenceEntry
+from sim_backends.virtual.waveforms import AMPLITUDES_V, Waveform
 
-LOWEST_AMPLITUDE_V, HIGHEST_AMPLITUDE_V = 0.25, 0.5  # Vpp, direct path; 0.125 V is claimed elsewhere
+LOWEST_AMPLITUDE_V, HIGHEST_AMPLITUDE_V = AMPLITUDES_V
 MARKER_LIMIT_V = 1.4
 SMALLEST_MARKER_V, LARGEST_MARKER_V = 0.5, 1.4  # high minus low
 TRIGGER_LIMIT_V = 5.0  # recalled, for 1 kohm
@@ -47,7 +48,7 @@ CHANNEL_COMMANDS = (
     Setting(_LEVEL + ":OFFSet", "sources#.offset_v", real()),
     Setting("SOURce#:DAC:RESolution", "sources#.dac_bits", integer(8, 10)),
     Setting("SOURce#:SKEW", "sources#.skew_s", real(-LARGEST_SKEW_S, LARGEST_SKEW_S)),
-    Setting("SOURce#:TINPut", "sources#.trigger_input", keyword("ITRigger", "ATRigger", "BTRigger")),
+    Setting("SOURce#:TINPut?", "sources#.trigger_input", keyword("ITRigger", "ATRigger", "BTRigger")),
     Setting(_MARKER + ":HIGH", "sources#.markers#.high_v", real(-MARKER_LIMIT_V, MARKER_LIMIT_V)),
     Setting(_MARKER + ":LOW", "sources#.markers#.low_v", real(-MARKER_LIMIT_V, MARKER_LIMIT_V)),
     Setting(_MARKER + "[:AMPLitude]", "sources#.markers#.amplitude_v", real(SMALLEST_MARKER_V, LARGEST_MARKER_V)),
@@ -143,10 +144,19 @@ class Marker:
 
 @dataclass
 class Source:
-    """One channel."""
+    """One channel.
+
+    Attributes:
+        waveform: What is assigned, if it is a waveform.
+        sequence: What is assigned, if it is a sequence, and its `track`.
+        component: Of an IQ waveform, the component that is played.
+    """
 
     number: int
     waveform: Waveform | None = None
+    sequence: SequenceEntry | None = None
+    track: int = 1
+    component: str = "I"
     output: bool = False
     amplitude_v: float = HIGHEST_AMPLITUDE_V
     dac_bits: int = 10
@@ -154,8 +164,24 @@ class Source:
     trigger_input: str = "ATRigger"
     skew_s: float = 0.0
     waiting: str = "ZERO"
-    stopped: str = "OFF"
+    stopped: str = "ZERO"
     markers: dict[int, Marker] = field(default_factory=lambda: {1: Marker(), 2: Marker()})
+
+    @property
+    def assigned(self) -> bool:
+        """Whether a waveform or a sequence is assigned."""
+        return self.waveform is not None or self.sequence is not None
+
+    def clear(self) -> None:
+        """Take the asset off."""
+        self.waveform = self.sequence = None
+        self.track, self.component = 1, "I"
+
+    def couple(self, other: "Source") -> None:
+        """Take over the analogue and marker settings of another channel."""
+        self.amplitude_v, self.dac_bits, self.skew_s = other.amplitude_v, other.dac_bits, other.skew_s
+        self.waiting, self.stopped = other.waiting, other.stopped
+        self.markers = {number: replace(marker) for number, marker in other.markers.items()}
 
     @property
     def high_v(self) -> float:

@@ -8,19 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.scpi.arguments import integer, keyword, quoted, real, several
+from sim_backends.scpi.arguments import boolean, integer, keyword, quoted, real, several
 from sim_backends.scpi.commands import Action, Chunk, Query, Setting, definite_block
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo_settings import CHANNELS, DIVISIONS, RECORD_SHOWN, Vertical
-from sim_backends.world import Acquisition
+from sim_backends.virtual.dpo_acquisition import NO_CODES, Codes, Plan
+from sim_backends.virtual.dpo_horizontal import DIVISIONS, RECORD_SHOWN
+from sim_backends.virtual.dpo_vertical import CHANNELS, Vertical
 
 CODES_PER_DIVISION = 25
-NO_CODES = np.empty(0, np.int8)
 LAST_POINT = 10**15  # DATa:STOP accepts any number: clients send 1E12 for "all"
 
-Codes = NDArray[np.int8] | NDArray[np.int16]
-
-_CHANNEL = keyword(*CHANNELS)
+_SOURCE = keyword(*CHANNELS, *(f"{kind}{number}" for kind in ("MATH", "REF") for number in (1, 2, 3, 4)))
 _ENCODINGS = {  # DATa:ENCdg: number format, byte order
     "RIBinary": ("RI", "MSB"),
     "RPBinary": ("RP", "MSB"),
@@ -31,15 +29,23 @@ _ENCODINGS = {  # DATa:ENCdg: number format, byte order
 }
 _DTYPES = {("RI", 1): "i1", ("RI", 2): "i2", ("RP", 1): "u1", ("RP", 2): "u2", ("FP", 4): "f4"}
 
+_MODES = {
+    "SAMple": "Sample",
+    "PEAKdetect": "Peak detect",
+    "HIRes": "Hi res",
+    "AVErage": "Average",
+    "ENVelope": "Envelope",
+}
+
 PREAMBLE = (
     Setting("WFMOutpre:BYT_Nr", "transfer.width", integer(1, 2)),
-    Setting("WFMOutpre:BIT_Nr?", "transfer.bits", integer()),
+    Setting("WFMOutpre:BIT_Nr", "transfer.bits", integer(8, 16)),
     Setting("WFMOutpre:ENCdg", "transfer.words", keyword("ASCii", "BINary")),
     Setting("WFMOutpre:BN_Fmt", "transfer.number_format", keyword("RI", "RP", "FP")),
     Setting("WFMOutpre:BYT_Or", "transfer.byte_order", keyword("MSB", "LSB")),
     Setting("WFMOutpre:WFId?", "preamble.description", quoted),
     Setting("WFMOutpre:NR_Pt?", "preamble.points", integer()),
-    Setting("WFMOutpre:PT_Fmt?", "preamble.point_format", keyword("Y")),
+    Setting("WFMOutpre:PT_Fmt?", "preamble.point_format", keyword("Y", "ENV")),
     Setting("WFMOutpre:PT_ORder?", "preamble.point_order", keyword("LINEAR")),
     Setting("WFMOutpre:XUNit?", "preamble.x_unit", quoted),
     Setting("WFMOutpre:XINcr?", "preamble.x_increment_s", real()),
@@ -53,25 +59,33 @@ PREAMBLE = (
 )
 
 TRANSFER_COMMANDS = (
-    Action("DATa", "initialise_transfer", keyword("INIT")),
-    Setting("DATa:SOUrce", "transfer.sources", several(_CHANNEL)),
+    Action("DATa", "preset_transfer", keyword("INIT", "SNAp")),
+    Setting("DATa:SOUrce", "transfer.sources", several(_SOURCE)),
     Setting("DATa:STARt", "transfer.start", integer(1, LAST_POINT)),
     Setting("DATa:STOP", "transfer.stop", integer(1, LAST_POINT)),
+    Setting("DATa:FRAMESTARt", "transfer.frame_start", integer(1, LAST_POINT)),
+    Setting("DATa:FRAMESTOP", "transfer.frame_stop", integer(1, LAST_POINT)),
+    Setting("DATa:SYNCSOUrces", "transfer.synchronous_sources", boolean),
     Setting("DATa:ENCdg", "transfer.encoding", keyword("ASCIi", "FAStest", *_ENCODINGS)),
     Setting("DATa:WIDth", "transfer.width", integer(1, 2)),
     *PREAMBLE,
     Query("WFMOutpre?", "whole_preamble", labelled=True),
     Query("CURVe?", "curve"),
+    Query("CURVENext?", "next_curve"),
+    Query("WAVFrm?", "preamble_and_curve", labelled=True),
 )
 
 
 @dataclass
 class Transfer:
-    """What CURVe? sends: sources, first and last point (from 1, inclusive), encoding."""
+    """What CURVe? sends: sources, first and last point and frame (from 1, inclusive, in any order), encoding."""
 
     sources: tuple[str, ...] = ("CH1",)
     start: int = 1
     stop: int = RECORD_SHOWN
+    frame_start: int = 1
+    frame_stop: int = LAST_POINT
+    synchronous_sources: bool = False
     words: str = "BINary"
     number_format: str = "RI"
     byte_order: str = "MSB"
@@ -88,8 +102,22 @@ class Transfer:
 
     @property
     def bits(self) -> int:
-        """Bits a point."""
+        """Bits a point: 8 or 16 as set, 32 for floating point."""
         return 8 * self.width
+
+    @bits.setter
+    def bits(self, count: int) -> None:
+        if count % 8:
+            raise ScpiError(-224, str(count))
+        self._width = count // 8
+
+    def points(self, samples: int) -> range:
+        """Which of a record's samples; beyond its end, its last one."""
+        return _within(self.start, self.stop, samples)
+
+    def frames(self, acquired: int) -> range:
+        """Which of the acquired frames; beyond their end, the last one."""
+        return _within(self.frame_start, self.frame_stop, acquired)
 
     @property
     def encoding(self) -> str:
@@ -107,51 +135,64 @@ class Transfer:
             self.number_format, self.byte_order = _ENCODINGS["RIBinary" if word == "FAStest" else word]
 
 
+def _within(first: int, last: int, count: int) -> range:
+    first, last = min(first, last), max(first, last)
+    return range(min(first, max(count, 1)) - 1, min(last, count))
+
+
 @dataclass(eq=False, slots=True)
 class Trace:
     """One channel of an acquisition and what its codes mean.
 
     Attributes:
         channel: 1..4.
-        codes: (n,) int8, 25 codes a division; averages int16, 256 times as fine.
-        acquisition: when the samples were taken.
-        trigger_sample: index of the sample at the trigger.
-        trigger_offset_s: how much later than that sample's grid point it was taken.
-        vertical: how volts became codes.
+        codes: (frames, samples) int8, 25 codes a division; averages int16, 256 times as fine.
+        plan: How the samples were taken.
+        vertical: How volts became codes.
+        times_s: (frames,) when each frame was triggered, virtual time.
+        offsets_s: (frames,) how much later than the grid point of the trigger's sample that sample was taken.
     """
 
     channel: int
     codes: Codes
-    acquisition: Acquisition
-    trigger_sample: int
-    trigger_offset_s: float
+    plan: Plan
     vertical: Vertical
+    times_s: NDArray[np.float64]
+    offsets_s: NDArray[np.float64]
 
-    def levels(self, first: int, last: int, number_format: str, width: int) -> NDArray[np.generic]:
-        """Points `first` to `last` (exclusive) in native byte order; no copy when the codes are wanted as they are."""
-        codes = self.codes[first:last]
+    @property
+    def samples(self) -> int:
+        """Samples of each frame."""
+        return self.plan.acquisition.samples
+
+    def levels(self, transfer: Transfer) -> NDArray[np.generic]:
+        """Points (frames, points) in native byte order; no copy when whole frames are wanted as they are."""
+        frames, points = transfer.frames(self.codes.shape[0]), transfer.points(self.samples)
+        codes = self.codes[frames.start : frames.stop, points.start : points.stop]
         fine = codes.dtype == np.int16
-        if number_format == "FP":
+        if transfer.number_format == "FP":
             return codes.astype(np.float32) / np.float32(256 if fine else 1)
-        if width == 1:
+        if transfer.width == 1:
             levels = np.clip(np.rint(codes / 256), -128, 127).astype(np.int8) if fine else codes
         else:
             levels = codes if fine else codes.astype(np.int16) << 8
-        if number_format == "RP":
-            return np.asarray(levels.astype(np.int32) + 2 ** (8 * width - 1), f"u{width}")
+        if transfer.number_format == "RP":
+            return np.asarray(levels.astype(np.int32) + 2 ** (8 * transfer.width - 1), f"u{transfer.width}")
         return levels
 
     def curve(self, transfer: Transfer) -> list[Chunk]:
-        """The points that `transfer` asks for, as CURVe? sends them; 2241 when there are none."""
-        first, last = transfer.start - 1, min(transfer.stop, self.acquisition.samples)
-        if first >= last:
-            raise ScpiError(2241, f"DATa:STARt {transfer.start}, DATa:STOP {transfer.stop}, {last} points")
-        levels = self.levels(first, last, transfer.number_format, transfer.width)
+        """The points that `transfer` asks for, as CURVe? sends them: one block, frame after frame."""
+        levels = self.levels(transfer)
         if transfer.words == "ASCii":
-            return [",".join(map(str, levels.tolist())).encode()]
+            return [",".join(map(str, levels.ravel().tolist())).encode()]
         order = "<" if transfer.byte_order == "LSB" else ">"
         wanted = levels.astype(order + _DTYPES[transfer.number_format, transfer.width], copy=False)
-        return definite_block(wanted.data.cast("B"))
+        return definite_block(np.ascontiguousarray(wanted).data.cast("B"))
+
+
+def expected(channel: int, plan: Plan, vertical: Vertical, time_s: float) -> Trace:
+    """A trace without codes: what the settings lead to expect before the first acquisition."""
+    return Trace(channel, NO_CODES, plan, vertical, np.array([time_s]), np.zeros(1))
 
 
 @dataclass(frozen=True)
@@ -161,43 +202,54 @@ class Preamble:
     trace: Trace
     transfer: Transfer
 
-    point_format = "Y"
     point_order = "LINEAR"
     x_unit = "s"
     y_unit = "V"
     y_offset = 0.0
-    frames = 1
+
+    @property
+    def point_format(self) -> str:
+        """ENV for points that are lowest and highest in turn."""
+        return "ENV" if self.trace.plan.enveloped else "Y"
 
     @property
     def description(self) -> str:
         """WFId: the trace in words."""
         trace = self.trace
-        mode = "Average" if trace.codes.dtype == np.int16 else "Sample"
-        samples, rate = trace.acquisition.samples, trace.acquisition.sample_rate
+        rate = trace.plan.acquisition.sample_rate
+        frames = trace.codes.shape[0]
         return (
-            f"Ch{trace.channel}, DC coupling, {trace.vertical.scale_v:g} V/div, {samples / rate / DIVISIONS:g} s/div, "
-            f"{samples} points, {mode} mode"
+            f"Ch{trace.channel}, {'GND' if trace.vertical.grounded else 'DC'} coupling, "
+            f"{trace.vertical.scale_v:g} V/div, {trace.samples / rate / DIVISIONS:g} s/div, {trace.samples} points, "
+            + (f"{frames} frames, " if frames > 1 else "")
+            + f"{_MODES[trace.plan.mode]} mode"
         )
 
     @property
     def points(self) -> int:
-        """Points that CURVe? sends."""
-        return max(0, min(self.transfer.stop, self.trace.acquisition.samples) - self.transfer.start + 1)
+        """Points that CURVe? sends, of each frame."""
+        return len(self.transfer.points(self.trace.samples))
+
+    @property
+    def frames(self) -> int:
+        """Frames that CURVe? sends; 1 before the first acquisition."""
+        return len(self.transfer.frames(max(1, self.trace.codes.shape[0])))
 
     @property
     def x_increment_s(self) -> float:
         """Time between points."""
-        return 1.0 / self.trace.acquisition.sample_rate
+        return 1.0 / self.trace.plan.acquisition.sample_rate
 
     @property
     def x_zero_s(self) -> float:
-        """Sub-sample time of the trigger."""
-        return self.trace.trigger_offset_s
+        """Sub-sample time of the trigger, of the first frame that is sent."""
+        offsets = self.trace.offsets_s
+        return float(offsets[self.transfer.frames(offsets.size).start])
 
     @property
     def trigger_point(self) -> int:
-        """The trigger's point, counted from DATa:STARt."""
-        return self.trace.trigger_sample - (self.transfer.start - 1)
+        """The trigger's point, counted from the first one that is sent."""
+        return self.trace.plan.trigger_sample - self.transfer.points(self.trace.samples).start
 
     @property
     def y_multiplier_v(self) -> float:

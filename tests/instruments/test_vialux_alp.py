@@ -6,13 +6,14 @@ passes every call on to the simulated device, so the driver and its conversions 
 
 import ctypes
 import sys
+from functools import partial
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
-from instruments.interfaces import InstrumentError, NotConfigured
+from instruments.interfaces import BurstDmd, InstrumentError, NotConfigured
 from instruments.vialux_alp import AlpByVendorLibrary, AlpOverVisa, VialuxAlp
 from instruments.visa import VisaLink
 from labctl.drivers import Opening, vialux_alp
@@ -66,7 +67,18 @@ class VendorLibrary:
         self._pass_on(self.device.SeqPut, SequenceId.value, PicOffset, frames)
 
     def Run(self, SequenceId: Any = None, loop: bool = True) -> None:  # noqa: N802, N803
-        self._pass_on(self.device.Run, SequenceId.value)
+        self._pass_on(partial(self.device.Run, loop=loop), SequenceId.value)
+
+    def SetTiming(  # noqa: N802
+        self,
+        SequenceId: Any = None,  # noqa: N803
+        pictureTime: int | None = None,  # noqa: N803
+        synchPulseWidth: int | None = None,  # noqa: N803
+    ) -> None:
+        self._pass_on(self.device.SeqTiming, SequenceId.value, pictureTime, synchPulseWidth)
+
+    def SeqInquire(self, inquireType: int, SequenceId: Any = None) -> ctypes.c_long:  # noqa: N802, N803
+        return ctypes.c_long(self._pass_on(self.device.SeqInquire, SequenceId.value, inquireType))
 
     def Halt(self) -> None:  # noqa: N802
         self._pass_on(self.device.Halt)
@@ -94,12 +106,15 @@ def opening(address: str = "usb") -> Opening:
 
 def test_the_same_driver_over_usb(vendor: AlpOverVisa, log: Any) -> None:
     dmd = vialux_alp(DmdSection(address="usb"), opening())
+    assert isinstance(dmd, BurstDmd)
     dmd.self_test()
     pattern = np.random.default_rng(0).integers(0, 256, (768, 128), dtype=np.uint8)
     dmd.show(pattern)
     assert dmd.shape == (768, 1024)
     assert dmd.settings()["free_pictures"]
     assert dmd.identify().manufacturer == "ViALUX"
+    dmd.load(iter([np.stack([pattern, pattern]), pattern[np.newaxis]]), 3)
+    dmd.play(1, 2, 50e-6)
     dmd.make_safe()
     dmd.close()
     assert log.sent_to("dmd")[-1] == "ALP:DEVFREE"

@@ -62,7 +62,6 @@ class TestWrongUse:
             (["run", "image-readout", "--set", "ports=10"], "port 10 is not patched"),
             (["run", "image-readout", "--set", "dataset=nothing"], "no data set is called 'nothing'"),
             (["run", "image-readout", "--set", "images=100000"], "were asked for, the data set has"),
-            (["run", "image-readout", "--set", "timing=burst", "--set", "images=20"], "needs wiring.burst"),
             (["run", "image-readout", "--station", "nowhere.toml"], "nowhere.toml: cannot be read"),
             (["show", "nowhere"], "nowhere: no such file"),
             (["train", "nowhere"], "nowhere"),
@@ -96,6 +95,7 @@ class TestWrongUse:
             ("[laser]\naddress = 'TCPIP0::127.0.0.1::9::SOCKET'", "write = '<unknown>'"),
             ("[laser]\ndriver = 'manual-laser'", "key switch is the only interlock"),
             ("[patch_panel]\nports = '2-5'", "port 6 is not patched"),
+            ("[wiring]\nburst = false", "needs wiring.burst = true"),
         ],
     )
     def test_a_wrong_station_is_named_with_its_file(
@@ -104,7 +104,9 @@ class TestWrongUse:
         path = tmp_path / "bench.toml"
         path.write_text(station, encoding="utf-8")
         out = tmp_path / "run"
-        status, _, err = labctl(capsys, "run", "image-readout", *SMALL, "--station", path, "--out", out)
+        status, _, err = labctl(
+            capsys, "run", "image-readout", *SMALL, "--set", "timing=burst", "--station", path, "--out", out
+        )
         assert status == 2
         assert "bench.toml" in err
         assert message in err

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from protocols.base import Images, ProtocolError, Shot, ShotKind
-from protocols.image_readout import ImageReadout, Patterns, balanced_order, parse_ports
+from protocols.image_readout import ImageReadout, balanced_order, parse_ports
+from protocols.patterns import Patterns
 
 
 def images(count: int = 40, side: int = 28, classes: int = 4) -> Images:

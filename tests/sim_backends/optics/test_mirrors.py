@@ -45,3 +45,11 @@ def test_mirrors_leave_at_half_and_arrive_at_one_and_a_half_microseconds() -> No
     moved = mirrors.moved_fraction(time, leaves=0.5e-6, arrives=1.5e-6)
     np.testing.assert_allclose(moved, [0, 0, 0.5, 1, 1], atol=1e-12)
     assert np.all(np.diff(mirrors.moved_fraction(np.linspace(0, 2e-6, 99), leaves=0.5e-6, arrives=1.5e-6)) >= 0)
+
+
+def test_patterns_are_counted_together_as_alone() -> None:
+    packed = np.random.default_rng(1).integers(0, 256, (35, 768, 128), np.uint8)
+    together = mirrors.on_counts(packed)
+    assert together.shape == (35, 784)
+    for counts, pattern in zip(together, packed, strict=True):
+        assert np.array_equal(counts, mirrors.on_counts(pattern))

@@ -1,4 +1,4 @@
-"""Both transports, as stock pyvisa-py sees them: one instrument, several clients."""
+"""Every transport, as stock pyvisa-py sees them: one instrument, several clients."""
 
 import gc
 import struct
@@ -14,8 +14,10 @@ from sim_backends.servers.channel import Chunk
 from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Loop
 from sim_backends.servers.socket import serve_socket
+from sim_backends.servers.vxi11 import serve_vxi11
 
-TRANSPORTS = ["socket", "hislip"]
+TRANSPORTS = ["socket", "hislip", "vxi11"]
+FRAMED = ["hislip", "vxi11"]
 
 
 class Memory:
@@ -62,6 +64,7 @@ class Server:
         self.resources = {
             "socket": f"TCPIP0::127.0.0.1::{serve_socket(self.loop, self.memory)}::SOCKET",
             "hislip": f"TCPIP0::127.0.0.1::hislip0,{serve_hislip(self.loop, self.memory)}::INSTR",
+            "vxi11": f"TCPIP0::127.0.0.1,{serve_vxi11(self.loop, self.memory)}::inst0::INSTR",
         }
         self.loop.start()
         self._clients: list[MessageBasedResource] = []
@@ -109,8 +112,9 @@ def test_blocks_of_any_bytes(server: Server, transport: str, size: int) -> None:
         assert client.query_binary_values("BLOCK?", datatype="B", container=bytes, chunk_size=1 << 20) == samples
 
 
-def test_an_unterminated_message_ends_with_its_hislip_message(server: Server) -> None:
-    client = server.open("hislip")
+@pytest.mark.parametrize("transport", FRAMED)
+def test_an_unterminated_message_ends_with_its_transport_message(server: Server, transport: str) -> None:
+    client = server.open(transport)
     client.write_raw(b"*IDN?")
     assert client.read() == "*IDN,0"
 
@@ -126,8 +130,9 @@ def test_both_transports_reach_one_instrument(server: Server) -> None:
     assert by_hislip.query("*IDN?") == "*IDN,2"
 
 
-def test_status_byte_says_whether_a_reply_waits(server: Server) -> None:
-    client = server.open("hislip")
+@pytest.mark.parametrize("transport", FRAMED)
+def test_status_byte_says_whether_a_reply_waits(server: Server, transport: str) -> None:
+    client = server.open(transport)
     assert client.read_stb() == 4
     client.write("*IDN?")
     assert client.read_stb() == 4 + 16
@@ -135,8 +140,9 @@ def test_status_byte_says_whether_a_reply_waits(server: Server) -> None:
     assert client.read_stb() == 4
 
 
-def test_device_clear_ends_a_blocked_query(server: Server) -> None:
-    client, other = server.open("hislip"), server.open("hislip")
+@pytest.mark.parametrize("transport", FRAMED)
+def test_device_clear_ends_a_blocked_query(server: Server, transport: str) -> None:
+    client, other = server.open(transport), server.open(transport)
     client.write("OPEN 0")
     client.write("*OPC?")
     assert client.read_stb() == 4

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sim_backends.parameters import Parameters
 from sim_backends.virtual import VirtualAlp, VirtualInstrument
-from sim_backends.world import World
+from sim_backends.world import Playback, Projection, World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
 Mirrors = NDArray[np.uint8]
@@ -22,11 +22,24 @@ class Watched(World):
 
     def __init__(self) -> None:
         super().__init__(Parameters(light_path="direct", chip_modes=50))
-        self.shown: list[Mirrors | None] = []
+        self.shown: list[Mirrors | Projection | None] = []
 
     def show(self, mirrors: Mirrors | None) -> None:
         self.shown.append(mirrors)
         super().show(mirrors)
+
+    def project(self, projection: Projection) -> None:
+        self.shown.append(projection)
+        super().project(projection)
+
+    @property
+    def mirrors(self) -> Mirrors | None:
+        """The picture of now."""
+        last = self.shown[-1]
+        if not isinstance(last, Projection):
+            return last
+        number = self.pictures_shown() - 1
+        return last.patterns[number % len(last.patterns)] if number >= 0 else None
 
 
 @pytest.fixture
@@ -56,7 +69,7 @@ def equal(shown: Mirrors | None, expected: Mirrors) -> bool:
 def test_a_picture_is_shown_at_once(ask: Ask, dmd: VirtualAlp, world: Watched) -> None:
     assert put(ask, dmd, 0, IMAGE) == b"0"
     assert ask(dmd, "ALP:PROJSTARTCONT 1") == b"0"
-    assert equal(world.shown[-1], IMAGE)
+    assert equal(world.mirrors, IMAGE)
     assert ask(dmd, "ALP:PROJINQUIRE 2400\nALP:DEVINQUIRE 2002") == b"0,12000,1100"
 
 
@@ -70,7 +83,7 @@ def test_halting_keeps_the_picture_and_freeing_does_not(ask: Ask, dmd: VirtualAl
     assert put(ask, dmd, 0, OTHER) == b"0"
     assert len(world.shown) == count
     assert ask(dmd, "ALP:DEVFREE") == b"0"
-    assert world.shown[-1] is None
+    assert world.mirrors is None
     assert ask(dmd, "ALP:DEVINQUIRE 2002") == b"1003"
 
 
@@ -93,18 +106,18 @@ def test_every_data_format_turns_the_same_mirrors(
     ask(dmd, f"ALP:DEVALLOC 13042\nALP:SEQALLOC {planes},1\nALP:SEQCONTROL 1,2110,{form}")
     assert put(ask, dmd, 0, packer(np.unpackbits(IMAGE, axis=1))) == b"0"
     ask(dmd, "ALP:PROJSTARTCONT 1")
-    assert equal(world.shown[-1], IMAGE)
+    assert equal(world.mirrors, IMAGE)
 
 
 def test_several_pictures_and_a_range(ask: Ask, dmd: VirtualAlp, world: Watched) -> None:
     assert put(ask, dmd, 1, np.stack([IMAGE, OTHER]), count=2) == b"0"
     assert ask(dmd, "ALP:SEQCONTROL 1,2102,1\nALP:SEQCONTROL 1,2101,1") == b"00"
     ask(dmd, "ALP:PROJSTARTCONT 1")
-    assert equal(world.shown[-1], IMAGE)
+    assert equal(world.mirrors, IMAGE)
     ask(dmd, "ALP:DEVHALT\nALP:SEQCONTROL 1,2102,2\nALP:SEQCONTROL 1,2101,2\nALP:PROJSTARTCONT 1")
-    assert equal(world.shown[-1], OTHER)
+    assert equal(world.mirrors, OTHER)
     ask(dmd, "ALP:DEVHALT\nALP:SEQCONTROL 1,2101,0\nALP:PROJSTARTCONT 1")
-    assert equal(world.shown[-1], np.zeros_like(IMAGE))
+    assert equal(world.mirrors, np.zeros_like(IMAGE))
     ask(dmd, "ALP:DEVHALT")
     assert put(ask, dmd, 1, np.stack([OTHER, IMAGE]), count=0) == b"0"
 
@@ -115,19 +128,19 @@ def test_finite_runs_end_in_virtual_time(ask: Ask, dmd: VirtualAlp, world: Watch
     began = world.clock.now
     assert ask(dmd, "ALP:PROJSTART 1\nALP:PROJINQUIRE 2400\nALP:PROJWAIT\nALP:PROJINQUIRE 2400") == b"00,120000,1201"
     assert world.clock.now - began == pytest.approx(30e-3)
-    assert equal(world.shown[-1], OTHER)
+    assert equal(world.mirrors, OTHER)
     ask(dmd, "ALP:PROJSTART 1")
     world.clock.advance(1.0)
     assert ask(dmd, "ALP:SEQFREE 1\nALP:PROJWAIT") == b"00"
-    assert equal(world.shown[-1], OTHER)
+    assert equal(world.mirrors, OTHER)
 
 
 def test_inversion_and_upside_down(ask: Ask, dmd: VirtualAlp, world: Watched) -> None:
     put(ask, dmd, 0, IMAGE)
     assert ask(dmd, "ALP:PROJCONTROL 2306,1\nALP:PROJSTARTCONT 1") == b"00"
-    assert equal(world.shown[-1], ~IMAGE)
+    assert equal(world.mirrors, ~IMAGE)
     ask(dmd, "ALP:PROJCONTROL 2306,0\nALP:PROJCONTROL 2307,1\nALP:PROJSTARTCONT 1")
-    assert equal(world.shown[-1], IMAGE[::-1])
+    assert equal(world.mirrors, IMAGE[::-1])
     assert ask(dmd, "ALP:PROJINQUIRE 2307\nALP:PROJINQUIRE 2300") == b"0,10,2301"
 
 
@@ -136,9 +149,9 @@ def test_parked_mirrors(ask: Ask, dmd: VirtualAlp, world: Watched) -> None:
     ask(dmd, "ALP:PROJSTARTCONT 1")
     assert ask(dmd, "ALP:DEVCONTROL 2064,1") == b"1002"
     assert ask(dmd, "ALP:DEVHALT\nALP:DEVCONTROL 2064,1") == b"00"
-    assert world.shown[-1] is None
+    assert world.mirrors is None
     assert ask(dmd, "ALP:PROJSTARTCONT 1\nALP:DEVCONTROL 2064,0\nALP:PROJSTARTCONT 1") == b"100200"
-    assert equal(world.shown[-1], IMAGE)
+    assert equal(world.mirrors, IMAGE)
 
 
 def test_facts_of_the_device(ask: Ask, dmd: VirtualAlp) -> None:
@@ -262,3 +275,73 @@ def test_time_costs(ask: Ask, dmd: VirtualAlp, world: Watched) -> None:
     began = world.clock.now
     ask(dmd, "ALP:PROJSTARTCONT 1")
     assert world.clock.now - began == pytest.approx(44e-6)
+
+
+FRAMES = np.random.default_rng(6).integers(0, 256, (5, 768, 128), np.uint8)
+
+
+@pytest.fixture
+def film(ask: Ask, dmd: VirtualAlp) -> VirtualAlp:
+    """Sequence 2: five pictures, one every millisecond."""
+    assert ask(dmd, "ALP:SEQALLOC 1,5\nALP:SEQCONTROL 2,2110,2\nALP:SEQTIMING 2,0,1000,10,100,0") == b"0,200"
+    assert put(ask, dmd, 0, FRAMES, sequence=2, count=5) == b"0"
+    return dmd
+
+
+def test_a_finite_sequence_plays_its_range(ask: Ask, film: VirtualAlp, world: Watched) -> None:
+    ask(film, "ALP:SEQCONTROL 2,2102,3\nALP:SEQCONTROL 2,2101,1\nALP:SEQCONTROL 2,2100,2")
+    began = world.clock.now
+    assert ask(film, "ALP:PROJSTART 2") == b"0"
+    for number in (1, 2, 3, 1, 2, 3):
+        assert equal(world.mirrors, FRAMES[number])
+        assert ask(film, "ALP:PROJINQUIRE 2400") == b"0,1200"
+        world.clock.advance(1e-3)
+    assert equal(world.mirrors, FRAMES[3])
+    assert ask(film, "ALP:PROJINQUIRE 2400\nALP:PROJWAIT") == b"0,12010"
+    assert ask(film, "ALP:PROJSTART 2\nALP:PROJWAIT") == b"00"
+    assert world.clock.now - began == pytest.approx(12e-3 + 44e-6, abs=1e-5)
+    projection = world.shown[-1]
+    assert isinstance(projection, Projection)
+    assert (projection.synch_delay_s, projection.synch_pulse_s) == pytest.approx((10e-6, 100e-6))
+    assert projection.synch_high
+
+
+def test_an_endless_sequence_halts_at_the_picture_of_then(ask: Ask, film: VirtualAlp, world: Watched) -> None:
+    ask(film, "ALP:DEVCONTROL 2004,2007\nALP:PROJSTARTCONT 2")
+    world.clock.advance(7.5e-3)
+    assert equal(world.mirrors, FRAMES[2])
+    assert ask(film, "ALP:PROJWAIT\nALP:DEVHALT\nALP:PROJINQUIRE 2400") == b"100500,1201"
+    world.clock.advance(1e-3)
+    assert world.pictures_shown() == 1
+    projection = world.shown[-1]
+    assert isinstance(projection, Projection)
+    assert projection.loop
+    assert not projection.synch_high
+    assert ask(film, "ALP:SEQFREE 2") == b"0"
+
+
+def test_slave_mode_waits_for_edges(ask: Ask, film: VirtualAlp, world: Watched) -> None:
+    world.play(Playback(np.zeros(9, np.float32), np.arange(9) < 4, 0.0, 1.0, 25e9, (9,)))
+    assert ask(film, "ALP:PROJCONTROL 2300,2302\nALP:PROJINQUIRE 2300\nALP:PROJSTART 2") == b"00,23020"
+    world.clock.advance(1.0)
+    assert world.mirrors is None
+    assert ask(film, "ALP:PROJINQUIRE 2400\nALP:PROJWAIT") == b"0,12001005"
+    for picture in FRAMES:
+        world.trigger_awg()
+        assert equal(world.mirrors, picture)
+        world.clock.advance(1e-3)
+    assert ask(film, "ALP:PROJINQUIRE 2400\nALP:PROJWAIT") == b"0,12010"
+
+
+def test_pictures_loaded_at_once_are_not_copied(ask: Ask, film: VirtualAlp, world: Watched) -> None:
+    ask(film, "ALP:PROJSTART 2")
+    whole = world.shown[-1]
+    assert isinstance(whole, Projection)
+    assert np.array_equal(whole.patterns, FRAMES)
+    assert not whole.patterns.flags.owndata
+    ask(film, "ALP:PROJWAIT")
+    put(ask, film, 1, IMAGE, sequence=2)
+    ask(film, "ALP:PROJSTART 2")
+    mixed = world.shown[-1]
+    assert isinstance(mixed, Projection)
+    assert np.array_equal(mixed.patterns, np.stack([FRAMES[0], IMAGE, *FRAMES[2:]]))

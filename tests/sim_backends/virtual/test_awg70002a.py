@@ -1,5 +1,6 @@
 """The virtual AWG: upload, assignment, run control, and what the world hears of it."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -26,10 +27,20 @@ class Heard(World):
     def __init__(self) -> None:
         super().__init__()
         self.played: list[Playback | None] = []
+        self.triggers = 0
+        self.level = (0.0, True)
 
     def play(self, playback: Playback | None) -> None:
         self.played.append(playback)
         super().play(playback)
+
+    def trigger_awg(self) -> None:
+        self.triggers += 1
+        super().trigger_awg()
+
+    def awg_trigger_level(self, level_v: float, *, rising: bool) -> None:
+        self.level = level_v, rising
+        super().awg_trigger_level(level_v, rising=rising)
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +52,7 @@ def quiet() -> Heard:
 def heard(quiet: Heard) -> Heard:
     quiet.play(None)
     quiet.played.clear()
+    quiet.triggers = 0
     return quiet
 
 
@@ -83,9 +95,14 @@ def test_the_session_of_the_manual_plays(ask: Ask, awg: VirtualAwg70002a, heard:
 
 
 def test_the_clock_is_charged_for_run(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
-    before = heard.clock.now
     start(ask, awg)
+    before = heard.clock.now
+    ask(awg, "AWGC:RUN;*OPC")
+    assert ask(awg, "*ESR?") == b"0"  # a poll takes 0.1 s
+    assert ask(awg, "*OPC?;*ESR?") == b"1;1"
     assert heard.clock.now - before == pytest.approx(1.0)
+    ask(awg, "AWGC:RUN\n*WAI")
+    assert heard.clock.now - before == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(("bits", "marked"), [(8, True), (9, True), (10, False)])
@@ -123,7 +140,10 @@ def test_samples_beyond_full_scale_are_clipped(ask: Ask, awg: VirtualAwg70002a, 
         ("OUTP1 0", False),
         ("OUTP:OFF 1", False),
         ("AWGC:STOP", False),
-        ("SOUR1:RMOD TRIG", False),
+        ("SOUR1:RMOD TRIG", True),
+        ("INST:MODE FGEN", True),
+        ("SOUR1:MARK1:DEL 1e-10", True),
+        ("SOUR1:SKEW 2e-10", True),
         ("SOUR1:CASS:CLE", False),
         ('SOUR1:WAV ""', True),
         ("WLIS:WAV:DEL ALL", False),
@@ -187,7 +207,16 @@ def test_normalise(ask: Ask, awg: VirtualAwg70002a) -> None:
         ('WLIS:WAV:NEW "m",2500', -224),
         ('WLIS:WAV:NEW "",2500', -224),
         ('WLIS:WAV:NEW "x",0', -222),
-        ('WLIS:WAV:NEW "x",2500,IQ', -224),
+        ('WLIS:WAV:NEW "x",2500,COMPLEX', -224),
+        ('WLIS:WAV:DATA:Q "m",0,1,#14abcd', -221),
+        ('SOUR1:CASS:WAV "m",Q', -221),
+        ('WLIS:WAV:ACF "C:\\no.csv","m"', -256),
+        ('WLIS:WAV:SRAT "m",26e9', -222),
+        ('WLIS:WAV:RES "m",0', -222),
+        ("SOUR1:POW 0", -221),
+        ("SOUR1:POW?", -221),
+        ("SOUR1:JUMP:FORC 1", -221),
+        ('SOUR1:CASS:SEQ "s",1', -224),
         ('WLIS:WAV:LENG? "x"', -224),
         ("WLIS:NAME? 3", -222),
         ('WLIS:WAV:DATA "x",0,1,#14abcd', -224),
@@ -214,7 +243,7 @@ def test_normalise(ask: Ask, awg: VirtualAwg70002a) -> None:
         ("SOUR1:MARK1:VOLT:OFFS 1.2", -222),
         ("SOUR1:RMOD FAST", -224),
         ("TRIG:IMP 75", -224),
-        ("INST:MODE FGEN", -224),
+        ("INST:MODE SCOPE", -224),
     ],
 )
 def test_errors_change_nothing(ask: Ask, awg: VirtualAwg70002a, heard: Heard, command: str, code: int) -> None:
@@ -255,20 +284,79 @@ def test_deleting_what_plays_stops_the_run(ask: Ask, awg: VirtualAwg70002a) -> N
 
 def test_triggered_modes(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
     start(ask, awg)
-    ask(awg, "SOUR1:RMOD TCON")
-    assert heard.played[-1] is None
+    ask(awg, "*OPC?;:SOUR1:RMOD TCON")
+    playback = heard.played[-1]
+    assert playback is not None
+    assert (playback.lengths, playback.runs_on) == ((2500,), True)
     assert ask(awg, "AWGC:RST?;:SOUR1:RMOD?") == b"1;TCON"
     ask(awg, "TRIG BTR")
     assert ask(awg, "AWGC:RST?") == b"1"
+    assert heard.triggers == 0
     ask(awg, "TRIGger:SEQuence:IMMediate ATRigger")
     assert ask(awg, "AWGC:RST?") == b"2"
-    assert heard.played[-1] is not None
-    ask(awg, "AWGC:STOP;:AWGC:RUN")
+    assert heard.triggers == 1
+    ask(awg, "AWGC:STOP;:AWGC:RUN;*OPC?")
     assert ask(awg, "AWGC:RST?") == b"1"
-    ask(awg, "*TRG")
+    ask(awg, "*TRG;*TRG")  # the second finds it running already
     assert ask(awg, "AWGC:RST?") == b"2"
+    assert heard.triggers == 2
+    heard.clock.advance(1.0)
     ask(awg, "AWGC:RMOD TRIG")
     assert ask(awg, "AWGC:RST?;RMOD?") == b"1;TRIG"
+    playback = heard.played[-1]
+    assert playback is not None
+    assert (playback.lengths, playback.runs_on) == ((2500,), False)
+    for _ in range(3):
+        ask(awg, "*TRG")
+        assert ask(awg, "AWGC:RST?") == b"2"
+        heard.clock.advance(1e-6)
+        assert ask(awg, "AWGC:RST?") == b"1"
+    assert heard.triggers == 5
+    ask(awg, "AWGC:STOP;*TRG")
+    assert heard.triggers == 5
+
+
+def test_what_the_trigger_input_listens_to(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+    start(ask, awg)
+    assert heard.level == (math.inf, True)
+    ask(awg, "SOUR1:RMOD TRIG")
+    assert heard.level == (1.4, True)
+    ask(awg, "TRIG:LEV 0.5;SLOP NEG")
+    assert heard.level == (0.5, False)
+    ask(awg, "SOUR1:TINP BTR")
+    assert heard.level == (math.inf, False)
+    ask(awg, "TRIG ATR")
+    assert heard.triggers == 0
+    ask(awg, "TRIG BTR")
+    assert heard.triggers == 1
+
+
+@pytest.mark.parametrize("setting", ["SOUR1:TINP ITR", "TRIG:SOUR INT"])
+def test_internal_triggers(ask: Ask, awg: VirtualAwg70002a, heard: Heard, setting: str) -> None:
+    start(ask, awg)
+    ask(awg, f"TRIG:INT 1e-6;:{setting};:SOUR1:RMOD TRIG")
+    playback = heard.played[-1]
+    assert playback is not None
+    assert playback.lengths is None
+    assert playback.period == pytest.approx(1e-6)
+    assert not playback.volts[2500:].any()
+    ask(awg, "SOUR1:RMOD TCON")
+    playback = heard.played[-1]
+    assert playback is not None
+    assert playback.period == pytest.approx(1e-7)
+    assert ask(awg, "TRIG:INT?;:AWGC:RST?") == b"1.0000000000E-06;2"
+    assert errors(ask, awg) == "0"
+
+
+def test_marker_delay_and_skew(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+    start(ask, awg)
+    plain = heard.played[-1]
+    ask(awg, "SOUR1:MARK1:DEL 8e-11;:SOUR1:SKEW 1.2e-10")
+    moved = heard.played[-1]
+    assert plain is not None
+    assert moved is not None
+    assert np.array_equal(moved.marker, np.roll(plain.marker, 2))
+    assert np.array_equal(moved.volts, np.roll(plain.volts, 3))
 
 
 def test_coupled_run_modes(ask: Ask, awg: VirtualAwg70002a) -> None:
@@ -276,6 +364,86 @@ def test_coupled_run_modes(ask: Ask, awg: VirtualAwg70002a) -> None:
     assert ask(awg, "SOUR1:RMOD?;:SOUR2:RMOD?") == b"CONT;TRIG"
     ask(awg, "SOUR:RCC 1;:SOUR2:RMOD TCON")
     assert ask(awg, "SOUR1:RMOD?;:SOUR2:RMOD?;:SOUR:RCC?") == b"TCON;TCON;1"
+    ask(awg, "SOUR:RCC 0;:SOUR1:TINP BTR;:SOUR1:RMOD CONT")
+    assert ask(awg, "SOUR2:TINP?;RMOD?") == b"ATR;TCON"
+    ask(awg, "SOUR:RCC 1")
+    assert ask(awg, "SOUR2:TINP?;RMOD?") == b"BTR;CONT"
+
+
+def test_coupled_channels(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "INST:COUP:SOUR 1;:SOUR1:VOLT 0.3;:SOUR1:DAC:RES 8;:SOUR1:MARK2:VOLT:HIGH 1.2")
+    assert ask(awg, "SOUR2:DAC:RES?;:SOUR2:VOLT?;:SOUR2:MARK2:VOLT:HIGH?") == b"8;3.0000000000E-01;1.2000000000E+00"
+
+
+def test_waiting_values(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "TRIG:WVAL FIRS")
+    assert ask(awg, "TRIG:WVAL?;:OUTP2:WVAL:ANAL?;MARK2?") == b"FIRS;FIRS;FIRS"
+    ask(awg, "OUTP1:SVAL:ANAL:STAT OFF;:OUTP1:SVAL:MARK1 OFF;:OUTP1:WVAL:MARK1 HIGH")
+    assert ask(awg, "OUTP1:SVAL:ANAL?;MARK1?;:OUTP1:WVAL:MARK1?") == b"OFF;OFF;HIGH"
+
+
+def test_recommended_settings(ask: Ask, awg: VirtualAwg70002a) -> None:
+    upload(ask, awg)
+    assert ask(awg, 'WLIS:WAV:SRAT? "m"') == b"9.9100000000E+37"
+    ask(awg, 'WLIS:WAV:SRAT "m",1e10;AMPL "m",0.3;OFFS "m",0.1')
+    assert ask(awg, 'WLIS:WAV:AMPL? "m";OFFS? "m"') == b"3.0000000000E-01;1.0000000000E-01"
+    ask(awg, 'SOUR1:CASS:WAV "m"')
+    assert ask(awg, "CLOC:SRAT?;:SOUR1:VOLT?") == b"2.5000000000E+10;5.0000000000E-01"
+    ask(awg, 'AWGC:ARS 1;:SOUR1:CASS:WAV "m"')
+    assert ask(awg, "CLOC:SRAT?;:SOUR1:VOLT?;:AWGC:ARS?") == b"1.0000000000E+10;3.0000000000E-01;1"
+    assert errors(ask, awg) == "0"
+
+
+def test_complex_waveforms(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+    ask(awg, 'WLIS:WAV:NEW "c",2500,IQ')
+    ask(awg, b'WLIS:WAV:DATA:Q "c",' + float_block(SAMPLES))
+    assert ask(awg, 'WLIS:WAV:TYPE? "c";SFOR? "c"') == b"IQ;IQ"
+    assert ask(awg, 'WLIS:WAV:DATA:Q? "c"') == float_block(SAMPLES)
+    ask(awg, 'SOUR1:CASS:WAV "c",Q;:OUTP1 1;:AWGC:RUN')
+    playback = heard.played[-1]
+    assert playback is not None
+    assert np.abs(playback.volts - 0.25 * SAMPLES).max() < 1e-3
+    ask(awg, 'WLIS:WAV:ROT:POIN "c",1;:WLIS:WAV:RES "c",5000;:WLIS:WAV:SFOR "c",I')
+    assert ask(awg, 'WLIS:WAV:LENG? "c";SFOR? "c"') == b"5000;I"
+    assert errors(ask, awg) == "0"
+
+
+def test_error_queue_overflow(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "NONSENSE\n" * 40)
+    assert ask(awg, "SYST:ERR:COUN?") == b"32"
+    assert errors(ask, awg).split(",")[-1] == "-350"
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        ("INV", lambda x: x.max() + x.min() - x),
+        ("SHIF", lambda x: np.roll(x, 625)),
+        ("ROT:DEGR", lambda x: np.roll(x, 625)),
+        ("ROT:POIN", lambda x: np.roll(x, 90)),
+    ],
+)
+def test_editing(
+    ask: Ask,
+    awg: VirtualAwg70002a,
+    command: str,
+    expected: Callable[[NDArray[np.float32]], NDArray[np.float32]],
+) -> None:
+    upload(ask, awg)
+    ask(awg, f'WLIS:WAV:{command} "m"' + (",90" if command != "INV" else ""))
+    block = ask(awg, 'WLIS:WAV:DATA? "m"')
+    assert np.allclose(np.frombuffer(block[7:], "<f4"), expected(SAMPLES), atol=1e-6)
+    assert errors(ask, awg) == "0"
+
+
+def test_resampling(ask: Ask, awg: VirtualAwg70002a) -> None:
+    turns = np.arange(2500) / 2500
+    upload(ask, awg, np.sin(2 * np.pi * turns).astype(np.float32))
+    ask(awg, b'WLIS:WAV:MARK:DATA "m",#42500' + MARKERS.tobytes())
+    ask(awg, 'WLIS:WAV:RES "m",5000')
+    samples = np.frombuffer(ask(awg, 'WLIS:WAV:DATA? "m"')[7:], "<f4")
+    assert np.allclose(samples, np.sin(2 * np.pi * np.arange(5000) / 5000), atol=1e-5)
+    assert ask(awg, 'WLIS:WAV:MARK:DATA? "m",0,101')[5:] == b"\x40" * 100 + b"\x00"
 
 
 def test_reset_state(ask: Ask, awg: VirtualAwg70002a) -> None:
@@ -301,6 +469,10 @@ def test_reset_state(ask: Ask, awg: VirtualAwg70002a) -> None:
         "TRIG:SOUR?": "EXT",
         "OUTP1:WVAL:ANAL:STAT?": "ZERO",
         "OUTP1:WVAL:MARK1?": "LOW",
+        "OUTP1:SVAL:ANAL:STAT?": "ZERO",
+        "TRIG:WVAL?": "ZERO",
+        "CLOC:JITT?": "0",
+        "SLIS:SIZE?": "0",
         "SOUR1:MARK1:VOLT:HIGH?": "1.0000000000E+00",
         "SOUR1:MARK2:VOLT:LOW?": "0.0000000000E+00",
         "SOUR1:MARK1:VOLT?": "1.0000000000E+00",
@@ -331,7 +503,12 @@ def test_an_error_text_that_holds_a_line_end(ask: Ask, awg: VirtualAwg70002a) ->
 def test_system_tree(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
     assert ask(awg, "SYST:VERS?") == b"1999.0"
     assert ask(awg, "SYST:DATE?") == b"2024,01,01"
-    assert ask(awg, "*OPT?") == b"225"
+    assert ask(awg, "*OPT?") == b"03,225"
+    ask(awg, "SYST:DATE 2026,2,3")
+    assert ask(awg, "SYST:DATE?") == b"2026,02,03"
+    ask(awg, "SYST:TIME 10,20,30;:SYST:DATE 2026,2,31")
+    assert ask(awg, "SYST:TIME?") == b"10,20,30"
+    assert errors(ask, awg) == "-222"
     heard.clock.advance(60.0)
     minutes = int(ask(awg, "SYST:TIME?").split(b",")[1])
     heard.clock.advance(60.0)

@@ -122,7 +122,7 @@ def test_codes_are_the_volts_at_the_input(ask: Ask, scope: VirtualDpo72504dx, wo
     world.emit(Emission(1550.0, 30e-3))
     acquisition, _ = world.records[-1]
     truth = world.record(acquisition, np.array([100e-9])).volts[0, 0]
-    assert np.corrcoef(seen, truth)[0, 1] > 0.95
+    assert np.corrcoef(seen, truth)[0, 1] > 0.9
     assert abs(seen.mean() - truth.mean()) < 0.002
     assert number(ask, scope, "WFMOutpre:YMUlt?") == pytest.approx(0.02 / 25)
     assert number(ask, scope, "WFMOutpre:YZEro?") == pytest.approx(0.03 + 2 * 0.02)
@@ -155,7 +155,7 @@ def test_inversion_and_clipping(ask: Ask, scope: VirtualDpo72504dx) -> None:
 def test_average(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
     ask(scope, "ACQuire:MODe AVErage;NUMAVg 100;STATE RUN")
     assert ask(scope, "ACQuire:NUMACq?;MODe:ACTUal?") == b"100;AVERAGE"
-    assert [count for _, count in world.records] == [50, 50]
+    assert [count for _, count in world.records] == [100]
     coarse = volts(ask, scope)
     ask(scope, "WFMOutpre:BYT_Nr 2")
     assert ask(scope, "WFMOutpre:BIT_Nr?") == b"16"
@@ -228,9 +228,12 @@ def test_stop_does_not_follow_a_longer_record(ask: Ask, scope: VirtualDpo72504dx
     assert block(ask(scope, "CURVe?")).size == 1000
     ask(scope, "DATa:STARt 901")
     assert block(ask(scope, "CURVe?")).size == 100
-    ask(scope, "DATa:STARt 1001")
-    assert ask(scope, "WFMOutpre:NR_Pt?;:CURVe?") == b"0"
-    assert events(ask, scope) == "2241"
+    whole = block(ask(scope, "DATa:STARt 1;:CURVe?"))
+    ask(scope, "DATa:STARt 1001;STOP 2000")
+    assert ask(scope, "WFMOutpre:NR_Pt?") == b"1"
+    assert list(block(ask(scope, "CURVe?"))) == [whole[-1]]
+    ask(scope, "DATa:STARt 30;STOP 11")
+    assert np.array_equal(block(ask(scope, "CURVe?")), whole[10:30])
 
 
 def test_several_sources_follow_one_another(ask: Ask, scope: VirtualDpo72504dx) -> None:
@@ -251,6 +254,12 @@ def test_waveform_errors(ask: Ask, scope: VirtualDpo72504dx) -> None:
     ask(scope, "DATa:SOUrce CH1;:CLEAR ALL")
     assert ask(scope, "CURVe?;:ACQuire:NUMACq?") == b"0"
     assert events(ask, scope) == "2241"
+
+
+@pytest.mark.parametrize("source", ["MATH1", "REF4"])
+def test_mathematics_and_references_are_not_active(ask: Ask, scope: VirtualDpo72504dx, source: str) -> None:
+    assert ask(scope, f"DATa:SOUrce {source};SOUrce?;:CURVe?;:WFMOutpre:YMUlt?") == source.encode()
+    assert events(ask, scope) == "2244,2244"
 
 
 def test_nothing_selected_is_nothing_recorded(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
@@ -422,16 +431,33 @@ def test_rates_are_stepped_and_shared(ask: Ask, scope: VirtualDpo72504dx) -> Non
         ("CH:SCAle 0.1", "113"),
         ("CH1:SCAle 1", "222"),
         ("CH1:SCAle 0.001", "222"),
-        ("CH1:COUPling AC", "224"),
+        ("CH1:COUPling AC", "221"),
+        ("CH1:COUPling DCREJect", "221"),
+        ("CH1:COUPling 50", "224"),
         ("CH1:TERmination 1E6", "222"),
-        ("CH1:BANdwidth 20e6", "222"),
+        ("CH1:BANdwidth 1e6", "222"),
+        ("CH1:BANdwidth 26e9", "222"),
+        ("CH1:DESKew 130e-9", "222"),
+        ("CH1:POSition 9", "222"),
+        ("CH1:VTERm:BIAS 4", "222"),
         ("ACQuire:NUMAVg 1", "222"),
-        ("ACQuire:MODe ENVelope", "224"),
-        ("ACQuire:SAMPlingmode IT", "224"),
-        ("HORizontal:FASTframe:STATE ON", "221"),
+        ("ACQuire:MODe WFMDB", "221"),
+        ("ACQuire:MODe FOO", "224"),
+        ("ACQuire:NUMEnv 0", "222"),
+        ("ACQuire:NUMEnv few", "224"),
+        ("ACQuire:SAMPlingmode ET", "221"),
+        ("HORizontal:FASTframe:COUNt 1e6", "222"),
+        ("HORizontal:FASTframe:COUNt 0", "222"),
+        ("HORizontal:FASTframe:TIMEStamp:FRAMe:CH1? 1", "2241"),
+        ("HORizontal:FASTframe:XZEro:FRAme:CH1?", "109"),
+        ("HORizontal:DELay:TIMe 2", "222"),
+        ("TRIGger:A:HOLDoff:TIMe 11", "222"),
+        ("TRIGger:A:EDGE:SOUrce D1", "224"),
+        ("AUXout:SOUrce CLOCk", "224"),
         ("FASTAcq:STATE ON", "221"),
         ("HORizontal:MODE:RECOrdlength 1e9", "222"),
-        ("DATa:SOUrce MATH1", "224"),
+        ("DATa:SOUrce MATH5", "224"),
+        ("WFMOutpre:BIT_Nr 12", "224"),
         ("WFMOutpre:BYT_Nr 8", "222"),
         ("TRIGger:A:EDGE:SOUrce", "109"),
         ("TRIGger:AUXLevel high", "104"),
@@ -457,6 +483,12 @@ def test_events_are_released_by_the_register(ask: Ask, scope: VirtualDpo72504dx)
     assert ask(scope, "FOO;*ESR?") == b"0"
 
 
+def test_event_queue_overflows_into_its_last_event(ask: Ask, scope: VirtualDpo72504dx) -> None:
+    ask(scope, ";".join(["FOO"] * 40))
+    assert ask(scope, "*ESR?;EVQty?") == b"32;32"
+    assert ask(scope, "ALLEv?").endswith(b'113,"Undefined header; FOO",350,"Queue overflow"')
+
+
 def test_levels_by_name(ask: Ask, scope: VirtualDpo72504dx) -> None:
     ask(scope, "TRIGger:AUXLevel ECL;:TRIGger:A:EDGE:SOUrce CH2;:TRIGger:A:LEVel TTL")
     assert number(ask, scope, "TRIGger:AUXLevel?") == -1.3
@@ -472,7 +504,7 @@ def test_reset_keeps_headers_and_masks_factory_does_not(ask: Ask, scope: Virtual
     assert ask(scope, "HDR?") == b":HDR 1"
     assert ask(scope, "ID?") == b":ID TEKTRONIX,DPO72504DX,CF:91.1CT FV:10.8.3 Build 3"
     ask(scope, "HEADer OFF;:UNLock ALL")
-    assert ask(scope, "LOCk?") == b"NONE"
+    assert ask(scope, "LOCk?;*OPT?") == b"NONE;STD:Standard record length"
 
 
 def test_the_preamble_says_what_to_expect_before_the_first_record(ask: Ask, scope: VirtualDpo72504dx) -> None:

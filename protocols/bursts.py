@@ -1,0 +1,107 @@
+"""Hardware-timed bursts: the DMD plays pictures, its sync output triggers the AWG, the AWG's marker the oscilloscope.
+
+Software only loads and collects, so the DMD's own rate is the limit.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.bench import Bench
+from instruments.interfaces import Burst, BurstDmd, Drive, InstrumentError, Timebase
+from protocols.base import BurstRecord, Leg, ProtocolError, Shot
+from protocols.patterns import Patterns
+
+PICTURE_PERIOD_S = 44e-6
+"""One picture every 44 us: the fastest a DMD of this class follows (22 727 pictures a second)."""
+PERIODS_PER_TRIGGER = 3
+SETTLED_PERIODS = 2
+"""Of the periods the AWG plays at each trigger, those that pass before the frame: fibre and chip then carry light of
+the running drive only, as if it had played for ever."""
+LONGEST_BURST = 2000
+"""Frames of one burst: storing one takes as long as playing the next, and an interrupted run waits for no more."""
+UPLOAD_BLOCK = 250
+
+
+def burst_dmd(bench: Bench) -> BurstDmd:
+    """The DMD of a bench that is wired for bursts.
+
+    Raises:
+        ProtocolError: the station says that it is not, or its DMD cannot play from memory.
+    """
+    if not bench.wiring.burst:
+        raise ProtocolError(
+            f"{bench.source}: timing = 'burst' needs wiring.burst = true (DMD sync to AWG trigger, AWG marker to "
+            f"scope): wire it, or choose timing = 'software'"
+        )
+    if not isinstance(bench.dmd, BurstDmd):
+        raise ProtocolError(f"{bench.source}: this DMD cannot play from its memory: choose timing = 'software'")
+    return bench.dmd
+
+
+class PictureMemory:
+    """The shots in the DMD's memory: all of them if they fit, otherwise as many as fit, one part after the other."""
+
+    def __init__(self, dmd: BurstDmd, patterns: Patterns, shots: Sequence[Shot]) -> None:
+        """Load what can be loaded once for all legs."""
+        self._dmd = dmd
+        self._patterns = patterns
+        self._shots = shots
+        capacity = dmd.capacity()
+        self.parts = [range(first, min(first + capacity, len(shots))) for first in range(0, len(shots), capacity)]
+        self._loaded: range | None = None
+        self.load(self.parts[0])
+
+    def load(self, part: range) -> None:
+        """Have the shots of `part` in memory."""
+        if part != self._loaded:
+            self._dmd.load(self._blocks(part), len(part))
+            self._loaded = part
+
+    def _blocks(self, part: range) -> Iterator[NDArray[np.uint8]]:
+        for first in range(part.start, part.stop, UPLOAD_BLOCK):
+            yield self._patterns.block(self._shots[first : min(first + UPLOAD_BLOCK, part.stop)])
+
+
+def measure_bursts(
+    bench: Bench, dmd: BurstDmd, memory: PictureMemory, leg: Leg, drive: Drive, timebase: Timebase
+) -> Iterator[BurstRecord]:
+    """All shots of one leg, burst by burst.
+
+    Raises:
+        InstrumentError: a frame is missing or came at the wrong time.
+    """
+    bench.awg.load(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
+    bench.awg.play()
+    late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
+    bench.scope.configure(late, bench.wiring.trigger, tuple(leg.patching), 1)
+    dmd.hold()
+    longest = min(LONGEST_BURST, bench.scope.most_frames())
+    for part in memory.parts:
+        memory.load(part)
+        for first in range(part.start, part.stop, longest):
+            count = min(longest, part.stop - first)
+            bench.scope.arm_burst(count)
+            dmd.play(first - part.start, count, PICTURE_PERIOD_S)
+            burst = bench.scope.read_burst()
+            check_times(burst, count)
+            yield BurstRecord(leg, first, burst)
+
+
+def check_times(burst: Burst, count: int) -> None:
+    """Compare number and time stamps of the frames with the pictures that were played.
+
+    Raises:
+        InstrumentError: a frame is missing, or two are not one picture apart.
+    """
+    if burst.time_s.shape != (count,):
+        raise InstrumentError(f"scope: {burst.time_s.size} frames for {count} pictures: check the trigger wiring")
+    late = np.abs(np.diff(burst.time_s) - PICTURE_PERIOD_S) > PICTURE_PERIOD_S / 2
+    if late.any():
+        frame = int(np.argmax(late)) + 1
+        gap = burst.time_s[frame] - burst.time_s[frame - 1]
+        raise InstrumentError(
+            f"scope: frame {frame} came {gap * 1e6:.1f} us after the one before, pictures are "
+            f"{PICTURE_PERIOD_S * 1e6:g} us apart: a trigger was missed or came twice; check its wiring and levels"
+        )

@@ -1,0 +1,94 @@
+"""A served bench for drivers nobody here wrote: `labctl sim serve` in a process and an environment of its own."""
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+TRANSPORTS = ("socket", "hislip", "vxi11")
+TIMEOUT_MS = 10_000
+
+Resources = dict[str, dict[str, str]]
+Open = Callable[[str], Any]
+
+_SERVE = (sys.executable, "-c", "from labctl.main import main; main()")
+
+
+@pytest.fixture(scope="session")
+def resources() -> Iterator[Resources]:
+    """Addresses of a bench served by the command in `LABCTL` (by this interpreter without it)."""
+    command = shlex.split(os.environ["LABCTL"]) if "LABCTL" in os.environ else _SERVE
+    with subprocess.Popen([*command, "sim", "serve", "--json"], stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        yield json.loads(server.stdout.readline())["resources"]
+        server.send_signal(signal.SIGTERM)
+        server.communicate(timeout=30)
+    assert server.returncode == 0
+
+
+@pytest.fixture(params=TRANSPORTS)
+def transport(request: pytest.FixtureRequest, resources: Resources) -> str:
+    """One transport after the other; those the bench does not serve are skipped."""
+    name: str = request.param
+    if name not in resources["awg"]:
+        pytest.skip(f"the bench serves no {name} addresses")
+    return name
+
+
+@pytest.fixture
+def visa(resources: Resources) -> Iterator[Open]:
+    """Plain PyVISA sessions: `visa(address)`, lines ending in a newline both ways."""
+    pyvisa = pytest.importorskip("pyvisa")
+    manager = pyvisa.ResourceManager("@py")
+    opened = []
+
+    def open_address(address: str) -> Any:
+        session = manager.open_resource(address, read_termination="\n", write_termination="\n", timeout=TIMEOUT_MS)
+        opened.append(session)
+        return session
+
+    yield open_address
+    for session in opened:
+        session.close()
+    manager.close()
+
+
+@pytest.fixture
+def lit(resources: Resources, visa: Open) -> Iterator[None]:
+    """Light on the detectors: laser on, half the mirrors towards the fibre, ports 2 and 3 on channels 1 and 2."""
+    laser, dmd, switch = (visa(resources[name]["socket"]) for name in ("laser", "dmd", "patch_panel"))
+    laser.write("*RST;POWER 14.8;OUTPUT ON")
+    while laser.query("SETTLED?") != "1":
+        pass
+    switch.write("ROUTe:CLOSe (@1!2,2!3)")
+    dmd.query("*RST;*OPC?")
+    assert dmd.query("ALP:DEVALLOC") == "0"
+    sequence = dmd.query("ALP:SEQALLOC 1,1").removeprefix("0,")
+    assert dmd.query(f"ALP:SEQCONTROL {sequence},2110,2") == "0"
+    half = (b"\xff" * 128 + b"\x00" * 128) * 384
+    dmd.write_raw(f"ALP:SEQPUT {sequence},0,1,#598304".encode() + half + b"\n")
+    assert dmd.read() == "0"
+    assert dmd.query(f"ALP:PROJSTARTCONT {sequence}") == "0"
+    yield
+    laser.query("OUTPUT OFF;*OPC?")
+
+
+@pytest.fixture
+def fresh(resources: Resources, visa: Open) -> None:
+    """The AWG and the oscilloscope as after `*RST`, their queues empty."""
+    for name in ("awg", "scope"):
+        assert visa(resources[name]["socket"]).query("*RST;*CLS;*OPC?") == "1"
+
+
+def port(address: str) -> int:
+    """The TCP port in an address of any transport."""
+    found = re.search(r"(?:127\.0\.0\.1::|hislip0,)(\d+)", address)
+    assert found is not None, address
+    return int(found[1])

@@ -1,0 +1,111 @@
+"""Hardware-timed bursts."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from instruments.bench import Bench
+from instruments.interfaces import Burst, InstrumentError
+from labctl.acquisition import images_for
+from labctl.command_log import CommandLog
+from labctl.opening import opened
+from labctl.station import Station, WiringSection
+from protocols.base import BurstRecord, LegStarted, ProtocolError, Record, ShotKind
+from protocols.bursts import PICTURE_PERIOD_S, check_times
+from protocols.image_readout import ImageReadout
+
+SMALL = {"images": 40, "reference_every": 20}
+
+
+@pytest.fixture
+def wired() -> Iterator[Bench]:
+    """A bench whose DMD triggers the AWG."""
+    with CommandLog() as log, opened(Station(wiring=WiringSection(burst=True)), log) as found:
+        yield found.bench
+
+
+def measure(bench: Bench, **settings: Any) -> tuple[list[LegStarted], list[Any], list[Any]]:
+    protocol = ImageReadout(**SMALL, **settings)
+    images = images_for(protocol)
+    shots = protocol.shots(images)
+    events = list(protocol.acquire(bench, images, shots))
+    return (
+        [e for e in events if isinstance(e, LegStarted)],
+        [e for e in events if not isinstance(e, LegStarted)],
+        [*shots],
+    )
+
+
+def volts(legs: list[LegStarted], codes: dict[int, NDArray[np.integer]]) -> list[NDArray[np.float64]]:
+    return [
+        np.stack([s.scale_v * codes[leg.leg.index][:, n] + s.offset_v for n, s in enumerate(leg.scalings)], axis=1)
+        for leg in legs
+    ]
+
+
+def test_a_burst_sees_what_single_shots_see(wired: Bench) -> None:
+    legs, bursts, shots = measure(wired, timing="burst")
+    single_legs, singles, _ = measure(wired)
+    assert all(isinstance(record, BurstRecord) for record in bursts)
+    assert all(isinstance(record, Record) for record in singles)
+    together = volts(legs, {record.leg.index: record.burst.codes for record in bursts})
+    one_by_one = volts(
+        single_legs,
+        {
+            index: np.stack([r.frames.codes for r in singles if r.leg.index == index])
+            for index in range(len(single_legs))
+        },
+    )
+    kinds = np.array([shot.kind for shot in shots])
+    lit, repeats = kinds == ShotKind.IMAGE, kinds == ShotKind.REFERENCE
+    for burst, single in zip(together, one_by_one, strict=True):
+        first, second = burst[repeats]
+        noise = np.std(first - second)
+        assert np.std(burst[lit] - single[lit]) < 2 * noise
+        assert np.std(burst[lit]) > 4 * noise
+    assert wired.laser.settings()["emitting"] == 0
+
+
+def test_more_pictures_than_the_memory_holds_go_in_parts(wired: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[int] = []
+    load = wired.dmd.load  # type: ignore[attr-defined]
+
+    def counted(mirrors: Any, count: int) -> None:
+        loaded.append(count)
+        load(mirrors, count)
+
+    monkeypatch.setattr(wired.dmd, "capacity", lambda: 30)
+    monkeypatch.setattr(wired.dmd, "load", counted)
+    _, bursts, _ = measure(wired, timing="burst", ports=(2, 3, 4, 5, 6))
+    assert [(record.leg.index, record.first, len(record.burst.codes)) for record in bursts] == [
+        (0, 0, 30),
+        (0, 30, 14),
+        (1, 0, 30),
+        (1, 30, 14),
+    ]
+    assert loaded == [30, 14, 30, 14]
+
+
+def test_averages_are_for_single_shots(wired: Bench) -> None:
+    protocol = ImageReadout(**SMALL, timing="burst", averages=2)
+    with pytest.raises(ProtocolError, match="a burst takes one trigger a shot"):
+        protocol.check(wired, images_for(protocol))
+
+
+def burst_at(times: NDArray[np.floating]) -> Burst:
+    count = times.size
+    return Burst(
+        np.zeros((count, 1, 5), np.int8), np.zeros((count, 1)), times.astype(np.float64), np.zeros((count, 1), bool)
+    )
+
+
+def test_a_missing_frame_is_found_by_its_time() -> None:
+    times = np.arange(10) * PICTURE_PERIOD_S
+    check_times(burst_at(times), 10)
+    with pytest.raises(InstrumentError, match=r"frame 4 came 88\.0 us after the one before"):
+        check_times(burst_at(np.delete(times, 4)), 9)
+    with pytest.raises(InstrumentError, match="9 frames for 10 pictures"):
+        check_times(burst_at(times[:9]), 10)
