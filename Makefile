@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+IMAGING := $(VENV)/.imaging
 INTEROP := .venv-interop
 MINUTES ?= 60
 PACKAGES := labctl instruments protocols sim_backends
@@ -33,7 +34,7 @@ interop: $(INSTALLED) $(INTEROP)/.installed
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES)
 
-check: $(INSTALLED)
+check: $(INSTALLED) $(IMAGING)
 	$(BIN)/ruff format --check --quiet $(SOURCES)
 	$(BIN)/ruff check --quiet $(SOURCES)
 	$(BIN)/mypy
@@ -57,6 +58,12 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+# torch, for the tests of the extra `imaging` and their types; the demo does without. Its wheels differ from index to
+# index (CPU or CUDA), so they are pinned by version alone, and what a CUDA wheel needs beyond the list comes with it.
+$(IMAGING): requirements-imaging.lock $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements-imaging.lock
 	touch $@
 
 $(INTEROP)/.installed: requirements-interop.lock

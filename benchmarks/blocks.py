@@ -1,8 +1,9 @@
-"""How fast VisaLink moves blocks, beside a raw socket in the same run.
+"""How fast VisaLink moves blocks, beside a raw socket in the same run; how fast the simulated bench answers anybody.
 
     python benchmarks/blocks.py
 
-Serves 10 MB blocks of random bytes on loopback, and takes 4 MB ones, from a thread that does nothing else.
+Serves 10 MB blocks of random bytes on loopback, and takes 4 MB ones, from a thread that does nothing else. The
+simulated generator is asked by plain PyVISA: a setting and a query in two messages, on each transport.
 """
 
 import json
@@ -11,13 +12,18 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
+import pyvisa
+from pyvisa.resources import MessageBasedResource
 
 from instruments.visa import VisaLink
+from sim_backends.bench import SimulatedBench
 
 READ_BYTES, WRITE_BYTES = 10_000_000, 4_000_000
-REPETITIONS = 9
+REPETITIONS = 15
+QUERIES = 500
 HEADER = b"#8%08d"
 
 
@@ -33,14 +39,15 @@ def serve(listener: socket.socket, reply: bytes) -> None:
             client.sendall(b"1\n")
 
 
-def median_s(action: Callable[[], object]) -> float:
-    """Median duration of `action`."""
-    durations = []
-    for _ in range(REPETITIONS):
-        started = time.perf_counter()
-        action()
-        durations.append(time.perf_counter() - started)
-    return float(np.median(durations))
+def medians_s(*actions: Callable[[], object], repetitions: int = REPETITIONS) -> list[float]:
+    """Median duration of each of `actions`, taken in turn so that whatever else the machine does meets all of them."""
+    durations = np.empty((repetitions, len(actions)))
+    for row in durations:
+        for place, action in enumerate(actions):
+            started = time.perf_counter()
+            action()
+            row[place] = time.perf_counter() - started
+    return [float(median) for median in np.median(durations, axis=0)]
 
 
 def connect(reply: bytes) -> tuple[str, int]:
@@ -49,6 +56,24 @@ def connect(reply: bytes) -> tuple[str, int]:
     threading.Thread(target=serve, args=(listener, reply), daemon=True).start()
     address: tuple[str, int] = listener.getsockname()
     return address
+
+
+def stock_client_s() -> dict[str, float]:
+    """Median time of a setting and a query by plain PyVISA, by transport."""
+    manager = pyvisa.ResourceManager("@py")
+    found = {}
+    with SimulatedBench() as bench:
+        for transport, address in bench.resources["awg"].items():
+            opened = manager.open_resource(address, read_termination="\n", write_termination="\n")
+            awg = cast(MessageBasedResource, opened)
+
+            def set_and_query(awg: MessageBasedResource = awg) -> None:
+                awg.write("SOURce1:VOLTage 0.3")
+                awg.query("SOURce1:VOLTage?")
+
+            (found[transport],) = medians_s(set_and_query, repetitions=QUERIES)
+            awg.close()
+    return found
 
 
 def main() -> None:
@@ -81,18 +106,16 @@ def main() -> None:
         link.write_block("DATA ", block)
         link.query("*OPC?")
 
-    reference = {"read": median_s(read_raw), "write": median_s(write_raw)}
-    measured = {
-        "read": median_s(lambda: link.read_block("CURVe?", np.dtype(np.uint8))),
-        "write": median_s(write_link),
-        "query": median_s(lambda: link.query("*OPC?")),
-    }
+    raw_read_s, read_s = medians_s(read_raw, lambda: link.read_block("CURVe?", np.dtype(np.uint8)))
+    raw_write_s, write_s = medians_s(write_raw, write_link)
+    (query_s,) = medians_s(lambda: link.query("*OPC?"), repetitions=QUERIES)
     result = {
-        "read_mb_per_s": READ_BYTES / measured["read"] / 1e6,
-        "read_share_of_raw_socket": reference["read"] / measured["read"],
-        "write_mb_per_s": WRITE_BYTES / measured["write"] / 1e6,
-        "write_share_of_raw_socket": reference["write"] / measured["write"],
-        "query_us": measured["query"] * 1e6,
+        "read_mb_per_s": READ_BYTES / read_s / 1e6,
+        "read_share_of_raw_socket": raw_read_s / read_s,
+        "write_mb_per_s": WRITE_BYTES / write_s / 1e6,
+        "write_share_of_raw_socket": raw_write_s / write_s,
+        "query_us": query_s * 1e6,
+        **{f"stock_pyvisa_{name}_set_and_query_us": seconds * 1e6 for name, seconds in stock_client_s().items()},
     }
     sys.stdout.write(json.dumps({key: round(value, 3) for key, value in result.items()}) + "\n")
 

@@ -13,7 +13,9 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from instruments.interfaces import Identity, InstrumentError, LinkError, NotConfigured, Range, TunableLaser
-from instruments.visa import Transcript, VisaLink
+from instruments.readback import confirm
+from instruments.transcripts import Transcript
+from instruments.visa import VisaLink
 
 UNKNOWN = "<unknown>"
 DEFAULT_TABLE = Path(__file__).with_suffix(".toml")
@@ -142,19 +144,27 @@ class Tlg220(TunableLaser):
         """Set the wavelength, wait until settled, and compare with the read-back (tolerance 10 pm)."""
         self._set("set_wavelength", wavelength_nm)
         self._settle()
-        actual = self._number("get_wavelength")
-        if abs(actual - wavelength_nm) > WAVELENGTH_TOLERANCE_NM:
-            raise InstrumentError(
-                f"laser: wavelength {wavelength_nm:g} nm became {actual:g} nm: check its tuning range"
-            )
+        confirm(
+            "laser: wavelength",
+            wavelength_nm,
+            self._number("get_wavelength"),
+            WAVELENGTH_TOLERANCE_NM,
+            unit="nm",
+            remedy="check its tuning range",
+        )
 
     def set_power(self, power_w: float) -> None:
         """Set the output power and compare with the read-back (tolerance 0.2 dB)."""
         power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
         self._set("set_power", power_dbm)
-        actual = self._number("get_power")
-        if abs(actual - power_dbm) > POWER_TOLERANCE_DB:
-            raise InstrumentError(f"laser: power {power_dbm:.2f} dBm became {actual:.2f} dBm: check its power range")
+        confirm(
+            "laser: power",
+            power_dbm,
+            self._number("get_power"),
+            POWER_TOLERANCE_DB,
+            unit="dBm",
+            remedy="check its power range",
+        )
 
     def emit(self) -> None:
         """Emission on, settled."""

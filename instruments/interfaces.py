@@ -5,7 +5,7 @@ implement them. Every driver is reached through the entry-point group `labctl.in
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Codes = NDArray[np.int8] | NDArray[np.int16]
+
+Progress = Callable[[int, int], None]
+"""Called with how much is done so far, and how much there is in all."""
 
 BYPASS_PORT = 0
 """The collection fibre itself: patching a channel to it takes the light before the chip."""
@@ -89,14 +92,25 @@ class Drive:
     @property
     def marker(self) -> NDArray[np.bool_]:
         """High during the first quarter of the period, shape (n,): one rising edge at its start, to trigger on."""
-        return np.arange(self.samples.size) < max(1, self.samples.size // 4)
+        return self.excerpt(0, self.samples.size)[1]
 
-    def repeated_to(self, minimum: int) -> NDArray[np.float32]:
-        """The samples, repeated a whole number of times so that there are at least `minimum` of them.
+    def repeated_length(self, minimum: int) -> int:
+        """Samples of the fewest whole periods that make `minimum`; padding would leave the modulator idle between."""
+        return -(-minimum // self.samples.size) * self.samples.size
 
-        A short drive is never padded: padding would leave the modulator idle for part of each period.
+    def excerpt(
+        self, first: int, count: int, *, marked_once: bool = False
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """`count` samples and their marker from place `first` on, repeated as far as they go; shapes (count,).
+
+        With `marked_once` the marker is high in the first period only.
         """
-        return np.tile(self.samples, -(-minimum // self.samples.size))
+        period, high = self.samples.size, max(1, self.samples.size // 4)
+        places = np.arange(first, first + count)
+        start = first % period
+        inside = start + count <= period
+        samples = self.samples[start : start + count] if inside else self.samples.take(places, mode="wrap")
+        return samples, (places if marked_once else places % period) < high
 
 
 @dataclass(frozen=True)
@@ -150,11 +164,11 @@ class Frames:
 class Burst:
     """One frame per channel for each of many triggers.
 
-    codes: (triggers, channels, samples), int8. trigger_offset_s: (triggers, channels). time_s: (triggers,), when each
-    trigger came, on the oscilloscope's clock, from any start. clipped: (triggers, channels).
+    codes: (triggers, channels, samples), int8, or int16 for averages. trigger_offset_s: (triggers, channels). time_s:
+    (triggers,), when each trigger came, on the oscilloscope's clock, from any start. clipped: (triggers, channels).
     """
 
-    codes: NDArray[np.int8]
+    codes: Codes
     trigger_offset_s: NDArray[np.float64]
     time_s: NDArray[np.float64]
     clipped: NDArray[np.bool_]
@@ -196,10 +210,14 @@ class Awg(Instrument):
     """Arbitrary waveform generator: plays a drive for ever, with a marker at the start of each period."""
 
     @abstractmethod
-    def load(self, drive: Drive, *, periods_per_trigger: int | None = None) -> float:
+    def load(
+        self, drive: Drive, *, periods_per_trigger: float | None = None, progress: Progress | None = None
+    ) -> float:
         """Upload `drive`, assign it to the channel and return the sample rate the instrument settled on.
 
-        It plays for ever, or so many periods at each falling edge of the trigger input, with one marker at their start.
+        It plays for ever; or so many periods at each falling edge of the trigger input, with one marker at their start;
+        or, with infinitely many, for ever from the first such edge on.
+        `progress` is called as the upload proceeds.
 
         Raises:
             OutOfRange: length, rate or amplitude outside the limits.
@@ -234,12 +252,16 @@ class Oscilloscope(Instrument):
         """
 
     @abstractmethod
-    def set_vertical(self, channel: int, vertical: Vertical) -> None:
-        """Set the range of one channel, for the acquisitions to come."""
+    def set_vertical(self, channel: int, vertical: Vertical) -> Vertical:
+        """Set the range of one channel, for the acquisitions to come, and return the one it settled on."""
 
     @abstractmethod
     def scalings(self) -> tuple[Scaling, ...]:
         """What the codes of the last acquisition mean, channels in the configured order."""
+
+    @abstractmethod
+    def vertical_for(self, scaling: Scaling) -> Vertical:
+        """The range in which codes of the configured acquisition mean `scaling`: the inverse of `scalings`."""
 
     @abstractmethod
     def arm(self) -> None:
@@ -352,10 +374,10 @@ class BurstDmd(Dmd):
         """Keep the picture that is shown and send no pulses: a picture shown for long is refreshed, with a pulse."""
 
     @abstractmethod
-    def play(self, first: int, count: int, period_s: float) -> None:
+    def play(self, first: int, count: int, period_s: float, *, pulse_s: float | None = None) -> None:
         """Show `count` pictures from the `first` on, once, one every `period_s`; returns at once.
 
-        Each picture comes with a pulse that begins with it and ends when its mirrors rest.
+        Each picture comes with a pulse that begins with it and lasts `pulse_s`, or until its mirrors rest.
 
         Raises:
             OutOfRange: faster than the mirrors can follow.

@@ -4,13 +4,32 @@ Commands: AWG70000 series programmer manual. Blocks are little-endian float32 in
 byte.
 """
 
+import math
+from enum import StrEnum
+
 import numpy as np
 
-from instruments.interfaces import Awg, Drive, Identity, InstrumentError, Range
+from instruments.interfaces import Awg, Drive, Identity, InstrumentError, Progress, Range
+from instruments.readback import confirm
 from instruments.visa import VisaLink
 
 SLOW_S = 30.0
 """Bound on the commands that the manual calls overlapping: clock, assignment, run and stop."""
+
+
+class RunMode(StrEnum):
+    """The argument of `RMODe`."""
+
+    CONTINUOUS = "CONTinuous"
+    TRIGGERED = "TRIGgered"
+    TRIGGERED_CONTINUOUS = "TCONtinuous"
+
+    @classmethod
+    def of(cls, periods_per_trigger: float | None) -> "RunMode":
+        """The mode that plays so many periods a trigger: None without one, infinitely many from the first one on."""
+        if periods_per_trigger is None:
+            return cls.CONTINUOUS
+        return cls.TRIGGERED_CONTINUOUS if periods_per_trigger == math.inf else cls.TRIGGERED
 
 
 class Awg70002a(Awg):
@@ -26,6 +45,9 @@ class Awg70002a(Awg):
     MARKER_HIGH_V, MARKER_LOW_V = 1.0, 0.0
     MARKER_1 = 0x40
     MARKER_RESOLUTION_BITS = 9  # 10 bits would take the marker's place
+    RATE_TOLERANCE = 1e-6  # of the rate: by so much two windows of a drive may drift apart unseen
+    AMPLITUDE_TOLERANCE_V = 2e-3
+    MARKER_TOLERANCE_V = 0.05
     TRIGGER_LEVEL_V = 1.4  # half of a TTL pulse
     WAITING, RUNNING = "1", "2"
 
@@ -40,62 +62,78 @@ class Awg70002a(Awg):
 
     def self_test(self) -> None:
         """`*TST?`: 0 means passed."""
-        result = self._link.query("*TST?", timeout_s=SLOW_S)
-        if int(result) != 0:
+        result = self._link.number("*TST?", timeout_s=SLOW_S)
+        if result != 0:
             raise InstrumentError(
-                f"{self._link.name}: self-test failed with code {result}: see the instrument's screen"
+                f"{self._link.name}: self-test failed with code {result:g}: see the instrument's screen"
             )
 
-    def load(self, drive: Drive, *, periods_per_trigger: int | None = None) -> float:
+    def load(
+        self, drive: Drive, *, periods_per_trigger: float | None = None, progress: Progress | None = None
+    ) -> float:
         """Upload `drive` with its marker, assign it, and return the rate the clock settled on.
 
-        In triggered mode the marker is high in the first period only: one edge, and so one frame, a trigger. It starts
-        with the falling edge, since a DMD's pulse begins with the picture and ends when its mirrors rest.
+        It goes in chunks, so that the longest waveform the instrument takes needs no memory here beside the drive.
+        A trigger is the falling edge, since a DMD's pulse begins with the picture and ends when its mirrors rest. Where
+        each starts several periods, the marker is high in the first one only: one edge, and so one frame, a trigger.
 
         Raises:
             OutOfRange: rate, amplitude or length outside the limits; nothing was sent.
-            InstrumentError: the instrument's own error, with its text.
+            InstrumentError: the instrument's own error, with its text, or a setting that did not take.
         """
+        mode = RunMode.of(periods_per_trigger)
         self.SAMPLE_RATE.check("drive sample rate", drive.sample_rate)
         self.AMPLITUDE.check("drive amplitude", drive.amplitude_vpp)
-        source = f"SOURce{self._channel}"
-        minimum, maximum = (int(self._link.query(f"WLISt:WAVeform:{limit}?")) for limit in ("LMINimum", "LMAXimum"))
-        Range(1, maximum, "samples").check("drive length", drive.samples.size)
-        markers = drive.marker * np.uint8(self.MARKER_1)
-        if periods_per_trigger is None:
-            samples = drive.repeated_to(minimum).astype("<f4", copy=False)
-            markers = np.tile(markers, samples.size // drive.samples.size)
-        else:
-            samples = drive.repeated_to(max(minimum, periods_per_trigger * drive.samples.size)).astype(
-                "<f4", copy=False
-            )
-            markers = np.concatenate([markers, np.zeros(samples.size - markers.size, np.uint8)])
+        shortest, longest = (int(self._link.number(f"WLISt:WAVeform:{limit}?")) for limit in ("LMINimum", "LMAXimum"))
+        periods = periods_per_trigger if periods_per_trigger not in (None, math.inf) else 1
+        length = drive.repeated_length(max(shortest, int(periods) * drive.samples.size))
+        Range(1, longest, "samples").check("drive length", length)
         with self._link.checked():
             self._link.write("AWGControl:ARSettings 0")
             self._link.write(f'WLISt:WAVeform:DELete "{drive.name}"')
             self._link.errors()  # the waveform need not have been there
-            self._link.write(f'WLISt:WAVeform:NEW "{drive.name}",{samples.size}')
+            self._link.write(f'WLISt:WAVeform:NEW "{drive.name}",{length}')
             self._finish()
-            for first in range(0, samples.size, self.CHUNK_SAMPLES):
-                chunk = slice(first, first + self.CHUNK_SAMPLES)
-                span = f'"{drive.name}",{first},{samples[chunk].size},'
-                self._link.write_block(f"WLISt:WAVeform:DATA {span}", samples[chunk])
-                self._link.write_block(f"WLISt:WAVeform:MARKer:DATA {span}", markers[chunk])
+        for first in range(0, length, self.CHUNK_SAMPLES):
+            count = min(self.CHUNK_SAMPLES, length - first)
+            samples, marker = drive.excerpt(first, count, marked_once=mode is RunMode.TRIGGERED)
+            span = f'"{drive.name}",{first},{count},'
+            with self._link.checked():
+                self._link.write_block(f"WLISt:WAVeform:DATA {span}", samples.astype("<f4", copy=False))
+                self._link.write_block(f"WLISt:WAVeform:MARKer:DATA {span}", marker * np.uint8(self.MARKER_1))
+            if progress is not None:
+                progress(first + count, length)
+        self._set(drive, mode)
+        return self._read_back(drive)
+
+    def _set(self, drive: Drive, mode: RunMode) -> None:
+        source = f"SOURce{self._channel}"
+        with self._link.checked():
             self._link.write(f"{source}:DAC:RESolution {self.MARKER_RESOLUTION_BITS}")
             self._link.write(f"{source}:MARKer1:VOLTage:HIGH {self.MARKER_HIGH_V}")
             self._link.write(f"{source}:MARKer1:VOLTage:LOW {self.MARKER_LOW_V}")
             self._link.write(f"{source}:VOLTage {drive.amplitude_vpp:.4f}")
-            if periods_per_trigger is None:
-                self._link.write(f"{source}:RMODe CONTinuous")
-            else:
+            if mode is not RunMode.CONTINUOUS:
                 self._link.write(f"{source}:TINPut ATRigger")
                 self._link.write(f"TRIGger:LEVel {self.TRIGGER_LEVEL_V},ATRigger")
                 self._link.write("TRIGger:SLOPe NEGative,ATRigger")
-                self._link.write(f"{source}:RMODe TRIGgered")
+            self._link.write(f"{source}:RMODe {mode}")
             self._link.write(f'{source}:CASSet:WAVeform "{drive.name}"')
             self._link.write(f"CLOCk:SRATe {drive.sample_rate:.9E}")
             self._finish()
-        return float(self._link.query("CLOCk:SRATe?"))
+
+    def _read_back(self, drive: Drive) -> float:
+        """Compare what the instrument may have rounded; returns the sample rate it settled on."""
+        source = f"SOURce{self._channel}"
+        for query, setting, asked, tolerance, unit in (
+            (f"{source}:DAC:RESolution?", "DAC resolution", self.MARKER_RESOLUTION_BITS, 0, "bits"),
+            (f"{source}:MARKer1:VOLTage:HIGH?", "marker high level", self.MARKER_HIGH_V, self.MARKER_TOLERANCE_V, "V"),
+            (f"{source}:MARKer1:VOLTage:LOW?", "marker low level", self.MARKER_LOW_V, self.MARKER_TOLERANCE_V, "V"),
+            (f"{source}:VOLTage?", "amplitude", drive.amplitude_vpp, self.AMPLITUDE_TOLERANCE_V, "Vpp"),
+            ("CLOCk:SRATe?", "sample rate", drive.sample_rate, self.RATE_TOLERANCE * drive.sample_rate, "S/s"),
+        ):
+            settled = confirm(f"{self._link.name}: {setting}", asked, self._link.number(query), tolerance, unit=unit)
+        return settled
 
     def play(self) -> None:
         """Run, then let it out: `AWGControl:RUN`, all-outputs-off released, output on."""
@@ -122,13 +160,13 @@ class Awg70002a(Awg):
         """Sample rate, amplitude, resolution, assigned waveform, run state and output."""
         source = f"SOURce{self._channel}"
         return {
-            "sample_rate": float(self._link.query("CLOCk:SRATe?")),
+            "sample_rate": self._link.number("CLOCk:SRATe?"),
             "clock_source": self._link.query("CLOCk:SOURce?"),
-            "amplitude_vpp": float(self._link.query(f"{source}:VOLTage?")),
-            "dac_bits": int(self._link.query(f"{source}:DAC:RESolution?")),
+            "amplitude_vpp": self._link.number(f"{source}:VOLTage?"),
+            "dac_bits": int(self._link.number(f"{source}:DAC:RESolution?")),
             "waveform": self._link.query(f"{source}:WAVeform?").strip('"'),
             "run_mode": self._link.query(f"{source}:RMODe?"),
-            "output": int(self._link.query(f"OUTPut{self._channel}?")),
+            "output": int(self._link.number(f"OUTPut{self._channel}?")),
         }
 
     def make_safe(self) -> None:

@@ -7,6 +7,7 @@ only in analysis: volts = (code - YOFf) * YMUlt + YZEro.
 import re
 import time
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,21 @@ from instruments.interfaces import (
     InstrumentError,
     LinkError,
     Oscilloscope,
-    OutOfRange,
     Range,
     Scaling,
     Timebase,
     Vertical,
 )
-from instruments.visa import VisaLink
+from instruments.readback import confirm
+from instruments.visa import NoAnswer, VisaLink
 
 TRIGGER_WAIT_S = 10.0
 BURST_WAIT_S = 60.0
 RATE_TOLERANCE = 1e-6
+LEVEL_TOLERANCE_V = 0.02
+SCALE_TOLERANCE = 0.02
+OFFSET_TOLERANCE_DIV = 0.1
+CODES_PER_DIVISION = 25
 
 
 class Dpo72504dx(Oscilloscope):
@@ -56,10 +61,10 @@ class Dpo72504dx(Oscilloscope):
 
     def self_test(self) -> None:
         """`*TST?`: 0 means passed."""
-        result = self._link.query("*TST?", timeout_s=60.0)
-        if int(result) != 0:
+        result = self._link.number("*TST?", timeout_s=60.0)
+        if result != 0:
             raise InstrumentError(
-                f"{self._link.name}: self-test failed with code {result}: see the instrument's screen"
+                f"{self._link.name}: self-test failed with code {result:g}: see the instrument's screen"
             )
 
     def configure(self, timebase: Timebase, trigger: EdgeTrigger, channels: tuple[int, ...], averages: int) -> None:
@@ -93,20 +98,34 @@ class Dpo72504dx(Oscilloscope):
                 f"WFMOutpre:BYT_Nr {1 if averages == 1 else 2}",
             ):
                 self._link.write(setting)
-        self._confirm("HORizontal:MODE:SAMPLERate", timebase.sample_rate)
-        self._confirm("HORizontal:MODE:RECOrdlength", record_length)
+        self._confirm("HORizontal:MODE:SAMPLERate", timebase.sample_rate, RATE_TOLERANCE * timebase.sample_rate, "S/s")
+        self._confirm("HORizontal:MODE:RECOrdlength", record_length, 0, "samples")
+        if averages > 1:
+            self._confirm("ACQuire:NUMAVg", averages, 0)
+        if timebase.delay_s != 0:
+            self._confirm("HORizontal:MAIn:DELay:TIMe", timebase.delay_s, 1 / timebase.sample_rate, "s")
+        level = "TRIGger:AUXLevel" if trigger.source == "AUX" else f"TRIGger:A:LEVel:CH{trigger.source}"
+        self._confirm(level, trigger.level_v, LEVEL_TOLERANCE_V, "V")
         self.channels = channels
         self._samples = timebase.samples
         self._frames = 0
         self._dtype = np.dtype("<i1") if averages == 1 else np.dtype("<i2")
 
-    def set_vertical(self, channel: int, vertical: Vertical) -> None:
-        """Set scale and offset with the trace at mid-screen."""
+    def set_vertical(self, channel: int, vertical: Vertical) -> Vertical:
+        """Set scale and offset with the trace at mid-screen, and read them back.
+
+        Four digits, because replies carry five: a range can then be set again from what its preamble said, exactly.
+        """
         self.vertical_scale.check(f"CH{channel} scale", vertical.scale_v_per_div)
         with self._link.checked():
-            self._link.write(f"CH{channel}:SCAle {vertical.scale_v_per_div:.6E}")
+            self._link.write(f"CH{channel}:SCAle {vertical.scale_v_per_div:.3E}")
             self._link.write(f"CH{channel}:POSition 0")
-            self._link.write(f"CH{channel}:OFFSet {vertical.offset_v:.6E}")
+            self._link.write(f"CH{channel}:OFFSet {vertical.offset_v:.3E}")
+        scale = vertical.scale_v_per_div
+        return Vertical(
+            self._confirm(f"CH{channel}:SCAle", scale, SCALE_TOLERANCE * scale, "V/div"),
+            self._confirm(f"CH{channel}:OFFSet", vertical.offset_v, OFFSET_TOLERANCE_DIV * scale, "V"),
+        )
 
     def scalings(self) -> tuple[Scaling, ...]:
         """YMUlt, YZEro and YOFf of each channel: the preamble belongs to the waveform, not to the knobs."""
@@ -114,10 +133,15 @@ class Dpo72504dx(Oscilloscope):
         for channel in self.channels:
             self._link.write(f"DATa:SOUrce CH{channel}")
             multiplier, zero, offset = (
-                float(self._link.query(f"WFMOutpre:{field}?")) for field in ("YMUlt", "YZEro", "YOFf")
+                self._link.number(f"WFMOutpre:{field}?") for field in ("YMUlt", "YZEro", "YOFf")
             )
             found.append(Scaling(scale_v=multiplier, offset_v=zero - offset * multiplier))
         return tuple(found)
+
+    def vertical_for(self, scaling: Scaling) -> Vertical:
+        """25 codes a division, two bytes a point 256 times finer."""
+        codes_per_division = CODES_PER_DIVISION * 256 ** (self._dtype.itemsize - 1)
+        return Vertical(scaling.scale_v * codes_per_division, scaling.offset_v)
 
     def arm(self) -> None:
         """Start a single acquisition."""
@@ -125,20 +149,20 @@ class Dpo72504dx(Oscilloscope):
 
     def wait(self) -> None:
         """`*OPC?` answers when the single acquisition is complete."""
-        self._link.query("*OPC?", timeout_s=TRIGGER_WAIT_S)
+        self._completed(TRIGGER_WAIT_S)
 
     def read(self) -> Frames:
         """One `CURVe?` per channel, with the sub-sample trigger time before it."""
         offsets, traces = [], []
         for channel in self.channels:
-            offsets.append(float(self._link.query(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?")))
-            traces.append(self._link.read_block("CURVe?", self._dtype))
+            offsets.append(self._link.number(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?"))
+            traces.append(self._curve())
         codes = np.stack(traces)
         return Frames(codes, np.array(offsets), self._clipped(codes))
 
     def most_frames(self) -> int:
         """`HORizontal:FASTframe:MAXFRames?` at the configured record length."""
-        return int(float(self._link.query("HORizontal:FASTframe:MAXFRames?")))
+        return int(self._link.number("HORizontal:FASTframe:MAXFRames?"))
 
     def arm_burst(self, frames: int) -> None:
         """FastFrame of `frames` frames, started; ready for triggers 400 ms later, which `TRIGger:A:READY?` tells."""
@@ -153,7 +177,7 @@ class Dpo72504dx(Oscilloscope):
                     f"DATa:FRAMESTOP {frames}",
                 ):
                     self._link.write(setting)
-            self._confirm("HORizontal:FASTframe:COUNt", frames)
+            self._confirm("HORizontal:FASTframe:COUNt", frames, 0, "frames")
             self._frames = frames
         self._link.write("ACQuire:STATE RUN")
         deadline = time.monotonic() + TRIGGER_WAIT_S
@@ -163,13 +187,12 @@ class Dpo72504dx(Oscilloscope):
 
     def read_burst(self) -> Burst:
         """Wait for the last frame; one `CURVe?`, one list of trigger offsets and of time stamps for each channel."""
-        self._link.query("*OPC?", timeout_s=BURST_WAIT_S)
+        self._completed(BURST_WAIT_S)
         offsets, traces = [], []
         span = f"1,{self._frames}"
         for channel in self.channels:
             self._link.write(f"DATa:SOUrce CH{channel}")
-            block = self._link.read_block("CURVe?", np.dtype("<i1"))
-            traces.append(block.reshape(self._frames, self._samples))
+            traces.append(self._curve().reshape(self._frames, self._samples))
             offsets.append(_numbers(self._link.query(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}")))
         stamps = self._link.query(f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}? {span}")
         codes = np.stack(traces, axis=1)
@@ -178,15 +201,15 @@ class Dpo72504dx(Oscilloscope):
     def settings(self) -> dict[str, str | float]:
         """Timebase, acquisition, trigger and the vertical range of every channel that is on."""
         report: dict[str, str | float] = {
-            "sample_rate": float(self._link.query("HORizontal:MODE:SAMPLERate?")),
-            "record_length": float(self._link.query("HORizontal:MODE:RECOrdlength?")),
+            "sample_rate": self._link.number("HORizontal:MODE:SAMPLERate?"),
+            "record_length": self._link.number("HORizontal:MODE:RECOrdlength?"),
             "acquisition_mode": self._link.query("ACQuire:MODe?"),
             "trigger_source": self._link.query("TRIGger:A:EDGE:SOUrce?"),
         }
         for channel in self.channels:
-            report[f"ch{channel}_scale_v_per_div"] = float(self._link.query(f"CH{channel}:SCAle?"))
-            report[f"ch{channel}_offset_v"] = float(self._link.query(f"CH{channel}:OFFSet?"))
-            report[f"ch{channel}_bandwidth_hz"] = float(self._link.query(f"CH{channel}:BANdwidth?"))
+            report[f"ch{channel}_scale_v_per_div"] = self._link.number(f"CH{channel}:SCAle?")
+            report[f"ch{channel}_offset_v"] = self._link.number(f"CH{channel}:OFFSet?")
+            report[f"ch{channel}_bandwidth_hz"] = self._link.number(f"CH{channel}:BANdwidth?")
         return report
 
     def make_safe(self) -> None:
@@ -198,6 +221,24 @@ class Dpo72504dx(Oscilloscope):
     def close(self) -> None:
         """Close the link."""
         self._link.close()
+
+    def _completed(self, timeout_s: float) -> None:
+        try:
+            self._link.query("*OPC?", timeout_s=timeout_s)
+        except NoAnswer as error:
+            raise NoAnswer(
+                f"{self._link.name} at {self._link.resource} did not complete its acquisition within {timeout_s:g} s: "
+                f"check that the AWG plays, the trigger's cable and its level"
+            ) from error
+
+    def _curve(self) -> NDArray[Any]:
+        """`CURVe?` of the source that is chosen; where it refuses, it says nothing but puts the reason in its queue."""
+        try:
+            return self._link.read_block("CURVe?", self._dtype)
+        except NoAnswer:
+            with self._link.checked():
+                pass
+            raise
 
     def _clipped(self, codes: NDArray[np.integer]) -> NDArray[np.bool_]:
         step = 256 ** (codes.dtype.itemsize - 1)
@@ -235,10 +276,9 @@ class Dpo72504dx(Oscilloscope):
             f"TRIGger:A:LEVel:{source} {trigger.level_v:.4f}",
         )
 
-    def _confirm(self, command: str, wanted: float) -> None:
-        actual = float(self._link.query(f"{command}?"))
-        if abs(actual - wanted) > RATE_TOLERANCE * wanted:
-            raise OutOfRange(f"{self._link.name}: {command} {wanted:g} became {actual:g}: choose a value it supports")
+    def _confirm(self, command: str, asked: float, tolerance: float, unit: str = "") -> float:
+        """Read a setting back; returns what the instrument settled on."""
+        return confirm(f"{self._link.name}: {command}", asked, self._link.number(f"{command}?"), tolerance, unit=unit)
 
 
 _STAMP = re.compile(r"(\d{2} \w{3} \d{4} \d{2}:\d{2}:\d{2})\.(\d{3} \d{3} \d{3} \d{3})")

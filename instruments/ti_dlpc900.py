@@ -6,6 +6,8 @@ simulated device offers the same two calls. Source: instrument facts 4.3.
 
 import importlib
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import numpy as np
@@ -101,24 +103,53 @@ class HidApi:
             hid: Any = importlib.import_module("hid")
         except ImportError:
             raise NotConfigured("dmd: hidapi is not installed: pip install 'photonic-labctl[dlpc900]'") from None
-        self._device: Any = hid.device()
-        try:
-            self._device.open(VENDOR, PRODUCT)
-        except OSError as error:
-            raise LinkError(f"dmd: no DLPC900 on USB ({error}): check power, cable and permissions") from None
+        self._hid = hid
+        self._device: Any = None
+        self._open()
 
     def write(self, report: bytes) -> None:
-        """Send one report; report number 0, which hidapi wants in front, is not part of it."""
-        if self._device.write(b"\0" + report) < 0:
-            raise LinkError("dmd: the DLPC900 takes no report: check the USB cable")
+        """Send one report; report number 0, which hidapi wants in front, is not part of it.
+
+        Raises:
+            LinkError: the cable is out; the next report opens the device anew.
+        """
+        with self._conversation() as device:
+            if device.write(b"\0" + report) < 0:
+                raise OSError("it takes no report")
 
     def read(self) -> bytes:
-        """Receive one report; nothing if none came within `TIMEOUT_S`."""
-        return bytes(self._device.read(REPORT, int(TIMEOUT_S * 1e3)))
+        """Receive one report; nothing if none came within `TIMEOUT_S`.
+
+        Raises:
+            LinkError: as `write`.
+        """
+        with self._conversation() as device:
+            return bytes(device.read(REPORT, int(TIMEOUT_S * 1e3)))
 
     def close(self) -> None:
         """Release the device."""
-        self._device.close()
+        device, self._device = self._device, None
+        if device is not None:
+            device.close()
+
+    @contextmanager
+    def _conversation(self) -> Iterator[Any]:
+        """The open device; what breaks inside closes it."""
+        if self._device is None:
+            self._open()
+        try:
+            yield self._device
+        except OSError as error:
+            self.close()
+            raise LinkError(f"dmd: the link to the DLPC900 is lost ({error}): check power and USB cable") from None
+
+    def _open(self) -> None:
+        device = self._hid.device()
+        try:
+            device.open(VENDOR, PRODUCT)
+        except OSError as error:
+            raise LinkError(f"dmd: no DLPC900 on USB ({error}): check power, cable and permissions") from None
+        self._device = device
 
 
 class TiDlpc900(Dmd):

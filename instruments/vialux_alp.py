@@ -5,6 +5,7 @@ library on a bench (extra `alp`), and `AlpOverVisa`, which sends the same calls 
 the simulated one among them.
 """
 
+import contextlib
 import ctypes
 import time
 from collections.abc import Callable, Iterable
@@ -13,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.interfaces import BurstDmd, Identity, InstrumentError, NotConfigured, Range
+from instruments.interfaces import BurstDmd, Identity, InstrumentError, LinkError, NotConfigured, Range
 from instruments.visa import VisaLink
 
 ALP_DEFAULT = 0
@@ -51,6 +52,8 @@ RETURN_CODES = {
 }
 """What the return codes of the ALP library mean (ALP-4 API description)."""
 
+LOST = (1001, 1011, 1012)
+"""Return codes of a device that cannot be reached."""
 ALREADY_ALLOCATED = "1004"
 
 SETTLING_S = 50e-6
@@ -142,7 +145,8 @@ class AlpOverVisa:
         code, _, value = reply.partition(",")
         if int(code) != 0:
             meaning = RETURN_CODES.get(int(code), "unknown return code")
-            raise InstrumentError(f"dmd: {line.split()[0]} returned {code}: {meaning}")
+            failure = LinkError if int(code) in LOST else InstrumentError
+            raise failure(f"dmd: {line.split()[0]} returned {code}: {meaning}")
         return int(value) if value else 0
 
 
@@ -297,8 +301,8 @@ class VialuxAlp(BurstDmd):
         """AlpDevHalt."""
         self._alp.Halt()
 
-    def play(self, first: int, count: int, period_s: float) -> None:
-        """Once from the first to the last picture, one every `period_s`, with a pulse of 20 us from its start on."""
+    def play(self, first: int, count: int, period_s: float, *, pulse_s: float | None = None) -> None:
+        """Once from the first to the last picture, one every `period_s`, with a pulse (20 us) from its start on."""
         if self._pictures is None:
             raise InstrumentError("dmd: no pictures are loaded: load them before playing")
         shortest = self._alp.SeqInquire(self._pictures, ALP_MIN_PICTURE_TIME)
@@ -309,7 +313,7 @@ class VialuxAlp(BurstDmd):
         self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, 0)
         self._alp.SeqControl(self._pictures, ALP_LASTFRAME, first + count - 1)
         self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, first)
-        self._alp.SeqTiming(self._pictures, period_us, SYNCH_PULSE_US)
+        self._alp.SeqTiming(self._pictures, period_us, SYNCH_PULSE_US if pulse_s is None else round(pulse_s * 1e6))
         self._alp.Run(self._pictures, loop=False)
 
     def settings(self) -> dict[str, str | float]:
@@ -322,8 +326,16 @@ class VialuxAlp(BurstDmd):
         }
 
     def make_safe(self) -> None:
-        """Every mirror off."""
-        self.blank()
+        """Every mirror off; a device that no longer knows this driver, after a loss of power say, is allocated anew."""
+        try:
+            self.blank()
+        except LinkError:
+            raise
+        except InstrumentError:
+            self._sequence = self._pictures = None
+            with contextlib.suppress(InstrumentError):
+                self._alp.Free()
+            self.blank()
 
     def close(self) -> None:
         """Release the sequence and the device."""

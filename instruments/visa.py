@@ -6,8 +6,8 @@ while its termination character is on, which makes `query_binary_values` some fi
 
 import contextlib
 import socket
-import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -17,10 +17,9 @@ from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
 
+from instruments.blocks import describe, length_digits, receive
 from instruments.interfaces import InstrumentError, LinkError
-
-Transcript = Callable[[str, str, str], None]
-"""Called with instrument name, direction ("<" from, ">" to the instrument) and the text of each message."""
+from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
 ErrorQueue = Callable[["VisaLink"], list[str]]
 """Empties an instrument's error queue and returns what was in it, oldest first."""
@@ -29,6 +28,8 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 ENCODING = "latin-1"
 MAX_ERRORS_READ = 64
+VISA_CHUNK = 1 << 20
+"""Bytes asked for at once where there is no raw socket."""
 
 
 def scpi_error_queue(link: "VisaLink") -> list[str]:
@@ -47,6 +48,10 @@ def tektronix_event_queue(link: "VisaLink") -> list[str]:
     if int(link.query("*ESR?")) & 0b0011_1100 == 0:
         return []
     return [link.query("ALLEv?")]
+
+
+class NoAnswer(LinkError):
+    """The instrument can be reached but did not answer in time."""
 
 
 class VisaLink:
@@ -72,6 +77,8 @@ class VisaLink:
         self.name = name
         self.timeout_s = timeout_s
         self._transcript = transcript
+        self._recorder = transcript if isinstance(transcript, ByteTranscript) else None
+        self._tap: SessionTap | None = None
         self._error_queue = error_queue
         self._write_eol = write_eol
         self._read_eol = read_eol
@@ -85,7 +92,7 @@ class VisaLink:
             LinkError: the instrument cannot be reached.
         """
         with self._conversation(command) as session:
-            self._transcript(self.name, ">", command)
+            self._log(">", command)
             session.write(command)
 
     def query(self, command: str, *, timeout_s: float | None = None) -> str:
@@ -97,12 +104,28 @@ class VisaLink:
             LinkError: no reply in time, or the instrument cannot be reached.
         """
         with self._conversation(command) as session, self._waiting(session, timeout_s):
-            self._transcript(self.name, ">", command)
+            self._log(">", command)
             reply: str = session.query(command)
             while reply.count('"') % 2:
                 reply += "\n" + session.read()
-            self._transcript(self.name, "<", reply)
+            self._log("<", reply)
             return reply
+
+    def number(self, command: str, *, timeout_s: float | None = None) -> float:
+        """`query`, with a number for a reply.
+
+        Raises:
+            LinkError: as `query`.
+            InstrumentError: the reply is no number.
+        """
+        reply = self.query(command, timeout_s=timeout_s)
+        try:
+            return float(reply)
+        except ValueError:
+            raise InstrumentError(
+                f"{self.name} at {self.resource}: {command!r} was answered {reply!r}, not with a number: check that "
+                f"the driver fits the instrument"
+            ) from None
 
     def write_block(self, header: str, block: NDArray[Any]) -> None:
         """Send `header` followed by `block` as an IEEE 488.2 definite-length block.
@@ -118,7 +141,7 @@ class VisaLink:
         with self._conversation(header) as session:
             self._send_block(session, header, block)
             reply: str = session.read()
-            self._transcript(self.name, "<", reply)
+            self._log("<", reply)
             return reply
 
     def read_block(self, command: str, dtype: "np.dtype[Scalar]") -> NDArray[Scalar]:
@@ -129,12 +152,11 @@ class VisaLink:
             InstrumentError: the reply is not a block, or not a whole number of items.
         """
         with self._conversation(command) as session:
-            self._transcript(self.name, ">", command)
+            self._log(">", command)
             session.write(command)
             data = self._receive_block(session)
             if len(data) % dtype.itemsize:
                 raise InstrumentError(f"{self.name}: reply to {command} has {len(data)} bytes, not items of {dtype}")
-            self._transcript(self.name, "<", _describe(data))
             return np.frombuffer(data, dtype)
 
     @contextlib.contextmanager
@@ -156,6 +178,9 @@ class VisaLink:
     def close(self) -> None:
         """Close the session if it is open; the next message would open it again."""
         session, self._session, self._socket = self._session, None, None
+        tap, self._tap = self._tap, None
+        if tap is not None:
+            tap.closed()
         if session is not None:
             with contextlib.suppress(VisaIOError, OSError):
                 session.close()
@@ -169,7 +194,7 @@ class VisaLink:
             self.close()
             late = isinstance(error, TimeoutError) or getattr(error, "error_code", None) == StatusCode.error_timeout
             what = "did not answer in time" if late else f"cannot be reached ({_one_line(error)})"
-            raise LinkError(
+            raise (NoAnswer if late else LinkError)(
                 f"{self.name} at {self.resource} {what} (at {command.split(',')[0]!r}): check address, cable and power"
             ) from error
         except BaseException:
@@ -207,46 +232,58 @@ class VisaLink:
         if self._socket is not None:
             # Without it a write followed by a query waits for the delayed acknowledgement of the write: 40 ms.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if self._recorder is not None:
+            self._tap = self._recorder.tap(self.name, self.resource)
         return session
+
+    def _log(self, direction: str, message: str) -> None:
+        self._transcript(self.name, direction, message)
+        if self._tap is not None:
+            eol = self._write_eol if direction == ">" else self._read_eol
+            self._tap.heard(direction, (f"{message}{eol}".encode(ENCODING),))
 
     def _send_block(self, session: MessageBasedResource, header: str, block: NDArray[Any]) -> None:
         payload = np.ascontiguousarray(block).view(np.uint8).reshape(-1).data
         length = str(len(payload))
-        head = f"{header}#{len(length)}{length}".encode(ENCODING)
-        self._transcript(self.name, ">", f"{header}{_describe(payload)}")
+        pieces = f"{header}#{len(length)}{length}".encode(ENCODING), payload, self._write_eol.encode(ENCODING)
+        self._transcript(self.name, ">", f"{header}{describe(payload)}")
+        if self._tap is not None:
+            self._tap.heard(">", pieces)
         if self._socket is None:
-            session.write_raw(b"".join((head, payload, self._write_eol.encode(ENCODING))))
+            session.write_raw(b"".join(pieces))
             return
         self._socket.settimeout(self.timeout_s)
         try:
-            self._socket.sendall(head)
-            self._socket.sendall(payload)
-            self._socket.sendall(self._write_eol.encode(ENCODING))
+            for piece in pieces:
+                self._socket.sendall(piece)
         finally:
             self._socket.settimeout(None)
 
     def _receive_block(self, session: MessageBasedResource) -> bytearray:
-        if self._socket is None:
-            return self._receive_block_by_visa(session)
-        link, tail = self._socket, len(self._read_eol)
-        link.settimeout(self.timeout_s)
-        try:
-            marker, digits = bytes(_receive(link, 2))
-            data = _receive(link, _block_length(marker, digits, lambda count: bytes(_receive(link, count))))
-            _receive(link, tail)
-            return data
-        finally:
-            link.settimeout(None)
+        with self._receiving(session) as take:
+            head = bytes(take(2))
+            length = bytes(take(length_digits(head)))
+            data = take(int(length))
+            tail = take(len(self._read_eol))
+        self._transcript(self.name, "<", describe(data))
+        if self._tap is not None:
+            self._tap.heard("<", (head, length, data, tail))
+        return data
 
-    def _receive_block_by_visa(self, session: MessageBasedResource) -> bytearray:
+    @contextlib.contextmanager
+    def _receiving(self, session: MessageBasedResource) -> Iterator[Callable[[int], bytearray]]:
+        """A function that receives so many bytes, whatever they are, by the shortest way there is."""
+        if self._socket is not None:
+            self._socket.settimeout(self.timeout_s)
+            try:
+                yield partial(receive, self._socket)
+            finally:
+                self._socket.settimeout(None)
+            return
         termination = session.read_termination
         session.read_termination = None
         try:
-            marker, digits = session.read_bytes(2)
-            length = _block_length(marker, digits, lambda count: session.read_bytes(count))
-            data = bytearray(session.read_bytes(length, chunk_size=1 << 20))
-            session.read_bytes(len(self._read_eol))
-            return data
+            yield lambda count: bytearray(session.read_bytes(count, chunk_size=VISA_CHUNK))
         finally:
             session.read_termination = termination
 
@@ -266,29 +303,6 @@ def _raw_socket(session: MessageBasedResource) -> socket.socket | None:
     interface = getattr(session.visalib, "sessions", {}).get(session.session)
     found = getattr(interface, "interface", None)
     return found if isinstance(found, socket.socket) else None
-
-
-def _receive(link: socket.socket, count: int) -> bytearray:
-    data = bytearray(count)
-    view = memoryview(data)
-    while len(view):
-        received = link.recv_into(view)
-        if received == 0:
-            raise ConnectionResetError("the instrument closed the connection in the middle of a block")
-        view = view[received:]
-    return data
-
-
-def _block_length(marker: int, digits: int, receive: Callable[[int], bytes]) -> int:
-    """The byte count behind `#N`; N may be a hexadecimal digit, because records can need ten digits."""
-    if marker != ord("#") or chr(digits) not in "123456789ABCDEFabcdef":
-        raise ValueError(f"the reply starts with {bytes((marker, digits))!r}, not with a block")
-    return int(receive(int(chr(digits), 16)))
-
-
-def _describe(block: bytes | bytearray | memoryview) -> str:
-    """A block in the transcript: its length and CRC-32, which unlike longer digests keeps pace with the wire."""
-    return f"#<{len(block)} bytes, crc32 {zlib.crc32(block):08x}>"
 
 
 def _one_line(error: BaseException) -> str:

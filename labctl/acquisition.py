@@ -1,20 +1,19 @@
-"""One run from a station and a protocol: load the images, open the bench, carry it out, close it."""
+"""One run from a station and a protocol: load the inputs, open the bench, carry it out, close it."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from labctl import datasets
 from labctl.command_log import CommandLog
-from labctl.engine import Outcome, Progress, Request, carry_out
+from labctl.engine import Outcome, Request, carry_out
+from labctl.inputs import inputs_for
 from labctl.interruption import Interruption
+from labctl.measuring import Progress
 from labctl.opening import opened
 from labctl.station import Station
 from labctl.stopwatch import Stopwatch
-from protocols.base import Images
-from protocols.image_readout import ImageReadout
+from protocols.base import Measurement
 
 
 def _no_progress(_done: int, _total: int) -> None:
@@ -25,7 +24,7 @@ def _no_progress(_done: int, _total: int) -> None:
 class Acquisition:
     """What to acquire, with what, and where to put it."""
 
-    protocol: ImageReadout
+    protocol: Measurement[Any]
     station: Station
     directory: Path | None = None
     data: Path | None = None
@@ -41,18 +40,6 @@ class Acquired:
     budget: dict[str, float] = field(default_factory=dict)
 
 
-def images_for(protocol: ImageReadout, data: Path | None = None) -> Images:
-    """The images a protocol asks for, chosen by its seed.
-
-    Raises:
-        DatasetError: the data set is missing, damaged or too small.
-    """
-    loaded = datasets.load(
-        protocol.dataset, classes=protocol.classes, images=protocol.images, seed=protocol.seed, directory=data
-    ).binarised(protocol.threshold)
-    return Images(loaded.images.astype(np.bool_), loaded.labels, loaded.indices)
-
-
 def acquire(
     acquisition: Acquisition, *, interruption: Interruption | None = None, progress: Progress = _no_progress
 ) -> Acquired:
@@ -63,7 +50,7 @@ def acquire(
         InstrumentError: an instrument failed; finished shots are kept.
     """
     protocol, station = acquisition.protocol, acquisition.station
-    images = images_for(protocol, acquisition.data)
+    inputs = inputs_for(protocol, acquisition.data)
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         open_bench = stack.enter_context(opened(station, log, attended=acquisition.attended))
@@ -72,7 +59,7 @@ def acquire(
         if acquisition.profile:
             stopwatch.watch(open_bench.bench)
         outcome = carry_out(
-            Request(protocol, images, station),
+            Request(protocol, inputs, station),
             open_bench.bench,
             log,
             directory=acquisition.directory,

@@ -4,16 +4,11 @@ Every figure is the mean over several twins (another fibre, another chip, other 
 test set of 100 images scatter by several points.
 """
 
-import multiprocessing
 import os
-import signal
 import time
 from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from multiprocessing.sharedctypes import Synchronized
-from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +20,11 @@ from labctl.analysis.evaluation import CrossValidation, WindowAccuracy, accuracy
 from labctl.analysis.records import Records, read_records
 from labctl.analysis.splits import random_splits
 from labctl.analysis.windows import WindowFeatures
-from labctl.engine import Outcome, Progress
+from labctl.engine import Outcome
+from labctl.inputs import images_for
 from labctl.interruption import Interruption
+from labctl.measuring import Progress
+from labctl.processes import Interrupted, in_parallel, step_done, stop_requested
 from labctl.reports.html import Result
 from labctl.reports.recognition import Accuracy, Confusion, recognition_report
 from labctl.runs import open_run, run_name
@@ -147,44 +145,25 @@ def paper_says(window: str) -> str:
 
 
 def _carry_out(tasks: Sequence[Task], interruption: Interruption, progress: Progress) -> list[Finding] | None:
-    context = multiprocessing.get_context("spawn")
-    stop, done = context.Event(), context.Value("q", 0)
-    workers = min(os.cpu_count() or 1, len(tasks))
-    with ProcessPoolExecutor(workers, context, initializer=_join, initargs=(stop, done)) as pool:
-        try:
-            futures = [pool.submit(_find, task) for task in tasks]
-            waiting = set(futures)
-            while waiting and not interruption.requested:
-                finished, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
-                progress(done.value, _records(tasks))
-                for future in finished:
-                    future.result()
-        finally:
-            stop.set()
-            pool.shutdown(wait=True, cancel_futures=True)
-    findings = [future.result() for future in futures if not future.cancelled()]
-    complete = [finding for finding in findings if finding is not None]
-    return complete if len(complete) == len(tasks) else None
+    total = _records(tasks)
+    try:
+        found = in_parallel(
+            _find,
+            dict(enumerate(tasks)),
+            workers=os.cpu_count() or 1,
+            interruption=interruption,
+            progress=lambda _done, steps: progress(steps, total),
+        )
+    except Interrupted:
+        return None
+    return [finding for number in range(len(tasks)) if (finding := found[number][0]) is not None]
 
 
 def _records(tasks: Sequence[Task]) -> int:
     """How many records all tasks will make: two passes with the chip, one without."""
     protocol = tasks[0].protocol
-    shots = protocol.images + 2 * -(-protocol.images // protocol.reference_every)
+    shots = len(protocol.shots(images_for(protocol)))
     return sum(shots * (1 if task.bypass else 2) for task in tasks)
-
-
-class _Worker:
-    """What the processes of the pool share."""
-
-    stop: Event
-    done: "Synchronized[int]"
-
-
-def _join(stop: Event, done: "Synchronized[int]") -> None:
-    # Ctrl-C reaches the whole process group; these processes hear of it from their parent.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _Worker.stop, _Worker.done = stop, done
 
 
 def _find(task: Task) -> Finding | None:
@@ -192,9 +171,8 @@ def _find(task: Task) -> Finding | None:
     interruption = Interruption()
 
     def progress(_done: int, _total: int) -> None:
-        with _Worker.done.get_lock():
-            _Worker.done.value += 1
-        interruption.requested |= _Worker.stop.is_set()
+        step_done()
+        interruption.requested |= stop_requested()
 
     station = Station(sim=SimSection(twin_seed=task.twin_seed), patch_panel=PatchPanelSection(bypass=task.bypass))
     acquisition = Acquisition(task.protocol, station, task.directory)

@@ -17,8 +17,9 @@ from instruments.manual import Ask, ManualLaser, ManualPatchPanel
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.ti_dlpc900 import HidApi, TiDlpc900
+from instruments.transcripts import Transcript
 from instruments.vialux_alp import AlpByVendorLibrary, AlpOverVisa, VialuxAlp
-from instruments.visa import Transcript, VisaLink, tektronix_event_queue
+from instruments.visa import VisaLink, tektronix_event_queue
 from labctl.station import AwgSection, DmdSection, LaserSection, PatchPanelSection, ScopeSection, StationError
 
 GROUP = "labctl.instruments"

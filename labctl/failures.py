@@ -5,6 +5,7 @@ from pydantic import ValidationError
 from instruments.interfaces import InstrumentError, NotConfigured, OutOfRange
 from labctl.analysis.errors import AnalysisError
 from labctl.datasets import DatasetError
+from labctl.experiments import ExperimentError
 from labctl.runs import RunError
 from labctl.station import StationError, describe
 from protocols.base import ProtocolError
@@ -21,6 +22,7 @@ EXPECTED = (
     StationError,
     ProtocolError,
     DatasetError,
+    ExperimentError,
     AnalysisError,
     RunError,
     InstrumentError,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import typer
 from typer.exceptions import Abort, TyperException
 
-from labctl.commands import bench, data, readout, run, runs, simulation
+from labctl.commands import bench, data, readout, recording, reproduce, run, runs, simulation
 from labctl.failures import EXPECTED, INTERRUPTED, WRONG_USE, exit_status, one_line
 
 app = typer.Typer(
@@ -20,12 +20,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("demo")(run.demo)
+app.command("reproduce")(reproduce.reproduce)
 app.command("check")(bench.check)
 app.command("run")(run.run)
 app.command("runs")(runs.runs)
 app.command("show")(runs.show)
 app.command("train")(readout.train)
 app.command("evaluate")(readout.evaluate)
+app.command("record")(recording.record)
+app.command("replay")(recording.replay)
 app.add_typer(data.app, name="data")
 app.add_typer(simulation.app, name="sim")
 

@@ -10,12 +10,17 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from instruments.bench import Bench, Levels, Limits, Wiring
 from instruments.interfaces import EdgeTrigger, InstrumentError, NotConfigured
-from instruments.visa import Transcript
+from instruments.transcripts import Transcript
 from labctl.drivers import Opening, driver
-from labctl.station import SIMULATED, LaserSection, Station, StationError
+from labctl.replaying import redirected
+from labctl.station import SIMULATED, LaserSection, Station, StationError, describe
+from labctl.tapping import recorded
 from sim_backends.bench import SimulatedBench
+from sim_backends.parameters import Parameters
 
 SIMULATED_LASER = Path(str(files("sim_backends.virtual") / "tlg220.toml"))
 """Command table of the simulated laser."""
@@ -38,9 +43,12 @@ def opened(station: Station, transcript: Transcript, *, attended: bool = False) 
 
     Raises:
         StationError: a driver that does not exist, or a laser that must not be switched on.
+        RecordingError: the bench was to be recorded, and the recording cannot be written.
         OutOfRange: a level above its limit.
     """
     with ExitStack() as stack:
+        transcript = stack.enter_context(recorded(transcript, station))
+        station = redirected(station)
         simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
         try:
             bench = _bench(station, transcript, simulation, attended=attended)
@@ -56,7 +64,18 @@ def simulated_bench(station: Station, *, host: str = "127.0.0.1", port_base: int
     laser_table = None
     if table is not None and str(table) != SIMULATED:
         laser_table = tomllib.loads(table.read_text("utf-8"))
-    return SimulatedBench(twin_seed=station.sim.twin_seed, host=host, port_base=port_base, laser_table=laser_table)
+    return SimulatedBench(
+        _parameters(station), twin_seed=station.sim.twin_seed, host=host, port_base=port_base, laser_table=laser_table
+    )
+
+
+def _parameters(station: Station) -> Parameters:
+    try:
+        return Parameters.model_validate(
+            {"light_path": "projector" if station.wiring.projector else "direct", **station.sim.parameters}
+        )
+    except ValidationError as error:
+        raise StationError(f"{station.source}: sim.parameters: {describe(error)}") from None
 
 
 def _bench(station: Station, transcript: Transcript, simulation: SimulatedBench | None, *, attended: bool) -> Bench:
@@ -89,6 +108,7 @@ def _bench(station: Station, transcript: Transcript, simulation: SimulatedBench 
             channels=station.scope.channels,
             bypass=station.patch_panel.bypass,
             burst=station.wiring.burst,
+            projector=station.wiring.projector,
         ),
         source=station.source,
         now=time.time if simulation is None else lambda: simulation.world.clock.now,

@@ -1,7 +1,7 @@
 """Protocols by name or from a TOML file, with settings from the command line on top."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from protocols.base import Measurement, ProtocolError
 GROUP = "labctl.protocols"
 
 
-def read_protocol(name_or_file: str, settings: Sequence[str]) -> Measurement:
+def read_protocol(name_or_file: str, settings: Sequence[str]) -> Measurement[Any]:
     """The protocol called by name, or described by a file `protocol = "name"` with a table `[settings]`.
 
     `settings` are `key=value` and win over the file.
@@ -32,10 +32,19 @@ def read_protocol(name_or_file: str, settings: Sequence[str]) -> Measurement:
         if not equals:
             raise ProtocolError(f"--set {setting}: write it as key=value")
         values[key.strip()] = value.strip()
+    return protocol_from(name, values, origin=origin)
+
+
+def protocol_from(name: str, values: Mapping[str, Any], *, origin: str) -> Measurement[Any]:
+    """The protocol called `name` with settings `values`, which come from `origin`, a file or an option.
+
+    Raises:
+        ProtocolError: no such protocol, no such setting, or a value that does not fit it.
+    """
     found = {point.name: point for point in entry_points(group=GROUP)}
     if name not in found:
         raise ProtocolError(f"protocol {name!r} is not installed: choose one of {', '.join(sorted(found))}")
-    protocol: type[Measurement] = found[name].load()
+    protocol: type[Measurement[Any]] = found[name].load()
     unknown = values.keys() - protocol.model_fields.keys()
     if unknown:
         raise ProtocolError(

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveInt, ValidationError
 
 from instruments.units import Nanometres, Seconds, Volts, Watts
-from protocols.image_readout import Ports
+from protocols.settings import Ports
 
 SIMULATED = "simulated"
 
@@ -97,9 +97,14 @@ class LimitsSection(Section):
 
 
 class WiringSection(Section):
-    """Optional cables: `burst` = DMD frame sync to AWG trigger and AWG marker to the oscilloscope."""
+    """How the bench is cabled.
+
+    `burst`: DMD frame sync to AWG trigger and AWG marker to the oscilloscope. `projector`: the light goes through the
+    multimode fibre and by the DMD; without it, from the modulator straight into the chip, as for time series.
+    """
 
     burst: bool = False
+    projector: bool = True
 
 
 class DurabilitySection(Section):
@@ -110,9 +115,13 @@ class DurabilitySection(Section):
 
 
 class SimSection(Section):
-    """The simulated bench: which twin it is (fibre, chip, noise)."""
+    """The simulated bench: which twin it is (fibre, chip, noise).
+
+    `parameters` are physical parameters that differ from their defaults, for studies of what a result depends on.
+    """
 
     twin_seed: int = 1
+    parameters: dict[str, float | int | bool | str] = {}
 
 
 class Station(Section):
@@ -140,6 +149,19 @@ class Station(Section):
     def simulated(self) -> bool:
         """Whether any instrument is one of the simulated bench's."""
         return SIMULATED in self.addresses.values()
+
+    @property
+    def wholly_simulated(self) -> bool:
+        """Whether every instrument is one of a simulated bench in this process."""
+        return set(self.addresses.values()) == {SIMULATED}
+
+    def twin(self, seed: int) -> "Station":
+        """This bench with another twin behind its simulated instruments."""
+        return self.model_copy(update={"sim": self.sim.model_copy(update={"twin_seed": seed})})
+
+    def cabled(self, *, projector: bool) -> "Station":
+        """This bench with the light's way changed; see `WiringSection`."""
+        return self.model_copy(update={"wiring": self.wiring.model_copy(update={"projector": projector})})
 
 
 SIMULATED_STATION = Station(wiring=WiringSection(burst=True))

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,16 @@ class ShotKind(StrEnum):
     IMAGE = "image"
     REFERENCE = "reference"
     DARK = "dark"
+    SCENE = "scene"
+    SEQUENCE = "sequence"
+
+
+class Inputs(Protocol):
+    """What is shown or played to the bench."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over everything in it, in hex."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +48,45 @@ class Images:
     labels: NDArray[np.int64]
     indices: NDArray[np.int64]
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 over pixels and labels."""
+        return _sha256(self.images, self.labels)
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """A set of sequences of numbers with labels.
+
+    values: (n, symbols). labels: (n,), -1 where there are no classes. groups: (n,), what must stay together when the
+    set is split, a speaker for instance. indices: (n,), each sequence's place in its source.
+    """
+
+    values: NDArray[np.float64]
+    labels: NDArray[np.int64]
+    groups: NDArray[np.int64]
+    indices: NDArray[np.int64]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over values and labels."""
+        return _sha256(self.values, self.labels)
+
 
 @dataclass(frozen=True)
 class Shot:
-    """One pattern to be measured on every port: its place in the run, what it is for, and where it comes from."""
+    """One pattern to be measured on every port: its place in the run, what it is for, and where it comes from.
+
+    A scene also has what its image changes to: `next_dataset_index` and `next_label`, -1 everywhere else.
+    """
 
     index: int
     kind: ShotKind
     dataset_index: int
     label: int
     group: int
+    next_dataset_index: int = -1
+    next_label: int = -1
 
 
 @dataclass(frozen=True)
@@ -60,8 +99,21 @@ class Leg:
 
 
 @dataclass(frozen=True)
+class Part:
+    """What is to be measured on one leg: `shots`, in the order of the plan.
+
+    `scalings` are the vertical ranges of the leg if they were found before, in an earlier part of the same run: all
+    codes of a leg share them.
+    """
+
+    leg: Leg
+    shots: Sequence[Shot]
+    scalings: tuple[Scaling, ...] | None = None
+
+
+@dataclass(frozen=True)
 class LegStarted:
-    """The vertical ranges of a leg are found and locked: what a code of each of its channels means."""
+    """Measuring on a leg begins, with its vertical ranges locked: what a code of each of its channels means."""
 
     leg: Leg
     scalings: tuple[Scaling, ...]
@@ -85,20 +137,24 @@ class BurstRecord:
     burst: Burst
 
 
+InputsT = TypeVar("InputsT", bound=Inputs)
+
 Events = Generator[LegStarted | Record | BurstRecord, None, None]
 
 
-class Measurement(BaseModel, ABC):
+class Measurement(BaseModel, ABC, Generic[InputsT]):
     """The base of all protocols: frozen, so that it can be hashed, stored, and carried out again as it was.
 
     `seed` fixes everything that is drawn at random: which images, their order, the drive. Frames are the mean of
-    `averages` triggers. `sample_rate` is the oscilloscope's, S/s.
+    `averages` triggers. `sample_rate` is the oscilloscope's, S/s. `projector`: the light comes by multimode fibre and
+    DMD; otherwise it goes from the modulator straight into the chip.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: ClassVar[str]
     sample_rate: ClassVar[float] = 25e9
+    projector: ClassVar[bool] = True
 
     seed: int = 1
     averages: PositiveInt = 1
@@ -108,11 +164,11 @@ class Measurement(BaseModel, ABC):
         return hashlib.sha256(f"{self.name} {self.model_dump_json()}".encode()).hexdigest()
 
     @abstractmethod
-    def shots(self, images: Images) -> Sequence[Shot]:
+    def shots(self, inputs: InputsT) -> Sequence[Shot]:
         """The shots of the run in the order they are measured.
 
         Raises:
-            ProtocolError: the images do not suit the protocol.
+            ProtocolError: the inputs do not suit the protocol.
         """
 
     @abstractmethod
@@ -120,28 +176,61 @@ class Measurement(BaseModel, ABC):
         """The legs of the run on this bench, wavelength outermost: a laser is never retuned from shot to shot."""
 
     @abstractmethod
-    def check(self, bench: Bench, images: Images) -> None:
-        """Find out, before anything is written or lit, whether this bench can measure these images.
+    def check(self, bench: Bench, inputs: InputsT) -> None:
+        """Find out, before anything is written or lit, whether this bench can measure these inputs.
 
         Raises:
             ProtocolError: it cannot.
         """
 
+    def check_cabling(self, bench: Bench) -> None:
+        """Compare the light's way with the one the protocol is for.
+
+        Raises:
+            ProtocolError: the station says that it is the other one.
+        """
+        if self.projector == bench.wiring.projector:
+            return
+        needed = "needs fibre and DMD in" if self.projector else "sends light straight into the chip: take them out of"
+        raise ProtocolError(
+            f"{bench.source}: wiring.projector = {str(bench.wiring.projector).lower()}, but {self.name} {needed} the "
+            f"light's way, and set wiring.projector = {str(self.projector).lower()}"
+        )
+
     @abstractmethod
-    def drive(self, bench: Bench) -> Drive:
+    def drive(self, bench: Bench, inputs: InputsT) -> Drive:
         """The sequence the AWG plays throughout."""
 
     @abstractmethod
-    def sample_count(self) -> int:
+    def sample_count(self, inputs: InputsT) -> int:
         """Samples of one frame."""
 
     @abstractmethod
     def duration_s(self, bench: Bench, shots: int) -> float:
         """How long `shots` shots take on real instruments, by their arm, transfer and settling times."""
 
+    def parts(self, bench: Bench, inputs: InputsT) -> tuple[Part, ...]:
+        """The whole run: every shot on every leg.
+
+        Raises:
+            ProtocolError: the inputs do not suit the protocol.
+        """
+        shots = self.shots(inputs)
+        return tuple(Part(leg, shots) for leg in self.legs(bench))
+
     @abstractmethod
-    def acquire(self, bench: Bench, images: Images, shots: Sequence[Shot]) -> Events:
-        """Measure `shots` on every leg: for each leg its ranges, then its records in order.
+    def acquire(self, bench: Bench, inputs: InputsT, parts: Sequence[Part]) -> Events:
+        """Measure `parts` one after the other: for each its ranges, found or set again, then its records in order.
+
+        A run is measured whole (`self.parts`), or from where it was cut off: every setting of a leg is sent when its
+        part begins, so that the records are those of an uninterrupted run.
 
         Light is on only while the generator runs; closing it, however that happens, leaves the bench in the safe state.
         """
+
+
+def _sha256(*arrays: NDArray[Any]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

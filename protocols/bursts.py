@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from instruments.bench import Bench
 from instruments.interfaces import Burst, BurstDmd, Drive, InstrumentError, Timebase
-from protocols.base import BurstRecord, Leg, ProtocolError, Shot
+from protocols.base import BurstRecord, Part, ProtocolError, Shot
 from protocols.patterns import Patterns
 
 PICTURE_PERIOD_S = 44e-6
@@ -65,9 +65,9 @@ class PictureMemory:
 
 
 def measure_bursts(
-    bench: Bench, dmd: BurstDmd, memory: PictureMemory, leg: Leg, drive: Drive, timebase: Timebase
+    bench: Bench, dmd: BurstDmd, memory: PictureMemory, part: Part, drive: Drive, timebase: Timebase
 ) -> Iterator[BurstRecord]:
-    """All shots of one leg, burst by burst.
+    """The shots of `part`, burst by burst.
 
     Raises:
         InstrumentError: a frame is missing or came at the wrong time.
@@ -75,18 +75,27 @@ def measure_bursts(
     bench.awg.load(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
     bench.awg.play()
     late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
-    bench.scope.configure(late, bench.wiring.trigger, tuple(leg.patching), 1)
+    bench.scope.configure(late, bench.wiring.trigger, tuple(part.leg.patching), 1)
     dmd.hold()
     longest = min(LONGEST_BURST, bench.scope.most_frames())
-    for part in memory.parts:
-        memory.load(part)
-        for first in range(part.start, part.stop, longest):
-            count = min(longest, part.stop - first)
+    for held in memory.parts:
+        for burst_of in stretches([shot.index for shot in part.shots if shot.index in held], longest):
+            memory.load(held)
+            count = len(burst_of)
             bench.scope.arm_burst(count)
-            dmd.play(first - part.start, count, PICTURE_PERIOD_S)
+            dmd.play(burst_of.start - held.start, count, PICTURE_PERIOD_S)
             burst = bench.scope.read_burst()
             check_times(burst, count)
-            yield BurstRecord(leg, first, burst)
+            yield BurstRecord(part.leg, burst_of.start, burst)
+
+
+def stretches(indices: Sequence[int], longest: int) -> Iterator[range]:
+    """Ascending `indices` as ranges without gaps, none of more than `longest`."""
+    start = 0
+    for place in range(1, len(indices) + 1):
+        if place == len(indices) or indices[place] != indices[place - 1] + 1 or place - start == longest:
+            yield range(indices[start], indices[place - 1] + 1)
+            start = place
 
 
 def check_times(burst: Burst, count: int) -> None:

@@ -2,20 +2,20 @@
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import product
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, PositiveInt, field_validator
+from pydantic import Field, PositiveInt, field_validator
 
 from instruments.bench import Bench
 from instruments.interfaces import Drive, Frames, Timebase
-from instruments.units import Nanometres, Seconds
-from protocols.base import Events, Images, Leg, LegStarted, Measurement, ProtocolError, Record, Shot, ShotKind
+from instruments.units import Seconds
+from protocols.base import Events, Images, Leg, LegStarted, Measurement, Part, ProtocolError, Record, Shot, ShotKind
 from protocols.bursts import PictureMemory, burst_dmd, measure_bursts
 from protocols.patterns import Patterns
-from protocols.ranging import find_ranges
+from protocols.ranging import lock_ranges
+from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, legs_for
 
 DRIVE_RATE = 25e9
 DRIVE_SAMPLES = 2500
@@ -28,39 +28,11 @@ REAL_LEG_S = 5.0
 """Retuning, repatching by switch, and ranging, on real instruments."""
 
 
-def parse_ports(value: object) -> object:
-    """Turn "2-6" or "0,2,4-6" into a tuple of port numbers; anything else is left to pydantic.
-
-    Raises:
-        ValueError: a part is neither a number nor a range.
-    """
-    if isinstance(value, int):
-        return (value,)
-    if not isinstance(value, str):
-        return value
-    ports: list[int] = []
-    for part in value.split(","):
-        first, _, last = part.strip().partition("-")
-        if not (first.isdecimal() and (last or first).isdecimal()):
-            raise ValueError(f"{value!r} is not a list of ports: write it like '2-6' or '2,3,5'")
-        ports.extend(range(int(first), int(last or first) + 1))
-    return tuple(ports)
-
-
-def parse_list(value: object) -> object:
-    """Turn "1550 nm, 1551 nm" or "0,1,2" into a list of its parts; anything else is left to pydantic."""
-    return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
-
-
-Ports = Annotated[tuple[Annotated[int, Field(ge=0, le=14)], ...], BeforeValidator(parse_ports), Field(min_length=1)]
-Wavelengths = Annotated[tuple[Nanometres, ...], BeforeValidator(parse_list), Field(min_length=1)]
-Classes = Annotated[tuple[int, ...], BeforeValidator(parse_list)]
-
-
-class ImageReadout(Measurement):
+class ImageReadout(Measurement[Images]):
     """Show each image, trigger the drive, capture the window on every port.
 
-    Pixels of at least `threshold` are on; a data set that is binary already stays as it is. Port 0 is the collection
+    `images` is how many in all, in equal parts of each class, or how many of each class ("2000,500"). `binarisation` is
+    the rule by which grey pixels are on; a data set that is binary already stays as it is. Port 0 is the collection
     fibre before the chip. A reference image and a dark frame follow every `reference_every` images, so that drift can
     be seen.
     """
@@ -69,8 +41,8 @@ class ImageReadout(Measurement):
 
     dataset: str = "mnist-0-3"
     classes: Classes | None = None
-    images: PositiveInt = 1000
-    threshold: Annotated[int, Field(ge=1, le=255)] = 128
+    images: ImageCount = 1000
+    binarisation: Binarisation = "128"
     ports: Ports = (2, 3, 4, 5, 6)
     window: Annotated[Seconds, Field(gt=0)] = 2e-9
     wavelengths: Wavelengths = (1550.0,)
@@ -84,43 +56,38 @@ class ImageReadout(Measurement):
             raise ValueError(f"{values} names one twice: list each once")
         return values
 
-    def shots(self, images: Images) -> Sequence[Shot]:
+    def shots(self, inputs: Images) -> Sequence[Shot]:
         """A class-balanced random order of the images, with a reference and a dark frame after every few.
 
         Classes alternate throughout, so that no slow drift of the bench can follow the labels.
         """
-        order = balanced_order(images.labels, np.random.default_rng((self.seed, 1)))
+        order = balanced_order(inputs.labels, np.random.default_rng((self.seed, 1)))
         reference = order[0]
         shots: list[Shot] = []
         for place, image in enumerate(order, start=1):
-            shots.append(_shot(len(shots), ShotKind.IMAGE, images, image))
+            shots.append(_shot(len(shots), ShotKind.IMAGE, inputs, image))
             if place % self.reference_every == 0 or place == len(order):
-                shots.append(_shot(len(shots), ShotKind.REFERENCE, images, reference))
+                shots.append(_shot(len(shots), ShotKind.REFERENCE, inputs, reference))
                 shots.append(Shot(len(shots), ShotKind.DARK, -1, -1, -1))
         return shots
 
     def legs(self, bench: Bench) -> tuple[Leg, ...]:
         """Every wavelength with every patching that the ports need."""
-        patchings = bench.passes_for(self.ports)
-        return tuple(
-            Leg(index, wavelength, patching)
-            for index, (wavelength, patching) in enumerate(product(self.wavelengths, patchings))
-        )
+        return legs_for(bench, self.wavelengths, self.ports)
 
-    def check(self, bench: Bench, images: Images) -> None:
+    def check(self, bench: Bench, inputs: Images) -> None:
         """The images must fit the DMD, and the timing the wiring."""
         if self.timing == "burst":
             burst_dmd(bench)
             if self.averages != 1:
                 raise ProtocolError(f"averages = {self.averages}: a burst takes one trigger a shot: choose 1")
-        Patterns(images, bench.dmd.shape)
+        Patterns(inputs, bench.dmd.shape)
 
-    def drive(self, bench: Bench) -> Drive:
+    def drive(self, bench: Bench, inputs: Images) -> Drive:
         """Uniform pseudorandom samples at 25 GS/s, fixed by the seed."""
-        samples = np.random.default_rng((self.seed, 2)).uniform(-1.0, 1.0, DRIVE_SAMPLES).astype(np.float32)
-        return Drive("pseudorandom", samples, DRIVE_RATE, bench.levels.rf_amplitude_vpp)
+        return pseudorandom_drive(bench, self.seed)
 
-    def sample_count(self) -> int:
+    def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
         return max(1, round(self.window * self.sample_rate))
 
@@ -128,30 +95,37 @@ class ImageReadout(Measurement):
         """Arm, transfer and settling times of real instruments, leg by leg."""
         return len(self.legs(bench)) * (REAL_LEG_S + (shots + PROBES) * REAL_SHOT_S)
 
-    def acquire(self, bench: Bench, images: Images, shots: Sequence[Shot]) -> Events:
+    def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot: show, arm, wait for the marker of the running drive, read. Or in hardware-timed bursts."""
-        timebase = Timebase(self.sample_rate, self.sample_count())
-        patterns = Patterns(images, bench.dmd.shape)
-        probes = [shot for shot in shots if shot.kind is ShotKind.IMAGE][:PROBES]
-        drive = self.drive(bench)
-        legs = self.legs(bench)
+        timebase = Timebase(self.sample_rate, self.sample_count(inputs))
+        patterns = Patterns(inputs, bench.dmd.shape)
+        plan = self.shots(inputs)
+        probes = [shot for shot in plan if shot.kind is ShotKind.IMAGE][:PROBES]
+        drive = self.drive(bench, inputs)
         if self.timing == "burst":
             dmd = burst_dmd(bench)
-            memory = PictureMemory(dmd, patterns, shots)
-        with bench.emitting(legs[0].wavelength_nm):
-            for leg in legs:
+            memory = PictureMemory(dmd, patterns, plan)
+        with bench.emitting(parts[0].leg.wavelength_nm):
+            for part in parts:
+                leg = part.leg
                 bench.laser.tune(leg.wavelength_nm)
                 bench.patch_panel.connect(leg.patching)
                 bench.awg.load(drive)
                 bench.awg.play()
                 bench.scope.configure(timebase, bench.wiring.trigger, tuple(leg.patching), self.averages)
                 captures = [partial(show_and_capture, bench, patterns[shot]) for shot in probes]
-                yield LegStarted(leg, find_ranges(bench.scope, captures))
+                yield LegStarted(leg, lock_ranges(bench.scope, part.scalings, captures))
                 if self.timing == "burst":
-                    yield from measure_bursts(bench, dmd, memory, leg, drive, timebase)
+                    yield from measure_bursts(bench, dmd, memory, part, drive, timebase)
                 else:
-                    for shot in shots:
+                    for shot in part.shots:
                         yield Record(leg, shot, show_and_capture(bench, patterns[shot]))
+
+
+def pseudorandom_drive(bench: Bench, seed: int) -> Drive:
+    """Uniform pseudorandom samples at 25 GS/s, one period of 100 ns, fixed by the seed."""
+    samples = np.random.default_rng((seed, 2)).uniform(-1.0, 1.0, DRIVE_SAMPLES).astype(np.float32)
+    return Drive("pseudorandom", samples, DRIVE_RATE, bench.levels.rf_amplitude_vpp)
 
 
 def show_and_capture(bench: Bench, mirrors: NDArray[np.uint8]) -> Frames:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.interfaces import Frames, Oscilloscope, Scaling, Vertical
+from instruments.readback import confirm
 
 DIVISIONS = 10
 HEADROOM = 1.3
@@ -14,6 +15,8 @@ by about this factor (ratio of the logarithms of the numbers of samples)."""
 ROOM_FOR_BRIGHTER = 6.0
 """How many times brighter than the first probe the others may be before the search widens."""
 STEPS = 8
+SAME_SCALE = 1e-3
+"""A quarter of a code at the ends of the range: by so much a scale that is set again may differ."""
 
 Capture = Callable[[], Frames]
 
@@ -29,7 +32,7 @@ def find_ranges(scope: Oscilloscope, probes: Sequence[Capture]) -> tuple[Scaling
     """
     verticals = [Vertical(scope.vertical_scale.high, 0.0)] * len(scope.channels)
     for _ in range(STEPS):
-        _apply(scope, verticals)
+        verticals = _apply(scope, verticals)
         narrowed = [_fit(scope, *ends, room=ROOM_FOR_BRIGHTER) for ends in _extremes(scope, probes[:1])]
         scales = zip(narrowed, verticals, strict=True)
         settled = all(new.scale_v_per_div > old.scale_v_per_div / 2 for new, old in scales)
@@ -37,7 +40,7 @@ def find_ranges(scope: Oscilloscope, probes: Sequence[Capture]) -> tuple[Scaling
         if settled:
             break
     for _ in range(STEPS):
-        _apply(scope, verticals)
+        verticals = _apply(scope, verticals)
         ends = _extremes(scope, probes)
         clipped = np.isnan(ends[:, 0])
         if not clipped.any():
@@ -49,6 +52,29 @@ def find_ranges(scope: Oscilloscope, probes: Sequence[Capture]) -> tuple[Scaling
     _apply(scope, [_fit(scope, *pair, room=HEADROOM) for pair in np.nan_to_num(ends)])
     probes[0]()
     return scope.scalings()
+
+
+def lock_ranges(scope: Oscilloscope, known: Sequence[Scaling] | None, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
+    """The vertical ranges of a leg: those `known` from an earlier part of the run, or found from all `probes`."""
+    if known is None:
+        return find_ranges(scope, probes)
+    set_ranges(scope, known, probes[0])
+    return tuple(known)
+
+
+def set_ranges(scope: Oscilloscope, scalings: Sequence[Scaling], probe: Capture) -> None:
+    """Set each channel to the range in which its codes mean what `scalings` say, and see on a probe that they do.
+
+    Raises:
+        InstrumentError: the oscilloscope does not come back to a range it had.
+    """
+    _apply(scope, [scope.vertical_for(scaling) for scaling in scalings])
+    probe()
+    for channel, wanted, found in zip(scope.channels, scalings, scope.scalings(), strict=True):
+        confirm(
+            f"scope: CH{channel} volts per code", wanted.scale_v, found.scale_v, SAME_SCALE * wanted.scale_v, unit="V"
+        )
+        confirm(f"scope: CH{channel} offset", wanted.offset_v, found.offset_v, wanted.scale_v / 4, unit="V")
 
 
 def _extremes(scope: Oscilloscope, probes: Sequence[Capture]) -> NDArray[np.float64]:
@@ -69,6 +95,6 @@ def _fit(scope: Oscilloscope, low: float, high: float, *, room: float) -> Vertic
     return Vertical(scale, float(low + high) / 2)
 
 
-def _apply(scope: Oscilloscope, verticals: Sequence[Vertical]) -> None:
-    for channel, vertical in zip(scope.channels, verticals, strict=True):
-        scope.set_vertical(channel, vertical)
+def _apply(scope: Oscilloscope, verticals: Sequence[Vertical]) -> list[Vertical]:
+    """Set the range of each channel and return those it settled on."""
+    return [scope.set_vertical(channel, vertical) for channel, vertical in zip(scope.channels, verticals, strict=True)]

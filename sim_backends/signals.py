@@ -86,9 +86,10 @@ class Playback:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """Patterns that the DMD shows one after another.
+    """Pictures that the DMD shows one after another.
 
-    patterns: (n, 768, 128) packed bits, most significant bit leftmost, 1 = towards the collecting fibre.
+    counts: (n, 784) mirrors turned to the collecting fibre in every superpixel, as `mirrors.on_counts` has them: all
+        that the light tells of a picture, in a sixtieth of its memory.
     start_s: virtual time at which the first one is latched; the others follow every `picture_time_s`.
     synch_delay_s: from the latch to the frame synch pulse that goes to the generator's trigger input A.
     loop: from the beginning again after the last one, for ever; otherwise the last one stays.
@@ -98,10 +99,10 @@ class Projection:
     repeats: how often a finite projection shows all its patterns.
 
     Raises:
-        ValueError: patterns of another shape, or none; no picture time.
+        ValueError: counts of another shape, or none; no picture time.
     """
 
-    patterns: NDArray[np.uint8]
+    counts: NDArray[np.uint16]
     start_s: float
     picture_time_s: float
     synch_delay_s: float = 0.0
@@ -112,10 +113,10 @@ class Projection:
     repeats: int = 1
 
     def __post_init__(self) -> None:
-        if self.patterns.ndim != 3 or len(self.patterns) == 0 or not self.picture_time_s > 0:
+        if self.counts.ndim != 2 or len(self.counts) == 0 or not self.picture_time_s > 0:
             raise ValueError(
-                f"projection: patterns {self.patterns.shape} every {self.picture_time_s} s: "
-                "give packed bits (n, 768, 128) and a time above 0"
+                f"projection: counts {self.counts.shape} every {self.picture_time_s} s: "
+                "give mirrors on in every superpixel (n, 784) and a time above 0"
             )
 
 
@@ -155,11 +156,10 @@ class Record:
     trigger_offset_s: NDArray[np.float64]
     keys: tuple[bytes, ...]
 
-    @cached_property
-    def noise(self) -> np.random.Generator:
-        """Generator for the digitiser's noise of a record with one trigger: the same as `frame_noise(0)`."""
-        return self.frame_noise(0)
-
-    def frame_noise(self, trigger: int) -> np.random.Generator:
-        """Generator for the digitiser's noise of one trigger, the same however many triggers the record has."""
-        return chance.generator(chance.digest(self.keys[trigger], "digitiser"))
+    def digitiser_noise(self) -> NDArray[np.float32]:
+        """Unit noise of the shape of `volts`; a trigger's is the same however many triggers the record has."""
+        noise = np.empty(self.volts.shape, np.float32)
+        rekeyed = chance.Rekeyed()
+        for key, frame in zip(self.keys, noise, strict=True):
+            rekeyed.generator(chance.digest(key, "digitiser")).standard_normal(out=frame, dtype=np.float32)
+        return noise

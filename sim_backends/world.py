@@ -21,6 +21,7 @@ from sim_backends import chance, triggers
 from sim_backends.clock import VirtualClock
 from sim_backends.light_path import LightPath, Setting
 from sim_backends.optics import chain
+from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
 from sim_backends.pictures import Pictures, Sight
 from sim_backends.segments import SegmentStarts
@@ -122,17 +123,13 @@ class World:
         """
         began = perf_counter()
         self._starts.project(None, self.clock.now)
-        self._latch(None if mirrors is None else mirrors[np.newaxis], None)
+        self._latch(None if mirrors is None else on_counts(mirrors[np.newaxis]), None)
         self.physics_seconds += perf_counter() - began
 
     def project(self, projection: Projection) -> None:
-        """Play patterns one after another on the virtual clock; after the last one of a finite projection it stays.
-
-        Raises:
-            ValueError: patterns that are not (n, 768, 128) bytes.
-        """
+        """Play pictures one after another on the virtual clock; after the last one of a finite projection it stays."""
         began = perf_counter()
-        self._latch(projection.patterns, projection)
+        self._latch(projection.counts, projection)
         self._starts.project(projection, self.clock.now)
         self.physics_seconds += perf_counter() - began
 
@@ -203,8 +200,9 @@ class World:
         keys = self._keys(sight.names, acquisition, setting)
         offsets, lateness = np.zeros(shape[0]), np.empty(shape[0])
         volts = np.empty(shape, np.float32)
+        rekeyed = chance.Rekeyed()
         for number, key in enumerate(keys):
-            source = chance.generator(key)
+            source = rekeyed.generator(key)
             source.standard_normal(out=volts[number], dtype=np.float32)
             lateness[number] = self.parameters.trigger_jitter_s * source.standard_normal()
             if not self.parameters.shared_reference:
@@ -237,6 +235,7 @@ class World:
         block = max(1, int(_BLOCK_BYTES / (8 * len(acquisition.channels) * points * chain.IMAGE_BLOCK)))
         block *= chain.IMAGE_BLOCK
         order = np.argsort(which, kind="stable")
+        at_once = max(1, _BLOCK_BYTES // volts[0].nbytes)
         for begin in range(0, len(pairs), block):
             clean, slope = self._light_path.sampled(
                 optics,
@@ -251,15 +250,17 @@ class World:
             deviation = np.sqrt(floor + signal * (linear + quadratic * signal))
             clean = clean + offset
             low, high = np.searchsorted(which[order], [begin, begin + len(clean)])
-            for place in order[low:high].tolist():
-                trace, image = volts[rows[place]], which[place] - begin
-                trace *= deviation[image]
-                trace += clean[image]
-                trace += np.float32(lateness[rows[place]]) * slope[image]
-                np.minimum(trace, np.float32(self.parameters.detector_limit_v), out=trace)
+            for first in range(low, high, at_once):
+                places = order[first : min(first + at_once, high)]
+                own, image = rows[places], which[places] - begin
+                traces = volts[own]
+                traces *= deviation[image]
+                traces += clean[image]
+                traces += lateness[own, np.newaxis, np.newaxis].astype(np.float32) * slope[image]
+                volts[own] = np.minimum(traces, np.float32(self.parameters.detector_limit_v), out=traces)
 
-    def _latch(self, patterns: NDArray[np.uint8] | None, projection: Projection | None) -> None:
-        if self._pictures.latch(patterns, projection, self.clock.now):
+    def _latch(self, counts: NDArray[np.uint16] | None, projection: Projection | None) -> None:
+        if self._pictures.latch(counts, projection, self.clock.now):
             self._changed()
 
     def _changed(self) -> None:

@@ -2,7 +2,8 @@
 
 Attributes of the file: `format` ("labctl-readout"), `format_version`, `metadata` (JSON object), `steps` (JSON list of
 the steps' names in order). One group a step, with attributes `estimator` (class name) and `parameters` (JSON object of
-the settings that differ from the class's defaults) and one data set for each fitted array.
+the settings that differ from the class's defaults) and one data set for each fitted array. Where an estimator contains
+another, that is a group in its group: a pipeline with attribute `steps` like the file itself, or an estimator.
 """
 
 import json
@@ -14,12 +15,15 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.linear_model import LogisticRegression
+from sklearn.base import BaseEstimator
+from sklearn.linear_model import LogisticRegression, RidgeCV
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
+from labctl.analysis.anomaly import CovarianceScore, NormalityScore
 from labctl.analysis.errors import AnalysisError
+from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
 from labctl.analysis.windows import WindowFeatures
 
 FORMAT = "labctl-readout"
@@ -29,6 +33,25 @@ FITTED: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "WindowFeatures": (WindowFeatures, ("rows_", "samples_", "ports_in_", "samples_in_")),
     "StandardScaler": (StandardScaler, ("mean_", "var_", "scale_", "n_samples_seen_", "n_features_in_")),
     "LogisticRegression": (LogisticRegression, ("classes_", "coef_", "intercept_", "n_iter_", "n_features_in_")),
+    "RidgeCV": (RidgeCV, ("alpha_", "best_score_", "coef_", "intercept_", "n_features_in_")),
+    "NormalityScore": (NormalityScore, ("mean_", "coef_", "n_features_in_")),
+    "CovarianceScore": (CovarianceScore, ("mean_", "scale_", "precision_", "shrinkage_", "n_features_in_")),
+    "LinearReconstruction": (LinearReconstruction, ("pipeline_", "alpha_", "range_", "n_features_in_")),
+    "KernelReconstruction": (
+        KernelReconstruction,
+        (
+            "gamma_",
+            "alphas_",
+            "dual_coef_",
+            "mean_",
+            "range_",
+            "n_features_in_",
+            "_scaler",
+            "_shots",
+            "_column_means",
+            "_pixels",
+        ),
+    ),
 }
 """What may be in a file: class name -> class and the fitted attributes that make up its state."""
 
@@ -45,25 +68,13 @@ def save_model(path: Path, pipeline: Pipeline, metadata: Mapping[str, Any]) -> N
         AnalysisError: A step is of another class, or not fitted to plain arrays.
         sklearn.exceptions.NotFittedError: The pipeline is not fitted.
     """
-    for _, step in pipeline.steps:
-        if type(step).__name__ not in FITTED:
-            raise AnalysisError(
-                f"a step of class {type(step).__name__} cannot be saved: only {', '.join(FITTED)} have a file format"
-            )
-        check_is_fitted(step)
+    _require_savable(pipeline)
     partial = path.with_name(path.name + ".partial")
     with h5py.File(partial, "w") as file:
         file.attrs["format"] = FORMAT
         file.attrs["format_version"] = FORMAT_VERSION
         file.attrs["metadata"] = _json(dict(metadata))
-        file.attrs["steps"] = json.dumps([name for name, _ in pipeline.steps])
-        for name, step in pipeline.steps:
-            group = file.create_group(name)
-            group.attrs["estimator"] = type(step).__name__
-            group.attrs["parameters"] = _json(_changed_parameters(step))
-            for attribute in FITTED[type(step).__name__][1]:
-                if (value := getattr(step, attribute)) is not None:
-                    group.create_dataset(attribute, data=_storable(np.asarray(value)))
+        _write(file, pipeline)
     os.replace(partial, path)
 
 
@@ -74,7 +85,7 @@ def load_model(path: Path) -> Pipeline:
         AnalysisError: The file is not a readout, is newer than this program, or holds an unknown class.
     """
     with _open(path) as file:
-        return Pipeline([(name, _step(file[name], path)) for name in json.loads(file.attrs["steps"])])
+        return _read(file, path)
 
 
 def load_metadata(path: Path) -> dict[str, Any]:
@@ -107,7 +118,37 @@ def _numbers(version: str) -> tuple[float, ...]:
     return tuple(int(part) if part.isdecimal() else float("inf") for part in version.split("."))
 
 
-def _step(group: h5py.Group, path: Path) -> Any:
+def _require_savable(estimator: Any) -> None:
+    if isinstance(estimator, Pipeline):
+        for _, step in estimator.steps:
+            _require_savable(step)
+        return
+    if type(estimator).__name__ not in FITTED:
+        raise AnalysisError(
+            f"a step of class {type(estimator).__name__} cannot be saved: only {', '.join(FITTED)} have a file format"
+        )
+    check_is_fitted(estimator)
+
+
+def _write(group: h5py.Group, estimator: Any) -> None:
+    if isinstance(estimator, Pipeline):
+        group.attrs["steps"] = json.dumps([name for name, _ in estimator.steps])
+        for name, step in estimator.steps:
+            _write(group.create_group(name), step)
+        return
+    group.attrs["estimator"] = type(estimator).__name__
+    group.attrs["parameters"] = _json(_changed_parameters(estimator))
+    for attribute in FITTED[type(estimator).__name__][1]:
+        value = getattr(estimator, attribute)
+        if isinstance(value, BaseEstimator):
+            _write(group.create_group(attribute), value)
+        elif value is not None:
+            group.create_dataset(attribute, data=_storable(np.asarray(value)))
+
+
+def _read(group: h5py.Group, path: Path) -> Any:
+    if "steps" in group.attrs:
+        return Pipeline([(name, _read(group[name], path)) for name in json.loads(group.attrs["steps"])])
     name = str(group.attrs["estimator"])
     if name not in FITTED:
         raise AnalysisError(f"{path}: holds a step of unknown class '{name}': this labctl knows {', '.join(FITTED)}")
@@ -118,7 +159,11 @@ def _step(group: h5py.Group, path: Path) -> Any:
     }
     step = estimator(**parameters)
     for attribute in attributes:
-        setattr(step, attribute, _restored(group[attribute]) if attribute in group else None)
+        stored = group.get(attribute)
+        if isinstance(stored, h5py.Group):
+            setattr(step, attribute, _read(stored, path))
+        else:
+            setattr(step, attribute, None if stored is None else _restored(stored))
     return step
 
 

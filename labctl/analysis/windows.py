@@ -20,6 +20,8 @@ KERNEL_HALF_WIDTH = 16
 KERNEL_SHAPE = 8.0
 GRID_TOLERANCE = 0.01
 """A window may miss the sampling grid by this part of a sample: text such as "0.56 ns" is never exact in binary."""
+WAVELENGTH_TOLERANCE_NM = 1e-4
+"""Wavelengths closer than this are one; a tenth of the finest step of the laser."""
 
 
 def volts(frames: NDArray[np.integer], scale: ArrayLike, offset: ArrayLike) -> NDArray[np.float32]:
@@ -108,6 +110,33 @@ def resample(frames: NDArray[Any], trigger_offset_s: ArrayLike, *, sample_interv
     return result
 
 
+def wavelength_rows(wavelengths_nm: Sequence[float], row_wavelengths_nm: ArrayLike) -> NDArray[np.intp]:
+    """Which entries of the records' second axis were measured at one of some wavelengths.
+
+    Where a run measures each port at several wavelengths, its records hold the ports once for each of them, and each is
+    a column of features like any other: `records[:, wavelength_rows(...)]` keeps some of the wavelengths.
+
+    Args:
+        wavelengths_nm: Wavelengths to keep.
+        row_wavelengths_nm: Wavelength of each entry of the second axis.
+
+    Returns:
+        Entries in the order of `wavelengths_nm`, and at each wavelength in the order of the records.
+
+    Raises:
+        AnalysisError: Nothing was measured at one of the wavelengths.
+    """
+    recorded = np.asarray(row_wavelengths_nm, np.float64)
+    rows = []
+    for wavelength in wavelengths_nm:
+        found = np.flatnonzero(np.abs(recorded - wavelength) < WAVELENGTH_TOLERANCE_NM)
+        if not found.size:
+            known = ", ".join(f"{value:.8g}" for value in np.unique(recorded))
+            raise AnalysisError(f"nothing was measured at {wavelength:.8g} nm: choose from {known} nm")
+        rows.append(found)
+    return np.concatenate(rows, dtype=np.intp) if rows else np.zeros(0, np.intp)
+
+
 class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn ships no types
     """The samples of a window on some ports as one row of features a shot.
 
@@ -115,7 +144,8 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
     nearest to `start_s`; where fractions of a sample matter, `resample` the records first.
 
     Args:
-        ports: Ports to use, in this order; None = every port of the records.
+        ports: Ports to use, in this order; None = every entry of the records' second axis. A port that was recorded
+            more than once, at several wavelengths, is used with all its entries.
         window_s: Acquisition time T_N, s.
         sample_interval_s: Sample interval of the records, s.
         start_s: Start of the window after the record's first sample, s.
@@ -181,8 +211,9 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
     def get_feature_names_out(self, input_features: object = None) -> NDArray[np.object_]:
         """Name of each feature: port and time after the start of the window."""
         check_is_fitted(self)
-        recorded = self.recorded_ports if self.recorded_ports is not None else range(self.ports_in_)
-        names = self.ports if self.ports is not None else recorded
+        known = self.recorded_ports if self.recorded_ports is not None else self.ports
+        recorded = known if known is not None else range(self.ports_in_)
+        names = [recorded[row] for row in self.rows_]
         times = (self.samples_ - self.samples_[0]) * self.sample_interval_s * 1e9
         return np.array([f"port {port}, {time:.3f} ns" for port in names for time in times], dtype=object)
 
@@ -201,10 +232,13 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
                 f"the records hold {count} ports, but {len(recorded)} are named {tuple(recorded)}: give "
                 "recorded_ports, the port of each entry of the records' second axis"
             )
-        wanted = self.ports if self.ports is not None else recorded
-        if missing := [port for port in wanted if port not in recorded]:
+        if self.ports is None or self.recorded_ports is None:
+            return np.arange(count)
+        if not len(self.ports):
+            raise AnalysisError(f"no port is chosen: choose from {tuple(recorded)}")
+        if missing := [port for port in self.ports if port not in recorded]:
             raise AnalysisError(f"ports {missing} were not recorded: choose from {tuple(recorded)}")
-        return np.array([list(recorded).index(port) for port in wanted], dtype=np.intp)
+        return np.concatenate([np.flatnonzero(np.asarray(recorded) == port) for port in self.ports], dtype=np.intp)
 
     def _samples(self, recorded: int) -> NDArray[np.intp]:
         tau_s = self.tau_s if self.tau_s is not None else self.sample_interval_s

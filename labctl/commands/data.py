@@ -24,8 +24,17 @@ def list_data(data: DataOption = None, as_json: JsonOption = False) -> int:
         {"datasets": rows},
         as_json,
         lambda: table(
-            ("name", "images", "licence", "where"),
-            ((row["name"], row["shape"], row["licence"], row["path"] or "labctl data fetch") for row in rows),
+            ("name", "kind", "size", "licence", "where"),
+            (
+                (
+                    row["name"],
+                    row["kind"],
+                    row["shape"],
+                    row["licence"],
+                    row["path"] or f"labctl data fetch {row['name']}",
+                )
+                for row in rows
+            ),
         ),
     )
     return DONE
@@ -66,4 +75,12 @@ def _card(card: datasets.Card, data: Path | None) -> dict[str, Any]:
         found = str(datasets.path(card.name, data))
     except DatasetError:
         found = ""
-    return {"name": card.name, "title": card.title, "shape": str(card.shape), "licence": card.licence, "path": found}
+    return {
+        "name": card.name,
+        "title": card.title,
+        "kind": card.kind,
+        "shape": str(card.shape),
+        "licence": card.licence,
+        "path": found,
+        "obtain": card.obtain or f"labctl data fetch {card.name}",
+    }

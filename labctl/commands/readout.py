@@ -9,7 +9,7 @@ from instruments.units import quantity
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.failures import DONE, UsageError
 from labctl.readout_files import evaluate_readout, train_readout
-from protocols.image_readout import parse_ports
+from protocols.settings import parse_ports
 
 
 def train(

@@ -6,17 +6,17 @@ from typing import Annotated, Any
 import typer
 
 from labctl import demonstration
-from labctl.acquisition import Acquired, Acquisition, acquire, images_for
+from labctl.acquisition import Acquired, Acquisition, acquire
 from labctl.command_log import CommandLog
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
-from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError
+from labctl.failures import DONE, FELL_SHORT, INTERRUPTED
+from labctl.inputs import inputs_for
 from labctl.interruption import interruptible
 from labctl.opening import opened
 from labctl.protocol_files import read_protocol
 from labctl.runs import open_run
 from labctl.station import read_station
 from protocols.base import ShotKind
-from protocols.image_readout import ImageReadout
 
 StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
 DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, looked at first.")]
@@ -35,9 +35,10 @@ def run(
 ) -> int:
     """Carry out a protocol and store the run."""
     asked = read_protocol(protocol, settings or [])
-    if not isinstance(asked, ImageReadout):
-        raise UsageError(f"protocol {asked.name!r} does not show images: labctl run cannot carry it out")
-    acquisition = Acquisition(asked, read_station(station), out, data, attended, profile)
+    found = read_station(station)
+    if station is None:
+        found = found.cabled(projector=asked.projector)
+    acquisition = Acquisition(asked, found, out, data, attended, profile)
     if dry_run:
         plan = _plan(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), plan.items()))
@@ -64,7 +65,8 @@ def demo(
 
 def _plan(acquisition: Acquisition) -> dict[str, Any]:
     protocol = acquisition.protocol
-    shots = protocol.shots(images_for(protocol, acquisition.data))
+    inputs = inputs_for(protocol, acquisition.data)
+    shots = protocol.shots(inputs)
     with CommandLog() as log, opened(acquisition.station, log, attended=acquisition.attended) as open_bench:
         bench = open_bench.bench
         legs = protocol.legs(bench)
@@ -75,7 +77,7 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
             "images": sum(shot.kind is ShotKind.IMAGE for shot in shots),
             "passes": len(legs),
             "ports": [list(leg.patching.values()) for leg in legs],
-            "samples": protocol.sample_count(),
+            "samples": protocol.sample_count(inputs),
             "estimated_seconds_on_a_real_bench": protocol.duration_s(bench, len(shots)),
         }
 
@@ -92,6 +94,7 @@ def _describe(acquired: Acquired) -> dict[str, Any]:
         "ports": ports,
         "frames_sha256": digest,
         "clipped": outcome.clipped,
+        "recovered": outcome.recovered,
         "seconds": round(outcome.seconds, 3),
         "shots_per_second": round(outcome.shots_per_second, 1),
         "bench_seconds": round(outcome.bench_seconds, 3),
@@ -107,6 +110,8 @@ def _print(result: dict[str, Any]) -> None:
     )
     if result["clipped"]:
         say(f"{result['clipped']} records touch the end of the vertical range")
+    if result["recovered"]:
+        say(f"went on after a lost link {result['recovered']} times: see the lines with ! in commands.log")
     if not result["complete"]:
         say("interrupted: the finished shots are kept, the bench is in the safe state")
     if "profile_ms_per_shot" in result:

@@ -15,23 +15,42 @@ from labctl.datasets.errors import DatasetError
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
-class DataFile(BaseModel):
-    """One file of a data set.
+class Archive(BaseModel):
+    """A zip archive at the source that holds one file of a data set among others.
 
     Attributes:
-        name: File name inside the data set's folder.
-        role: What it holds: idx images, idx labels, or records of the bundled sample.
-        sha256: Digest of the content after decompression; this is what must match when data is read, because the same
-            idx file may have been compressed again by another program.
-        sha256_gz: Digest of the gzip file as its publisher serves it; None for files that are not downloaded.
+        name: File name of the archive; it follows the card's source.
+        member: Path of the data file inside.
+        sha256: Digest of the archive.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
-    role: Literal["images", "labels", "records"]
+    member: str
+    sha256: Sha256
+
+
+class DataFile(BaseModel):
+    """One file of a data set.
+
+    Attributes:
+        name: File name inside the data set's folder.
+        role: What it holds: idx images, idx labels, records of the bundled sample, a numpy series, or a table of text.
+        sha256: Digest of the content after decompression; this is what must match when data is read, because the same
+            idx file may have been compressed again by another program. Of a table: of its rows with the fields joined
+            by single commas, because copies with blanks and with commas are in circulation.
+        sha256_gz: Digest of the gzip file as its publisher serves it; None for files that are not downloaded so.
+        archive: The archive to take the file from; None if the source serves the file itself.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    role: Literal["images", "labels", "records", "series", "table"]
     sha256: Sha256
     sha256_gz: Sha256 | None = None
+    archive: Archive | None = None
 
 
 class Card(BaseModel):
@@ -44,12 +63,17 @@ class Card(BaseModel):
         source: Address the files are downloaded from (ending in a slash), or where the sample was taken from.
         licence: Licence of the data, which is not the licence of this program.
         attribution: Authors to be named with the data.
-        shape: Images, rows, columns.
-        classes: Name of each class; the position is the label.
+        kind: Whether it is loaded with `load` or with `load_sequences`.
+        shape: Images, rows, columns; or sequences, symbols.
+        classes: Name of each class; the position is the label. Empty for a series to be predicted.
         binarisation: Rule that made the pixels binary; "none" for grey levels 0..255.
         bundled: True if the files come with the program.
+        folders: For pictures that are one JPEG file each: the folder of each class, in the order of the classes, to be
+            found beside each other in the data set's folder or in a zip file there.
+        obtain: What to do to have the data, where it cannot be downloaded; one line.
         traps: Known properties that spoil a careless evaluation.
-        files: The files, training part before test part; records: one file a class, in the order of the classes.
+        files: The files, training part before test part; records: one file a class, in the order of the classes; none
+            where there are folders.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -60,12 +84,20 @@ class Card(BaseModel):
     source: str
     licence: str
     attribution: str
-    shape: tuple[int, int, int]
+    kind: Literal["images", "sequences"] = "images"
+    shape: tuple[int, ...]
     classes: tuple[str, ...]
     binarisation: str = "none"
     bundled: bool = False
+    folders: tuple[str, ...] = ()
+    obtain: str = ""
     traps: tuple[str, ...] = ()
-    files: tuple[DataFile, ...]
+    files: tuple[DataFile, ...] = ()
+
+    @property
+    def origin(self) -> str:
+        """Where the data comes from, with its authors and licence, in one line."""
+        return f"{self.title}, {self.attribution}, {self.licence}, {self.source}"
 
 
 def bundled_directory() -> Path:

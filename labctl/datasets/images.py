@@ -1,4 +1,4 @@
-"""Image sets: labelled 28 x 28 images, with where each one came from."""
+"""Image sets: labelled images, with where each one came from."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.datasets import bits, store
+from labctl.datasets import binarisation, bits, pictures, store
 from labctl.datasets.cards import Card
 from labctl.datasets.errors import DatasetError
 from labctl.datasets.idx import parse_idx
@@ -20,9 +20,10 @@ class ImageSet:
 
     Attributes:
         name: Name of the data set.
-        images: (n, 28, 28), uint8 grey levels or bool.
+        images: (n, rows, columns), uint8 grey levels or bool; 28 x 28 of the MNIST kind, 227 x 227 of cracks.
         labels: (n,) int64 class of each image.
-        indices: (n,) int64 row of each image in the source (training rows first, then test rows).
+        indices: (n,) int64 row of each image in the source (training rows first, then test rows; of picture files the
+            place in the list of all of them, class by class and by name).
         source: Where the data comes from, with its authors and licence.
         binarisation: Rule that made the pixels binary; "none" for grey levels.
     """
@@ -38,11 +39,20 @@ class ImageSet:
         """Number of images."""
         return len(self.labels)
 
-    def binarised(self, threshold: int = bits.THRESHOLD) -> "ImageSet":
-        """The same set with pixels True where the grey level is at least `threshold`; a binary set stays as it is."""
+    def binarised(self, rule: str | int = bits.THRESHOLD) -> "ImageSet":
+        """The same set with bright pixels True; a binary set stays as it is.
+
+        Args:
+            rule: A grey level from which on a pixel is bright, or the name of a rule of `labctl.datasets.binarisation`.
+
+        Raises:
+            DatasetError: There is no such rule.
+        """
+        described = binarisation.describe(rule)
         if self.images.dtype == np.bool_:
             return self
-        return replace(self, images=self.images >= threshold, binarisation=f"pixel >= {threshold}")
+        bright = binarisation.binarise(np.asarray(self.images, np.uint8), rule)
+        return replace(self, images=bright, binarisation=described)
 
     def take(self, positions: NDArray[np.integer]) -> "ImageSet":
         """The images at `positions` (shape (m,)), in that order."""
@@ -51,19 +61,33 @@ class ImageSet:
         )
 
 
-def read_image_set(card: Card, folder: Path) -> ImageSet:
-    """Read all images of a data set whose files lie in `folder`, checking their digests.
+def read_image_set(
+    card: Card,
+    folder: Path,
+    *,
+    classes: Sequence[int] | None = None,
+    images: int | Sequence[int] | None = None,
+    seed: int | None = None,
+) -> ImageSet:
+    """Read a choice of the images of a data set whose files lie in `folder`, checking their digests.
+
+    Args:
+        card: Which data set.
+        folder: Folder that holds its files.
+        classes: See `choose`; so are `images` and `seed`.
+        images: See there.
+        seed: See there.
 
     Raises:
-        DatasetError: A file is damaged.
+        DatasetError: A file is damaged, or there are too few such images.
     """
-    images: NDArray[np.uint8] | NDArray[np.bool_]
-    if card.bundled:
-        images, labels, indices = _records(card, folder)
-    else:
-        images, labels, indices = _idx_files(card, folder)
-    source = f"{card.title}, {card.attribution}, {card.licence}, {card.source}"
-    return ImageSet(card.name, images, labels, indices, source, card.binarisation)
+    if card.folders:
+        with pictures.opened(folder, card.folders) as album:
+            positions = choose(album.labels, classes=classes, images=images, seed=seed)
+            grey = album.pictures(positions, (card.shape[1], card.shape[2]))
+        return ImageSet(card.name, grey, album.labels[positions], positions, card.origin, card.binarisation)
+    everything = _records(card, folder) if card.bundled else _idx_files(card, folder)
+    return everything.take(choose(everything.labels, classes=classes, images=images, seed=seed))
 
 
 def read_npz(path: Path) -> ImageSet:
@@ -89,51 +113,52 @@ def read_npz(path: Path) -> ImageSet:
     return ImageSet(path.stem, images, labels.astype(np.int64), np.arange(len(labels)), str(path), binarisation)
 
 
-def _idx_files(card: Card, folder: Path) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
+def _idx_files(card: Card, folder: Path) -> ImageSet:
     contents = {file.name: parse_idx(store.read(folder, file), file.name) for file in card.files}
     images = np.concatenate([contents[file.name] for file in card.files if file.role == "images"])
     labels = np.concatenate([contents[file.name] for file in card.files if file.role == "labels"])
-    return images, labels.astype(np.int64), np.arange(len(labels))
+    return ImageSet(card.name, images, labels.astype(np.int64), np.arange(len(labels)), card.origin, card.binarisation)
 
 
-def _records(card: Card, folder: Path) -> tuple[NDArray[np.bool_], NDArray[np.int64], NDArray[np.int64]]:
+def _records(card: Card, folder: Path) -> ImageSet:
     parts = [bits.unpack(store.read(folder, file), file.name) for file in card.files]
     images = np.concatenate([part[0] for part in parts])
     rows = np.concatenate([part[1] for part in parts])
     labels = np.concatenate([np.full(len(part[1]), label, np.int64) for label, part in enumerate(parts)])
     order = np.argsort(rows)
-    return images[order], labels[order], rows[order]
+    return ImageSet(card.name, images[order], labels[order], rows[order], card.origin, card.binarisation)
 
 
 def choose(
-    labels: NDArray[np.integer], *, classes: Sequence[int] | None, images: int | None, seed: int | None
+    labels: NDArray[np.integer],
+    *,
+    classes: Sequence[int] | None,
+    images: int | Sequence[int] | None,
+    seed: int | None,
 ) -> NDArray[np.int64]:
-    """Positions of a class-balanced choice, ascending.
+    """Positions of a choice with as many of each class as asked for, ascending.
 
     Args:
         labels: (n,) class of each candidate.
         classes: Classes to choose from; None = all.
-        images: How many in all; None = every candidate. What is left after equal shares goes to the first classes.
+        images: How many in all; what is left after equal shares goes to the first classes. Or how many of each class,
+            in the order of `classes` (ascending where that is None). None = every candidate.
         seed: Seed of the draw; None = the first ones of each class.
 
     Raises:
         DatasetError: A class does not exist or holds too few images.
     """
     present = [int(label) for label in np.unique(labels)]
-    wanted = present if classes is None else sorted(set(classes))
+    wanted = present if classes is None else list(dict.fromkeys(classes))
     if unknown := [label for label in wanted if label not in present]:
         raise DatasetError(f"classes {unknown} are not in this data set: choose from {present}")
     if not wanted:
         raise DatasetError(f"no class was chosen: choose from {present}")
     if images is None:
         return np.flatnonzero(np.isin(labels, wanted))
-    if images < len(wanted):
-        raise DatasetError(f"{images} images cannot cover {len(wanted)} classes: ask for at least {len(wanted)}")
     generator = np.random.default_rng(seed)
-    share, rest = divmod(images, len(wanted))
     chosen = []
-    for position, label in enumerate(wanted):
-        count = share + (position < rest)
+    for label, count in sorted(_shares(wanted, images).items()):
         members = np.flatnonzero(labels == label)
         if count > len(members):
             raise DatasetError(
@@ -142,3 +167,15 @@ def choose(
             )
         chosen.append(members[:count] if seed is None else generator.choice(members, count, replace=False))
     return np.sort(np.concatenate(chosen))
+
+
+def _shares(classes: list[int], images: int | Sequence[int]) -> dict[int, int]:
+    """How many images of each class."""
+    if isinstance(images, int):
+        if images < len(classes):
+            raise DatasetError(f"{images} images cannot cover {len(classes)} classes: ask for at least {len(classes)}")
+        share, rest = divmod(images, len(classes))
+        return {label: share + (position < rest) for position, label in enumerate(sorted(classes))}
+    if len(images) != len(classes) or min(images) < 1:
+        raise DatasetError(f"numbers of images {list(images)} do not fit the classes {classes}: give one for each")
+    return dict(zip(classes, images, strict=True))

@@ -3,6 +3,7 @@
 import gzip
 import hashlib
 import os
+import zipfile
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pooch
 
+from labctl.datasets import pictures
 from labctl.datasets.cards import Card, DataFile, bundled_directory
 from labctl.datasets.errors import DatasetError
 
@@ -54,21 +56,39 @@ def places(card: Card, directory: Path | None = None) -> Iterator[Path]:
 
 
 def locate(card: Card, directory: Path | None = None) -> Path:
-    """The first folder that holds every file of `card`; contents are not checked.
+    """The first folder that holds every file of `card`, or its pictures; contents are not checked.
 
     Raises:
         DatasetError: No place holds them all.
     """
     for folder in places(card, directory):
-        if all((folder / file.name).is_file() for file in card.files):
+        if _holds(folder, card):
             return folder
     looked = ", ".join(str(folder) for folder in places(card, directory))
-    remedy = (
-        "the installation is incomplete, install labctl again"
-        if card.bundled
-        else f"run 'labctl data fetch {card.name}', or set {DIRECTORY_VARIABLE} to a folder that holds {card.folder}/"
-    )
+    remedy = f"run 'labctl data fetch {card.name}', or set {DIRECTORY_VARIABLE} to a folder that holds {card.folder}/"
+    if card.bundled:
+        remedy = "the installation is incomplete, install labctl again"
+    elif card.obtain:
+        remedy = card.obtain
     raise DatasetError(f"data set '{card.name}' not found (looked in {looked}): {remedy}")
+
+
+def _holds(folder: Path, card: Card) -> bool:
+    if card.folders:
+        return pictures.holds(folder, card.folders)
+    return all((folder / file.name).is_file() for file in card.files)
+
+
+def obtained(card: Card, directory: Path | None = None) -> Path:
+    """The folder of the files of `card`, which are downloaded if no place holds them.
+
+    Raises:
+        DatasetError: No place holds them, and they cannot be downloaded.
+    """
+    try:
+        return locate(card, directory)
+    except DatasetError:
+        return download(card)
 
 
 def download(card: Card, cache: Path | None = None) -> Path:
@@ -79,32 +99,48 @@ def download(card: Card, cache: Path | None = None) -> Path:
         cache: Cache folder; None = the user's.
 
     Raises:
-        DatasetError: The source cannot be reached, or it served something else than the card says.
+        DatasetError: The source cannot be reached, or it served something else than the card says, or the data set is
+            one that users must get by hand.
     """
-    if card.bundled:
+    if card.bundled or card.obtain:
         return locate(card)
     folder = (cache or cache_directory()) / card.folder
     for file in card.files:
         try:
-            pooch.retrieve(
-                card.source + file.name,
-                known_hash=f"sha256:{file.sha256_gz}",
-                fname=file.name,
-                path=folder,
-                downloader=pooch.HTTPDownloader(timeout=DOWNLOAD_TIMEOUT_S),
-            )
+            _retrieve(card, file, folder)
         except OSError as error:
             raise DatasetError(
                 f"data set '{card.name}' is not on this machine and {card.source} cannot be reached "
                 f"({type(error).__name__}): set {DIRECTORY_VARIABLE} to a folder that holds {card.folder}/{file.name} "
                 "and the other files of its card"
             ) from error
-        except ValueError as error:
+        except (ValueError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
             raise DatasetError(
                 f"{card.source}{file.name}: what was downloaded is not the file on the card (its sha256 differs): set "
                 f"{DIRECTORY_VARIABLE} to a folder that holds {card.folder}/ from another source"
             ) from error
     return folder
+
+
+def _retrieve(card: Card, file: DataFile, folder: Path) -> None:
+    """Download one file into `folder`, unless it is there; of an archive only the file itself is kept."""
+    remote, digest = (file.archive.name, file.archive.sha256) if file.archive else (file.name, file.sha256_gz)
+    if file.archive and (folder / file.name).is_file():
+        return
+    downloaded = pooch.retrieve(
+        card.source + remote,
+        known_hash=f"sha256:{digest}",
+        fname=Path(remote).name,
+        path=folder,
+        downloader=pooch.HTTPDownloader(timeout=DOWNLOAD_TIMEOUT_S),
+    )
+    if file.archive:
+        with zipfile.ZipFile(downloaded) as archive:
+            content = archive.read(file.archive.member)  # as large as its publisher made it: the digest was checked
+        part = folder / f"{file.name}.part"
+        part.write_bytes(content)
+        part.replace(folder / file.name)
+        Path(downloaded).unlink()
 
 
 def read(folder: Path, file: DataFile) -> bytes:
@@ -118,14 +154,22 @@ def read(folder: Path, file: DataFile) -> bytes:
         content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
     except (OSError, EOFError, zlib.error) as error:
         raise DatasetError(f"{path}: cannot be read ({error}): replace the file") from error
-    found = hashlib.sha256(content).hexdigest()
+    found = hashlib.sha256(_joined(content) if file.role == "table" else content).hexdigest()
     if found != file.sha256:
         raise DatasetError(f"{path}: sha256 is {found[:12]}..., expected {file.sha256[:12]}...: replace the file")
     return content
 
 
+def _joined(table: bytes) -> bytes:
+    """The rows of a table, without empty ones, with their fields joined by single commas."""
+    rows = (b",".join(row.replace(b",", b" ").split()) for row in table.splitlines())
+    return b"\n".join(row for row in rows if row)
+
+
 def check(card: Card, folder: Path) -> tuple[FileCheck, ...]:
-    """Check every file of `card` in `folder` against its digest."""
+    """Check every file of `card` in `folder` against its digest; pictures, which have none, by decoding every one."""
+    if card.folders:
+        return _check_pictures(card, folder)
 
     def problem(file: DataFile) -> str:
         try:
@@ -135,3 +179,13 @@ def check(card: Card, folder: Path) -> tuple[FileCheck, ...]:
         return ""
 
     return tuple(FileCheck(folder / file.name, problem(file)) for file in card.files)
+
+
+def _check_pictures(card: Card, folder: Path) -> tuple[FileCheck, ...]:
+    """One check of the whole album, and one of each picture that is wrong."""
+    try:
+        with pictures.opened(folder, card.folders) as album:
+            wrong = tuple(album.problems((card.shape[1], card.shape[2])))
+            return FileCheck(album.place, ""), *(FileCheck(album.place / name, text) for name, text in wrong)
+    except DatasetError as error:
+        return (FileCheck(folder, str(error)),)

@@ -1,10 +1,6 @@
-"""Figures of results: built without global state, saved as PNG and SVG with the same bytes every time.
+"""Figures of results: built without global state, saved as PNG and SVG with the same bytes every time."""
 
-Colours are those of Okabe and Ito (Color Universal Design, 2008), which readers with colour-vision deficiencies can
-tell apart; curves differ in marker as well.
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,38 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
-BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, BLACK = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#E69F00",
-    "#56B4E9",
-    "#CC79A7",
-    "#000000",
-)
-PALETTE = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-GREY = "#595959"
+from labctl.reports.drawing import Level, Series, draw_series, label_curves, place_legend, window_axis
+from labctl.reports.style import GREY, SHADE, STYLE, look
+from labctl.reports.thinning import reduced
+
 PIXELS_PER_INCH = 150
-STYLE: dict[Any, object] = {
-    "axes.axisbelow": True,
-    "axes.grid": False,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlesize": "medium",
-    "figure.facecolor": "white",
-    "font.family": "DejaVu Sans",
-    "font.size": 9.0,
-    "grid.color": "#D9D9D9",
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-    "path.simplify": False,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "labctl",
-}
 
 
 @dataclass(frozen=True)
@@ -59,12 +30,14 @@ class Curve:
         windows_s: (k,) acquisition times T_N, s.
         mean: (k,) mean accuracy, 0..1.
         sd: (k,) its standard deviation.
+        tag: Short name to write beside the curve; empty = the label, where all labels are short.
     """
 
     label: str
     windows_s: Sequence[float]
     mean: Sequence[float]
     sd: Sequence[float]
+    tag: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,69 +53,46 @@ PAPER_CLAIM = Claim("paper: > 90 % for $T_N$ ≥ 0.4 ns", 0.4e-9, 0.9)
 
 
 def accuracy_figure(
-    curves: Sequence[Curve], *, tau_s: float, chance: float, claim: Claim | None = PAPER_CLAIM, pixels: int = 28 * 28
+    curves: Sequence[Curve],
+    *,
+    tau_s: float,
+    chance: float,
+    claim: Claim | None = PAPER_CLAIM,
+    levels: Sequence[Level] = (),
+    lowest: float | None = None,
+    pixels: int = 28 * 28,
 ) -> Figure:
-    """Accuracy against acquisition time, with bands of one standard deviation and a second axis C = N / pixels.
+    """Accuracy against acquisition time, with one standard deviation and a second axis C = N / pixels.
 
     Args:
         curves: One or more curves; the tick marks stand at the windows of the first.
         tau_s: Sampling interval, s, that turns acquisition time into samples N.
-        chance: Accuracy of guessing, 0..1; the vertical axis starts there.
+        chance: Accuracy of guessing, 0..1.
         claim: Statement to mark; None = nothing.
+        levels: Accuracies (0..1) to compare with that do not depend on the acquisition time, such as raw pixels.
+        lowest: Accuracy (0..1) at which the vertical axis starts; None = at `chance`.
         pixels: Pixels of an image.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 4.4), layout="constrained")
         axes = figure.add_subplot()
-        axes.set_xscale("log")
         axes.grid(visible=True, axis="y")
-        for position, curve in enumerate(curves):
-            _draw_curve(axes, curve, PALETTE[position % len(PALETTE)], MARKERS[position % len(MARKERS)])
-        windows_ns = [window * 1e9 for window in curves[0].windows_s]
+        series = [Series(one.label, one.windows_s, one.mean, one.sd, one.tag).scaled(1e9, 100) for one in curves]
+        window_axis(axes, [one.windows_s for one in curves], tau_s=tau_s, pixels=pixels)
+        draw_series(axes, series, highest=100)
         if claim is not None:
-            _draw_claim(axes, claim, last_ns=windows_ns[-1])
-        axes.set_xlim(windows_ns[0] / 1.12, windows_ns[-1] * 1.12)
-        axes.set_ylim(100 * chance, 101)
-        axes.xaxis.set_major_locator(FixedLocator(windows_ns))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_locator(NullLocator())
-        axes.set_xlabel("acquisition time $T_N$ (ns)")
+            _draw_claim(axes, claim, last_ns=axes.get_xlim()[1])
+        axes.set_ylim(100 * (chance if lowest is None else lowest), 101)
         axes.set_ylabel("accuracy (%), mean ± sd")
-        axes.legend(loc="lower right")
-        percent_per_ns = 100 * 1e-9 / tau_s / pixels
-        ratio = axes.secondary_xaxis("top", functions=(_times(percent_per_ns), _times(1 / percent_per_ns)))
-        ratio.xaxis.set_major_locator(FixedLocator([window * percent_per_ns for window in windows_ns]))
-        ratio.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2f}"))
-        ratio.xaxis.set_minor_formatter(NullFormatter())
-        ratio.xaxis.set_minor_locator(NullLocator())
-        ratio.set_xlabel(f"compressive ratio $C = N$ / {pixels} (%)")
+        label_curves(axes, series, [Level(level.label, 100 * level.value) for level in levels])
+        place_legend(figure, axes)
     return figure
-
-
-def _times(factor: float) -> Callable[[ArrayLike], NDArray[np.float64]]:
-    return lambda values: factor * np.asarray(values, np.float64)
-
-
-def _draw_curve(axes: Axes, curve: Curve, colour: str, marker: str) -> None:
-    windows_ns = np.asarray(curve.windows_s) * 1e9
-    mean, sd = 100 * np.asarray(curve.mean), 100 * np.asarray(curve.sd)
-    axes.fill_between(windows_ns, mean - sd, np.minimum(mean + sd, 100), color=colour, alpha=0.18, linewidth=0)
-    axes.plot(windows_ns, mean, color=colour, marker=marker, markersize=4.5, linewidth=1.6, label=curve.label)
 
 
 def _draw_claim(axes: Axes, claim: Claim, *, last_ns: float) -> None:
     start_ns, percent = claim.window_s * 1e9, 100 * claim.accuracy
-    axes.plot([start_ns, last_ns * 1.12], [percent, percent], color=GREY, linestyle="--", linewidth=1.1, zorder=1)
-    axes.plot([start_ns, start_ns], [percent, 101], color=GREY, linestyle="--", linewidth=1.1, zorder=1)
-    axes.annotate(
-        claim.text,
-        (start_ns, percent),
-        xytext=(-5, 22),
-        textcoords="offset points",
-        ha="right",
-        va="bottom",
-        color=GREY,
-    )
+    corner = [start_ns, start_ns, last_ns], [101, percent, percent]
+    axes.plot(*corner, color=GREY, linestyle="--", linewidth=1, zorder=1, label=claim.text)
 
 
 def confusion_figure(panels: Sequence[tuple[str, ArrayLike]], classes: Sequence[str]) -> Figure:
@@ -193,9 +143,10 @@ def traces_figure(
         time_ns = np.asarray(time_s) * 1e9
         for axes, port, traces in zip(stack, ports, np.swapaxes(volts, 0, 1), strict=True):
             if window_s is not None:
-                axes.axvspan(0, window_s * 1e9, color="#E8E8E8", linewidth=0)
+                axes.axvspan(0, window_s * 1e9, color=SHADE, linewidth=0)
             for position, trace in enumerate(traces):
-                axes.plot(time_ns, trace, color=PALETTE[position % len(PALETTE)], linewidth=1.2)
+                style = look(position)
+                axes.plot(*reduced(time_ns, trace), color=style.colour, linestyle=style.dashes, linewidth=1.2)
             axes.set_title(port, loc="left", fontsize=8, pad=2)
             axes.locator_params(axis="y", nbins=3)
         stack[-1].set_xlabel("time (ns)")
@@ -218,16 +169,33 @@ def images_figure(images: NDArray[Any], titles: Sequence[str], *, columns: int =
         figure = Figure(figsize=(0.8 * across + 0.2, 1.0 * rows + 0.2), layout="constrained")
         for position, (image, title) in enumerate(zip(images, titles, strict=True)):
             axes = figure.add_subplot(rows, across, position + 1)
-            axes.imshow(image, cmap="gray", interpolation="nearest")
+            axes.imshow(image, cmap="gray", interpolation="none")
             axes.set_title(title, fontsize=8, pad=3)
             axes.set_axis_off()
     return figure
 
 
 def save_figure(figure: Figure, stem: Path) -> tuple[Path, Path]:
-    """Save as `<stem>.png` and `<stem>.svg` (text as text, no date); returns both paths."""
+    """Save as `<stem>.png` and `<stem>.svg` (text as text, no date); returns both paths. The layout is final then."""
     png, svg = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".svg")
     with mpl.rc_context(STYLE):
+        _settle(figure)
         FigureCanvasAgg(figure).print_figure(png, dpi=PIXELS_PER_INCH, metadata={"Software": None})
         FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None, "Creator": None})
     return png, svg
+
+
+def _settle(figure: Figure) -> None:
+    """Lay the figure out once and round its positions.
+
+    The last digits of matplotlib's layout solver depend on where its objects lie in memory, and the names of the clip
+    paths in an SVG on those digits.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        left, bottom, width, height = np.round(axes.get_position(original=True).bounds, 6)
+        axes.set_position((left, bottom, width, height))
+    for text in figure.texts:
+        x, y = text.get_position()
+        text.set_position((round(x, 6), round(y, 6)))

@@ -23,7 +23,7 @@ from typing import Any
 
 from labctl.runs.shots import RunShape
 
-FORMAT_VERSION = "1.0"
+FORMAT_VERSION = "1.1"
 READABLE_MAJOR = 1
 LIBVER = ("v108", "v108")  # the same bytes whatever HDF5 release writes them, readable by any HDF5 since 1.8
 HDF5_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)  # what h5py raises on a file that is not whole

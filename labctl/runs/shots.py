@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-KINDS = ("image", "reference", "dark")
+KINDS = ("image", "reference", "dark", "scene", "sequence")
 SHOTS_DTYPE = np.dtype(
     [
         ("index", "<i8"),
@@ -23,9 +23,20 @@ SHOTS_DTYPE = np.dtype(
         ("epoch", "<i4"),
         ("time_s", "<f8"),
         ("flags", "<i4"),
+        ("next_dataset_index", "<i8"),
+        ("next_label", "<i8"),
     ]
 )
-PLAN_COLUMNS = ("index", "kind", "dataset_index", "label", "wavelength_nm", "group")
+PLAN_COLUMNS = (
+    "index",
+    "kind",
+    "dataset_index",
+    "label",
+    "wavelength_nm",
+    "group",
+    "next_dataset_index",
+    "next_label",
+)
 
 
 class ShotFlag(IntFlag):
@@ -135,11 +146,12 @@ class ShotColumns:
     """What the plan fixes about every shot: arrays of shape (shots,), in the order of measurement.
 
     Attributes:
-        kind: "image", "reference" or "dark".
+        kind: one of `KINDS`.
         dataset_index: index in the data set, -1 for none.
         label: class, -1 for none.
         wavelength_nm: laser wavelength, the first one where a shot is measured at several.
         group: shots of one group stay together when data are split; repeats of one image share a group.
+        next_dataset_index, next_label: what a scene's image changes to, -1 for other shots; None: there are no scenes.
     """
 
     kind: NDArray[Any]
@@ -147,6 +159,8 @@ class ShotColumns:
     label: NDArray[np.int64]
     wavelength_nm: NDArray[np.float64]
     group: NDArray[np.int64]
+    next_dataset_index: NDArray[np.int64] | None = None
+    next_label: NDArray[np.int64] | None = None
 
     def table(self) -> NDArray[Any]:
         """The columns as `/shots` stores them; epoch, time and flags are still zero.
@@ -161,7 +175,10 @@ class ShotColumns:
         table["index"] = np.arange(len(kinds))
         table["kind"] = kinds
         for name in PLAN_COLUMNS[2:]:
-            if np.shape(column := getattr(self, name)) != table.shape:
+            column = getattr(self, name)
+            if column is None:
+                column = np.full(table.shape, -1)
+            if np.shape(column) != table.shape:
                 raise ValueError(f"column {name} has shape {np.shape(column)}, kind has {table.shape}")
             table[name] = column
         return table

@@ -83,6 +83,16 @@ def on_fraction(packed: NDArray[np.uint8]) -> NDArray[np.float32]:
     return fraction(on_counts(packed))
 
 
+def inverted(counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Counts (..., 784) when every mirror is turned the other way."""
+    return np.uint16(MIRRORS_PER_SUPERPIXEL**2) - counts
+
+
+def upside_down(counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Counts (n, 784) when the rows of mirrors change places, first and last: the lit ones lie in the middle."""
+    return counts.reshape(-1, SIDE, SIDE)[:, ::-1].reshape(counts.shape)
+
+
 def fraction(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
     """Amplitude reflectance 0..1 of superpixels with `counts` mirrors on, any shape: counts over 729."""
     return counts.astype(np.float32) / np.float32(MIRRORS_PER_SUPERPIXEL**2)

@@ -14,7 +14,6 @@ from scipy.special import erfc
 ELEMENTARY_CHARGE = 1.602176634e-19
 CODES_PER_DIVISION = 25
 DIVISIONS = 10.24
-LOWEST_CODE, HIGHEST_CODE = -128, 127
 
 
 def gaussian_time_width(bandwidth_hz: float) -> float:
@@ -160,30 +159,3 @@ def digitiser_noise_codes(enob: float) -> float:
     Total: FS / 2^ENOB / sqrt(12), FS = 10.24 div = 256 codes; the quantiser's own 1/12 code^2 is part of it.
     """
     return math.sqrt(max(0.0, (CODES_PER_DIVISION * DIVISIONS / 2**enob) ** 2 - 1.0) / 12.0)
-
-
-def digitise(
-    volts: NDArray[np.float32],
-    *,
-    scale_v_per_div: float,
-    offset_v: float,
-    position_div: float,
-    enob: float,
-    generator: np.random.Generator,
-) -> NDArray[np.int8]:
-    """What an 8-bit digitiser makes of `volts`, any shape.
-
-    code = round((v - offset) / (scale / 25) + 25 position + noise), clipped to -128..127; noise of `enob` effective
-    bits from `generator`.
-    """
-    exact = (volts - np.float32(offset_v)) * np.float32(CODES_PER_DIVISION / scale_v_per_div)
-    exact += np.float32(CODES_PER_DIVISION * position_div)
-    exact += np.float32(digitiser_noise_codes(enob)) * generator.standard_normal(volts.shape, dtype=np.float32)
-    np.rint(exact, out=exact)
-    return np.clip(exact, LOWEST_CODE, HIGHEST_CODE, out=exact).astype(np.int8)
-
-
-def averaged_codes(codes: NDArray[np.int8]) -> NDArray[np.int16]:
-    """Mean of quantised records along the first axis, kept to 16 bits: round(256 mean); one record gives 256 code."""
-    mean: NDArray[np.float64] = codes.mean(axis=0, dtype=np.float64)
-    return np.rint(mean * 256.0).astype(np.int16)

@@ -13,14 +13,18 @@ if TYPE_CHECKING:
 
 MOST_WAITING = 256  # messages of one client; more are left on its side of the wire
 
-Execution = Generator[None, None, list[Chunk]]
+Execution = Generator[list[Chunk] | None, None, list[Chunk]]
 
 
 class Instrument(Protocol):
     """What the loop asks of a virtual instrument."""
 
     def run(self, message: Message) -> Execution:
-        """Execute `message`: yields while it is blocked, returns the reply without its terminator, [] for none."""
+        """Execute `message`: yields while it is blocked, returns the reply without its terminator, [] for none.
+
+        A reply without end comes in parts: each is yielded, [] while there is none. It ends when the client says
+        something.
+        """
 
     def clear(self) -> None:
         """Drop pending output and blocked execution (device clear)."""
@@ -47,6 +51,7 @@ class Client(ABC):
         self.reader = MessageReader()
         self.waiting: deque[Request] = deque()
         self.blocked: tuple[Execution, int] | None = None
+        self.part: list[Chunk] | None = None  # what `blocked` has yielded
         self.number = loop.join(self)
 
     def deliver(self, messages: list[Message], tag: int = 0) -> None:
@@ -57,6 +62,11 @@ class Client(ABC):
     def abandon(self) -> None:
         """Forget what is waiting and what is blocked."""
         self.waiting.clear()
+        self.drop()
+
+    def drop(self) -> None:
+        """Forget what is blocked."""
+        self.part = None
         if self.blocked:
             self.blocked[0].close()
             self.blocked = None

@@ -105,7 +105,7 @@ class Loop:
 
     def _serve(self) -> None:
         while not self._stopping:  # a ring of the bell may have been heard between two queries
-            self._hear(None)
+            self._hear(0 if any(client.part and not client.sending for client in self._clients) else None)
             self._hear_everybody()
             self._retry_blocked()  # a device clear may have set them free
             self._execute_everything()
@@ -115,6 +115,7 @@ class Loop:
                     call()
                 self._execute_everything()
             self._close_leaving()
+        self._hear_everybody()  # what was sent before `stop`
 
     def _hear(self, timeout: float | None) -> bool:
         """Read what is there (None: wait for it) and send on where there is room; returns whether anything happened."""
@@ -168,14 +169,22 @@ class Loop:
         if client.blocked is None:
             return False
         execution, tag = client.blocked
+        if client.part is not None and client.waiting:
+            client.drop()
+            client.resume()
+            return True
+        if client.part and client.sending:
+            return False
         try:
-            next(execution)
+            client.part = next(execution)
         except StopIteration as end:
-            client.blocked = None
+            client.blocked = client.part = None
             if end.value:
                 client.reply(end.value, tag)
             client.resume()
             return True
+        if client.part:
+            client.reply(client.part, tag)
         return False
 
     def _close_leaving(self) -> None:

@@ -9,6 +9,7 @@ pictures (one binary plane stays for the whole picture time), TRIGGER_IN_DELAY, 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backends.optics import mirrors
 from sim_backends.optics.mirrors import COLUMNS, ROWS
 from sim_backends.scpi.arguments import block, integer, optional
 from sim_backends.scpi.commands import Action, Reply
@@ -228,7 +229,7 @@ class VirtualAlp(VirtualInstrument):
         self._ends_s = np.inf if endless else now_s + sequence.frames * picture_time_s
         self.world.project(
             Projection(
-                self._turned(sequence.mirrors()),
+                self._turned(sequence.shown),
                 now_s,
                 picture_time_s,
                 synch_delay_s=1e-6 * sequence.timing[alp.SYNCH_DELAY],
@@ -241,10 +242,10 @@ class VirtualAlp(VirtualInstrument):
         )
         self.world.clock.advance(SHOW_S)
 
-    def _turned(self, mirrors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _turned(self, counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
         if self._projection[alp.UPSIDE_DOWN]:
-            mirrors = mirrors[:, ::-1]
-        return ~mirrors if self._projection[alp.INVERSION] else mirrors
+            counts = mirrors.upside_down(counts)
+        return mirrors.inverted(counts) if self._projection[alp.INVERSION] else counts
 
     def _active(self) -> bool:
         """Whether a projection runs; a finite one that is over leaves its last picture."""

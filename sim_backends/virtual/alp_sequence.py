@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.optics.mirrors import COLUMNS, ROWS
+from sim_backends.optics.mirrors import COLUMNS, ROWS, SIDE, on_counts
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual import alp_constants as alp
 
@@ -29,7 +29,10 @@ _CHOICES = {
 
 
 class Sequence:
-    """Pictures of `bit_planes` planes each. Only the most significant plane is kept: it is what a still picture shows.
+    """Pictures of `bit_planes` planes each.
+
+    Of a picture only the most significant plane counts: it is what a still picture shows; and of that only the mirrors
+    on in every superpixel are kept, for no call reads pictures back.
 
     Attributes:
         controls: what SeqControl sets.
@@ -49,7 +52,7 @@ class Sequence:
         }
         self.timing: dict[int, int] = {}
         self.set_timing(0, 0, 0, 0, 0)
-        self._blocks: list[tuple[int, NDArray[np.uint8]]] = []  # first picture and pictures, as they were loaded
+        self._counts = np.zeros((pictures, SIDE**2), np.uint16)  # dark until something is loaded
 
     @property
     def memory(self) -> int:
@@ -66,23 +69,10 @@ class Sequence:
         """Time from picture to picture (s)."""
         return 1e-6 * self.timing[alp.PICTURE_TIME]
 
-    def mirrors(self) -> NDArray[np.uint8]:
-        """Packed mirror bits (n, 768, 128) of the range of frames; dark where nothing was loaded.
-
-        A range that was loaded by one call is not copied.
-        """
-        first, last = self.controls[alp.FIRST_FRAME], self.controls[alp.LAST_FRAME] + 1
-        for begin, block in reversed(self._blocks):
-            if begin <= first and last <= begin + len(block):
-                return block[first - begin : last - begin]
-            if begin < last and first < begin + len(block):
-                break
-        frames = np.zeros((last - first, ROWS, BYTES_PER_ROW), np.uint8)
-        for begin, block in self._blocks:
-            low, high = max(first, begin), min(last, begin + len(block))
-            if low < high:
-                frames[low - first : high - first] = block[low - begin : high - begin]
-        return frames
+    @property
+    def shown(self) -> NDArray[np.uint16]:
+        """Mirrors on in every superpixel (n, 784) of the pictures from FIRST_FRAME to LAST_FRAME."""
+        return self._counts[self.controls[alp.FIRST_FRAME] : self.controls[alp.LAST_FRAME] + 1]
 
     def put(self, first: int, count: int, data: NDArray[np.uint8]) -> int:
         """Load `count` pictures (0: all from `first` on) in the present data format; returns how many.
@@ -92,11 +82,7 @@ class Sequence:
         count = count or self.pictures - first
         if count <= 0 or first + count > self.pictures:
             raise ScpiError(alp.PARAMETER_INVALID)
-        last = first + count
-        self._blocks = [
-            (begin, block) for begin, block in self._blocks if begin < first or last < begin + len(block)
-        ]  # what is loaded over is forgotten
-        self._blocks.append((first, self._unpacked(data, count)))
+        self._counts[first : first + count] = on_counts(self._unpacked(data, count))
         return count
 
     def _unpacked(self, data: NDArray[np.uint8], count: int) -> NDArray[np.uint8]:

@@ -1,10 +1,9 @@
 """The virtual real-time oscilloscope: arming, acquisition, events, and what clients read of them.
 
 Source: instrument facts 2.1 to 2.10. Not simulated: measurements, cursors, mathematics, stored references, pixel maps
-(FastAcq, waveform database), equivalent time, and curves that are streamed without being asked for.
+(FastAcq, waveform database) and equivalent time.
 """
 
-from collections.abc import Generator
 from itertools import groupby
 from typing import ClassVar
 
@@ -19,8 +18,18 @@ from sim_backends.virtual.dpo_running import AcquisitionSystem
 from sim_backends.virtual.dpo_transfer import PREAMBLE, TRANSFER_COMMANDS, Preamble, Transfer, expected
 from sim_backends.virtual.dpo_trigger import TRIGGER_COMMANDS
 from sim_backends.virtual.dpo_vertical import CHANNELS, VERTICAL_COMMANDS
+from sim_backends.virtual.instrument import Execution
 from sim_backends.world import World
 
+NEXT, STREAM = "next", "stream"
+WAITING = {
+    "CURVENEXT": NEXT,
+    "CURVEN": NEXT,
+    "CURVESTREAM": STREAM,
+    "CURVES": STREAM,
+    "WAVFRMSTREAM": STREAM,
+    "WAVFRMS": STREAM,
+}
 READ_S = 5e-3  # recalled: a record of some thousand points from acquisition memory to the network
 
 
@@ -89,18 +98,35 @@ class VirtualDpo72504dx(AcquisitionSystem):
         self.reset()
         self.headers = self.verbose = True
 
-    def run(self, message: Message) -> Generator[None, None, list[Chunk]]:
-        """Execute `message`; one with `CURVENext?` waits there for an acquisition that was not sent yet."""
-        parts = [(new, tuple(units)) for new, units in groupby(message.units, _asks_for_new)]
-        if not any(new for new, _ in parts):
+    def run(self, message: Message) -> Execution:
+        """Execute `message`; `CURVENext?` waits there for an acquisition that was not sent yet, streams send every one.
+
+        A stream is a reply without end, so what stands behind it in a message is never reached.
+        """
+        parts = [(kind, tuple(units)) for kind, units in groupby(message.units, _awaits)]
+        if all(kind is None for kind, _ in parts):
             return (yield from super().run(message))
         replies: list[Chunk] = []
-        for new, units in parts:
-            while new and not self._has_new():
-                yield
+        for kind, units in parts:
+            while kind == NEXT and not self._has_new():
+                yield None
+            if kind == STREAM:
+                yield from self._stream(Message(units[:1]), replies)
+                return []
             reply = yield from super().run(Message(units))
             replies += [b";", *reply] if replies and reply else reply
         return replies
+
+    def _stream(self, message: Message, before: list[Chunk]) -> Execution:
+        """Answer `message` again and again, once for each acquisition; behind `before` the first time."""
+        while True:
+            while not self._has_new():
+                yield []
+            reply = yield from super().run(message)
+            if not reply:
+                return []
+            yield [*before, b";", *reply] if before else reply
+            before = []
 
     # --- transfer
 
@@ -148,7 +174,7 @@ class VirtualDpo72504dx(AcquisitionSystem):
         return reply[1:]
 
     def next_curve(self) -> list[Chunk]:
-        """`CURVENext?`: the points of an acquisition that was not sent before."""
+        """`CURVENext?`, `CURVEStream?`: the points of an acquisition that was not sent before."""
         return self.curve()
 
     def _has_new(self) -> bool:
@@ -158,7 +184,7 @@ class VirtualDpo72504dx(AcquisitionSystem):
         return self._running or not self._sent_new
 
     def preamble_and_curve(self) -> list[Chunk]:
-        """`WAVFrm?`: `WFMOutpre?` and `CURVe?` in one reply."""
+        """`WAVFrm?`, `WAVFRMStream?`: `WFMOutpre?` and `CURVe?` in one reply."""
         curve = self.curve()
         header = (":CURVE " if self.verbose else ":CURV ") if self.headers else ""
         return [f"{self.whole_preamble()};{header}".encode("latin-1"), *curve]
@@ -185,8 +211,9 @@ class VirtualDpo72504dx(AcquisitionSystem):
         self.panel_lock = "NONe"
 
 
-def _asks_for_new(unit: Unit) -> bool:
-    return unit.query and unit.header.upper().lstrip(":") in ("CURVENEXT", "CURVEN")
+def _awaits(unit: Unit) -> str | None:
+    """Whether `unit` asks for acquisitions to come: for the next one, for all, or not at all."""
+    return WAITING.get(unit.header.upper().lstrip(":")) if unit.query else None
 
 
 def _channel(source: str) -> int:

@@ -6,6 +6,7 @@ Source: instrument facts 2.8.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -158,8 +159,7 @@ def span(first: int, last: int, acquired: int) -> range:
 def date_stamp(time_s: float) -> str:
     """Virtual time as `01 JAN 2026 00:00:00.400 000 012 500`."""
     seconds, picoseconds = divmod(round(time_s * 1e12), 10**12)
-    moment = SWITCHED_ON + timedelta(seconds=seconds)
-    return f"{moment.day:02} {_MONTHS[moment.month - 1]} {moment.year} {moment:%H:%M:%S}.{_grouped(picoseconds)}"
+    return f"{_date(seconds)}.{_grouped(picoseconds)}"
 
 
 def duration_stamp(seconds: float) -> str:
@@ -167,6 +167,12 @@ def duration_stamp(seconds: float) -> str:
     sign = "-" if seconds < 0 else ""
     whole, picoseconds = divmod(round(abs(seconds) * 1e12), 10**12)
     return f"{sign}{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}.{_grouped(picoseconds)}"
+
+
+@lru_cache(maxsize=8)  # the frames of a burst share a few seconds
+def _date(seconds: int) -> str:
+    moment = SWITCHED_ON + timedelta(seconds=seconds)
+    return f"{moment.day:02} {_MONTHS[moment.month - 1]} {moment.year} {moment:%H:%M:%S}"
 
 
 def _grouped(picoseconds: int) -> str:

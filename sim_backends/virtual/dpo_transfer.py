@@ -73,6 +73,8 @@ TRANSFER_COMMANDS = (
     Query("CURVe?", "curve"),
     Query("CURVENext?", "next_curve"),
     Query("WAVFrm?", "preamble_and_curve", labelled=True),
+    Query("CURVEStream?", "next_curve"),
+    Query("WAVFRMStream?", "preamble_and_curve", labelled=True),
 )
 
 

@@ -20,6 +20,8 @@ from sim_backends.scpi.messages import Malformed, Message, Unit
 from sim_backends.scpi.status import ScpiError, Status
 from sim_backends.world import World
 
+Execution = Generator[list[Chunk] | None, None, list[Chunk]]
+
 COMMON = (
     Query("*IDN?", "identity"),
     Query("*OPT?", "installed_options"),
@@ -72,10 +74,11 @@ class VirtualInstrument:
         self._completion_asked = False
         self._replying = False
 
-    def run(self, message: Message) -> Generator[None, None, list[Chunk]]:
+    def run(self, message: Message) -> Execution:
         """Execute `message`; returns its reply as the chunks to send, [] for none.
 
-        Yields while a command must wait for an overlapping operation (`*OPC?`, `*WAI`).
+        Yields None while a command must wait for an overlapping operation (`*OPC?`, `*WAI`), and the parts of a reply
+        without end.
         """
         reply: list[Chunk] = []
         path = ""
@@ -86,7 +89,7 @@ class VirtualInstrument:
                 path = found.path
                 if found.command.waits:
                     while self.pending():
-                        yield
+                        yield None
                 self._replying = bool(reply)
                 part = self._execute(found, unit)
             except ScpiError as error:

@@ -3,13 +3,13 @@
 Source: instrument facts 3. No public command set exists, so the table is data (`tlg220.toml` by default).
 """
 
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from sim_backends.scpi.commands import Chunk
 from sim_backends.scpi.messages import Message, Unit
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.instrument import VirtualInstrument
+from sim_backends.virtual.instrument import Execution, VirtualInstrument
 from sim_backends.virtual.laser_table import (
     Phrase,
     default_table,
@@ -52,7 +52,7 @@ class VirtualTlg220(VirtualInstrument):
         self._wavelength_nm = FIRST_WAVELENGTH_NM
         self._emit()
 
-    def run(self, message: Message) -> Generator[None, None, list[Chunk]]:
+    def run(self, message: Message) -> Execution:
         """Execute what the table knows; the rest are common commands or errors."""
         texts = [_text(unit) for unit in message.units]
         if len(texts) > 1 and (reply := self._said(";".join(texts))) is not None:

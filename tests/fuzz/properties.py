@@ -4,6 +4,7 @@ Each property takes hypothesis' `data` and a model; `test_instruments` runs a bo
 `run` as many as fit into the time it is given.
 """
 
+import re
 from collections.abc import Callable
 
 from hypothesis import strategies as st
@@ -23,6 +24,8 @@ from tests.fuzz.link import Link
 INQUIRY = b"ALP:DEVINQUIRE 2000"
 
 Property = Callable[[st.DataObject, type[VirtualInstrument]], None]
+
+_DETAIL = re.compile(rb'(-?[0-9]+,"[^";]*);(?:[^"]|"")*"')
 
 _cuts = st.lists(st.integers(1, 400), max_size=12)
 
@@ -62,8 +65,13 @@ def spellings_do_not_matter(data: st.DataObject, model: type[VirtualInstrument])
     for statement in chain:
         plain.send(canonical(statement) + b"\n")
     fancy.send(data.draw(spelled(chain)) + b"\n", data.draw(_cuts) if not _has_block(chain) else ())
-    assert b";".join(fancy.replies) == b";".join(plain.replies)
+    assert _without_quoted_input(fancy.replies) == _without_quoted_input(plain.replies)
     assert _state(fancy, model) == _state(plain, model)
+
+
+def _without_quoted_input(replies: list[bytes]) -> bytes:
+    """The replies in one piece; behind the semicolon of an error's text stands what was sent, in its own spelling."""
+    return _DETAIL.sub(rb'\1"', b";".join(replies))
 
 
 def blocks_hold_any_bytes(data: st.DataObject, model: type[VirtualInstrument]) -> None:
@@ -113,7 +121,7 @@ def _not_about_replies(statement: Statement) -> bool:
 
     One message and several answer these differently, as they should.
     """
-    return statement.nodes[0][0] not in ("*STB", "CURVENext")
+    return statement.nodes[0][0] not in ("*STB", "CURVENext", "CURVEStream", "WAVFRMStream")
 
 
 def _has_block(chain: list[Statement]) -> bool:

@@ -16,7 +16,8 @@ from instruments.interfaces import (
     Timebase,
     Vertical,
 )
-from instruments.visa import VisaLink
+from instruments.tektronix_dpo72504dx import Dpo72504dx
+from instruments.visa import VisaLink, tektronix_event_queue
 from sim_backends.bench import SimulatedBench
 
 AUX = EdgeTrigger("AUX", 0.5)
@@ -61,6 +62,29 @@ class TestAwg:
         bench.awg.load(drive(1_500_000))
         blocks = [text for text in log.sent_to("awg") if "WAVeform:DATA" in text]
         assert [text.split(",")[1:3] for text in blocks] == [["0", "1000000"], ["1000000", "500000"]]
+
+    def test_the_longest_drive_arrives_whole(
+        self, bench: Bench, simulation: SimulatedBench, log: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        longest = 5_000_000
+        monkeypatch.setattr("sim_backends.virtual.waveforms.LONGEST", longest)
+        told: list[int] = []
+        bench.awg.load(drive(longest), progress=lambda done, _total: told.append(done))
+        assert told == [1_000_000 * chunk for chunk in range(1, 6)]
+        link = VisaLink(simulation.resources["awg"]["socket"], name="awg", timeout_s=5, transcript=log)
+        assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "d"', np.dtype("<f4")), drive(longest).samples)
+        marker = link.read_block('WLISt:WAVeform:MARKer:DATA? "d"', np.dtype("u1"))
+        assert np.array_equal(np.flatnonzero(marker & 0x40), np.arange(longest // 4))
+        link.close()
+        with pytest.raises(OutOfRange, match=r"drive length = 5e\+06 samples is outside|drive length"):
+            bench.awg.load(drive(longest + 1))
+
+    def test_an_upload_it_refuses_ends_at_once_in_its_own_words(
+        self, bench: Bench, log: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        with pytest.raises(InstrumentError, match=r"awg at TCPIP0.* reports -\d+"):
+            bench.awg.load(drive(3_000_000, name='quote"inside'))
+        assert not [text for text in log.sent_to("awg") if "WAVeform:DATA" in text]
 
     @pytest.mark.parametrize("wrong", [drive(rate=30e9), drive(amplitude=0.6)])
     def test_refuses_before_sending(self, bench: Bench, log: Any, wrong: Drive) -> None:
@@ -123,11 +147,40 @@ class TestScope:
         with pytest.raises(InstrumentError, match="reports"):
             bench.scope.set_vertical(7, Vertical(0.1, 0.0))
 
+    def test_a_transfer_it_refuses_ends_in_its_own_words(self, simulation: SimulatedBench, log: Any) -> None:
+        link = VisaLink(
+            simulation.resources["scope"]["socket"],
+            name="scope",
+            timeout_s=0.3,
+            transcript=log,
+            error_queue=tektronix_event_queue,
+        )
+        scope = Dpo72504dx(link)
+        scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        with pytest.raises(InstrumentError, match=r"scope at TCPIP0.* reports 2241,"):
+            scope.read()
+        link.close()
+
+    def test_a_range_is_set_again_from_what_its_codes_mean(self, bench: Bench) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        for averages in (1, 4):
+            bench.scope.configure(Timebase(25e9, 50), AUX, (1, 2), averages)
+            for channel, vertical in ((1, Vertical(0.0123456789, 0.00123456789)), (2, Vertical(0.6, -0.98765432))):
+                bench.scope.set_vertical(channel, vertical)
+            bench.scope.capture()
+            scalings = bench.scope.scalings()
+            for channel, scaling in zip((1, 2), scalings, strict=True):
+                bench.scope.set_vertical(channel, Vertical(0.1, 0.0))
+                bench.scope.set_vertical(channel, bench.scope.vertical_for(scaling))
+            bench.scope.capture()
+            assert bench.scope.scalings() == scalings
+
     def test_no_trigger_ends_in_a_clear_error(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S", 0.2)
         bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
         bench.scope.arm()
-        with pytest.raises(LinkError, match=r"scope at .* did not answer in time"):
+        with pytest.raises(LinkError, match=r"scope at .* did not complete .* within 0.2 s: check"):
             bench.scope.wait()
         bench.scope.make_safe()
         assert bench.scope.settings()["sample_rate"] == 25e9
@@ -176,6 +229,19 @@ class TestDmd:
         assert forgotten.query("ALP:DEVALLOC") == "0"
         forgotten.close()
         bench.dmd.blank()
+
+    def test_a_device_that_forgot_the_driver_is_made_safe(
+        self, bench: Bench, simulation: SimulatedBench, log: Any
+    ) -> None:
+        pattern = np.full((768, 128), 255, np.uint8)
+        bench.dmd.show(pattern)
+        power = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
+        assert [power.query(line) for line in ("ALP:DEVHALT", "ALP:DEVFREE")] == ["0", "0"]
+        power.close()
+        with pytest.raises(InstrumentError, match="returned 10"):
+            bench.dmd.show(pattern)
+        bench.dmd.make_safe()
+        bench.dmd.show(pattern)
 
     def test_reports_return_codes_in_words(self, bench: Bench) -> None:
         with pytest.raises(InstrumentError, match=r"ALP:SEQPUT returned 10\d\d: "):

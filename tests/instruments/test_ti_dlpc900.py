@@ -137,11 +137,15 @@ def test_hidapi(monkeypatch: pytest.MonkeyPatch) -> None:
     usb = HidApi()
     dmd = TiDlpc900(usb)
     assert dmd.settings()["display_mode"] == 1
+    device = usb._device
     dmd.close()
-    assert usb._device.closed
-    monkeypatch.setattr(Usb, "write", lambda _device, _report: -1)
-    with pytest.raises(LinkError, match="takes no report"):
-        dmd.identify()
+    dmd.close()
+    assert device.closed
+    with monkeypatch.context() as cable:
+        cable.setattr(Usb, "write", lambda _device, _report: -1)
+        with pytest.raises(LinkError, match=r"lost .it takes no report.: check power and USB cable"):
+            dmd.identify()
+    assert dmd.identify().manufacturer == "Texas Instruments", "the next command opens it anew"
     monkeypatch.setattr(Usb, "present", False)
     with pytest.raises(LinkError, match="no DLPC900 on USB"):
         HidApi()

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from instruments.interfaces import Frames, InstrumentError
-from labctl.acquisition import images_for
 from labctl.command_log import CommandLog
 from labctl.engine import Request, carry_out
+from labctl.inputs import images_for
 from labctl.interruption import Interruption
 from labctl.opening import OpenBench, ask_operator
 from labctl.runs import open_run

@@ -45,7 +45,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = labctl(capsys, "--help")
     assert status == 0
-    for command in ("demo", "check", "run", "runs", "show", "train", "evaluate", "data", "sim"):
+    for command in ("demo", "check", "run", "runs", "show", "train", "evaluate", "record", "replay", "data", "sim"):
         assert f"  {command}" in out
 
 

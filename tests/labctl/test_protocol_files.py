@@ -24,7 +24,7 @@ def test_the_command_line_wins_over_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "settings", "message"),
     [
-        ("nothing", [], "protocol 'nothing' is not installed: choose one of image-readout"),
+        ("nothing", [], "protocol 'nothing' is not installed: choose one of dynamic-scene, image"),
         ("image-readout", ["colour=red"], "colour: image-readout has no such setting: choose from"),
         ("image-readout", ["images"], "--set images: write it as key=value"),
         ("image-readout", ["images=-3"], "images = '-3': "),

@@ -5,16 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from instruments.bench import Bench
 from instruments.interfaces import Burst, InstrumentError
-from labctl.acquisition import images_for
 from labctl.command_log import CommandLog
+from labctl.inputs import images_for
 from labctl.opening import opened
 from labctl.station import Station, WiringSection
-from protocols.base import BurstRecord, LegStarted, ProtocolError, Record, ShotKind
-from protocols.bursts import PICTURE_PERIOD_S, check_times
+from protocols.base import BurstRecord, LegStarted, Part, ProtocolError, Record, ShotKind
+from protocols.bursts import PICTURE_PERIOD_S, check_times, stretches
 from protocols.image_readout import ImageReadout
 
 SMALL = {"images": 40, "reference_every": 20}
@@ -31,7 +33,7 @@ def measure(bench: Bench, **settings: Any) -> tuple[list[LegStarted], list[Any],
     protocol = ImageReadout(**SMALL, **settings)
     images = images_for(protocol)
     shots = protocol.shots(images)
-    events = list(protocol.acquire(bench, images, shots))
+    events = list(protocol.acquire(bench, images, protocol.parts(bench, images)))
     return (
         [e for e in events if isinstance(e, LegStarted)],
         [e for e in events if not isinstance(e, LegStarted)],
@@ -109,3 +111,27 @@ def test_a_missing_frame_is_found_by_its_time() -> None:
         check_times(burst_at(np.delete(times, 4)), 9)
     with pytest.raises(InstrumentError, match="9 frames for 10 pictures"):
         check_times(burst_at(times[:9]), 10)
+
+
+@given(st.sets(st.integers(0, 60)), st.integers(1, 10))
+def test_stretches_are_what_is_there_without_gaps(indices: set[int], longest: int) -> None:
+    found = list(stretches(sorted(indices), longest))
+    assert [index for stretch in found for index in stretch] == sorted(indices)
+    assert all(1 <= len(stretch) <= longest for stretch in found)
+
+
+def test_only_what_is_missing_is_played(wired: Bench) -> None:
+    protocol = ImageReadout(**SMALL, timing="burst", ports=(2,))
+    images = images_for(protocol)
+    (part,) = protocol.parts(wired, images)
+    (leg, whole) = protocol.acquire(wired, images, [part])
+    assert isinstance(leg, LegStarted)
+    assert isinstance(whole, BurstRecord)
+    missing = Part(part.leg, [part.shots[index] for index in (3, 4, 5, 20, 42)], leg.scalings)
+    (again, *bursts) = protocol.acquire(wired, images, [missing])
+    assert again == leg
+    records = [record for record in bursts if isinstance(record, BurstRecord)]
+    assert [(record.first, len(record.burst.codes)) for record in records] == [(3, 3), (20, 1), (42, 1)]
+    for record in records:
+        there = slice(record.first, record.first + len(record.burst.codes))
+        assert np.corrcoef(record.burst.codes.ravel(), whole.burst.codes[there].ravel())[0, 1] > 0.9

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from protocols.base import Images, ProtocolError, Shot, ShotKind
-from protocols.image_readout import ImageReadout, balanced_order, parse_ports
+from protocols.image_readout import ImageReadout, balanced_order
 from protocols.patterns import Patterns
+from protocols.settings import parse_ports
 
 
 def images(count: int = 40, side: int = 28, classes: int = 4) -> Images:
@@ -25,7 +26,7 @@ class TestSettings:
         assert protocol.ports == (2, 3, 4, 6)
         assert protocol.wavelengths == (1550.0, 1551.0)
         assert protocol.classes == (0, 1)
-        assert protocol.sample_count() == 10
+        assert protocol.sample_count(images()) == 10
 
     @pytest.mark.parametrize(
         "settings",

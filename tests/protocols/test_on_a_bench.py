@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from instruments.bench import Bench
-from labctl.acquisition import images_for
-from protocols.base import LegStarted, ProtocolError, Record, ShotKind
+from labctl.inputs import images_for
+from protocols.base import LegStarted, Part, ProtocolError, Record, ShotKind
 from protocols.image_readout import ImageReadout
 
 SMALL = {"images": 40, "reference_every": 20}
@@ -17,7 +17,7 @@ def test_five_ports_in_two_passes_with_ranges_that_fit(bench: Bench) -> None:
     protocol = ImageReadout(**SMALL)
     images = images_for(protocol)
     shots = protocol.shots(images)
-    events = list(protocol.acquire(bench, images, shots))
+    events = list(protocol.acquire(bench, images, protocol.parts(bench, images)))
     legs = [event for event in events if isinstance(event, LegStarted)]
     records = [event for event in events if isinstance(event, Record)]
     assert [len(leg.scalings) for leg in legs] == [4, 1]
@@ -32,7 +32,8 @@ def test_five_ports_in_two_passes_with_ranges_that_fit(bench: Bench) -> None:
 def test_the_laser_is_tuned_once_a_leg_and_patched_before_it_is_measured(bench: Bench, log: Any) -> None:
     protocol = ImageReadout(**SMALL, ports=(2,), wavelengths=(1550.0, 1551.0))
     images = images_for(protocol)
-    records = [e for e in protocol.acquire(bench, images, protocol.shots(images)) if isinstance(e, Record)]
+    events = protocol.acquire(bench, images, protocol.parts(bench, images))
+    records = [event for event in events if isinstance(event, Record)]
     assert [record.leg.wavelength_nm for record in records] == [1550.0] * 44 + [1551.0] * 44
     first, second = (np.stack([r.frames.codes for r in records[start : start + 40]]) for start in (0, 44))
     assert not np.array_equal(first, second)
@@ -41,7 +42,7 @@ def test_the_laser_is_tuned_once_a_leg_and_patched_before_it_is_measured(bench: 
 def test_leaving_early_leaves_it_dark(bench: Bench) -> None:
     protocol = ImageReadout(**SMALL)
     images = images_for(protocol)
-    events = protocol.acquire(bench, images, protocol.shots(images))
+    events = protocol.acquire(bench, images, protocol.parts(bench, images))
     next(events)
     assert bench.laser.settings()["emitting"] == 1
     events.close()
@@ -55,3 +56,20 @@ def test_a_burst_without_its_wiring_is_refused_in_the_dark(bench: Bench, log: An
     with pytest.raises(ProtocolError, match=r"timing = 'burst' needs wiring\.burst"):
         protocol.check(bench, images)
     assert not log.messages
+
+
+def test_a_run_taken_up_in_the_middle_gives_the_same_frames(bench: Bench, log: Any) -> None:
+    protocol = ImageReadout(**SMALL, averages=4)
+    images = images_for(protocol)
+    parts = protocol.parts(bench, images)
+    whole = list(protocol.acquire(bench, images, parts))
+    legs = [event for event in whole if isinstance(event, LegStarted)]
+    missing = [Part(leg.leg, part.shots[-3:], leg.scalings) for leg, part in zip(legs, parts, strict=True)]
+    log.messages.clear()
+    again = list(protocol.acquire(bench, images, missing))
+    assert [event for event in again if isinstance(event, LegStarted)] == legs
+    assert len([text for text in log.sent_to("scope") if text == "ACQuire:STATE RUN"]) == 2 * (1 + 3), "no ranging"
+    codes = {(r.leg.index, r.shot.index): r.frames.codes for r in whole if isinstance(r, Record)}
+    for record in again:
+        if isinstance(record, Record):
+            assert np.array_equal(record.frames.codes, codes[record.leg.index, record.shot.index])

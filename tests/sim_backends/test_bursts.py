@@ -1,38 +1,27 @@
 """Bursts: the DMD's frame synch triggers the generator, whose marker triggers the oscilloscope."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world import AUX, Acquisition, Emission, Playback, Projection, TriggerCondition, World
+from sim_backends.world import AUX, Acquisition, Playback, Projection, TriggerCondition, World
+from tests.sim_backends.light import LIGHT, MARKER, RATE, Array, quiet
 
-Array = NDArray[np.float32]
-RATE = 25e9
 PERIOD = 500
-MARKER = TriggerCondition(AUX, 0.5, rising=True)
 PICTURE_S, SYNCH_S = 44e-6, 10e-6
 WINDOW = Acquisition((1, 2, 3, 4), RATE, 64, 98e-9)
 LATER = Acquisition((1, 2, 3, 4), RATE, 64, 98e-9 + 2 * PERIOD / RATE)
 PATTERNS = np.random.default_rng(5).integers(0, 256, (20, 768, 128), np.uint8)
 for number, pattern in enumerate(PATTERNS):
     pattern[number * 30 : number * 30 + 150] = 0
+COUNTS = on_counts(PATTERNS)
 VOLTS = np.random.default_rng(0).uniform(-0.25, 0.25, PERIOD).astype(np.float32)
-
-
-def quiet(**changes: Any) -> Parameters:
-    """Enough light for shot noise not to matter, no other noise."""
-    return Parameters(
-        amplifier_gain_db=0.0,
-        booster_gain_db=98.0,
-        detector_gain_v_per_w=3e-4,
-        detector_nep_w_per_rthz=0.0,
-        laser_rin_db_per_hz=-300.0,
-        trigger_jitter_s=0.0,
-        **changes,
-    )
+dim = partial(quiet, detector_gain_v_per_w=3e-4)
 
 
 def triggered(*segments: Array, runs_on: bool = False) -> Playback:
@@ -50,7 +39,7 @@ THREE = triggered(np.tile(VOLTS, 3))
 
 def bench(playback: Playback | None = THREE, parameters: Parameters | None = None) -> World:
     world = World(parameters, twin_seed=1)
-    world.emit(Emission(1550.0, 0.03))
+    world.emit(LIGHT)
     world.play(playback)
     world.patch({1: 2, 2: 3, 3: 4, 4: 5})
     world.clock.advance(1e-3)
@@ -58,7 +47,7 @@ def bench(playback: Playback | None = THREE, parameters: Parameters | None = Non
 
 
 def burst(world: World, count: int = len(PATTERNS), **options: Any) -> Projection:
-    projection = Projection(PATTERNS[:count], world.clock.now, PICTURE_S, SYNCH_S, **options)
+    projection = Projection(COUNTS[:count], world.clock.now, PICTURE_S, SYNCH_S, **options)
     world.project(projection)
     return projection
 
@@ -79,12 +68,12 @@ def still(pattern: NDArray[np.uint8], acquisition: Acquisition, **options: Any) 
 
 
 def test_a_burst_has_the_frames_of_a_continuous_drive() -> None:
-    world = bench(parameters=quiet())
+    world = bench(parameters=dim())
     burst(world)
     volts = world.record(LATER, coming(world, len(PATTERNS))).volts
     assert len(volts) == len(PATTERNS)
     for frame, pattern in zip(volts, PATTERNS, strict=True):
-        expected = still(pattern, LATER, parameters=quiet())
+        expected = still(pattern, LATER, parameters=dim())
         np.testing.assert_allclose(frame, expected, atol=2e-3 * expected.max())
 
 
@@ -114,7 +103,7 @@ def test_patterns_of_a_projection_are_those_shown_one_by_one() -> None:
 
 
 def test_the_first_period_of_a_segment_starts_from_idle_light() -> None:
-    world = bench(parameters=quiet())
+    world = bench(parameters=dim())
     burst(world, 1)
     long = Acquisition((1,), RATE, 3000, 98e-9 - 20e-9)
     trace = world.record(long, coming(world)).volts[0, 0]
@@ -128,7 +117,7 @@ def test_the_first_period_of_a_segment_starts_from_idle_light() -> None:
 
 
 def test_records_before_and_after_a_segment_are_idle() -> None:
-    world = bench(parameters=quiet())
+    world = bench(parameters=dim())
     burst(world, 1)
     time = coming(world)
     idle = world.record(Acquisition((1,), RATE, 64, 0.0), time).volts
@@ -148,7 +137,8 @@ def test_batch_size_changes_no_byte() -> None:
     burst(other)
     parts = [other.record(LATER, part).volts for part in np.split(times, [1, 4, 12])]
     assert np.array_equal(together.volts, np.concatenate(parts))
-    assert together.frame_noise(3).random() != together.frame_noise(4).random()
+    noise = together.digitiser_noise()
+    assert not np.array_equal(noise[3], noise[4])
 
 
 def test_repeats_of_a_pattern_have_noise_of_their_own() -> None:
@@ -212,12 +202,12 @@ def test_records_wait_for_the_mirrors() -> None:
     """Without a delay the light comes before the mirrors have moved; a delay in between sees them on their way."""
 
     def second(delay: float) -> Array:
-        world = bench(parameters=quiet())
-        world.project(Projection(PATTERNS[:2], world.clock.now, PICTURE_S, delay))
+        world = bench(parameters=dim())
+        world.project(Projection(COUNTS[:2], world.clock.now, PICTURE_S, delay))
         frame: Array = world.record(LATER, coming(world, 2)).volts[1]
         return frame
 
-    old, new = (still(pattern, LATER, parameters=quiet()) for pattern in PATTERNS[:2])
+    old, new = (still(pattern, LATER, parameters=dim()) for pattern in PATTERNS[:2])
     np.testing.assert_allclose(second(0.0), old, atol=2e-3 * old.max())
     np.testing.assert_allclose(second(SYNCH_S), new, atol=2e-3 * old.max())
     between = second(0.85e-6)
@@ -225,7 +215,7 @@ def test_records_wait_for_the_mirrors() -> None:
 
 
 def test_a_record_can_see_the_picture_change() -> None:
-    world = bench(continuous(np.zeros(2, np.float32)), quiet())
+    world = bench(continuous(np.zeros(2, np.float32)), dim())
     burst(world, 2)
     change = world.clock.now + PICTURE_S
     trace = world.record(Acquisition((1,), 1e9, 4000, 0.0), np.array([change - 1e-6])).volts[0, 0]
@@ -236,15 +226,15 @@ def test_a_record_can_see_the_picture_change() -> None:
 
 def test_segments_play_in_turn() -> None:
     one, other = VOLTS, VOLTS[::-1].copy()
-    world = bench(triggered(one, other), quiet())
-    world.project(Projection(PATTERNS[[0, 0, 0, 0]], world.clock.now, PICTURE_S, SYNCH_S))
+    world = bench(triggered(one, other), dim())
+    world.project(Projection(COUNTS[[0, 0, 0, 0]], world.clock.now, PICTURE_S, SYNCH_S))
     volts = world.record(WINDOW, coming(world, 4)).volts
     np.testing.assert_allclose(volts[:2], volts[2:], atol=2e-3 * volts.max())
     assert np.abs(volts[0] - volts[1]).max() > 0.1 * volts.max()
 
 
 def test_software_triggers_play_one_segment_each() -> None:
-    world = bench(parameters=quiet())
+    world = bench(parameters=dim())
     world.show(PATTERNS[0])
     world.clock.advance(10e-6)
     assert world.next_triggers(MARKER, 1) is None
@@ -259,14 +249,14 @@ def test_software_triggers_play_one_segment_each() -> None:
     times = coming(world, 5, after_s=armed)
     assert times == pytest.approx([armed, armed + 1.01e-6])
     volts = world.record(LATER, times).volts
-    expected = still(PATTERNS[0], LATER, parameters=quiet())
+    expected = still(PATTERNS[0], LATER, parameters=dim())
     np.testing.assert_allclose(volts[1], expected, atol=2e-3 * expected.max())
     world.play(continuous())
     world.trigger_awg()  # nothing waits for it
 
 
 def test_the_last_segment_can_run_on() -> None:
-    world = bench(triggered(VOLTS, runs_on=True), quiet())
+    world = bench(triggered(VOLTS, runs_on=True), dim())
     world.show(PATTERNS[0])
     world.clock.advance(10e-6)
     began = world.clock.now
@@ -274,7 +264,7 @@ def test_the_last_segment_can_run_on() -> None:
     times = coming(world, 4)
     assert times == pytest.approx(began + 20e-9 * np.arange(4))
     volts = world.record(WINDOW, times).volts
-    expected = still(PATTERNS[0], WINDOW, parameters=quiet())
+    expected = still(PATTERNS[0], WINDOW, parameters=dim())
     np.testing.assert_allclose(volts[1:], np.stack([expected] * 3), atol=2e-3 * expected.max())
     assert np.abs(volts[0] - expected).max() > 0.02 * expected.max()  # from idle light
     world.clock.advance(1.0)
@@ -306,7 +296,7 @@ def test_holding_stops_pictures_and_triggers() -> None:
 
 
 def test_slave_mode_follows_the_marker() -> None:
-    world = bench(parameters=quiet())
+    world = bench(parameters=dim())
     world.show(PATTERNS[9])
     world.clock.advance(1e-3)
     burst(world, 3, triggered=True)
@@ -322,23 +312,23 @@ def test_slave_mode_follows_the_marker() -> None:
     assert times.size == 8
     seen = world.record(LATER, times[1::2]).volts
     for frame, pattern in zip(seen, PATTERNS[[0, 1, 2, 2]], strict=True):
-        expected = still(pattern, LATER, parameters=quiet())
+        expected = still(pattern, LATER, parameters=dim())
         np.testing.assert_allclose(frame, expected, atol=2e-3 * expected.max())
 
 
 def test_ac_coupling_takes_the_idle_level_away() -> None:
-    world = bench(parameters=quiet(detector_coupling="ac"))
+    world = bench(parameters=dim(detector_coupling="ac"))
     burst(world, 1)
     volts = world.record(Acquisition((1,), RATE, 64, 0.0), coming(world)).volts
-    direct = bench(parameters=quiet())
+    direct = bench(parameters=dim())
     burst(direct, 1)
     assert np.abs(volts).max() < 1e-2 * direct.record(LATER, coming(direct)).volts.max()
 
 
-@pytest.mark.parametrize("patterns", [np.zeros((768, 128), np.uint8), np.zeros((0, 768, 128), np.uint8)])
-def test_a_projection_needs_patterns(patterns: NDArray[np.uint8]) -> None:
-    with pytest.raises(ValueError, match="packed bits"):
-        Projection(patterns, 0.0, PICTURE_S)
+@pytest.mark.parametrize("counts", [np.zeros(784, np.uint16), np.zeros((0, 784), np.uint16)])
+def test_a_projection_needs_pictures(counts: NDArray[np.uint16]) -> None:
+    with pytest.raises(ValueError, match="mirrors on"):
+        Projection(counts, 0.0, PICTURE_S)
 
 
 def test_segments_must_add_up() -> None:

@@ -1,3 +1,5 @@
+import numpy as np
+
 from sim_backends import chance
 from sim_backends.world import World
 
@@ -23,3 +25,12 @@ def test_digests_tell_types_and_borders_apart() -> None:
         (1, 2, ""),
     ]
     assert len({chance.digest(*name) for name in names}) == len(names)
+
+
+def test_a_rekeyed_generator_starts_anew_with_every_key() -> None:
+    rekeyed = chance.Rekeyed()
+    keys = [chance.digest(number) for number in (1, 2, 1)]
+    for key in keys:
+        drawn, expected = rekeyed.generator(key), chance.generator(key)
+        assert drawn.standard_normal(3, np.float32).tolist() == expected.standard_normal(3, np.float32).tolist()
+        assert drawn.random(5).tolist() == expected.random(5).tolist()

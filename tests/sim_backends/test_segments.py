@@ -9,7 +9,7 @@ from sim_backends.segments import SegmentStarts
 from sim_backends.signals import Playback, Projection
 
 RATE = 1e9
-PATTERN = np.zeros((1, 768, 128), np.uint8)
+PICTURE = np.zeros((1, 784), np.uint16)
 
 
 def playback(lengths: tuple[int, ...], *, runs_on: bool = False) -> Playback:
@@ -42,7 +42,7 @@ def test_frame_synch_and_software_edges(
 ) -> None:
     starts = SegmentStarts()
     starts.play(playback(lengths, runs_on=runs_on), 0.0)
-    projection = Projection(PATTERN, 0.0, 50e-6, 7.3e-6, repeats=pictures)
+    projection = Projection(PICTURE, 0.0, 50e-6, 7.3e-6, repeats=pictures)
     starts.project(projection, 0.0)
     edges = [7.3e-6 + 50e-6 * number for number in range(pictures)]
     for time in software:
@@ -63,7 +63,7 @@ def test_frame_synch_and_software_edges(
 def test_a_marker_that_never_rises_gives_no_edge() -> None:
     starts = SegmentStarts()
     starts.play(Playback(np.zeros(9, np.float32), np.zeros(9, bool), 0.0, 1.0, RATE, (4, 5)), 0.0)
-    starts.project(Projection(PATTERN, 0.0, 50e-6, loop=True), 0.0)
+    starts.project(Projection(PICTURE, 0.0, 50e-6, loop=True), 0.0)
     assert starts.marker_edges(3, rising=True, after_s=0.0, holdoff_s=0.0).size == 0
     assert starts.latest(np.array([1e-3]))[1].tolist() == [1 - (1e-3 / 50e-6 + 1) % 2]
 
@@ -71,5 +71,5 @@ def test_a_marker_that_never_rises_gives_no_edge() -> None:
 def test_an_inverted_pulse_ends_with_the_rising_edge() -> None:
     starts = SegmentStarts()
     starts.play(playback((4,)), 0.0)
-    starts.project(Projection(PATTERN, 0.0, 50e-6, synch_pulse_s=5e-6, synch_high=False), 0.0)
+    starts.project(Projection(PICTURE, 0.0, 50e-6, synch_pulse_s=5e-6, synch_high=False), 0.0)
     assert starts.marker_edges(3, rising=True, after_s=0.0, holdoff_s=0.0) == pytest.approx([5e-6])

@@ -3,6 +3,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from sklearn.base import clone
 from sklearn.datasets import load_digits
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LogisticRegression, Ridge
@@ -10,8 +11,12 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from labctl.analysis import AnalysisError
+from labctl.analysis.anomaly import CovarianceScore, NormalityScore
 from labctl.analysis.models import load_metadata, load_model, save_model
 from labctl.analysis.readouts import softmax_classifier, softmax_readout
+from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
+from labctl.analysis.regression import ridge_readout
+from labctl.analysis.windows import WindowFeatures
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +56,50 @@ def test_class_names_may_be_text(digits: tuple[np.ndarray, np.ndarray], tmp_path
     classifier = softmax_classifier().fit(flat, names)
     save_model(tmp_path / "text.h5", classifier, {})
     assert load_model(tmp_path / "text.h5").predict(flat).tolist() == classifier.predict(flat).tolist()
+
+
+@pytest.mark.parametrize("outputs", [1, 3])
+def test_a_regression_comes_back(digits: tuple[np.ndarray, np.ndarray], tmp_path: Path, outputs: int) -> None:
+    flat = digits[0].reshape(-1, 64)
+    targets = flat[:, 20] * 0.5 if outputs == 1 else flat[:, 20 : 20 + outputs] ** 2
+    readout = ridge_readout(alphas=[0.1, 10.0, 1000.0]).fit(flat[:, :20], targets)
+    save_model(tmp_path / "ridge.h5", readout, {})
+    loaded = load_model(tmp_path / "ridge.h5")
+    np.testing.assert_allclose(loaded.predict(flat[:, :20]), readout.predict(flat[:, :20]), rtol=1e-12)
+    assert loaded[-1].alpha_ == readout[-1].alpha_
+    assert clone(loaded).fit(flat[:, :20], targets)[-1].alpha_ == readout[-1].alpha_
+
+
+@pytest.mark.parametrize("score", [NormalityScore(alpha=0.1), CovarianceScore(), CovarianceScore(shrinkage=0.5)])
+def test_an_anomaly_score_comes_back(
+    digits: tuple[np.ndarray, np.ndarray], tmp_path: Path, score: NormalityScore | CovarianceScore
+) -> None:
+    frames, labels = digits
+    readout = make_pipeline(WindowFeatures(window_s=0.32e-9), score).fit(frames[labels == 0])
+    save_model(tmp_path / "score.h5", readout, {})
+    loaded = load_model(tmp_path / "score.h5")
+    np.testing.assert_allclose(loaded.score_samples(frames), readout.score_samples(frames), rtol=1e-12)
+    assert loaded[-1].get_params() == score.get_params()
+
+
+@pytest.mark.parametrize(
+    "estimator", [LinearReconstruction(alphas=(0.1, 10.0), clip=False), KernelReconstruction(gammas=(0.1, 0.3))]
+)
+@pytest.mark.parametrize("pixels", [1, 16])
+def test_a_reconstruction_comes_back(
+    digits: tuple[np.ndarray, np.ndarray],
+    tmp_path: Path,
+    estimator: LinearReconstruction | KernelReconstruction,
+    pixels: int,
+) -> None:
+    frames = digits[0][:200]
+    images = frames.reshape(-1, 64)[:, 24 : 24 + pixels].astype(np.float64)
+    readout = make_pipeline(WindowFeatures(window_s=0.16e-9), clone(estimator))
+    readout.fit(frames, images if pixels > 1 else images[:, 0])
+    save_model(tmp_path / "images.h5", readout, {})
+    loaded = load_model(tmp_path / "images.h5")
+    np.testing.assert_allclose(loaded.predict(frames), readout.predict(frames), rtol=1e-9, atol=1e-9)
+    assert loaded[-1].get_params() == estimator.get_params()
 
 
 def test_settings_other_than_the_defaults_come_back(digits: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:

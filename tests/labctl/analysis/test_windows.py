@@ -8,7 +8,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from labctl.analysis import AnalysisError
-from labctl.analysis.windows import WindowFeatures, compressive_ratio, resample, sample_count, volts
+from labctl.analysis.windows import WindowFeatures, compressive_ratio, resample, sample_count, volts, wavelength_rows
 
 TAU = 40e-12
 
@@ -39,6 +39,35 @@ def test_features_are_those_of_a_naive_loop(data: st.DataObject) -> None:
     assert len(window.get_feature_names_out()) == features.shape[1]
 
 
+WAVELENGTHS = (1550.0, 1551.0, 1552.0, 1553.0, 1554.0)
+
+
+def test_further_wavelengths_are_further_columns() -> None:
+    """Five ports at five wavelengths: 25 entries of the second axis, wavelength by wavelength."""
+    ports, by_row = (2, 3, 4, 5, 6) * 5, np.repeat(WAVELENGTHS, 5)
+    frames = records(ports=25)
+    rows = wavelength_rows(WAVELENGTHS[:3], by_row)
+    np.testing.assert_array_equal(rows, np.arange(15))
+    np.testing.assert_array_equal(WindowFeatures().fit_transform(frames[:, rows]), frames[:, :15, :10].reshape(3, -1))
+    np.testing.assert_array_equal(wavelength_rows([1554.0, 1551.00001], by_row), [20, 21, 22, 23, 24, 5, 6, 7, 8, 9])
+    with pytest.raises(AnalysisError, match="nothing was measured at 1555 nm: choose from 1550, 1551, 1552, 1553"):
+        wavelength_rows([1550.0, 1555.0], by_row)
+    assert wavelength_rows([], by_row).size == 0
+    every = WindowFeatures(recorded_ports=ports).fit(frames)
+    np.testing.assert_array_equal(every.rows_, np.arange(25))
+    np.testing.assert_array_equal(WindowFeatures(ports=ports).fit(frames).rows_, np.arange(25))
+
+
+def test_a_port_recorded_at_several_wavelengths_is_used_at_all_of_them() -> None:
+    frames = records(ports=6)
+    window = WindowFeatures(ports=(4, 2), recorded_ports=(2, 3, 4, 2, 3, 4))
+    features = window.fit_transform(frames)
+    np.testing.assert_array_equal(features, frames[:, [2, 5, 0, 3], :10].reshape(3, -1))
+    assert window.get_feature_names_out()[[0, 10, 20, 30]].tolist() == [
+        f"port {port}, 0.000 ns" for port in (4, 4, 2, 2)
+    ]
+
+
 def test_without_ports_every_port_is_used() -> None:
     frames = records()
     np.testing.assert_array_equal(WindowFeatures().fit_transform(frames), frames[:, :, :10].reshape(3, 50))
@@ -61,6 +90,7 @@ def test_codes_become_float32_and_doubles_stay(dtype: str, expected: str) -> Non
         ({"start_s": -1e-9}, "before the record"),
         ({"tau_s": 60e-12, "window_s": 0.6e-9}, "not a whole number of 0.04 ns samples"),
         ({"ports": (2, 3)}, "give recorded_ports"),
+        ({"ports": (), "recorded_ports": (2, 3, 4, 5, 6)}, "no port is chosen"),
         ({"ports": (2, 9), "recorded_ports": (2, 3, 4, 5, 6)}, r"ports \[9\] were not recorded"),
     ],
 )

@@ -3,6 +3,7 @@ import hashlib
 import http.server
 import shutil
 import threading
+import zipfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from labctl import datasets
 from labctl.datasets import store
-from labctl.datasets.cards import Card, DataFile, bundled_directory
+from labctl.datasets.cards import Archive, Card, DataFile, bundled_directory
 from labctl.datasets.images import ImageSet, choose, read_image_set
 
 IMAGES = np.arange(6 * 28 * 28).astype(np.uint8).reshape(6, 28, 28)
@@ -80,7 +81,7 @@ def served(tiny: Card, tmp_path: Path) -> Iterator[Card]:
 
 def test_every_card_names_source_licence_and_authors() -> None:
     cards = {card.name: card for card in datasets.catalogue()}
-    assert set(cards) == {"mnist", "mnist-0-3", "fashion-mnist"}
+    assert set(cards) == {"mnist", "mnist-0-3", "fashion-mnist", "cracks", "vowels", "santa-fe"}
     for card in cards.values():
         assert card.source
         assert card.attribution
@@ -91,7 +92,7 @@ def test_every_card_names_source_licence_and_authors() -> None:
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(datasets.DatasetError, match=r"'mnits'.*fashion-mnist, mnist, mnist-0-3"):
+    with pytest.raises(datasets.DatasetError, match=r"'mnits'.*fashion-mnist, mnist, mnist-0-3, santa-fe"):
         datasets.load("mnits")
 
 
@@ -143,11 +144,36 @@ def test_a_choice_is_balanced_and_without_repetition(data: st.DataObject) -> Non
         ({"classes": []}, "no class"),
         ({"images": 3}, "cannot cover 4 classes"),
         ({"images": 5000, "seed": 1}, "at most 4000 images"),
+        ({"images": [5, 5]}, "give one for each"),
+        ({"images": [5, 5, 5, 0]}, "give one for each"),
     ],
 )
 def test_an_impossible_choice_says_what_is_possible(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(datasets.DatasetError, match=message):
         datasets.load("mnist-0-3", **arguments)  # type: ignore[arg-type]
+
+
+def test_classes_may_have_numbers_of_their_own() -> None:
+    some = datasets.load("mnist-0-3", classes=[3, 1], images=[5, 7], seed=4)
+    assert np.bincount(some.labels).tolist() == [0, 7, 0, 5]
+    assert np.all(np.diff(some.indices) > 0)
+
+
+@pytest.mark.parametrize("name", ["cracks", "vowels"])
+def test_what_cannot_be_downloaded_says_how_to_get_it(name: str, no_other_place: None) -> None:
+    for ask in (datasets.fetch, datasets.path, datasets.load if name == "cracks" else datasets.load_sequences):
+        with pytest.raises(
+            datasets.DatasetError, match=r"not found \(looked in .*\): download .* LABCTL_DATA"
+        ) as caught:
+            ask(name)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_set_of_the_other_kind_is_refused() -> None:
+    with pytest.raises(datasets.DatasetError, match="'vowels' holds sequences"):
+        datasets.load("vowels")
+    with pytest.raises(datasets.DatasetError, match="'mnist' holds images"):
+        datasets.load_sequences("mnist")
 
 
 def test_a_folder_is_found_by_argument_then_variable_then_cache(
@@ -174,6 +200,8 @@ def test_idx_files_become_an_image_set(tiny: Card, tmp_path: Path) -> None:
     np.testing.assert_array_equal(binary.images, IMAGES >= 100)
     assert binary.binarisation == "pixel >= 100"
     assert binary.binarised() is binary
+    with pytest.raises(datasets.DatasetError, match="no binarisation"):
+        binary.binarised("oztu")
 
 
 def test_loading_what_is_nowhere_tries_the_source(no_other_place: None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,6 +287,39 @@ def test_a_download_is_checked_and_kept(served: Card, tmp_path: Path) -> None:
     assert isinstance(read_image_set(served, folder), ImageSet)
     shutil.rmtree(tmp_path / "source")
     assert store.download(served, tmp_path / "cache") == folder
+
+
+@pytest.fixture
+def packed(served: Card, tmp_path: Path) -> Card:
+    """A card whose one file lies in a zip archive at the server."""
+    content = b"what is wanted"
+    archive = tmp_path / "source" / "tiny" / "much.whl"
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("much/wanted.npy", content)
+        file.writestr("much/else.py", "nothing to run")
+    where = Archive(name="much.whl", member="much/wanted.npy", sha256=hashlib.sha256(archive.read_bytes()).hexdigest())
+    wanted = DataFile(name="wanted.npy", role="series", sha256=hashlib.sha256(content).hexdigest(), archive=where)
+    return served.model_copy(update={"files": (wanted,)})
+
+
+def test_of_an_archive_only_the_file_is_kept(packed: Card, tmp_path: Path) -> None:
+    folder = store.download(packed, tmp_path / "cache")
+    assert [path.name for path in folder.iterdir()] == ["wanted.npy"]
+    assert all(check.ok for check in store.check(packed, folder))
+    shutil.rmtree(tmp_path / "source")
+    assert store.download(packed, tmp_path / "cache") == folder
+
+
+@pytest.mark.parametrize("damage", ["content", "member"])
+def test_another_archive_is_refused(packed: Card, tmp_path: Path, damage: str) -> None:
+    (file,) = packed.files
+    assert file.archive is not None
+    if damage == "content":
+        (tmp_path / "source" / "tiny" / "much.whl").write_bytes(b"tampered")
+    else:
+        file = file.model_copy(update={"archive": file.archive.model_copy(update={"member": "not there"})})
+    with pytest.raises(datasets.DatasetError, match="what was downloaded is not the file on the card"):
+        store.download(packed.model_copy(update={"files": (file,)}), tmp_path / "cache")
 
 
 def test_a_download_of_something_else_is_refused(served: Card, tmp_path: Path) -> None:

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from labctl.reports.drawing import Level
 from labctl.reports.figures import (
+    Claim,
     Curve,
     accuracy_figure,
     confusion_figure,
@@ -102,3 +104,45 @@ def test_an_accuracy_without_a_claim_draws_none() -> None:
     figure = accuracy_figure([curve], tau_s=40e-12, chance=0.25, claim=None)
     assert len(figure.axes[0].lines) == 1
     assert not figure.axes[0].texts
+
+
+def test_a_claim_stands_in_the_legend_and_levels_beside_the_panel() -> None:
+    curves = [Curve(f"M = {ports}", WINDOWS, [0.5 + 0.05 * ports] * 6, [0.02] * 6) for ports in range(1, 6)]
+    figure = accuracy_figure(
+        curves,
+        tau_s=40e-12,
+        chance=0.1,
+        claim=Claim("paper: 70.8 % at 1 ns", 1e-9, 0.708),
+        levels=[Level("raw pixels", 0.8)],
+        lowest=0.4,
+    )
+    assert figure.axes[0].get_ylim() == (40, 101)
+    assert [text.get_text() for text in figure.axes[0].texts] == [
+        "M = 1",
+        "M = 2",
+        "M = 3",
+        "M = 4",
+        "M = 5",
+        "raw pixels",
+    ]
+    assert [text.get_text() for text in figure.legends[0].get_texts()][-1] == "paper: 70.8 % at 1 ns"
+
+
+def test_windows_too_close_to_be_read_lose_their_tick_marks() -> None:
+    windows = [0.04e-9 * samples for samples in range(2, 51)]
+    figure = accuracy_figure([Curve("dense", windows, [0.9] * 49, [0.0] * 49)], tau_s=40e-12, chance=0.25)
+    figure.draw_without_rendering()
+    assert len(figure.axes[0].get_xticklabels()) <= 18
+
+
+def test_long_traces_are_thinned() -> None:
+    figure = traces_figure(np.arange(50_000) * 40e-12, np.zeros((1, 1, 50_000)), shots=["a"], ports=["port 2"])
+    assert len(np.asarray(figure.axes[0].lines[0].get_xdata())) <= 2002
+
+
+def test_saving_rounds_what_the_layout_solver_found(tmp_path: Path) -> None:
+    figure = traces()
+    save_figure(figure, tmp_path / "traces")
+    for axes in figure.axes:
+        bounds = axes.get_position(original=True).bounds
+        np.testing.assert_allclose(bounds, np.round(bounds, 6), rtol=0, atol=1e-12)

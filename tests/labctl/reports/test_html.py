@@ -8,7 +8,10 @@ from hypothesis import strategies as st
 
 from labctl.reports.figures import images_figure, save_figure
 from labctl.reports.html import (
+    Bullets,
+    Folded,
     Paragraph,
+    Part,
     Picture,
     Result,
     Results,
@@ -102,3 +105,21 @@ def test_any_text_survives(tmp_path_factory: pytest.TempPathFactory, title: str,
     write_report(path, title=title, sections=[Section(text, [Paragraph(text), Table((text,), [(text, title)])])])
     page = Page(path.read_text(encoding="utf-8"))
     assert "".join(page.text).count(text) >= 4
+
+
+def test_lists_and_folded_parts_are_escaped_and_links_lead_to_sections(tmp_path: Path) -> None:
+    parts: list[Part] = [Bullets(["a < b", "c"]), Folded("more & more", [Paragraph("inside")])]
+    write_report(tmp_path / "report.html", title="parts", sections=[Section("one", parts, anchor='o"ne')])
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert page.attributes["id"] == ['o"ne']
+    for text in ("a < b", "more & more", "inside"):
+        assert text in page.text
+    assert page.tags.count("li") == 2
+    assert page.tags.count("details") == 1
+
+
+def test_a_baseline_gets_a_column_where_there_is_one() -> None:
+    without = Results([Result("a", "1", "2", "3", reached=True)]).html()
+    with_one = Results([Result("a", "1", "2", "3", reached=True, baseline="95 <")]).html()
+    assert "baseline" not in without
+    assert "<td>95 &lt;</td>" in with_one

@@ -26,7 +26,7 @@ def test_plain_h5py_reads_a_data_file(whole: Path, small: RunShape) -> None:
         np.testing.assert_array_equal(file["time"][:], small.time)
         assert file["drive"].attrs["sample_rate"] == 25e9
         assert file["drive/samples"].shape == file["drive/marker"].shape == (50,)
-        assert file.attrs["format_version"] == "1.0"
+        assert file.attrs["format_version"] == "1.1"
         assert json.loads(file.attrs["manifest"])["seed"] == 7
         assert bool(file.attrs["complete"])
         axes = file["frames"].dims

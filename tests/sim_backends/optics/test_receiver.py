@@ -93,33 +93,5 @@ def test_noise_terms_are_the_textbook_ones() -> None:
     assert np.sqrt(law.floor) / 600 == pytest.approx(2.65e-6, rel=0.05)  # thermal leads
 
 
-@pytest.mark.parametrize("enob", [4.5, 5.5, 7.0])
-def test_effective_bits(enob: float) -> None:
-    rng = np.random.default_rng(1)
-    volts = rng.uniform(-0.4, 0.4, 200_000).astype(np.float32)
-    codes = receiver.digitise(volts, scale_v_per_div=0.1, offset_v=0.0, position_div=0.0, enob=enob, generator=rng)
-    error = codes * (0.1 / 25) - volts
-    assert error.std() == pytest.approx(1.024 / 2**enob / np.sqrt(12), rel=0.01)
-
-
 def test_eight_effective_bits_are_a_perfect_digitiser() -> None:
     assert receiver.digitiser_noise_codes(8.0) == 0.0
-
-
-def test_scale_offset_position_and_clipping() -> None:
-    volts = np.array([0.1, 0.2, 9.0, -9.0], np.float32)
-    codes = receiver.digitise(
-        volts, scale_v_per_div=0.1, offset_v=0.1, position_div=-2.0, enob=8.0, generator=np.random.default_rng(0)
-    )
-    assert codes.dtype == np.int8
-    assert codes.tolist() == [-50, -25, 127, -128]
-
-
-def test_averages_keep_sixteen_bits_and_fall_with_the_root() -> None:
-    rng = np.random.default_rng(2)
-    volts = np.zeros((64, 4000), np.float32)
-    codes = receiver.digitise(volts, scale_v_per_div=0.1, offset_v=0.0, position_div=0.0, enob=5.5, generator=rng)
-    one, many = receiver.averaged_codes(codes[:1]), receiver.averaged_codes(codes)
-    assert one.dtype == np.int16
-    assert np.array_equal(one, codes[0].astype(np.int16) * 256)
-    assert many.std() == pytest.approx(one.std() / 8, rel=0.05)

@@ -6,7 +6,6 @@ from collections.abc import Generator, Iterator
 
 import numpy as np
 import pytest
-import pyvisa
 from pyvisa.resources import MessageBasedResource
 
 from sim_backends.scpi.messages import Message
@@ -15,6 +14,7 @@ from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Loop
 from sim_backends.servers.socket import serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
+from tests.sim_backends.servers.clients import StockClients
 
 TRANSPORTS = ["socket", "hislip", "vxi11"]
 FRAMED = ["hislip", "vxi11"]
@@ -67,18 +67,13 @@ class Server:
             "vxi11": f"TCPIP0::127.0.0.1,{serve_vxi11(self.loop, self.memory)}::inst0::INSTR",
         }
         self.loop.start()
-        self._clients: list[MessageBasedResource] = []
+        self._clients = StockClients()
 
     def open(self, transport: str) -> MessageBasedResource:
-        client = pyvisa.ResourceManager("@py").open_resource(self.resources[transport], timeout=20_000)
-        assert isinstance(client, MessageBasedResource)
-        client.read_termination = client.write_termination = "\n"
-        self._clients.append(client)
-        return client
+        return self._clients.open(self.resources[transport])
 
     def close(self) -> None:
-        for client in self._clients:
-            client.close()
+        self._clients.close()
         self.loop.stop()
 
 

@@ -6,7 +6,6 @@ import struct
 from collections.abc import Generator, Iterator
 
 import pytest
-import pyvisa
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
@@ -15,6 +14,7 @@ from sim_backends.scpi.messages import Message
 from sim_backends.servers.channel import Chunk
 from sim_backends.servers.loop import Loop
 from sim_backends.servers.vxi11 import serve_vxi11
+from tests.sim_backends.servers.clients import StockClients
 
 CORE, ABORT = 0x0607AF, 0x0607B0
 
@@ -47,22 +47,16 @@ class Server:
         self.loop = Loop()
         self.port = serve_vxi11(self.loop, self.echo)
         self.loop.start()
-        self._clients: list[MessageBasedResource] = []
+        self._clients = StockClients()
 
     def open(self) -> MessageBasedResource:
-        resource = f"TCPIP0::127.0.0.1,{self.port}::inst0::INSTR"
-        client = pyvisa.ResourceManager("@py").open_resource(resource, timeout=20_000)
-        assert isinstance(client, MessageBasedResource)
-        client.read_termination = client.write_termination = "\n"
-        self._clients.append(client)
-        return client
+        return self._clients.open(f"TCPIP0::127.0.0.1,{self.port}::inst0::INSTR")
 
     def connect(self) -> "Caller":
         return Caller(self.port)
 
     def close(self) -> None:
-        for client in self._clients:
-            client.close()
+        self._clients.close()
         self.loop.stop()
 
 

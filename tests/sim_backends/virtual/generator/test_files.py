@@ -1,7 +1,6 @@
 """The disk of the virtual AWG, and loading waveforms and sequences from it."""
 
 import zipfile
-from collections.abc import Callable
 from contextlib import suppress
 from io import BytesIO
 
@@ -12,13 +11,12 @@ from hypothesis import strategies as st
 
 from sim_backends.clock import VirtualClock
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual import VirtualAwg70002a, VirtualInstrument
+from sim_backends.virtual import VirtualAwg70002a
 from sim_backends.virtual.awg_disk import CAPACITY, Disk
 from sim_backends.virtual.awg_seqx import read_seqx, read_sml
 from sim_backends.virtual.wfmx import WaveformFile, write_wfmx
 from sim_backends.world import World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
+from tests.sim_backends.virtual.generator.session import Ask, block, errors
 
 SAMPLES = np.linspace(-1, 1, 2400, dtype=np.float32)
 FLAGS = "".join(f'<Flag name="{name}">Toggle</Flag>' for name in "ABCD")
@@ -27,14 +25,6 @@ FLAGS = "".join(f'<Flag name="{name}">Toggle</Flag>' for name in "ABCD")
 @pytest.fixture
 def awg(world: World) -> VirtualAwg70002a:
     return VirtualAwg70002a(world)
-
-
-def errors(ask: Ask, awg: VirtualAwg70002a) -> str:
-    return ask(awg, "SYSTem:ERRor:CODE:ALL?").decode()
-
-
-def block(data: bytes) -> bytes:
-    return f"#{len(str(len(data)))}{len(data)}".encode() + data
 
 
 def waveform(scale: float = 1.0) -> bytes:

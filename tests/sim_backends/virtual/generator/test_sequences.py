@@ -1,47 +1,15 @@
 """Sequences of the virtual AWG: the list, and how they play."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_backends.virtual import VirtualAwg70002a, VirtualInstrument
-from sim_backends.world import Playback, World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
+from sim_backends.virtual import VirtualAwg70002a
+from sim_backends.world import Playback
+from tests.sim_backends.virtual.generator.session import Ask, Heard, errors, float_block
 
 LENGTHS = {"a": 2400, "b": 2500, "c": 2600}
 LEVELS = {"a": 0.25, "b": 0.5, "c": 1.0}
-
-
-class Heard(World):
-    """A world that notes what it is told to play."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.last: Playback | None = None
-        self.triggers = 0
-
-    def play(self, playback: Playback | None) -> None:
-        self.last = playback
-        super().play(playback)
-
-    def trigger_awg(self) -> None:
-        self.triggers += 1
-        super().trigger_awg()
-
-
-@pytest.fixture(scope="module")
-def quiet() -> Heard:
-    return Heard()
-
-
-@pytest.fixture
-def heard(quiet: Heard) -> Heard:
-    quiet.play(None)
-    quiet.triggers = 0
-    return quiet
 
 
 @pytest.fixture
@@ -49,14 +17,9 @@ def awg(heard: Heard, ask: Ask) -> VirtualAwg70002a:
     """Three constant waveforms whose level tells which one plays."""
     awg = VirtualAwg70002a(heard)
     for name, length in LENGTHS.items():
-        data = np.full(length, LEVELS[name], "<f4").tobytes()
         ask(awg, f'WLIS:WAV:NEW "{name}",{length}')
-        ask(awg, f'WLIS:WAV:DATA "{name}",#{len(str(len(data)))}{len(data)}'.encode() + data)
+        ask(awg, f'WLIS:WAV:DATA "{name}",'.encode() + float_block(np.full(length, LEVELS[name], np.float32)))
     return awg
-
-
-def errors(ask: Ask, awg: VirtualAwg70002a) -> str:
-    return ask(awg, "SYSTem:ERRor:CODE:ALL?").decode()
 
 
 def make(ask: Ask, awg: VirtualAwg70002a, *steps: str, name: str = "s") -> None:

@@ -1,15 +1,12 @@
 """The function-generator mode and the clock settings of the virtual AWG."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from sim_backends.virtual import VirtualAwg70002a, VirtualInstrument
+from sim_backends.virtual import VirtualAwg70002a
 from sim_backends.virtual.awg_function_generator import Function, SharedFrequency
 from sim_backends.world import World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
+from tests.sim_backends.virtual.generator.session import Ask, errors
 
 NOISE = np.random.default_rng(1)
 
@@ -17,10 +14,6 @@ NOISE = np.random.default_rng(1)
 @pytest.fixture
 def awg(world: World) -> VirtualAwg70002a:
     return VirtualAwg70002a(world)
-
-
-def errors(ask: Ask, awg: VirtualAwg70002a) -> str:
-    return ask(awg, "SYSTem:ERRor:CODE:ALL?").decode()
 
 
 def test_reset_state(ask: Ask, awg: VirtualAwg70002a) -> None:

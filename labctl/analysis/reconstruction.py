@@ -1,0 +1,177 @@
+"""Images from features: ridge regression to all pixels at once, plain and with a Gaussian kernel.
+
+Features (shots, features) come from one shot an image: with repeats of an image in the training set, leaving one shot
+out leaves its repeats in, and the regularisation comes out too weak. Images are (shots, pixels).
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.validation import check_is_fitted, validate_data
+from threadpoolctl import threadpool_limits
+
+from labctl.analysis.regression import ALPHAS, ridge_readout
+
+GAMMAS = (0.03, 0.1, 0.3, 1.0)
+"""Widths to choose from: a pair of images differs by 2 in the mean square of its standardised features."""
+SHARES = tuple(10.0 ** (exponent / 2) for exponent in range(-12, 5))
+"""Penalties to choose from, as shares of the kernel's mean variance: 1e-6 to 100 in half decades."""
+NEGLIGIBLE = 1e-10
+"""Directions that hold less than this share of the kernel's variance are rounding."""
+
+
+class LinearReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no types there
+    """Each pixel a linear function of the standardised features, with ridge penalty and a free bias.
+
+    The penalty is the same for all pixels and chosen by the leave-one-out error inside the training set.
+
+    Args:
+        alphas: Penalties to choose from.
+        clip: Limit predictions to the range of the training images, 0..1 for binary ones: no image lies outside, so
+            what is cut off is error, 0.005 to 0.01 in RMSE. False = the plain regression.
+
+    Attributes:
+        pipeline_: The fitted `ridge_readout`.
+        alpha_: The penalty chosen.
+        range_: Least and greatest value in the training images.
+        n_features_in_: Number of features.
+    """
+
+    def __init__(self, alphas: Sequence[float] = ALPHAS, clip: bool = True) -> None:
+        self.alphas = alphas
+        self.clip = clip
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:  # noqa: N803  # scikit-learn's own name
+        """Learn from features (shots, features) and images (shots, pixels), or (shots,) values."""
+        features, images = _checked(self, X, y)
+        with threadpool_limits(1):
+            self.pipeline_ = ridge_readout(self.alphas).fit(features, images)
+        self.alpha_ = float(self.pipeline_[-1].alpha_)
+        self.range_ = (float(images.min()), float(images.max()))
+        return self
+
+    def predict(self, X: ArrayLike) -> NDArray[np.float64]:  # noqa: N803
+        """Images of features (shots, features), shaped as in training."""
+        check_is_fitted(self)
+        features = validate_data(self, X, dtype=np.float64, reset=False)
+        with threadpool_limits(1):
+            images = np.asarray(self.pipeline_.predict(features))
+        return images.clip(*self.range_) if self.clip else images
+
+
+class KernelReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """The best readout found for images: ridge regression with a Gaussian kernel, a penalty for each image component.
+
+    A detector sees |a v|^2, quadratic in the image v, so the image is no linear function of the features. The kernel
+    k(x, x') = exp(-gamma |x - x'|^2 / p) of p standardised features fits a smooth one. The images are split into their
+    principal components, and each has its own penalty: strokes are clear in the features where fine detail drowns in
+    noise. Width and penalties are chosen by the leave-one-out error inside the training set, in closed form: one
+    eigendecomposition a width serves all penalties and components. Cost and memory go with the square of the shots and
+    more: for a few thousand.
+
+    Sources: Saunders, Gammerman & Vovk, Proc. ICML 1998, 515; Rifkin & Lippert, MIT-CSAIL-TR-2007-025 (leave-one-out).
+
+    Args:
+        gammas: Widths to choose from.
+        alphas: Penalties to choose from, shares of the mean variance of the kernel's directions.
+        clip: Limit predictions to the range of the training images, as in `LinearReconstruction`.
+
+    Attributes:
+        gamma_: The width chosen.
+        alphas_: (components,) the penalty of each principal component of the images, strongest component first.
+        dual_coef_: (shots, pixels) weight of each training shot.
+        mean_: (pixels,) mean training image.
+        range_: Least and greatest value in the training images.
+        n_features_in_: Number of features.
+    """
+
+    def __init__(
+        self,
+        gammas: Sequence[float] = GAMMAS,
+        alphas: Sequence[float] = SHARES,
+        clip: bool = True,
+    ) -> None:
+        self.gammas = gammas
+        self.alphas = alphas
+        self.clip = clip
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:  # noqa: N803
+        """Learn from features (shots, features) and images (shots, pixels), or (shots,) values."""
+        features, images = _checked(self, X, y)
+        with threadpool_limits(1):
+            self._scaler = StandardScaler().fit(features)
+            self._shots = self._scaler.transform(features)
+            targets = images.reshape(len(images), -1)
+            self.mean_ = targets.mean(axis=0)
+            components = np.linalg.svd(targets - self.mean_, full_matrices=False)[2]
+            scores = (targets - self.mean_) @ components.T
+            distances = _distances(self._shots, self._shots)
+            fits = [_chosen(np.exp(-gamma * distances), scores, np.asarray(self.alphas)) for gamma in self.gammas]
+            best = min(range(len(fits)), key=lambda position: fits[position].error)
+            self.gamma_ = float(self.gammas[best])
+            self.alphas_ = fits[best].alphas
+            self.dual_coef_ = fits[best].weights @ components
+            self._column_means = np.exp(-self.gamma_ * distances).mean(axis=0)
+        self._pixels = images.shape[1:]
+        self.range_ = (float(images.min()), float(images.max()))
+        return self
+
+    def predict(self, X: ArrayLike) -> NDArray[np.float64]:  # noqa: N803
+        """Images of features (shots, features), shaped as in training."""
+        check_is_fitted(self)
+        features = validate_data(self, X, dtype=np.float64, reset=False)
+        with threadpool_limits(1):
+            kernel = np.exp(-self.gamma_ * _distances(self._scaler.transform(features), self._shots))
+            images = (kernel - self._column_means) @ self.dual_coef_ + self.mean_
+        shaped = np.asarray(images.reshape(len(features), *self._pixels))
+        return shaped.clip(*self.range_) if self.clip else shaped
+
+
+class _Fit(NamedTuple):
+    """Kernel ridge at one width: leave-one-out error, penalties (components,), weights (shots, components)."""
+
+    error: float
+    alphas: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+
+def _chosen(kernel: NDArray[np.float64], scores: NDArray[np.float64], alphas: NDArray[np.float64]) -> _Fit:
+    """The penalty of least leave-one-out error for each column of `scores` (shots, components), and the weights.
+
+    With the centred kernel K = Q diag(w) Q', the fit is 1/n + Q diag(w / (w + a)) Q' =: H, and leaving shot i out gives
+    the error (y - H y)_i / (1 - H_ii).
+    """
+    shots = len(kernel)
+    row_means = kernel.mean(axis=0)
+    values, vectors = np.linalg.eigh(kernel - row_means - row_means[:, np.newaxis] + row_means.mean())
+    kept = values > NEGLIGIBLE * max(float(values.sum()), NEGLIGIBLE)
+    values, vectors = values[kept], vectors[:, kept]
+    if not values.size:  # a single shot, or all alike: nothing but the mean image can be learnt
+        return _Fit(float(np.sum(scores**2)), np.full(scores.shape[1], alphas.max()), np.zeros_like(scores))
+    penalties = alphas * values.sum() / shots
+    coordinates = vectors.T @ scores
+    squared = vectors**2
+    errors = np.empty((alphas.size, scores.shape[1]))
+    for position, penalty in enumerate(penalties):
+        kept_share = values / (values + penalty)
+        residual = scores - vectors @ (kept_share[:, np.newaxis] * coordinates)
+        left = 1 - 1 / shots - squared @ kept_share
+        errors[position] = np.mean((residual / left[:, np.newaxis]) ** 2, axis=0)
+    best = errors.argmin(axis=0)
+    weights = vectors @ (coordinates / (values[:, np.newaxis] + penalties[best]))
+    return _Fit(float(errors.min(axis=0).sum()), alphas[best], weights - weights.mean(axis=0))
+
+
+def _distances(shots: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean over the features of the squared difference of each shot (n, p) from each other (m, p): (n, m)."""
+    squares = np.sum(shots**2, axis=1)[:, np.newaxis] + np.sum(others**2, axis=1)
+    return np.asarray((squares - 2 * (shots @ others.T)).clip(min=0) / shots.shape[1])
+
+
+def _checked(estimator: Any, X: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # noqa: N803
+    features, images = validate_data(estimator, X, y, dtype=np.float64, multi_output=True, y_numeric=True)
+    return features, np.asarray(images, np.float64)

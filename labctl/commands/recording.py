@@ -1,0 +1,158 @@
+"""`labctl record`: keep what goes over the wire. `labctl replay`: instruments that answer as recorded, nothing else."""
+
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labctl.commands.output import JsonOption, say, show, table
+from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError
+from labctl.interruption import on_stop_signal
+from labctl.recording import Recording, RecordingError, read_recording
+from labctl.replaying import leading_to, replay_of
+from labctl.station import write_addresses
+from labctl.tapping import RecordingRequest, asking_to_record, recordings
+from sim_backends.replaying import Replay
+
+POLL_S = 0.5
+
+File = Annotated[Path, typer.Argument(help="Recording.")]
+
+
+def record(
+    context: typer.Context,
+    file: File,
+    command: Annotated[list[str], typer.Argument(help="-- and the command of labctl to record.")],
+    mask: Annotated[
+        bool, typer.Option("--mask", help="Replace serial numbers in *IDN? replies, hosts in addresses, the command.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Carry out a command of labctl and keep every byte to and from every instrument, with its time.
+
+    A command that opens several benches writes one file for each: FILE, then the same name with -2, -3 ...
+    """
+    _refuse_nesting(command)
+    if existing := recordings(file):
+        raise RecordingError(f"{existing[0]}: exists: name a new file, or remove the old recording")
+    try:
+        with asking_to_record(RecordingRequest(str(file.absolute()), mask, tuple(command))):
+            return _carry_out(context, command, as_json)
+    finally:
+        written = recordings(file)
+        _note(
+            f"recorded in {', '.join(map(str, written))}"
+            if written
+            else "no instrument was spoken to: nothing recorded"
+        )
+
+
+def replay(
+    context: typer.Context,
+    file: File,
+    command: Annotated[list[str] | None, typer.Argument(help="-- and a command of labctl to run against it.")] = None,
+    port_base: Annotated[
+        int | None, typer.Option("--port-base", min=1024, max=65500, help="First TCP port; without it any free ones.")
+    ] = None,
+    save_station: Annotated[
+        Path | None, typer.Option("--save-station", help="Write a station file that points at these instruments.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Serve a recording as instruments on loopback, until it is played or the first message differs from it.
+
+    To a command every bench of the recording is played: FILE, and those beside it with -2, -3 ... Exit 0 when the whole
+    recording was played, 1 at a difference, which one line on standard error describes.
+    """
+    if command:
+        _refuse_nesting(command)
+        if port_base is not None or save_station is not None:
+            raise UsageError("--port-base and --save-station are for clients of your own: leave the command out")
+        played = [_read(path) for path in recordings(file) or [file]]
+        with _served(played) as served:
+            return _play_to(context, command, served, played, as_json)
+    with _served([_read(file)], port_base) as served:
+        (resources,) = served.resources.values()
+        if save_station is not None:
+            write_addresses(save_station, resources)
+        return _serve(served, resources, as_json)
+
+
+def _read(file: Path) -> Recording:
+    recording = read_recording(file)
+    if not recording.complete:
+        _note(
+            f"{file}: is incomplete, its writer was stopped ({recording.lost_bytes} bytes of a torn record are left "
+            f"out): playing the {len(recording.records)} records before that"
+        )
+    return recording
+
+
+@contextmanager
+def _served(played: Sequence[Recording], port_base: int | None = None) -> Iterator[Replay]:
+    served = replay_of(played, port_base)
+    try:
+        served.start()
+    except OSError as error:
+        raise UsageError(f"--port-base {port_base}: {error.strerror}") from None
+    try:
+        yield served
+    finally:
+        served.stop()
+
+
+def _play_to(
+    context: typer.Context, command: list[str], served: Replay, played: Sequence[Recording], as_json: bool
+) -> int:
+    """The command's own exit status, or 1 if it left the recording or did not play all of it."""
+    try:
+        with leading_to(served, played):
+            status = _carry_out(context, command, as_json)
+    finally:
+        served.stop()  # not before the last messages of the command are heard
+        if served.difference is not None:
+            _note(f"replay: {served.difference}")
+    if served.difference is None and not served.complete:
+        _note(f"replay: the command ended after {served.played} of {served.total} messages")
+    return status if served.complete else status or FELL_SHORT
+
+
+def _serve(served: Replay, resources: Mapping[str, str], as_json: bool) -> int:
+    stop = threading.Event()
+    with on_stop_signal(stop.set):
+        show(
+            {"resources": {name: {"socket": address} for name, address in resources.items()}},
+            as_json,
+            lambda: table(("instrument", "socket"), resources.items()),
+        )
+        if not as_json:
+            say("serving; Ctrl-C ends")
+        while served.running and not stop.is_set() and not served.ended.wait(POLL_S):
+            pass
+    if served.difference is not None:
+        _note(f"replay: {served.difference}")
+        return FELL_SHORT
+    _note(f"replay: {served.played} of {served.total} messages were played")
+    if served.complete:
+        return DONE
+    return INTERRUPTED
+
+
+def _refuse_nesting(command: list[str]) -> None:
+    if command[0] in ("record", "replay"):
+        raise UsageError(f"labctl {command[0]} cannot be recorded or played to: name the command inside it")
+
+
+def _carry_out(context: typer.Context, command: list[str], as_json: bool) -> int:
+    words = [*command, "--json"] if as_json and "--json" not in command else command
+    root = context.find_root()
+    status = root.command.main(words, prog_name=root.info_name, standalone_mode=False)
+    return status if isinstance(status, int) else DONE
+
+
+def _note(line: str) -> None:
+    sys.stderr.write(f"{line}\n")

@@ -1,0 +1,145 @@
+"""`labctl reproduce`: the paper's experiments, beside the paper's own figures."""
+
+import json
+import sys
+import time
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.run import DataOption, StationOption
+from labctl.experiments import experiments
+from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError, one_line
+from labctl.interruption import interruptible
+from labctl.processes import Interrupted
+from labctl.runs import run_name
+from labctl.station import read_station
+
+if TYPE_CHECKING:
+    from labctl.reproduction.reproducing import Plan
+
+ALL = "all"
+
+
+def reproduce(
+    names: Annotated[list[str] | None, typer.Argument(help="Experiments, or 'all' (the default).")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer twins and splits, by the same path.")] = False,
+    seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many seeds, in place of the usual.")] = None,
+    station: StationOption = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for runs and report; must be new or empty.")] = None,
+    data: DataOption = None,
+    vary: Annotated[
+        bool, typer.Option("--sensitivity", help="Instead, vary the simulated bench and see what the result rests on.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Run experiments of the paper and compare with what it reached.
+
+    Exit 0 if every figure is reached, 1 if one falls short or an experiment of 'all' had to be skipped.
+    """
+    from labctl.reproduction.reproducing import Plan, check
+
+    wanted = [] if not names or ALL in names else names
+    chosen = experiments(wanted)
+    folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(names or [ALL]))
+    plan = Plan(chosen, read_station(station), folder, quick, seeds, data)
+    problems = check(plan)
+    if problems and (wanted or len(problems) == len(chosen)):
+        raise next(iter(problems.values()))
+    skipped = {name: one_line(error) for name, error in problems.items()}
+    for name, why in skipped.items():
+        sys.stderr.write(f"{name} is skipped: {why}\n")
+    plan = replace(plan, experiments=tuple(found for found in chosen if found.name not in skipped))
+    try:
+        if vary:
+            return _vary(plan, as_json)
+        return _reproduce(plan, skipped, as_json, alone=len(wanted) == 1)
+    except Interrupted:
+        sys.stderr.write(f"interrupted: the finished runs are in {folder}, the bench is in the safe state\n")
+        return INTERRUPTED
+
+
+def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: bool) -> int:
+    from labctl.reproduction import judging
+    from labctl.reproduction.reproducing import reproduce as carry_out
+
+    began = time.perf_counter()
+    with interruptible() as interruption, progress_bar("reproduce") as progress:
+        everything = carry_out(plan, interruption=interruption, progress=progress)
+    report = judging.write_report(plan, everything, skipped)
+    entries = [judging.as_json(found) for found in everything]
+    entries += [{"name": name, "skipped": why, "passed": False} for name, why in skipped.items()]
+    whole: dict[str, Any] = {
+        "experiments": entries,
+        "passed": all(entry["passed"] for entry in entries),
+        "seconds": round(time.perf_counter() - began, 1),
+        "report": str(report),
+    }
+    (plan.folder / "report.json").write_text(json.dumps(whole, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    show(entries[0] | {"report": str(report)} if alone else whole, as_json, lambda: _print(whole))
+    return DONE if whole["passed"] else FELL_SHORT
+
+
+def _vary(plan: "Plan", as_json: bool) -> int:
+    from labctl.reproduction import judging
+    from labctl.reproduction.sensitivity import as_json as described
+    from labctl.reproduction.sensitivity import figure_of, sensitivity, study_of
+
+    if len(plan.experiments) != 1:
+        raise UsageError("--sensitivity is for one experiment: name it, as in 'labctl reproduce fig3 --sensitivity'")
+    began = time.perf_counter()
+    experiment = plan.experiments[0]
+    study = study_of(experiment)
+    with interruptible() as interruption, progress_bar("sensitivity") as progress:
+        found = sensitivity(plan, experiment, interruption=interruption, progress=progress)
+    seconds = round(time.perf_counter() - began, 1)
+    report = judging.write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
+    result = {
+        "name": experiment.name,
+        "window_ns": study.window * 1e9,
+        "sensitivity": described(found),
+        "seconds": seconds,
+        "report": str(report),
+    }
+    (plan.folder / "report.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    show(result, as_json, lambda: _print_dependence(result))
+    return DONE
+
+
+def _print_dependence(result: dict[str, Any]) -> None:
+    rows = [
+        (
+            one["name"] if place == 0 else "",
+            f"{value:g}" + (" (default)" if value == one["default"] else ""),
+            f"{accuracy['mean']:.3f} ± {accuracy['sd']:.3f}",
+        )
+        for one in result["sensitivity"].values()
+        for place, (value, accuracy) in enumerate(zip(one["values"], one["accuracy"], strict=True))
+    ]
+    table(("parameter", "value", f"accuracy at {result['window_ns']:g} ns"), rows)
+    say(f"{result['seconds']:.0f} s; report: {result['report']}")
+
+
+def _print(whole: dict[str, Any]) -> None:
+    rows = []
+    for entry in whole["experiments"]:
+        if "skipped" in entry:
+            rows.append((entry["name"], entry["skipped"], "", "", "", "skipped", "", ""))
+            continue
+        repeats = f"{entry['seeds']} x {entry['splits']}"
+        for place, must in enumerate(entry["must"]):
+            name, times, seconds = (entry["name"], repeats, f"{entry['seconds']:.0f}") if place == 0 else ("", "", "")
+            verdict = "pass" if must["reached"] else "SHORT"
+            here = f"{must['here']:.4g}"
+            rows.append((name, must["what"], must["paper"], here, must["required"], verdict, times, seconds))
+    table(("experiment", "figure", "paper", "here", "must reach", "verdict", "seeds x splits", "seconds of work"), rows)
+    for entry in whole["experiments"]:
+        if entry.get("cause"):
+            say(f"{entry['name']} falls short: {entry['cause']}")
+    verdict = "every figure is reached" if whole["passed"] else "NOT every figure is reached"
+    say(f"{verdict}; {whole['seconds']:.0f} s in all")
+    say(f"report: {whole['report']}")

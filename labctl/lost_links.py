@@ -1,0 +1,62 @@
+"""Going on after a lost link: every instrument is reached again and the bench is safe before anything is measured anew.
+
+The light stays off meanwhile: only a protocol switches it on, by `Bench.emitting`.
+"""
+
+import logging
+import time
+
+from instruments.bench import Bench, UnsafeBench
+from instruments.interfaces import InstrumentError, LinkError
+from labctl.command_log import CommandLog
+
+ATTEMPTS = 3
+"""So often in a row, without a record between, the bench is tried again."""
+PAUSE_S = 1.0
+"""What a network or an instrument gets to come back before each attempt."""
+
+_logger = logging.getLogger(__name__)
+
+
+class Recovery:
+    """Brings a bench back after a lost link, and writes into the run's log that it did."""
+
+    def __init__(self, bench: Bench, log: CommandLog) -> None:
+        """Watch over `bench`; `log` gets a line with the direction `!` for every attempt and its outcome."""
+        self._bench = bench
+        self._log = log
+        self._attempts = 0
+        self._records = 0
+
+    def after(self, error: InstrumentError, records: int) -> None:
+        """Return when the bench is reached again and in the safe state; `records` have been stored so far.
+
+        Raises:
+            InstrumentError: `error` itself, if it was no lost link or came too often without a new record; or
+                `UnsafeBench`, if the bench does not come back.
+        """
+        if not was_lost_link(error):
+            raise error
+        if records > self._records:
+            self._attempts, self._records = 0, records
+        while self._attempts < ATTEMPTS:
+            self._attempts += 1
+            self._tell(f"lost link after {records} records, attempt {self._attempts} of {ATTEMPTS} to go on: {error}")
+            time.sleep(PAUSE_S)
+            try:
+                self._bench.make_safe()
+            except UnsafeBench as failure:
+                error = failure
+            else:
+                self._tell("all instruments answer and the bench is in the safe state: measuring what is missing")
+                return
+        raise error
+
+    def _tell(self, message: str) -> None:
+        self._log("run", "!", message)
+        _logger.warning("%s", message)
+
+
+def was_lost_link(error: InstrumentError) -> bool:
+    """Whether an instrument could not be reached, also where the safe state that followed was then not confirmed."""
+    return isinstance(error, LinkError) or (isinstance(error, UnsafeBench) and isinstance(error.__context__, LinkError))

@@ -1,0 +1,181 @@
+"""Measuring a run: what a protocol yields is checked and stored, and what a lost link cuts off is measured anew."""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from instruments.bench import Bench
+from instruments.interfaces import Codes, InstrumentError, Scaling
+from labctl.interruption import Interruption
+from labctl.lost_links import Recovery
+from labctl.runs import MeasuredBurst, RunWriter
+from labctl.stopwatch import Stopwatch
+from protocols.base import BurstRecord, Events, Inputs, LegStarted, Measurement, Part, Record
+
+Progress = Callable[[int, int], None]
+"""Called after every record with the number of records so far and in all."""
+
+
+class Measuring:
+    """A run under way: takes what a protocol yields, checks it and stores it.
+
+    Attributes:
+        clipped: records that touch the end of the vertical range.
+        recovered: how often the run went on after a lost link.
+    """
+
+    def __init__(
+        self,
+        protocol: Measurement[Any],
+        inputs: Inputs,
+        bench: Bench,
+        writer: RunWriter,
+        *,
+        interruption: Interruption,
+        progress: Progress,
+        stopwatch: Stopwatch,
+    ) -> None:
+        """Measure what `protocol` asks for on `bench` into `writer`; nothing is sent yet."""
+        self.clipped = self.recovered = 0
+        self._protocol = protocol
+        self._inputs = inputs
+        self._bench = bench
+        self._writer = writer
+        self._interruption = interruption
+        self._progress = progress
+        self._stopwatch = stopwatch
+        self._whole = protocol.parts(bench, inputs)
+        self._total = sum(len(part.shots) for part in self._whole)
+        self._done = 0
+        self._began = bench.now()
+
+    def measure(self, recovery: Recovery) -> None:
+        """Store every missing record until there is none, or until interrupted.
+
+        A lost link ends the light; once `recovery` has the bench back, the records that are still missing are measured
+        in the vertical ranges that their legs have already.
+
+        Raises:
+            InstrumentError: an instrument failed, or gave the same trace twice.
+            RunError: the disk is full or refuses.
+        """
+        with Storage(self._writer, self._stopwatch) as storage:
+            while parts := self._missing():
+                try:
+                    with closing(self._protocol.acquire(self._bench, self._inputs, parts)) as events:
+                        self._keep(events, storage)
+                    return
+                except InstrumentError as error:
+                    storage.sync()
+                    recovery.after(error, self._done)
+                    self.recovered += 1
+                if self._interruption.requested:
+                    return
+
+    def _missing(self) -> list[Part]:
+        """What the run still lacks on disk, with the ranges of the legs that have some."""
+        parts = []
+        for part in self._whole:
+            index = part.leg.index
+            missing = self._writer.missing(index)
+            locked = self._writer.locked_scales(index)
+            scalings = None if locked is None else tuple(map(Scaling, *(values.tolist() for values in locked)))
+            if missing.size:
+                parts.append(Part(part.leg, [part.shots[shot] for shot in missing], scalings))
+        return parts
+
+    def _keep(self, events: Events, storage: "Storage") -> None:
+        previous: Codes | None = None
+        for event in events:
+            if isinstance(event, LegStarted):
+                scalings = event.scalings
+                self._writer.scales(event.leg.index, [s.scale_v for s in scalings], [s.offset_v for s in scalings])
+                previous = None
+                continue
+            # Light that was off and on again is another epoch, as is another leg.
+            burst = _measured(event, self._bench.now() - self._began, event.leg.index + self.recovered)
+            _refuse_stale(previous, burst)
+            previous = burst.codes[-1]
+            storage.keep(event, burst)
+            self.clipped += int(np.count_nonzero(burst.clipped.any(axis=1)))
+            self._done += len(burst.codes)
+            self._progress(self._done, self._total)
+            if self._interruption.requested:
+                break
+
+
+class Storage:
+    """Stores records; a burst in a thread of its own, while the bench measures the next one."""
+
+    def __init__(self, writer: RunWriter, stopwatch: Stopwatch) -> None:
+        self._writer = writer
+        self._stopwatch = stopwatch
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="storage")
+        self._stored: Future[None] | None = None
+
+    def keep(self, event: Record | BurstRecord, burst: MeasuredBurst) -> None:
+        """Store a single shot now, or wait until the last burst is stored and begin with this one."""
+        if isinstance(event, Record):
+            with self._stopwatch.step("storage"):
+                self._writer.append(event.leg.index, burst.shot(0))
+            return
+        self._finish()
+        self._stored = self._thread.submit(self._store, event.leg.index, burst)
+
+    def sync(self) -> None:
+        """Return when everything that was kept so far is on disk."""
+        self._finish()
+        self._writer.sync()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._finish()
+        finally:
+            self._thread.shutdown()
+
+    def _store(self, leg: int, burst: MeasuredBurst) -> None:
+        with self._stopwatch.step("storage"):
+            self._writer.append_burst(leg, burst)
+
+    def _finish(self) -> None:
+        stored, self._stored = self._stored, None
+        if stored is not None:
+            stored.result()
+
+
+def _refuse_stale(previous: Codes | None, burst: MeasuredBurst) -> None:
+    """Noise makes two traces differ: equal ones mean that the oscilloscope gave the same acquisition again."""
+    first = 0 if previous is None else int(np.array_equal(previous, burst.codes[0]))
+    repeated = np.flatnonzero((burst.codes[1:] == burst.codes[:-1]).all(axis=(1, 2)))
+    if first or repeated.size:
+        shot = burst.first + (0 if first else int(repeated[0]) + 1)
+        raise InstrumentError(
+            f"scope: shot {shot} and the one before gave byte-identical traces: it did not acquire anew; "
+            f"check its trigger"
+        )
+
+
+def _measured(event: Record | BurstRecord, time_s: float, epoch: int) -> MeasuredBurst:
+    """What is stored of an event; `time_s` is the time of the last shot in it."""
+    if isinstance(event, Record):
+        frames = event.frames
+        return MeasuredBurst(
+            event.shot.index,
+            frames.codes[np.newaxis],
+            frames.trigger_offset_s[np.newaxis],
+            np.array([time_s]),
+            frames.clipped[np.newaxis],
+            epoch,
+        )
+    burst = event.burst
+    times = time_s + burst.time_s - burst.time_s[-1]
+    return MeasuredBurst(event.first, burst.codes, burst.trigger_offset_s, times, burst.clipped, epoch)

@@ -1,0 +1,35 @@
+"""The analyses that an experiment file can name, each loaded when it is needed."""
+
+from importlib import import_module
+from importlib.util import find_spec
+
+from pydantic import ValidationError
+
+from labctl.experiments import Experiment, ExperimentError
+from labctl.reproduction.contract import Analysis, AnalysisSettings
+from labctl.station import describe
+
+MODULES = ("recognition", "traces", "cracks", "forecasting", "vowels")
+
+
+def analysis_of(experiment: Experiment) -> tuple[Analysis, AnalysisSettings]:
+    """The analysis that `experiment` names, and its settings.
+
+    Raises:
+        ExperimentError: there is no such analysis, its settings are wrong, or it needs torch and there is none.
+    """
+    if experiment.analysis not in MODULES:
+        raise ExperimentError(
+            f"experiment {experiment.name}: no analysis is called {experiment.analysis!r}: "
+            f"choose from {', '.join(MODULES)}"
+        )
+    analysis: Analysis = import_module(f"labctl.reproduction.{experiment.analysis}").ANALYSIS
+    if analysis.needs_torch and find_spec("torch") is None:
+        raise ExperimentError(
+            f"experiment {experiment.name} needs torch, which is not installed: "
+            f'pip install "photonic-labctl[imaging]", or leave it out'
+        )
+    try:
+        return analysis, analysis.settings.model_validate(experiment.settings)
+    except ValidationError as error:
+        raise ExperimentError(f"experiment {experiment.name}: settings: {describe(error)}") from None

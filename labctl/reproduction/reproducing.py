@@ -1,0 +1,210 @@
+"""Carrying out experiments: every run they need once, every twin examined, all of it in parallel where it may be."""
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from labctl.acquisition import Acquisition, acquire
+from labctl.experiments import Experiment
+from labctl.failures import EXPECTED
+from labctl.inputs import inputs_for
+from labctl.interruption import Interruption
+from labctl.processes import in_parallel, stop_requested
+from labctl.reproduction.analyses import analysis_of
+from labctl.reproduction.contract import Conclusion, Material
+from labctl.station import Station
+from protocols.base import Measurement
+
+Progress = Callable[[int, int], None]
+"""Called with the number of tasks that are done and of all: runs, then examinations."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be carried out.
+
+    Attributes:
+        experiments: The experiments.
+        station: The bench; where all of it is simulated, each seed is another twin.
+        folder: Where the runs go.
+        quick: Fewer twins and splits.
+        seeds: How many seeds, in place of what the experiments say.
+        data: Folder of data sets that is looked at first.
+    """
+
+    experiments: tuple[Experiment, ...]
+    station: Station
+    folder: Path
+    quick: bool = False
+    seeds: int | None = None
+    data: Path | None = None
+
+    def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
+        """Seeds of an experiment: 1, 2, ..."""
+        count = self.seeds or (experiment.quick_twins if self.quick else experiment.twins)
+        return tuple(range(1, count + 1))
+
+    def splits_of(self, experiment: Experiment) -> int:
+        """Random splits for each seed."""
+        return experiment.quick_splits if self.quick else experiment.splits
+
+    def station_for(self, protocol: Measurement[Any], seed: int) -> Station:
+        """The station as a run needs it: simulated benches are another twin each, and cabled as the protocol asks."""
+        if not self.station.wholly_simulated:
+            return self.station
+        return self.station.twin(seed).cabled(projector=protocol.projector)
+
+    @property
+    def workers(self) -> int:
+        """Processes: real instruments, and simulated ones that others serve, are used by one at a time."""
+        return (os.cpu_count() or 1) if self.station.wholly_simulated else 1
+
+
+@dataclass(frozen=True)
+class Reproduced:
+    """What came of one experiment."""
+
+    experiment: Experiment
+    seeds: tuple[int, ...]
+    splits: int
+    conclusion: Conclusion
+    seconds: float
+    runs: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
+class RunTask:
+    """One run: the protocol with its seed, on which station, into which directory."""
+
+    protocol: Measurement[Any]
+    station: Station
+    directory: Path
+    data: Path | None
+
+
+@dataclass(frozen=True)
+class _Examination:
+    """One twin of one experiment."""
+
+    experiment: Experiment
+    seed: int
+    material: Material
+
+
+@dataclass
+class _Tasks:
+    """Everything to do: each run once, whoever needs it."""
+
+    runs: dict[Path, RunTask] = field(default_factory=dict)
+    examinations: list[_Examination] = field(default_factory=list)
+
+
+def check(plan: Plan) -> dict[str, Exception]:
+    """Find out before anything starts what cannot be carried out: missing data, missing torch, wrong files.
+
+    Returns:
+        Name of each experiment that cannot -> why.
+    """
+    problems: dict[str, Exception] = {}
+    for experiment in plan.experiments:
+        try:
+            analysis_of(experiment)
+            for protocol in experiment.protocols.values():
+                inputs_for(protocol, plan.data)
+        except EXPECTED as error:
+            problems[experiment.name] = error
+    return problems
+
+
+def reproduce(plan: Plan, *, interruption: Interruption, progress: Progress) -> list[Reproduced]:
+    """Acquire every run, examine every twin, and conclude.
+
+    Raises:
+        Interrupted: the operator stopped it.
+        InstrumentError, DatasetError, ProtocolError, StationError, RunError: a run failed.
+    """
+    tasks = _tasks(plan)
+    runs, examinations = len(tasks.runs), len(tasks.examinations)
+    acquired = in_parallel(
+        acquire_run,
+        tasks.runs,
+        workers=plan.workers,
+        interruption=interruption,
+        progress=lambda done, _steps: progress(done, runs + examinations),
+    )
+    examined = in_parallel(
+        _examine,
+        dict(enumerate(tasks.examinations)),
+        workers=os.cpu_count() or 1,
+        interruption=interruption,
+        progress=lambda done, _steps: progress(runs + done, runs + examinations),
+    )
+    return [_concluded(plan, experiment, tasks, acquired, examined) for experiment in plan.experiments]
+
+
+def _tasks(plan: Plan) -> _Tasks:
+    tasks = _Tasks()
+    for experiment in plan.experiments:
+        for seed in plan.seeds_of(experiment):
+            protocols = {
+                name: protocol.model_copy(update={"seed": seed}) for name, protocol in experiment.protocols.items()
+            }
+            directories = {name: _directory(plan, protocol, seed) for name, protocol in protocols.items()}
+            for name, directory in directories.items():
+                station = plan.station_for(protocols[name], seed)
+                tasks.runs.setdefault(directory, RunTask(protocols[name], station, directory, plan.data))
+            material = Material(directories, protocols, seed, plan.splits_of(experiment), plan.data)
+            tasks.examinations.append(_Examination(experiment, seed, material))
+    return tasks
+
+
+def _directory(plan: Plan, protocol: Measurement[Any], seed: int) -> Path:
+    """Where a run goes; equal runs of several experiments are one."""
+    identity = sha256(f"{protocol.digest()} {seed}".encode()).hexdigest()[:8]
+    return plan.folder / f"{protocol.name}-seed-{seed}-{identity}"
+
+
+def _concluded(
+    plan: Plan,
+    experiment: Experiment,
+    tasks: _Tasks,
+    acquired: Mapping[Path, tuple[None, float]],
+    examined: Mapping[int, tuple[Any, float]],
+) -> Reproduced:
+    began = time.perf_counter()
+    analysis, settings = analysis_of(experiment)
+    own = [number for number, found in enumerate(tasks.examinations) if found.experiment is experiment]
+    directories = tuple(
+        dict.fromkeys(directory for number in own for directory in tasks.examinations[number].material.runs.values())
+    )
+    conclusion = analysis.conclude([examined[number][0] for number in own], settings)
+    seconds = sum(examined[number][1] for number in own) + sum(acquired[directory][1] for directory in directories)
+    return Reproduced(
+        experiment,
+        plan.seeds_of(experiment),
+        plan.splits_of(experiment),
+        conclusion,
+        seconds + time.perf_counter() - began,
+        directories,
+    )
+
+
+def acquire_run(run: RunTask) -> None:
+    """Carry out one run in this process; it ends early, in the safe state, if the parent says so."""
+    interruption = Interruption()
+
+    def progress(_done: int, _total: int) -> None:
+        interruption.requested |= stop_requested()
+
+    acquire(
+        Acquisition(run.protocol, run.station, run.directory, run.data), interruption=interruption, progress=progress
+    )
+
+
+def _examine(examination: _Examination) -> Any:
+    analysis, settings = analysis_of(examination.experiment)
+    return analysis.examine(examination.material, settings)

@@ -1,0 +1,154 @@
+"""Scenes that change while they are watched: the drive repeats, the DMD switches images at a commanded instant."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PositiveInt, field_validator
+
+from instruments.bench import Bench
+from instruments.interfaces import BurstDmd, Drive, Frames, Scaling, Timebase
+from instruments.units import Seconds
+from protocols.base import Events, Images, Leg, LegStarted, Measurement, Part, ProtocolError, Record, Shot, ShotKind
+from protocols.bursts import PICTURE_PERIOD_S, burst_dmd
+from protocols.image_readout import pseudorandom_drive
+from protocols.patterns import Patterns
+from protocols.ranging import lock_ranges
+from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, legs_for
+
+SETTLED_PERIODS = 2
+"""Of the drive, before the record begins: fibre and chip then carry light of the running drive only."""
+REAL_SCENE_S = 1.5
+"""One scene on real instruments: FastFrame takes 400 ms to be ready, four long transfers about 1 s."""
+
+
+class DynamicScene(Measurement[Images]):
+    """Show one image, switch to another while a single long record is taken, on every port.
+
+    The scenes begin with images of the first class and end with images of the second, drawn by the seed from the same
+    `images` that an image readout with this seed shows. The AWG starts with the DMD's pulse, `switch_after` before
+    the switch is commanded, and plays one period of the drive after another: windows at whole periods of a record see
+    the masks of an image readout with the same seed.
+    """
+
+    name: ClassVar[str] = "dynamic-scene"
+
+    dataset: str = "mnist-0-3"
+    classes: Classes | None = None
+    images: ImageCount = 1000
+    binarisation: Binarisation = "128"
+    switch: tuple[int, int] = (1, 2)
+    scenes: PositiveInt = 3
+    ports: Ports = (2, 3, 4, 5, 6)
+    wavelengths: Wavelengths = (1550.0,)
+    switch_after: Annotated[Seconds, Field(gt=0, le=20e-6)] = 4.6e-6
+    window: Annotated[Seconds, Field(gt=0, le=20e-6)] = 10e-6
+
+    @field_validator("switch")
+    @classmethod
+    def _different(cls, switch: tuple[int, int]) -> tuple[int, int]:
+        if switch[0] == switch[1]:
+            raise ValueError(f"{switch}: nothing would be seen to change: name two classes")
+        return switch
+
+    def shots(self, inputs: Images) -> Sequence[Shot]:
+        """One shot a scene, of an image of the first class and what it changes to.
+
+        Raises:
+            ProtocolError: too few images of a class.
+        """
+        before, after = (self._drawn(inputs, label, draw) for draw, label in enumerate(self.switch))
+        return [
+            Shot(
+                place,
+                ShotKind.SCENE,
+                int(inputs.indices[first]),
+                self.switch[0],
+                int(inputs.indices[first]),
+                next_dataset_index=int(inputs.indices[second]),
+                next_label=self.switch[1],
+            )
+            for place, (first, second) in enumerate(zip(before, after, strict=True))
+        ]
+
+    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+        """Every wavelength with every patching that the ports need."""
+        return legs_for(bench, self.wavelengths, self.ports)
+
+    def check(self, bench: Bench, inputs: Images) -> None:
+        """The DMD must start the AWG, and the images fit it."""
+        burst_dmd(bench)
+        Patterns(inputs, bench.dmd.shape)
+
+    def drive(self, bench: Bench, inputs: Images) -> Drive:
+        """The pseudorandom drive of an image readout with the same seed."""
+        return pseudorandom_drive(bench, self.seed)
+
+    def sample_count(self, inputs: Images) -> int:
+        """The window in samples of 40 ps."""
+        return round(self.window * self.sample_rate)
+
+    def duration_s(self, bench: Bench, shots: int) -> float:
+        """Every scene `averages` times and once to find the ranges, leg by leg."""
+        return len(self.legs(bench)) * shots * (self.averages + 1) * REAL_SCENE_S
+
+    def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
+        """Scene by scene: arm, let the DMD play both images, read; `averages` times."""
+        dmd = burst_dmd(bench)
+        plan = self.shots(inputs)
+        patterns = Patterns(inputs, dmd.shape)
+        drive = self.drive(bench, inputs)
+        lead_s = SETTLED_PERIODS * drive.period_s
+        timebase = Timebase(self.sample_rate, self.sample_count(inputs), lead_s)
+        dmd.load([patterns.block(_pictures(shot)) for shot in plan], 2 * len(plan))
+        with bench.emitting(parts[0].leg.wavelength_nm):
+            bench.awg.load(drive, periods_per_trigger=math.inf)
+            for part in parts:
+                bench.laser.tune(part.leg.wavelength_nm)
+                bench.patch_panel.connect(part.leg.patching)
+                bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.leg.patching), 1)
+                captures = [partial(self._capture, bench, dmd, shot, lead_s) for shot in plan]
+                known = part.scalings and _rescaled(part.scalings, self.averages)
+                scalings = lock_ranges(bench.scope, known, captures)
+                yield LegStarted(part.leg, _rescaled(scalings, 1 / self.averages))
+                for shot in part.shots:
+                    yield Record(part.leg, shot, _summed([captures[shot.index]() for _ in range(self.averages)]))
+
+    def _capture(self, bench: Bench, dmd: BurstDmd, scene: Shot, lead_s: float) -> Frames:
+        """One playing of a scene: the pulse that starts the AWG ends so long before the second image comes."""
+        dmd.hold()
+        bench.awg.stop()
+        bench.awg.play()
+        bench.scope.arm_burst(1)
+        dmd.play(2 * scene.index, 2, PICTURE_PERIOD_S, pulse_s=PICTURE_PERIOD_S - lead_s - self.switch_after)
+        burst = bench.scope.read_burst()
+        return Frames(burst.codes[0], burst.trigger_offset_s[0], burst.clipped[0])
+
+    def _drawn(self, inputs: Images, label: int, draw: int) -> NDArray[np.intp]:
+        members = np.flatnonzero(inputs.labels == label)
+        if members.size < self.scenes:
+            raise ProtocolError(
+                f"{self.dataset}: {members.size} images of class {label} for {self.scenes} scenes: ask for fewer scenes"
+            )
+        return np.random.default_rng((self.seed, 3, draw)).choice(members, self.scenes, replace=False)
+
+
+def _pictures(scene: Shot) -> tuple[Shot, Shot]:
+    """What the DMD shows first and then."""
+    return scene, replace(scene, dataset_index=scene.next_dataset_index)
+
+
+def _summed(playings: Sequence[Frames]) -> Frames:
+    """The codes of all playings together: with the scale divided by their number, the mean."""
+    if len(playings) == 1:
+        return playings[0]
+    codes: NDArray[np.int16] = np.sum([frames.codes for frames in playings], axis=0, dtype=np.int16)
+    return Frames(codes, playings[0].trigger_offset_s, np.any([frames.clipped for frames in playings], axis=0))
+
+
+def _rescaled(scalings: Sequence[Scaling], factor: float) -> tuple[Scaling, ...]:
+    return tuple(Scaling(scaling.scale_v * factor, scaling.offset_v) for scaling in scalings)

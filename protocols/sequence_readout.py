@@ -1,0 +1,167 @@
+"""Time series into the chip: a sequence of numbers modulates the light's phase, symbol by symbol; no DMD in the way."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import PositiveInt
+
+from instruments.bench import Bench
+from instruments.interfaces import Burst, Drive, Frames, Timebase
+from protocols.base import (
+    BurstRecord,
+    Events,
+    Leg,
+    LegStarted,
+    Measurement,
+    Part,
+    ProtocolError,
+    Sequences,
+    Shot,
+    ShotKind,
+)
+from protocols.bursts import stretches
+from protocols.first_light import first_light
+from protocols.image_readout import balanced_order
+from protocols.ranging import lock_ranges
+from protocols.settings import Classes, Ports, Wavelengths, legs_for
+
+DRIVE_RATE = 25e9
+DRIVE_SAMPLES_PER_SYMBOL = 2
+"""12.5 billion symbols a second."""
+SYMBOL_S = DRIVE_SAMPLES_PER_SYMBOL / DRIVE_RATE
+
+LONGEST_DELAY_S = 150e-9
+"""From the trigger to the light: about what 30 m of fibre take."""
+SILENCE_S = 50e-9
+LEAD_SYMBOLS = round((LONGEST_DELAY_S + SILENCE_S) / SYMBOL_S)
+"""Rest before the first symbol: the record is then certainly silent from the longest delay to the end of the lead."""
+REST_SYMBOLS = 25
+"""Rest of 2 ns behind every sequence: several times what the chip remembers."""
+
+PROBES = 2
+REAL_LEG_S = 8.0
+"""Retuning, repatching, the upload, ranging and one averaged record of all sequences, on real instruments."""
+
+
+class SequenceReadout(Measurement[Sequences]):
+    """Play sequences through the modulator straight into the chip and record every port.
+
+    The numbers are mapped to phases by the smallest and the largest of the set. All sequences follow each other in one
+    waveform, with rests between them, behind a mark that shows when the light arrives; each is a shot of its own, whose
+    frame starts with the arrival of its first symbol: four samples a symbol of 80 ps.
+
+    `symbols` cuts longer sequences: a stretch of that length whose place is drawn by the seed.
+    """
+
+    name: ClassVar[str] = "sequence-readout"
+    sample_rate: ClassVar[float] = 50e9
+    projector: ClassVar[bool] = False
+
+    dataset: str = "santa-fe"
+    classes: Classes | None = None
+    symbols: PositiveInt | None = None
+    ports: Ports = (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 12, 13, 14)
+    wavelengths: Wavelengths = (1550.0,)
+
+    def shots(self, inputs: Sequences) -> Sequence[Shot]:
+        """The sequences in a class-balanced random order."""
+        order = balanced_order(inputs.labels, np.random.default_rng((self.seed, 1)))
+        return [
+            Shot(
+                place,
+                ShotKind.SEQUENCE,
+                int(inputs.indices[row]),
+                int(inputs.labels[row]),
+                int(inputs.groups[row]),
+            )
+            for place, row in enumerate(order)
+        ]
+
+    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+        """Every wavelength with every patching that the ports need."""
+        return legs_for(bench, self.wavelengths, self.ports)
+
+    def check(self, bench: Bench, inputs: Sequences) -> None:
+        """The sequences must vary."""
+        if np.ptp(inputs.values) == 0:
+            raise ProtocolError(f"{self.dataset}: all values are equal: choose sequences that vary")
+
+    def drive(self, bench: Bench, inputs: Sequences) -> Drive:
+        """Lead, mark, then every sequence with its rest; two samples a symbol, rest at phase 0."""
+        count, length = inputs.values.shape
+        place = {index: row for row, index in enumerate(inputs.indices.tolist())}
+        order = [place[shot.dataset_index] for shot in self.shots(inputs)]
+        first = LEAD_SYMBOLS + REST_SYMBOLS
+        symbols = np.zeros(first + count * _slot_symbols(inputs), np.float32)
+        symbols[LEAD_SYMBOLS] = 1.0
+        symbols[first:].reshape(count, -1)[:, :length] = _phases(inputs)[order]
+        samples = np.repeat(symbols, DRIVE_SAMPLES_PER_SYMBOL)
+        return Drive(self.name, samples, DRIVE_RATE, bench.levels.rf_amplitude_vpp)
+
+    def sample_count(self, inputs: Sequences) -> int:
+        """Four samples a symbol."""
+        return int(inputs.values.shape[1]) * self._samples_per_symbol
+
+    def duration_s(self, bench: Bench, shots: int) -> float:
+        """Leg by leg: one record holds every sequence."""
+        return len(self.legs(bench)) * REAL_LEG_S
+
+    def acquire(self, bench: Bench, inputs: Sequences, parts: Sequence[Part]) -> Events:
+        """Leg by leg one record of the whole waveform, cut into the frames of its sequences."""
+        drive = self.drive(bench, inputs)
+        with bench.emitting(parts[0].leg.wavelength_nm):
+            bench.awg.load(drive)
+            bench.awg.play()
+            first_leg = self.legs(bench)[0]
+            self._turn_to(bench, first_leg, drive)
+            lock_ranges(bench.scope, None, [bench.scope.capture] * PROBES)
+            begins = self._first_symbol_sample(bench.scope.capture())
+            for part in parts:
+                self._turn_to(bench, part.leg, drive)
+                yield LegStarted(part.leg, lock_ranges(bench.scope, part.scalings, [bench.scope.capture] * PROBES))
+                record = bench.scope.capture()
+                for places in stretches([shot.index for shot in part.shots], len(part.shots)):
+                    yield BurstRecord(part.leg, places.start, self._frames(record, begins, places, inputs))
+
+    @property
+    def _samples_per_symbol(self) -> int:
+        return round(SYMBOL_S * self.sample_rate)
+
+    def _turn_to(self, bench: Bench, leg: Leg, drive: Drive) -> None:
+        bench.laser.tune(leg.wavelength_nm)
+        bench.patch_panel.connect(leg.patching)
+        samples = round((LONGEST_DELAY_S + drive.period_s) * self.sample_rate)
+        bench.scope.configure(
+            Timebase(self.sample_rate, samples), bench.wiring.trigger, tuple(leg.patching), self.averages
+        )
+
+    def _first_symbol_sample(self, record: Frames) -> int:
+        """Where in a record the light of the first sequence begins; the light of the mark is what tells."""
+        silent = slice(round(LONGEST_DELAY_S * self.sample_rate), LEAD_SYMBOLS * self._samples_per_symbol)
+        return first_light(record.codes, silent=silent) + REST_SYMBOLS * self._samples_per_symbol
+
+    def _frames(self, record: Frames, begins: int, places: range, inputs: Sequences) -> Burst:
+        """The frames of the sequences at `places`, cut out of a record of all of them."""
+        slot = _slot_symbols(inputs) * self._samples_per_symbol
+        stop = begins + places.stop * slot
+        slots = record.codes[:, begins + places.start * slot : stop].reshape(len(record.codes), len(places), slot)
+        frames = slots[:, :, : self.sample_count(inputs)].swapaxes(0, 1)
+        return Burst(
+            frames.copy(),
+            np.tile(record.trigger_offset_s, (len(places), 1)),
+            np.arange(len(places), dtype=np.float64) * (slot / self.sample_rate),
+            np.tile(record.clipped, (len(places), 1)),
+        )
+
+
+def _slot_symbols(inputs: Sequences) -> int:
+    return int(inputs.values.shape[1]) + REST_SYMBOLS
+
+
+def _phases(inputs: Sequences) -> NDArray[np.float32]:
+    """The numbers (n, symbols) mapped to -1..1, the smallest and the largest of the set at the ends."""
+    low, high = inputs.values.min(), inputs.values.max()
+    phases: NDArray[np.float32] = (2 * (inputs.values - low) / (high - low) - 1).astype(np.float32)
+    return phases

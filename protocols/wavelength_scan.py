@@ -1,0 +1,82 @@
+"""How fast the speckle forgets: the same images at many wavelengths, which is also how a bench measures its fibre."""
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar
+
+import numpy as np
+from pydantic import Field, PositiveInt
+
+from instruments.bench import Bench
+from instruments.interfaces import Drive
+from instruments.units import Nanometres, Seconds
+from protocols.base import Events, Images, Leg, Measurement, Part, Shot
+from protocols.image_readout import ImageReadout
+from protocols.settings import Binarisation, Classes, Ports
+
+
+class WavelengthScan(Measurement[Images]):
+    """Show a few images at wavelengths from `start` on, `step` apart, and record every port at each.
+
+    The traces of an image at two wavelengths are as alike as the masks are: where their correlation has fallen to one
+    half, light of the two wavelengths projects independent masks. By default the fibre before the chip is measured,
+    port 0, since the chip's resonances change with the wavelength too.
+    """
+
+    name: ClassVar[str] = "wavelength-scan"
+
+    dataset: str = "mnist-0-3"
+    classes: Classes | None = None
+    images: Annotated[PositiveInt, Field(le=1000)] = 8
+    binarisation: Binarisation = "128"
+    ports: Ports = (0,)
+    window: Annotated[Seconds, Field(gt=0)] = 4e-9
+    start: Nanometres = 1550.0
+    step: Annotated[Nanometres, Field(gt=0)] = 0.002
+    steps: Annotated[int, Field(ge=2)] = 26
+
+    @property
+    def wavelengths(self) -> tuple[float, ...]:
+        """Every wavelength of the scan, nm, ascending."""
+        return tuple(np.round(self.start + self.step * np.arange(self.steps), 6).tolist())
+
+    def shots(self, inputs: Images) -> Sequence[Shot]:
+        """The images in a class-balanced random order, with a reference and a dark frame behind them."""
+        return self._readout.shots(inputs)
+
+    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+        """Every wavelength with every patching that the ports need."""
+        return self._readout.legs(bench)
+
+    def check(self, bench: Bench, inputs: Images) -> None:
+        """The images must fit the DMD."""
+        self._readout.check(bench, inputs)
+
+    def drive(self, bench: Bench, inputs: Images) -> Drive:
+        """The pseudorandom drive of an image readout with the same seed."""
+        return self._readout.drive(bench, inputs)
+
+    def sample_count(self, inputs: Images) -> int:
+        """The window in samples of 40 ps."""
+        return self._readout.sample_count(inputs)
+
+    def duration_s(self, bench: Bench, shots: int) -> float:
+        """Arm, transfer and settling times of real instruments, leg by leg."""
+        return self._readout.duration_s(bench, shots)
+
+    def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
+        """An image readout at every wavelength."""
+        return self._readout.acquire(bench, inputs, parts)
+
+    @property
+    def _readout(self) -> ImageReadout:
+        return ImageReadout(
+            seed=self.seed,
+            averages=self.averages,
+            dataset=self.dataset,
+            classes=self.classes,
+            images=self.images,
+            binarisation=self.binarisation,
+            ports=self.ports,
+            window=self.window,
+            wavelengths=self.wavelengths,
+        )

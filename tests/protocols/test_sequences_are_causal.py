@@ -1,0 +1,55 @@
+"""Whether a symbol's frame holds light of the next one: sequences alike up to one symbol, on the whole path."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from instruments.bench import Bench
+from labctl.command_log import CommandLog
+from labctl.opening import opened
+from labctl.station import Station, WiringSection
+from protocols.base import BurstRecord, LegStarted, Sequences
+from protocols.sequence_readout import SequenceReadout
+
+SYMBOLS, SHARED, COUNT = 16, 10, 400
+"""The first `SHARED` symbols of all sequences are alike, the others are drawn for each."""
+
+
+@pytest.fixture
+def straight() -> Iterator[Bench]:
+    """A bench whose light goes straight into the chip."""
+    with CommandLog() as log, opened(Station(wiring=WiringSection(projector=False)), log) as found:
+        yield found.bench
+
+
+def measured(bench: Bench) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values (sequences, symbols) and what was seen of them, (sequences, ports, symbols, samples)."""
+    generator = np.random.default_rng(1)
+    values = generator.uniform(-1, 1, (COUNT, SYMBOLS))
+    values[:, :SHARED] = values[0, :SHARED]
+    nothing = np.zeros(COUNT, np.int64)
+    inputs = Sequences(values, nothing, nothing, np.arange(COUNT))
+    protocol = SequenceReadout(averages=16)
+    events = list(protocol.acquire(bench, inputs, protocol.parts(bench, inputs)))
+    ports = []
+    for leg in (event for event in events if isinstance(event, LegStarted)):
+        codes = np.concatenate([e.burst.codes for e in events if isinstance(e, BurstRecord) and e.leg == leg.leg])
+        ports += [codes[:, place] * scaling.scale_v for place, scaling in enumerate(leg.scalings)]
+    order = [shot.dataset_index for shot in protocol.shots(inputs)]
+    frames = np.stack(ports, axis=1)
+    return values[order], frames.reshape(COUNT, len(ports), SYMBOLS, -1)
+
+
+def test_a_symbol_is_the_same_whatever_follows_it(straight: Bench) -> None:
+    values, frames = measured(straight)
+    spread = frames.std(axis=0)
+    noise = spread[:, : SHARED - 1].mean(axis=(1, 2))[:, np.newaxis]
+    assert np.all(spread[:, SHARED - 1] < 1.3 * noise), "the last shared symbol differs by noise only"
+    assert np.all(spread[:, SHARED].max(axis=-1) > 3 * noise[:, 0]), "the next one is seen on every port"
+    last = (frames[:, :, SHARED - 1] - frames[:, :, SHARED - 1].mean(axis=0)).reshape(COUNT, -1)
+    told = np.stack([np.ones(COUNT), values[:, SHARED], values[:, SHARED] ** 2], axis=1)
+    explained = told @ np.linalg.lstsq(told, last, rcond=None)[0]
+    share = float(np.mean(explained**2) / np.mean(last**2))
+    assert share < 4 * 2 / COUNT, "what noise alone explains, and no more"

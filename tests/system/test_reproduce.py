@@ -1,0 +1,56 @@
+"""Experiments by the command, in a quick form, from the protocol over the sockets to table, JSON and report."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from labctl.main import main
+
+
+def reproduce(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, object]]:
+    with pytest.raises(SystemExit) as ended:
+        main(["reproduce", *words, "--json"])
+    shown: dict[str, object] = json.loads(capsys.readouterr().out)
+    return int(ended.value.code or 0), shown
+
+
+def test_traces_differ_between_images_before_and_behind_the_chip(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, entry = reproduce(capsys, "fig2", "--quick", "--out", str(tmp_path / "out"))
+    assert status == 0
+    assert entry["name"] == "fig2"
+    assert entry["passed"] is True
+    assert entry.keys() >= {"paper", "here", "baseline", "seeds", "splits", "seconds"}
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "Images become traces" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))["passed"] is True
+
+
+def test_the_same_seed_measures_the_same_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from labctl.runs import open_run
+
+    digests = []
+    for name in ("a", "b"):
+        _, entry = reproduce(capsys, "fig2", "--quick", "--out", str(tmp_path / name))
+        runs = entry["runs"]
+        assert isinstance(runs, list)
+        digests.append([open_run(run).digest() for run in runs])
+    assert digests[0] == digests[1]
+
+
+def test_an_unknown_experiment_is_refused_before_anything_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, shown = reproduce(capsys, "fig99", "--out", str(tmp_path / "out"))
+    assert status == 2
+    assert "no experiment is called 'fig99'" in str(shown["error"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_varied_must_be_said_by_the_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, shown = reproduce(capsys, "fig2", "--sensitivity", "--out", str(tmp_path / "out"))
+    assert status == 2
+    assert "says nothing to vary" in str(shown["error"])
