@@ -156,7 +156,7 @@ def stretch_and_next(material: Material) -> NDArray[np.float64]:
         raise AnalysisError("no value follows the last one of the whole series: set symbols below its length")
     row, start = divmod(known_by, length)
     values = whole[row, start : start + symbols + 1]
-    if values.size <= symbols or not np.array_equal(values[:-1], played.values[played.indices == known_by][0]):
+    if values.size <= symbols or not (played.values[played.indices == known_by] == values[:-1]).all(axis=1).any():
         raise AnalysisError(f"sequence {known_by} of the run is not the one its protocol plays: measure it again")
     return values
 
