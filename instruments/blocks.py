@@ -2,10 +2,44 @@
 
 import socket
 import zlib
+from collections.abc import Callable
+
+PIECE = 1 << 18
+"""Bytes that go over a socket at once: while one piece is summed up in the cache, the wire carries the next."""
 
 
-def receive(link: socket.socket, count: int) -> bytearray:
-    """So many bytes from `link`, however many pieces they come in.
+class Digest:
+    """What a transcript says of a block: length and CRC-32, which unlike longer digests keeps pace with the wire."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self._length = 0
+        self._crc32 = 0
+
+    def add(self, piece: bytes | bytearray | memoryview) -> None:
+        """Bytes that follow those before."""
+        self._length += len(piece)
+        self._crc32 = zlib.crc32(piece, self._crc32)
+
+    def __str__(self) -> str:
+        """The block in the transcript."""
+        return f"#<{self._length} bytes, crc32 {self._crc32:08x}>"
+
+
+def send(link: socket.socket, data: memoryview, sent: Callable[[memoryview], object]) -> None:
+    """All of `data` into `link`; `sent` is called with each piece that went.
+
+    Raises:
+        OSError: it cannot be sent.
+    """
+    for start in range(0, len(data), PIECE):
+        piece = data[start : start + PIECE]
+        link.sendall(piece)
+        sent(piece)
+
+
+def receive(link: socket.socket, count: int, received: Callable[[memoryview], object] = len) -> bytearray:
+    """So many bytes from `link`, however many pieces they come in; `received` is called with each.
 
     Raises:
         OSError: they do not come.
@@ -13,10 +47,11 @@ def receive(link: socket.socket, count: int) -> bytearray:
     data = bytearray(count)
     view = memoryview(data)
     while len(view):
-        received = link.recv_into(view)
-        if received == 0:
+        length = link.recv_into(view[:PIECE])
+        if length == 0:
             raise ConnectionResetError("the instrument closed the connection in the middle of a block")
-        view = view[received:]
+        received(view[:length])
+        view = view[length:]
     return data
 
 
@@ -29,8 +64,3 @@ def length_digits(head: bytes) -> int:
     if head[:1] != b"#" or head[1:] not in b"123456789ABCDEFabcdef":
         raise ValueError(f"the reply starts with {head!r}, not with a block")
     return int(head[1:], 16)
-
-
-def describe(block: bytes | bytearray | memoryview) -> str:
-    """A block in the transcript: its length and CRC-32, which unlike longer digests keeps pace with the wire."""
-    return f"#<{len(block)} bytes, crc32 {zlib.crc32(block):08x}>"

@@ -7,7 +7,6 @@ while its termination character is on, which makes `query_binary_values` some fi
 import contextlib
 import socket
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -17,7 +16,7 @@ from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
 
-from instruments.blocks import describe, length_digits, receive
+from instruments.blocks import Digest, length_digits, receive, send
 from instruments.interfaces import InstrumentError, LinkError
 from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
@@ -25,6 +24,10 @@ ErrorQueue = Callable[["VisaLink"], list[str]]
 """Empties an instrument's error queue and returns what was in it, oldest first."""
 
 Scalar = TypeVar("Scalar", bound=np.generic)
+
+Received = Callable[[memoryview], object]
+Take = Callable[[int, Received], bytearray]
+"""Receives so many bytes, whatever they are, by the shortest way there is, and tells each piece as it comes."""
 
 ENCODING = "latin-1"
 MAX_ERRORS_READ = 64
@@ -245,47 +248,64 @@ class VisaLink:
     def _send_block(self, session: MessageBasedResource, header: str, block: NDArray[Any]) -> None:
         payload = np.ascontiguousarray(block).view(np.uint8).reshape(-1).data
         length = str(len(payload))
-        pieces = f"{header}#{len(length)}{length}".encode(ENCODING), payload, self._write_eol.encode(ENCODING)
-        self._transcript(self.name, ">", f"{header}{describe(payload)}")
+        head, tail = f"{header}#{len(length)}{length}".encode(ENCODING), self._write_eol.encode(ENCODING)
         if self._tap is not None:
-            self._tap.heard(">", pieces)
-        if self._socket is None:
-            session.write_raw(b"".join(pieces))
-            return
-        self._socket.settimeout(self.timeout_s)
+            self._tap.heard(">", (head, payload, tail))
+        digest = Digest()
         try:
-            for piece in pieces:
-                self._socket.sendall(piece)
+            with self._raw() as link:
+                if link is None:
+                    digest.add(payload)
+                    session.write_raw(b"".join((head, payload, tail)))
+                else:
+                    link.sendall(head)
+                    send(link, payload, digest.add)
+                    link.sendall(tail)
         finally:
-            self._socket.settimeout(None)
+            self._transcript(self.name, ">", f"{header}{digest}")
 
     def _receive_block(self, session: MessageBasedResource) -> bytearray:
+        digest = Digest()
         with self._receiving(session) as take:
-            head = bytes(take(2))
-            length = bytes(take(length_digits(head)))
-            data = take(int(length))
-            tail = take(len(self._read_eol))
-        self._transcript(self.name, "<", describe(data))
+            head = bytes(take(2, len))
+            length = bytes(take(length_digits(head), len))
+            data = take(int(length), digest.add)
+            tail = take(len(self._read_eol), len)
+        self._transcript(self.name, "<", str(digest))
         if self._tap is not None:
             self._tap.heard("<", (head, length, data, tail))
         return data
 
     @contextlib.contextmanager
-    def _receiving(self, session: MessageBasedResource) -> Iterator[Callable[[int], bytearray]]:
-        """A function that receives so many bytes, whatever they are, by the shortest way there is."""
-        if self._socket is not None:
-            self._socket.settimeout(self.timeout_s)
-            try:
-                yield partial(receive, self._socket)
-            finally:
-                self._socket.settimeout(None)
-            return
+    def _receiving(self, session: MessageBasedResource) -> Iterator[Take]:
+        with self._raw() as link:
+            if link is not None:
+                yield lambda count, received: receive(link, count, received)
+                return
         termination = session.read_termination
         session.read_termination = None
+
+        def take(count: int, received: Received) -> bytearray:
+            data = bytearray(session.read_bytes(count, chunk_size=VISA_CHUNK))
+            received(memoryview(data))
+            return data
+
         try:
-            yield lambda count: bytearray(session.read_bytes(count, chunk_size=VISA_CHUNK))
+            yield take
         finally:
             session.read_termination = termination
+
+    @contextlib.contextmanager
+    def _raw(self) -> Iterator[socket.socket | None]:
+        """The raw socket, if there is one, with a bounded wait."""
+        if self._socket is None:
+            yield None
+            return
+        self._socket.settimeout(self.timeout_s)
+        try:
+            yield self._socket
+        finally:
+            self._socket.settimeout(None)
 
 
 def _resource_manager(resource: str) -> pyvisa.ResourceManager:

@@ -9,7 +9,7 @@ from labctl.experiments import Experiment, ExperimentError
 from labctl.reproduction.contract import Analysis, AnalysisSettings
 from labctl.station import describe
 
-MODULES = ("recognition", "traces", "cracks", "forecasting", "vowels")
+MODULES = ("recognition", "traces", "cracks", "forecasting", "vowels", "scenes", "imaging")
 
 
 def analysis_of(experiment: Experiment) -> tuple[Analysis, AnalysisSettings]:
