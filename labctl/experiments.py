@@ -32,6 +32,13 @@ class Acquiring(_Table):
     settings: dict[str, Any] = {}
 
 
+class Beside(_Table):
+    """What a digital method reaches on the same data: in words, and the keys that lead to it in `baseline`."""
+
+    what: str
+    path: tuple[str, ...]
+
+
 class Must(_Table):
     """A figure to reach.
 
@@ -43,6 +50,7 @@ class Must(_Table):
         at_least, at_most: The bound; exactly one of the two.
         paper: What the paper says.
         percent: Whether to print it in per cent.
+        beside: A digital baseline to compare with, in the same unit.
     """
 
     what: str
@@ -53,6 +61,7 @@ class Must(_Table):
     at_most: float | None = None
     paper: str = ""
     percent: bool = False
+    beside: Beside | None = None
 
     def figure(self, here: Mapping[str, Any]) -> float:
         """The figure in `here`, standard errors allowed for.
@@ -60,11 +69,11 @@ class Must(_Table):
         Raises:
             ExperimentError: there is none.
         """
-        value = _mean(here, self.path)
+        value = mean_at(here, self.path)
         if self.minus:
-            value -= _mean(here, self.minus)
+            value -= mean_at(here, self.minus)
         if self.less_standard_errors:
-            allowed = self.less_standard_errors * float(_found(here, self.path)["se"])
+            allowed = self.less_standard_errors * float(found_at(here, self.path)["se"])
             value += allowed if self.at_most is None else -allowed
         return value
 
@@ -178,8 +187,13 @@ def _read(path: Path) -> Experiment:
         raise ExperimentError(f"{path}: {describe(error)}") from None
 
 
-def _found(here: Mapping[str, Any], path: Sequence[str]) -> Any:
-    value: Any = here
+def found_at(results: Mapping[str, Any], path: Sequence[str]) -> Any:
+    """What the keys in `path` lead to.
+
+    Raises:
+        ExperimentError: nothing.
+    """
+    value: Any = results
     for key in path:
         if not isinstance(value, Mapping) or key not in value:
             raise ExperimentError(
@@ -189,6 +203,11 @@ def _found(here: Mapping[str, Any], path: Sequence[str]) -> Any:
     return value
 
 
-def _mean(here: Mapping[str, Any], path: Sequence[str]) -> float:
-    value = _found(here, path)
+def mean_at(results: Mapping[str, Any], path: Sequence[str]) -> float:
+    """The same as a number: of a result with a spread its mean.
+
+    Raises:
+        ExperimentError: there is none.
+    """
+    value = found_at(results, path)
     return float(value["mean"] if isinstance(value, Mapping) else value)

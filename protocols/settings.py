@@ -3,7 +3,7 @@
 from itertools import product
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, PlainValidator
+from pydantic import BeforeValidator, Field
 
 from instruments.bench import Bench
 from instruments.units import Nanometres
@@ -55,7 +55,7 @@ def parse_counts(value: object) -> int | tuple[int, ...]:
     return counts if several else counts[0]
 
 
-ImageCount = Annotated[int | tuple[int, ...], PlainValidator(parse_counts)]
+ImageCount = Annotated[int | tuple[int, ...], BeforeValidator(parse_counts)]
 """How many images in all, or how many of each class."""
 
 

@@ -20,7 +20,7 @@ from labctl.runs import run_name
 from labctl.station import read_station
 
 if TYPE_CHECKING:
-    from labctl.reproduction.reproducing import Plan
+    from labctl.reproduction.reproducing import Plan, Reproduced
 
 ALL = "all"
 
@@ -80,7 +80,11 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
         "report": str(report),
     }
     (plan.folder / "report.json").write_text(json.dumps(whole, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    show(entries[0] | {"report": str(report)} if alone else whole, as_json, lambda: _print(whole))
+    show(
+        entries[0] | {"report": str(report)} if alone else whole,
+        as_json,
+        lambda: _print(whole, [_rows(found) for found in everything], skipped),
+    )
     return DONE if whole["passed"] else FELL_SHORT
 
 
@@ -124,22 +128,32 @@ def _print_dependence(result: dict[str, Any]) -> None:
     say(f"{result['seconds']:.0f} s; report: {result['report']}")
 
 
-def _print(whole: dict[str, Any]) -> None:
-    rows = []
-    for entry in whole["experiments"]:
-        if "skipped" in entry:
-            rows.append((entry["name"], entry["skipped"], "", "", "", "skipped", "", ""))
-            continue
-        repeats = f"{entry['seeds']} x {entry['splits']}"
-        for place, must in enumerate(entry["must"]):
-            name, times, seconds = (entry["name"], repeats, f"{entry['seconds']:.0f}") if place == 0 else ("", "", "")
-            verdict = "pass" if must["reached"] else "SHORT"
-            here = f"{must['here']:.4g}"
-            rows.append((name, must["what"], must["paper"], here, must["required"], verdict, times, seconds))
-    table(("experiment", "figure", "paper", "here", "must reach", "verdict", "seeds x splits", "seconds of work"), rows)
+def _rows(found: "Reproduced") -> list[tuple[str, ...]]:
+    from labctl.reproduction.judging import results
+
+    rows: list[tuple[str, ...]] = []
+    repeats = f"{len(found.seeds)} x {found.splits}"
+    for place, result in enumerate(results(found)):
+        name, times, seconds = (found.experiment.name, repeats, f"{found.seconds:.0f}") if place == 0 else ("", "", "")
+        verdict = "pass" if result.reached else "SHORT"
+        rows.append(
+            (name, result.name, result.paper, result.here, result.required, result.baseline, verdict, times, seconds)
+        )
+    return rows
+
+
+def _print(whole: dict[str, Any], rows: list[list[tuple[str, ...]]], skipped: dict[str, str]) -> None:
+    headings = ("experiment", "figure", "paper", "here, mean ± sd", "must reach", "digital baseline", "verdict")
+    table(
+        (*headings, "seeds x splits", "seconds of work"),
+        [
+            *(row for entry in rows for row in entry),
+            *((name, why, "", "", "", "", "skipped", "", "") for name, why in skipped.items()),
+        ],
+    )
     for entry in whole["experiments"]:
         if entry.get("cause"):
-            say(f"{entry['name']} falls short: {entry['cause']}")
+            say(f"{entry['name']} falls short: {' '.join(entry['cause'].split())}")
     verdict = "every figure is reached" if whole["passed"] else "NOT every figure is reached"
     say(f"{verdict}; {whole['seconds']:.0f} s in all")
     say(f"report: {whole['report']}")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from labctl.experiments import Experiment, Must
+from labctl.experiments import Experiment, Must, found_at, mean_at
 from labctl.provenance import git_revision, versions
 from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
 from labctl.reports.html import Result
@@ -33,6 +33,9 @@ def as_json(reproduced: Reproduced) -> dict[str, Any]:
                 "here": must.figure(conclusion.here),
                 "required": bound(must),
                 "reached": must.reached(conclusion.here),
+                "beside": None
+                if must.beside is None
+                else {"what": must.beside.what, "figure": mean_at(conclusion.baseline, must.beside.path)},
             }
             for must in experiment.must
         ],
@@ -47,9 +50,9 @@ def as_json(reproduced: Reproduced) -> dict[str, Any]:
 
 def results(reproduced: Reproduced) -> list[Result]:
     """One line for each figure to reach, paper against here."""
-    here = reproduced.conclusion.here
+    here, baseline = reproduced.conclusion.here, reproduced.conclusion.baseline
     return [
-        Result(must.what, must.paper, bound(must), number(must, here), must.reached(here))
+        Result(must.what, must.paper, bound(must), number(must, here), must.reached(here), beside(must, baseline))
         for must in reproduced.experiment.must
     ]
 
@@ -62,12 +65,16 @@ def bound(must: Must) -> str:
 
 def number(must: Must, here: dict[str, Any]) -> str:
     """What was reached, with its standard deviation where it has one."""
-    value: Any = here
-    for key in must.path:
-        value = value[key]
-    if isinstance(value, dict) and not must.minus:
-        return f"{_text(must, value['mean'])} ± {_text(must, value['sd'])}"
-    return _text(must, must.figure(here))
+    if must.minus:
+        return _text(must, must.figure(here))
+    return _with_spread(must, found_at(here, must.path))
+
+
+def beside(must: Must, baseline: dict[str, Any]) -> str:
+    """What a digital method reaches, by name; empty where there is nothing to compare with."""
+    if must.beside is None:
+        return ""
+    return f"{must.beside.what} {_with_spread(must, found_at(baseline, must.beside.path))}"
 
 
 def write_report(plan: Plan, everything: Sequence[Reproduced], skipped: dict[str, str]) -> Path:
@@ -119,6 +126,12 @@ def _provenance(plan: Plan) -> dict[str, Any]:
         "versions": versions(),
         "git_revision": git_revision(),
     }
+
+
+def _with_spread(must: Must, value: Any) -> str:
+    if isinstance(value, dict):
+        return f"{_text(must, value['mean'])} ± {_text(must, value['sd'])}"
+    return _text(must, float(value))
 
 
 def _text(must: Must, value: float) -> str:

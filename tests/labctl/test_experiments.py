@@ -66,3 +66,8 @@ class TestMust:
     def test_a_figure_that_is_not_there_is_told(self) -> None:
         with pytest.raises(ExperimentError, match=r"no figure accuracy\.9"):
             Must(what="", path=("accuracy", "9"), at_least=0).reached(HERE)
+
+
+def test_images_of_each_class_are_written_without_a_complaint() -> None:
+    for experiment in experiments(["fig5"]):
+        assert '"images":[2000,500]' in experiment.protocols["median"].model_dump_json()
