@@ -12,9 +12,11 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from instruments.interfaces import Identity, InstrumentError, LinkError, NotConfigured, Range, TunableLaser
+from instruments.errors import InstrumentError, NotConfigured
+from instruments.interfaces import TunableLaser
 from instruments.readback import confirm
 from instruments.transcripts import Transcript
+from instruments.values import Identity, Range
 from instruments.visa import VisaLink
 
 UNKNOWN = "<unknown>"
@@ -140,11 +142,11 @@ class Tlg220(TunableLaser):
         with self._link.checked():
             self._number("get_output")
 
-    def tune(self, wavelength_nm: float) -> None:
+    def tune(self, wavelength_nm: float) -> float:
         """Set the wavelength, wait until settled, and compare with the read-back (tolerance 10 pm)."""
         self._set("set_wavelength", wavelength_nm)
         self._settle()
-        confirm(
+        return confirm(
             "laser: wavelength",
             wavelength_nm,
             self._number("get_wavelength"),
@@ -153,11 +155,11 @@ class Tlg220(TunableLaser):
             remedy="check its tuning range",
         )
 
-    def set_power(self, power_w: float) -> None:
+    def set_power(self, power_w: float) -> float:
         """Set the output power and compare with the read-back (tolerance 0.2 dB)."""
         power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
         self._set("set_power", power_dbm)
-        confirm(
+        settled_dbm = confirm(
             "laser: power",
             power_dbm,
             self._number("get_power"),
@@ -165,6 +167,7 @@ class Tlg220(TunableLaser):
             unit="dBm",
             remedy="check its power range",
         )
+        return float(1e-3 * 10 ** (settled_dbm / 10))
 
     def emit(self) -> None:
         """Emission on, settled."""
@@ -229,7 +232,7 @@ class Tlg220(TunableLaser):
         deadline = time.monotonic() + command.timeout_s
         while self._number("is_settled") != 1:
             if time.monotonic() > deadline:
-                raise LinkError(f"laser: not settled after {command.timeout_s:g} s: check its front panel")
+                raise InstrumentError(f"laser: not settled after {command.timeout_s:g} s: check its front panel")
             time.sleep(command.poll_s)
 
     def _read_errors(self, _link: VisaLink) -> list[str]:

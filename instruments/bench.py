@@ -4,19 +4,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from instruments.interfaces import (
-    BYPASS_PORT,
-    Awg,
-    Dmd,
-    EdgeTrigger,
-    Instrument,
-    InstrumentError,
-    LinkError,
-    Oscilloscope,
-    OutOfRange,
-    PatchPanel,
-    TunableLaser,
-)
+from instruments.errors import InstrumentError, LinkError, OutOfRange
+from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
+from instruments.values import EdgeTrigger
 
 
 @dataclass(frozen=True)
@@ -49,6 +39,14 @@ class Levels:
 
     optical_power_w: float
     rf_amplitude_vpp: float
+
+
+@dataclass(frozen=True)
+class Light:
+    """What the laser settled on, by its own read-back."""
+
+    wavelength_nm: float
+    power_w: float
 
 
 class UnsafeBench(InstrumentError):
@@ -124,16 +122,27 @@ class Bench:
             for first in range(0, len(ports), width)
         )
 
+    def set_light(self, wavelength_nm: float) -> Light:
+        """Set power and wavelength without switching the laser on; returns what it settled on.
+
+        Raises:
+            OutOfRange: outside the laser's range.
+            InstrumentError: it does not settle there.
+        """
+        power_w = self.laser.set_power(self.levels.optical_power_w)
+        return Light(wavelength_nm=self.laser.tune(wavelength_nm), power_w=power_w)
+
     @contextmanager
     def emitting(self, wavelength_nm: float) -> Iterator[None]:
-        """The only way to light: emission inside the block, the safe state however it ends."""
-        try:
-            self.laser.set_power(self.levels.optical_power_w)
-            self.laser.tune(wavelength_nm)
+        """The only way to light: emission inside the block, the safe state however it ends.
+
+        Raises:
+            UnsafeBench: an instrument did not obey. Where the block fails, this is a note to its error.
+        """
+        with ending_with(self.make_safe):
+            self.set_light(wavelength_nm)
             self.laser.emit()
             yield
-        finally:
-            self.make_safe()
 
     def make_safe(self) -> None:
         """Laser off, AWG off, DMD blank, oscilloscope stopped: in this order, and each one even if another fails.
@@ -156,11 +165,33 @@ class Bench:
         """Release every connection, each one even if another fails.
 
         Raises:
-            InstrumentError: an instrument failed while it was released.
+            InstrumentError: an instrument failed while it was released; others that did are notes to it.
         """
         with ExitStack() as stack:
             for instrument in reversed(self.instruments.values()):
-                stack.callback(instrument.close)
+                stack.enter_context(ending_with(instrument.close))
+
+
+@contextmanager
+def ending_with(end: Callable[[], None]) -> Iterator[None]:
+    """Call `end` after the block, however it ends.
+
+    An error of the block stays the one that is raised, since it came first: what `end` then fails at is a note to it.
+    """
+    try:
+        yield
+    except GeneratorExit:  # no failure of the block, and nobody would read a note to it
+        end()
+        raise
+    except BaseException as error:
+        try:
+            end()
+        except (InstrumentError, OSError) as failure:
+            for line in (str(failure), *getattr(failure, "__notes__", ())):
+                error.add_note(line)
+        raise
+    else:
+        end()
 
 
 def _make_safe(instrument: Instrument) -> None:

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 
-from instruments.interfaces import Identity, InstrumentError, OutOfRange, PatchPanel
+from instruments.errors import InstrumentError, OutOfRange
+from instruments.interfaces import PatchPanel
+from instruments.values import Identity
 from instruments.visa import VisaLink
 
 

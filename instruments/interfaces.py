@@ -1,177 +1,30 @@
-"""The five instruments a protocol may speak to, and the values that pass between them.
+"""The five instruments a protocol may speak to.
 
 Protocols are written against these classes and nothing else, so the same protocol runs on any bench whose drivers
 implement them. Every driver is reached through the entry-point group `labctl.instruments`.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-Codes = NDArray[np.int8] | NDArray[np.int16]
-
-Progress = Callable[[int, int], None]
-"""Called with how much is done so far, and how much there is in all."""
+from instruments.values import (
+    Burst,
+    Drive,
+    EdgeTrigger,
+    Frames,
+    Identity,
+    Progress,
+    Range,
+    Scaling,
+    Timebase,
+    Vertical,
+)
 
 BYPASS_PORT = 0
 """The collection fibre itself: patching a channel to it takes the light before the chip."""
-
-
-class InstrumentError(Exception):
-    """An instrument refused, failed or did not answer; the message is one line that says what, where and what to do."""
-
-
-class LinkError(InstrumentError):
-    """The instrument cannot be reached, or did not answer in time."""
-
-
-class OutOfRange(InstrumentError):
-    """A value lies outside what the instrument or the station allows; nothing was sent."""
-
-
-class NotConfigured(InstrumentError):
-    """The driver lacks something only the operator can supply, such as a command of an undocumented laser."""
-
-
-@dataclass(frozen=True)
-class Identity:
-    """Who an instrument says it is: the four fields of `*IDN?` (IEEE 488.2, 10.14)."""
-
-    manufacturer: str
-    model: str
-    serial: str
-    firmware: str
-
-    @classmethod
-    def parse(cls, reply: str) -> "Identity":
-        """Split a `*IDN?` reply; missing fields become empty strings."""
-        fields = [field.strip() for field in reply.split(",", 3)]
-        return cls(*(fields + [""] * (4 - len(fields))))
-
-
-@dataclass(frozen=True)
-class Range:
-    """A closed interval of allowed values with its unit."""
-
-    low: float
-    high: float
-    unit: str
-
-    def check(self, name: str, value: float) -> float:
-        """Return `value` if it lies inside.
-
-        Raises:
-            OutOfRange: it does not, or is not a number.
-        """
-        if not self.low <= value <= self.high:
-            raise OutOfRange(
-                f"{name} = {value:g} {self.unit} is outside {self.low:g}..{self.high:g} {self.unit}: "
-                f"choose a value inside"
-            )
-        return value
-
-
-@dataclass(frozen=True)
-class Drive:
-    """The phase sequence the AWG plays for ever: `samples` in -1..1, shape (n,), float32, one period."""
-
-    name: str
-    samples: NDArray[np.float32]
-    sample_rate: float
-    amplitude_vpp: float
-
-    @property
-    def period_s(self) -> float:
-        """Time after which the drive repeats."""
-        return self.samples.size / self.sample_rate
-
-    @property
-    def marker(self) -> NDArray[np.bool_]:
-        """High during the first quarter of the period, shape (n,): one rising edge at its start, to trigger on."""
-        return self.excerpt(0, self.samples.size)[1]
-
-    def repeated_length(self, minimum: int) -> int:
-        """Samples of the fewest whole periods that make `minimum`; padding would leave the modulator idle between."""
-        return -(-minimum // self.samples.size) * self.samples.size
-
-    def excerpt(
-        self, first: int, count: int, *, marked_once: bool = False
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """`count` samples and their marker from place `first` on, repeated as far as they go; shapes (count,).
-
-        With `marked_once` the marker is high in the first period only.
-        """
-        period, high = self.samples.size, max(1, self.samples.size // 4)
-        places = np.arange(first, first + count)
-        start = first % period
-        inside = start + count <= period
-        samples = self.samples[start : start + count] if inside else self.samples.take(places, mode="wrap")
-        return samples, (places if marked_once else places % period) < high
-
-
-@dataclass(frozen=True)
-class Timebase:
-    """How a trace is sampled: `samples` points at `sample_rate` (S/s), the first one `delay_s` after the trigger."""
-
-    sample_rate: float
-    samples: int
-    delay_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class Vertical:
-    """The vertical range of a channel: V per division and the voltage at mid-screen."""
-
-    scale_v_per_div: float
-    offset_v: float
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """What a code of a channel means: volts = `scale_v` * code + `offset_v`, as the instrument itself reports it."""
-
-    scale_v: float
-    offset_v: float
-
-
-@dataclass(frozen=True)
-class EdgeTrigger:
-    """An edge on the auxiliary input ("AUX") or on a channel (1..4) at `level_v`."""
-
-    source: Literal["AUX"] | int
-    level_v: float
-    rising: bool = True
-
-
-@dataclass(frozen=True)
-class Frames:
-    """One frame per channel, for one trigger.
-
-    codes: (channels, samples), int8, or int16 when averaged. trigger_offset_s: (channels,), time from the trigger to
-    the sample grid. clipped: (channels,), whether a sample reached the end of the range.
-    """
-
-    codes: Codes
-    trigger_offset_s: NDArray[np.float64]
-    clipped: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Burst:
-    """One frame per channel for each of many triggers.
-
-    codes: (triggers, channels, samples), int8, or int16 for averages. trigger_offset_s: (triggers, channels). time_s:
-    (triggers,), when each trigger came, on the oscilloscope's clock, from any start. clipped: (triggers, channels).
-    """
-
-    codes: Codes
-    trigger_offset_s: NDArray[np.float64]
-    time_s: NDArray[np.float64]
-    clipped: NDArray[np.bool_]
 
 
 class Instrument(ABC):
@@ -272,7 +125,7 @@ class Oscilloscope(Instrument):
         """Return when the acquisition has completed.
 
         Raises:
-            LinkError: no trigger came in time.
+            NoTrigger: no trigger came in time.
         """
 
     @abstractmethod
@@ -289,10 +142,10 @@ class Oscilloscope(Instrument):
 
     @abstractmethod
     def read_burst(self) -> Burst:
-        """Transfer the completed burst, one block a channel.
+        """Wait for the last frame of the burst, then transfer it, one block a channel.
 
         Raises:
-            LinkError: not all triggers came in time.
+            NoTrigger: frames are missing, and no more come.
         """
 
     def capture(self) -> Frames:
@@ -309,16 +162,16 @@ class TunableLaser(Instrument):
     """Whether software can end emission; if not, a person or an interlock must."""
 
     @abstractmethod
-    def tune(self, wavelength_nm: float) -> None:
-        """Set the wavelength and return when it has settled.
+    def tune(self, wavelength_nm: float) -> float:
+        """Set the wavelength and return, when it has settled, the one it settled on, nm.
 
         Raises:
             OutOfRange: outside the tuning range.
         """
 
     @abstractmethod
-    def set_power(self, power_w: float) -> None:
-        """Set the optical output power.
+    def set_power(self, power_w: float) -> float:
+        """Set the optical output power and return the one it settled on, W.
 
         Raises:
             OutOfRange: outside the laser's range.
@@ -360,10 +213,11 @@ class BurstDmd(Dmd):
         """How many pictures its memory holds."""
 
     @abstractmethod
-    def load(self, mirrors: Iterable[NDArray[np.uint8]], count: int) -> None:
+    def load(self, mirrors: Iterable[NDArray[np.uint8]], count: int, *, progress: Progress | None = None) -> None:
         """Put `count` pictures into its memory, in the place of those there.
 
-        mirrors: blocks of packed bits, shape (n, rows, columns / 8), `count` pictures together.
+        mirrors: blocks of packed bits, shape (n, rows, columns / 8), `count` pictures together. `progress` is called
+        after each block.
 
         Raises:
             OutOfRange: more than its capacity.

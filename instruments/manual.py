@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
-from instruments.interfaces import Identity, OutOfRange, PatchPanel, TunableLaser
+from instruments.errors import OutOfRange
+from instruments.interfaces import PatchPanel, TunableLaser
+from instruments.values import Identity
 
 Ask = Callable[[str], str]
 """Shows a request to the operator and returns what was typed."""
@@ -28,15 +30,19 @@ class ManualLaser(TunableLaser):
     def self_test(self) -> None:
         """Nothing that can be tested from here."""
 
-    def tune(self, wavelength_nm: float) -> None:
-        """Ask for the wavelength and record it."""
-        self._ask(f"Set the laser to {wavelength_nm:g} nm, wait until it is stable, then press Enter")
-        self._settings["wavelength_nm"] = wavelength_nm
+    def tune(self, wavelength_nm: float) -> float:
+        """Ask for the wavelength, unless it was the last one confirmed, and record it."""
+        if self._settings.get("wavelength_nm") != wavelength_nm:
+            self._ask(f"Set the laser to {wavelength_nm:g} nm, wait until it is stable, then press Enter")
+            self._settings["wavelength_nm"] = wavelength_nm
+        return wavelength_nm
 
-    def set_power(self, power_w: float) -> None:
-        """Ask for the power and record it."""
-        self._ask(f"Set the laser to {power_w * 1e3:g} mW, then press Enter")
-        self._settings["power_w"] = power_w
+    def set_power(self, power_w: float) -> float:
+        """Ask for the power, unless it was the last one confirmed, and record it."""
+        if self._settings.get("power_w") != power_w:
+            self._ask(f"Set the laser to {power_w * 1e3:g} mW, then press Enter")
+            self._settings["power_w"] = power_w
+        return power_w
 
     def emit(self) -> None:
         """Ask for emission."""

@@ -2,7 +2,7 @@
 
 import math
 
-from instruments.interfaces import InstrumentError
+from instruments.errors import InstrumentError
 
 
 def confirm(setting: str, asked: float, got: float, tolerance: float, *, unit: str = "", remedy: str = "") -> float:

@@ -9,8 +9,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from instruments.interfaces import Awg, Drive, Identity, InstrumentError, Progress, Range
+from instruments.errors import InstrumentError
+from instruments.interfaces import Awg
 from instruments.readback import confirm
+from instruments.values import Drive, Identity, Progress, Range
 from instruments.visa import VisaLink
 
 SLOW_S = 30.0

@@ -12,24 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.interfaces import (
-    Burst,
-    EdgeTrigger,
-    Frames,
-    Identity,
-    InstrumentError,
-    LinkError,
-    Oscilloscope,
-    Range,
-    Scaling,
-    Timebase,
-    Vertical,
-)
+from instruments.errors import InstrumentError, NoTrigger
+from instruments.interfaces import Oscilloscope
 from instruments.readback import confirm
+from instruments.values import Burst, EdgeTrigger, Frames, Identity, Range, Scaling, Timebase, Vertical
 from instruments.visa import NoAnswer, VisaLink
 
 TRIGGER_WAIT_S = 10.0
 BURST_WAIT_S = 60.0
+STALLED_S = 3.0
+"""A burst that got no frame for so long gets no more: its triggers are microseconds apart."""
+POLL_S = 10e-3
+TRIGGER_REMEDY = "check that the AWG plays, the trigger's cable and its level"
 RATE_TOLERANCE = 1e-6
 LEVEL_TOLERANCE_V = 0.02
 SCALE_TOLERANCE = 0.02
@@ -183,10 +177,13 @@ class Dpo72504dx(Oscilloscope):
         deadline = time.monotonic() + TRIGGER_WAIT_S
         while self._link.query("TRIGger:A:READY?") != "1":
             if time.monotonic() > deadline:
-                raise LinkError(f"{self._link.name}: not ready for triggers after {TRIGGER_WAIT_S:g} s: see its screen")
+                raise InstrumentError(
+                    f"{self._link.name}: not ready for triggers after {TRIGGER_WAIT_S:g} s: see its screen"
+                )
 
     def read_burst(self) -> Burst:
         """Wait for the last frame; one `CURVe?`, one list of trigger offsets and of time stamps for each channel."""
+        self._count_frames()
         self._completed(BURST_WAIT_S)
         offsets, traces = [], []
         span = f"1,{self._frames}"
@@ -223,13 +220,31 @@ class Dpo72504dx(Oscilloscope):
         self._link.close()
 
     def _completed(self, timeout_s: float) -> None:
+        """Wait for the end of the acquisition; an instrument that answers all else waits for its trigger."""
         try:
             self._link.query("*OPC?", timeout_s=timeout_s)
-        except NoAnswer as error:
-            raise NoAnswer(
-                f"{self._link.name} at {self._link.resource} did not complete its acquisition within {timeout_s:g} s: "
-                f"check that the AWG plays, the trigger's cable and its level"
-            ) from error
+        except NoAnswer:
+            if self._link.query("ACQuire:STATE?") == "0":
+                raise
+            raise NoTrigger(
+                f"{self._link.name} at {self._link.resource}: no trigger came within {timeout_s:g} s: {TRIGGER_REMEDY}"
+            ) from None
+
+    def _count_frames(self) -> None:
+        """Return when all frames of the burst are there.
+
+        `*OPC?` alone would not tell how many are missing, and how long to wait for all depends on the triggers' rate.
+        """
+        frames, last = 0, time.monotonic()
+        while (found := self._link.number("ACQuire:NUMFRAMESACQuired?", timeout_s=BURST_WAIT_S)) < self._frames:
+            if found > frames:
+                frames, last = int(found), time.monotonic()
+            elif time.monotonic() > last + STALLED_S:
+                raise NoTrigger(
+                    f"{self._link.name} at {self._link.resource} took {frames} of {self._frames} frames, and none for "
+                    f"{STALLED_S:g} s: {TRIGGER_REMEDY}"
+                )
+            time.sleep(POLL_S)
 
     def _curve(self) -> NDArray[Any]:
         """`CURVe?` of the source that is chosen; where it refuses, it says nothing but puts the reason in its queue."""

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments import dlpc900_image
-from instruments.interfaces import Dmd, Identity, InstrumentError, LinkError, NotConfigured
+from instruments.errors import InstrumentError, LinkError, NotConfigured
+from instruments.interfaces import Dmd
+from instruments.values import Identity
 
 VENDOR, PRODUCT = 0x0451, 0xC900
 REPORT = 64  # bytes

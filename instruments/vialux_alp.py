@@ -7,6 +7,7 @@ the simulated one among them.
 
 import contextlib
 import ctypes
+import re
 import time
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
@@ -14,7 +15,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.interfaces import BurstDmd, Identity, InstrumentError, LinkError, NotConfigured, Range
+from instruments.errors import InstrumentError, LinkError, NotConfigured
+from instruments.interfaces import BurstDmd
+from instruments.values import Identity, Progress, Range
 from instruments.visa import VisaLink
 
 ALP_DEFAULT = 0
@@ -55,6 +58,8 @@ RETURN_CODES = {
 LOST = (1001, 1011, 1012)
 """Return codes of a device that cannot be reached."""
 ALREADY_ALLOCATED = "1004"
+RETURN = re.compile(r"(\d+)(?:,(-?\d+))?")
+"""A reply on the network: the return code, and the value of an inquiry."""
 
 SETTLING_S = 50e-6
 """Longer than a mirror needs: reset, flight and settling end within 13 us, the load of a frame within 44 us."""
@@ -78,6 +83,9 @@ class AlpLibrary(Protocol):
     def Halt(self) -> None: ...  # noqa: N802, D102
     def FreeSeq(self, sequence: int) -> None: ...  # noqa: N802, D102
     def Free(self) -> None: ...  # noqa: N802, D102
+
+    def close(self) -> None:
+        """Release the connection, if there is one besides the allocated device."""
 
 
 class AlpOverVisa:
@@ -134,20 +142,26 @@ class AlpOverVisa:
         self._call(f"ALP:SEQFREE {sequence}")
 
     def Free(self) -> None:  # noqa: N802
-        """AlpDevFree, then close the link."""
+        """AlpDevFree."""
         self._call("ALP:DEVFREE")
+
+    def close(self) -> None:
+        """Close the link."""
         self._link.close()
 
     def _call(self, line: str) -> int:
         return self._result(line, self._link.query(line))
 
     def _result(self, line: str, reply: str) -> int:
-        code, _, value = reply.partition(",")
-        if int(code) != 0:
-            meaning = RETURN_CODES.get(int(code), "unknown return code")
-            failure = LinkError if int(code) in LOST else InstrumentError
-            raise failure(f"dmd: {line.split()[0]} returned {code}: {meaning}")
-        return int(value) if value else 0
+        call = line.split()[0]
+        found = RETURN.fullmatch(reply)
+        if found is None:
+            raise InstrumentError(f"dmd: {call} was answered {reply!r}, not with a return code: check its address")
+        code, value = int(found[1]), int(found[2] or 0)
+        if code != 0:
+            failure = LinkError if code in LOST else InstrumentError
+            raise failure(f"dmd: {call} returned {code}: {RETURN_CODES.get(code, 'unknown return code')}")
+        return value
 
 
 class AlpByVendorLibrary:
@@ -228,6 +242,9 @@ class AlpByVendorLibrary:
         """AlpDevFree."""
         self._call(self._alp.Free)
 
+    def close(self) -> None:
+        """Nothing: the library's only connection is the allocated device."""
+
     def _call(self, function: Callable[..., Any], *arguments: object, **named: object) -> Any:
         try:
             return function(*arguments, **named)
@@ -285,7 +302,7 @@ class VialuxAlp(BurstDmd):
         self._free_pictures()
         return self._alp.DevInquire(ALP_AVAIL_MEMORY)
 
-    def load(self, mirrors: Iterable[NDArray[np.uint8]], count: int) -> None:
+    def load(self, mirrors: Iterable[NDArray[np.uint8]], count: int, *, progress: Progress | None = None) -> None:
         """A new sequence of `count` pictures, put block by block."""
         room = self.capacity()
         Range(1, room, "pictures").check("pictures in the DMD's memory", count)
@@ -296,6 +313,8 @@ class VialuxAlp(BurstDmd):
         for block in mirrors:
             self._alp.SeqPut(sequence, first, block)
             first += len(block)
+            if progress is not None:
+                progress(first, count)
 
     def hold(self) -> None:
         """AlpDevHalt."""
@@ -338,13 +357,17 @@ class VialuxAlp(BurstDmd):
             self.blank()
 
     def close(self) -> None:
-        """Release the sequence and the device."""
+        """Release the sequences and the device; the link is closed whatever the device answers."""
         sequence, self._sequence = self._sequence, None
-        if sequence is not None:
-            self._alp.Halt()
-            self._free_pictures()
-            self._alp.FreeSeq(sequence)
-            self._alp.Free()
+        try:
+            if sequence is not None:
+                self._alp.Halt()
+                self._free_pictures()
+                self._alp.FreeSeq(sequence)
+                self._alp.Free()
+        finally:
+            self._pictures = None
+            self._alp.close()
 
     def _free_pictures(self) -> None:
         pictures, self._pictures = self._pictures, None

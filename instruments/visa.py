@@ -1,23 +1,15 @@
-"""The VISA link: one session to one instrument, with text, binary blocks, error queue, bounded waits and a transcript.
-
-Blocks take the raw socket of a pyvisa-py SOCKET session where there is one: pyvisa-py ends a read at every line feed
-while its termination character is on, which makes `query_binary_values` some fifty times slower than the wire.
-"""
+"""The VISA link: one instrument, with text, binary blocks, its error queue, bounded waits and a transcript."""
 
 import contextlib
-import socket
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
-import pyvisa
 from numpy.typing import NDArray
-from pyvisa.constants import StatusCode
-from pyvisa.errors import VisaIOError
-from pyvisa.resources import MessageBasedResource
 
-from instruments.blocks import Digest, length_digits, receive, send
-from instruments.interfaces import InstrumentError, LinkError
+from instruments.blocks import Digest
+from instruments.errors import InstrumentError, LinkError
+from instruments.sessions import ENCODING, FAILURES, Session, came_late
 from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
 ErrorQueue = Callable[["VisaLink"], list[str]]
@@ -25,14 +17,7 @@ ErrorQueue = Callable[["VisaLink"], list[str]]
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-Received = Callable[[memoryview], object]
-Take = Callable[[int, Received], bytearray]
-"""Receives so many bytes, whatever they are, by the shortest way there is, and tells each piece as it comes."""
-
-ENCODING = "latin-1"
 MAX_ERRORS_READ = 64
-VISA_CHUNK = 1 << 20
-"""Bytes asked for at once where there is no raw socket."""
 
 
 def scpi_error_queue(link: "VisaLink") -> list[str]:
@@ -85,8 +70,7 @@ class VisaLink:
         self._error_queue = error_queue
         self._write_eol = write_eol
         self._read_eol = read_eol
-        self._session: MessageBasedResource | None = None
-        self._socket: socket.socket | None = None
+        self._session: Session | None = None
 
     def write(self, command: str) -> None:
         """Send one program message.
@@ -106,9 +90,10 @@ class VisaLink:
         Raises:
             LinkError: no reply in time, or the instrument cannot be reached.
         """
-        with self._conversation(command) as session, self._waiting(session, timeout_s):
+        with self._conversation(command) as session, session.waiting(timeout_s):
             self._log(">", command)
-            reply: str = session.query(command)
+            session.write(command)
+            reply = session.read()
             while reply.count('"') % 2:
                 reply += "\n" + session.read()
             self._log("<", reply)
@@ -143,7 +128,7 @@ class VisaLink:
         """`write_block`, then read the one-line reply."""
         with self._conversation(header) as session:
             self._send_block(session, header, block)
-            reply: str = session.read()
+            reply = session.read()
             self._log("<", reply)
             return reply
 
@@ -180,22 +165,21 @@ class VisaLink:
 
     def close(self) -> None:
         """Close the session if it is open; the next message would open it again."""
-        session, self._session, self._socket = self._session, None, None
+        session, self._session = self._session, None
         tap, self._tap = self._tap, None
         if tap is not None:
             tap.closed()
         if session is not None:
-            with contextlib.suppress(VisaIOError, OSError):
-                session.close()
+            session.close()
 
     @contextlib.contextmanager
-    def _conversation(self, command: str) -> Iterator[MessageBasedResource]:
+    def _conversation(self, command: str) -> Iterator[Session]:
         """The open session; whatever breaks inside closes it and becomes one `LinkError`."""
         try:
             yield self._session or self._open()
-        except (VisaIOError, OSError, ValueError) as error:
+        except FAILURES as error:
             self.close()
-            late = isinstance(error, TimeoutError) or getattr(error, "error_code", None) == StatusCode.error_timeout
+            late = came_late(error)
             what = "did not answer in time" if late else f"cannot be reached ({_one_line(error)})"
             raise (NoAnswer if late else LinkError)(
                 f"{self.name} at {self.resource} {what} (at {command.split(',')[0]!r}): check address, cable and power"
@@ -205,36 +189,16 @@ class VisaLink:
             self.close()
             raise
 
-    @contextlib.contextmanager
-    def _waiting(self, session: MessageBasedResource, timeout_s: float | None) -> Iterator[None]:
-        if timeout_s is None:
-            yield
-            return
-        session.timeout = timeout_s * 1e3
+    def _open(self) -> Session:
         try:
-            yield
-        finally:
-            session.timeout = self.timeout_s * 1e3
-
-    def _open(self) -> MessageBasedResource:
-        try:
-            opened = _resource_manager(self.resource).open_resource(
-                self.resource,
-                open_timeout=int(self.timeout_s * 1e3),
-                write_termination=self._write_eol,
-                read_termination=self._read_eol,
+            session = Session(
+                self.resource, timeout_s=self.timeout_s, write_eol=self._write_eol, read_eol=self._read_eol
             )
         except Exception as error:  # pyvisa-py raises the bare class when a connection cannot be made
             raise LinkError(
                 f"{self.name} at {self.resource} cannot be reached ({_one_line(error)}): check address, cable and power"
             ) from error
-        session = cast(MessageBasedResource, opened)
-        session.timeout = self.timeout_s * 1e3
-        session.encoding = ENCODING
-        self._session, self._socket = session, _raw_socket(session)
-        if self._socket is not None:
-            # Without it a write followed by a query waits for the delayed acknowledgement of the write: 40 ms.
-            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._session = session
         if self._recorder is not None:
             self._tap = self._recorder.tap(self.name, self.resource)
         return session
@@ -245,7 +209,7 @@ class VisaLink:
             eol = self._write_eol if direction == ">" else self._read_eol
             self._tap.heard(direction, (f"{message}{eol}".encode(ENCODING),))
 
-    def _send_block(self, session: MessageBasedResource, header: str, block: NDArray[Any]) -> None:
+    def _send_block(self, session: Session, header: str, block: NDArray[Any]) -> None:
         payload = np.ascontiguousarray(block).view(np.uint8).reshape(-1).data
         length = str(len(payload))
         head, tail = f"{header}#{len(length)}{length}".encode(ENCODING), self._write_eol.encode(ENCODING)
@@ -253,76 +217,17 @@ class VisaLink:
             self._tap.heard(">", (head, payload, tail))
         digest = Digest()
         try:
-            with self._raw() as link:
-                if link is None:
-                    digest.add(payload)
-                    session.write_raw(b"".join((head, payload, tail)))
-                else:
-                    link.sendall(head)
-                    send(link, payload, digest.add)
-                    link.sendall(tail)
+            session.send_block(head, payload, tail, digest.add)
         finally:
             self._transcript(self.name, ">", f"{header}{digest}")
 
-    def _receive_block(self, session: MessageBasedResource) -> bytearray:
+    def _receive_block(self, session: Session) -> bytearray:
         digest = Digest()
-        with self._receiving(session) as take:
-            head = bytes(take(2, len))
-            length = bytes(take(length_digits(head), len))
-            data = take(int(length), digest.add)
-            tail = take(len(self._read_eol), len)
+        block = session.receive_block(digest.add)
         self._transcript(self.name, "<", str(digest))
         if self._tap is not None:
-            self._tap.heard("<", (head, length, data, tail))
-        return data
-
-    @contextlib.contextmanager
-    def _receiving(self, session: MessageBasedResource) -> Iterator[Take]:
-        with self._raw() as link:
-            if link is not None:
-                yield lambda count, received: receive(link, count, received)
-                return
-        termination = session.read_termination
-        session.read_termination = None
-
-        def take(count: int, received: Received) -> bytearray:
-            data = bytearray(session.read_bytes(count, chunk_size=VISA_CHUNK))
-            received(memoryview(data))
-            return data
-
-        try:
-            yield take
-        finally:
-            session.read_termination = termination
-
-    @contextlib.contextmanager
-    def _raw(self) -> Iterator[socket.socket | None]:
-        """The raw socket, if there is one, with a bounded wait."""
-        if self._socket is None:
-            yield None
-            return
-        self._socket.settimeout(self.timeout_s)
-        try:
-            yield self._socket
-        finally:
-            self._socket.settimeout(None)
-
-
-def _resource_manager(resource: str) -> pyvisa.ResourceManager:
-    """pyvisa-py for the network, where it is fastest; this machine's own VISA library, if any, for USB and GPIB.
-
-    pyvisa keeps one manager per library, so asking again costs nothing.
-    """
-    return pyvisa.ResourceManager("@py" if resource.upper().startswith("TCPIP") else "")
-
-
-def _raw_socket(session: MessageBasedResource) -> socket.socket | None:
-    """The TCP socket under a pyvisa-py SOCKET session, or None for any other session."""
-    if session.resource_class != "SOCKET":
-        return None
-    interface = getattr(session.visalib, "sessions", {}).get(session.session)
-    found = getattr(interface, "interface", None)
-    return found if isinstance(found, socket.socket) else None
+            self._tap.heard("<", block)
+        return block.data
 
 
 def _one_line(error: BaseException) -> str:

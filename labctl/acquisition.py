@@ -13,6 +13,8 @@ from labctl.measuring import Progress
 from labctl.opening import opened
 from labctl.station import Station
 from labctl.stopwatch import Stopwatch
+from labctl.tuning import check_laser
+from labctl.uploads import Uploading, tell_uploads
 from protocols.base import Measurement
 
 
@@ -41,9 +43,13 @@ class Acquired:
 
 
 def acquire(
-    acquisition: Acquisition, *, interruption: Interruption | None = None, progress: Progress = _no_progress
+    acquisition: Acquisition,
+    *,
+    interruption: Interruption | None = None,
+    progress: Progress = _no_progress,
+    uploading: Uploading | None = None,
 ) -> Acquired:
-    """Carry out one acquisition.
+    """Carry out one acquisition; `progress` is called after every record, `uploading` while something is uploaded.
 
     Raises:
         DatasetError, StationError, ProtocolError, RunError: what was asked for is wrong; no light was switched on.
@@ -54,8 +60,11 @@ def acquire(
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         open_bench = stack.enter_context(opened(station, log, attended=acquisition.attended))
+        check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
         simulation = open_bench.simulation
         stopwatch = Stopwatch((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
+        if uploading is not None:
+            tell_uploads(open_bench.bench, uploading)
         if acquisition.profile:
             stopwatch.watch(open_bench.bench)
         outcome = carry_out(

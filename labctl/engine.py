@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from instruments.bench import Bench
-from instruments.interfaces import Drive
+from instruments.values import Drive
 from labctl.command_log import CommandLog
 from labctl.interruption import Interruption
 from labctl.lost_links import Recovery
@@ -70,7 +70,8 @@ def carry_out(
 ) -> Outcome:
     """Run the protocol on `bench`; the run directory is `directory`, or a new one under `runs/`.
 
-    Every instrument is asked who it is before a file is written or light switched on. The finished shots are kept
+    Every instrument is asked who it is before a file is written or light switched on, and the laser is set in the dark,
+    so that the manifest has the light of the first leg as it settled. The finished shots are kept
     however the run ends, and the bench is left in the safe state.
 
     Raises:
@@ -84,7 +85,7 @@ def carry_out(
     protocol.check_cabling(bench)
     protocol.check(bench, inputs)
     started = datetime.now(UTC)
-    manifest = _manifest(request, bench, started)
+    manifest = _manifest(request, bench, started, legs[0])
     directory = directory or Path("runs") / run_name(started, protocol.name, protocol.digest())
     durability = Durability(shots=request.station.durability.shots, seconds=request.station.durability.seconds)
     with RunWriter.create(
@@ -141,13 +142,15 @@ def _played(drive: Drive) -> PlayedDrive:
     return PlayedDrive(drive.samples, drive.marker, drive.sample_rate)
 
 
-def _manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any]:
+def _manifest(request: Request, bench: Bench, started: datetime, first: Leg) -> dict[str, Any]:
     protocol = request.protocol
+    identities = {name: vars(instrument.identify()) for name, instrument in bench.instruments.items()}
     return {
         "protocol": {"name": protocol.name, "digest": protocol.digest(), "settings": protocol.model_dump(mode="json")},
         "station": request.station.model_dump(mode="json"),
+        "light": vars(bench.set_light(first.wavelength_nm)),
         "instruments": {
-            name: {"identity": vars(instrument.identify()), "settings": instrument.settings()}
+            name: {"identity": identities[name], "settings": instrument.settings()}
             for name, instrument in bench.instruments.items()
         },
         "inputs_sha256": request.inputs.digest,

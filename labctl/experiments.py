@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError, model_validator
 
 from instruments.units import Seconds
 from labctl.protocol_files import protocol_from
@@ -54,7 +54,7 @@ class Must(_Table):
     """
 
     what: str
-    path: tuple[str, ...]
+    path: tuple[str, ...] = Field(min_length=1)
     minus: tuple[str, ...] = ()
     less_standard_errors: float = 0.0
     at_least: float | None = None
@@ -62,6 +62,12 @@ class Must(_Table):
     paper: str = ""
     percent: bool = False
     beside: Beside | None = None
+
+    @model_validator(mode="after")
+    def _one_bound(self) -> Self:
+        if (self.at_least is None) == (self.at_most is None):
+            raise ValueError(f"{self.what!r} needs one bound: give at_least or at_most")
+        return self
 
     def figure(self, here: Mapping[str, Any]) -> float:
         """The figure in `here`, standard errors allowed for.
@@ -73,13 +79,16 @@ class Must(_Table):
         if self.minus:
             value -= mean_at(here, self.minus)
         if self.less_standard_errors:
-            allowed = self.less_standard_errors * float(found_at(here, self.path)["se"])
+            allowed = self.less_standard_errors * mean_at(here, (*self.path, "se"))
             value += allowed if self.at_most is None else -allowed
         return value
 
     def reached(self, here: Mapping[str, Any]) -> bool:
-        """Whether the figure keeps its bound."""
-        figure = self.figure(here)
+        """Whether the figure in `here` keeps its bound."""
+        return self.kept(self.figure(here))
+
+    def kept(self, figure: float) -> bool:
+        """Whether `figure` keeps the bound."""
         return (self.at_least is None or figure >= self.at_least) and (self.at_most is None or figure <= self.at_most)
 
 
@@ -210,4 +219,7 @@ def mean_at(results: Mapping[str, Any], path: Sequence[str]) -> float:
         ExperimentError: there is none.
     """
     value = found_at(results, path)
-    return float(value["mean"] if isinstance(value, Mapping) else value)
+    number = value.get("mean") if isinstance(value, Mapping) else value
+    if not isinstance(number, int | float):
+        raise ExperimentError(f"the analysis gives no number {'.'.join(path)}: correct `must` in the experiment file")
+    return float(number)

@@ -2,7 +2,7 @@
 
 from pydantic import ValidationError
 
-from instruments.interfaces import InstrumentError, NotConfigured, OutOfRange
+from instruments.errors import InstrumentError, NotConfigured, OutOfRange
 from labctl.analysis.errors import AnalysisError
 from labctl.datasets import DatasetError
 from labctl.experiments import ExperimentError
@@ -41,3 +41,8 @@ def one_line(error: Exception) -> str:
     """The failure as it is printed."""
     text = describe(error) if isinstance(error, ValidationError) else str(error)
     return " ".join(text.split())
+
+
+def notes(error: BaseException) -> tuple[str, ...]:
+    """What failed after it, such as the safe state or the closing of a connection: one line each."""
+    return tuple(dict.fromkeys(" ".join(note.split()) for note in getattr(error, "__notes__", ())))

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
+from labctl.failures import notes
+
 
 @dataclass
 class Interruption:
@@ -36,8 +38,9 @@ def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
 def interruptible() -> Iterator[Interruption]:
     """Take over SIGINT and SIGTERM inside the block.
 
-    Whatever raises on the way out is not interrupted again: the safe state comes first. Outside the main thread signals
-    cannot be received, and the block runs without them.
+    Whatever raises on the way out is not interrupted again: the safe state comes first. What fails there is told here,
+    since a stop asked for is no error that anybody else would tell. Outside the main thread signals cannot be received,
+    and the block runs without them.
     """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():
@@ -62,6 +65,10 @@ def interruptible() -> Iterator[Interruption]:
     previous = signal.signal(signal.SIGINT, on_interrupt), signal.signal(signal.SIGTERM, on_terminate)
     try:
         yield interruption
+    except KeyboardInterrupt as stopped:
+        for note in notes(stopped):
+            sys.stderr.write(f"labctl: {note}\n")
+        raise
     finally:
         signal.signal(signal.SIGINT, previous[0])
         signal.signal(signal.SIGTERM, previous[1])

@@ -7,7 +7,7 @@ import logging
 import time
 
 from instruments.bench import Bench, UnsafeBench
-from instruments.interfaces import InstrumentError, LinkError
+from instruments.errors import InstrumentError, LinkError
 from labctl.command_log import CommandLog
 
 ATTEMPTS = 3
@@ -32,10 +32,10 @@ class Recovery:
         """Return when the bench is reached again and in the safe state; `records` have been stored so far.
 
         Raises:
-            InstrumentError: `error` itself, if it was no lost link or came too often without a new record; or
-                `UnsafeBench`, if the bench does not come back.
+            InstrumentError: `error` itself, if it was no lost link, came too often without a new record, or the bench
+                does not come back; a note to it then says how the bench is left.
         """
-        if not was_lost_link(error):
+        if not isinstance(error, LinkError):
             raise error
         if records > self._records:
             self._attempts, self._records = 0, records
@@ -46,7 +46,7 @@ class Recovery:
             try:
                 self._bench.make_safe()
             except UnsafeBench as failure:
-                error = failure
+                error.__notes__ = [str(failure)]  # what was noted when the link broke is no longer how things stand
             else:
                 self._tell("all instruments answer and the bench is in the safe state: measuring what is missing")
                 return
@@ -55,8 +55,3 @@ class Recovery:
     def _tell(self, message: str) -> None:
         self._log("run", "!", message)
         _logger.warning("%s", message)
-
-
-def was_lost_link(error: InstrumentError) -> bool:
-    """Whether an instrument could not be reached, also where the safe state that followed was then not confirmed."""
-    return isinstance(error, LinkError) or (isinstance(error, UnsafeBench) and isinstance(error.__context__, LinkError))

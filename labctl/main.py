@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import typer
 from typer.exceptions import Abort, TyperException
 
-from labctl.commands import bench, data, readout, recording, reproduce, run, runs, simulation
-from labctl.failures import EXPECTED, INTERRUPTED, WRONG_USE, exit_status, one_line
+from labctl.commands import bench, data, evaluate, readout, recording, report, reproduce, run, runs, simulation
+from labctl.failures import EXPECTED, INTERRUPTED, WRONG_USE, exit_status, notes, one_line
 
 app = typer.Typer(
     name="labctl",
@@ -26,7 +26,8 @@ app.command("run")(run.run)
 app.command("runs")(runs.runs)
 app.command("show")(runs.show)
 app.command("train")(readout.train)
-app.command("evaluate")(readout.evaluate)
+app.command("evaluate")(evaluate.evaluate)
+app.command("report")(report.report)
 app.command("record")(recording.record)
 app.command("replay")(recording.replay)
 app.add_typer(data.app, name="data")
@@ -50,12 +51,14 @@ def _status(words: list[str], *, debug: bool) -> int:
     except EXPECTED as error:
         if debug:
             raise
-        return _complain(one_line(error), exit_status(error), words)
+        return _complain(one_line(error), exit_status(error), words, notes(error))
     return status if isinstance(status, int) else 0
 
 
-def _complain(message: str, status: int, words: list[str]) -> int:
-    sys.stderr.write(f"labctl: {message}\n")
+def _complain(message: str, status: int, words: list[str], beside: Sequence[str] = ()) -> int:
+    for line in (message, *beside):
+        sys.stderr.write(f"labctl: {line}\n")
     if "--json" in words:
-        sys.stdout.write(json.dumps({"error": message, "exit": status}) + "\n")
+        told = {"error": message, "exit": status} | ({"notes": list(beside)} if beside else {})
+        sys.stdout.write(json.dumps(told) + "\n")
     return status

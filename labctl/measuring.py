@@ -2,18 +2,18 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-from instruments.bench import Bench
-from instruments.interfaces import Codes, InstrumentError, Scaling
+from instruments.bench import Bench, ending_with
+from instruments.errors import InstrumentError
+from instruments.values import Codes, Scaling
 from labctl.interruption import Interruption
 from labctl.lost_links import Recovery
-from labctl.runs import MeasuredBurst, RunWriter
-from labctl.stopwatch import Stopwatch
+from labctl.runs import MeasuredBurst, RunError, RunWriter
+from labctl.stopwatch import STORAGE_BESIDE, Stopwatch
 from protocols.base import BurstRecord, Events, Inputs, LegStarted, Measurement, Part, Record
 
 Progress = Callable[[int, int], None]
@@ -66,7 +66,8 @@ class Measuring:
         with Storage(self._writer, self._stopwatch) as storage:
             while parts := self._missing():
                 try:
-                    with closing(self._protocol.acquire(self._bench, self._inputs, parts)) as events:
+                    events = self._protocol.acquire(self._bench, self._inputs, parts)
+                    with ending_with(events.close):
                         self._keep(events, storage)
                     return
                 except InstrumentError as error:
@@ -139,11 +140,15 @@ class Storage:
     ) -> None:
         try:
             self._finish()
+        except RunError as failure:
+            if error is None:
+                raise
+            error.add_note(str(failure))
         finally:
             self._thread.shutdown()
 
     def _store(self, leg: int, burst: MeasuredBurst) -> None:
-        with self._stopwatch.step("storage"):
+        with self._stopwatch.beside(STORAGE_BESIDE):
             self._writer.append_burst(leg, burst)
 
     def _finish(self) -> None:

@@ -12,9 +12,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from instruments.bench import Bench, Levels, Limits, Wiring
-from instruments.interfaces import EdgeTrigger, InstrumentError, NotConfigured
+from instruments.alnair_tlg220 import DEFAULT_TABLE
+from instruments.bench import Bench, Levels, Limits, Wiring, ending_with
+from instruments.errors import InstrumentError, NotConfigured
 from instruments.transcripts import Transcript
+from instruments.values import EdgeTrigger
 from labctl.drivers import Opening, driver
 from labctl.replaying import redirected
 from labctl.station import SIMULATED, LaserSection, Station, StationError, describe
@@ -54,7 +56,7 @@ def opened(station: Station, transcript: Transcript, *, attended: bool = False) 
             bench = _bench(station, transcript, simulation, attended=attended)
         except (NotConfigured, StationError) as error:
             raise StationError(f"{station.source}: {error}") from None
-        stack.callback(bench.close)
+        stack.enter_context(ending_with(bench.close))
         yield OpenBench(bench, simulation)
 
 
@@ -67,6 +69,16 @@ def simulated_bench(station: Station, *, host: str = "127.0.0.1", port_base: int
     return SimulatedBench(
         _parameters(station), twin_seed=station.sim.twin_seed, host=host, port_base=port_base, laser_table=laser_table
     )
+
+
+def laser_commands(station: Station) -> Path | None:
+    """The command table that the station's laser is driven from, None if its driver works without one."""
+    laser = station.laser
+    if laser.driver != LaserSection().driver:
+        return None
+    if str(laser.commands) == SIMULATED or (laser.commands is None and "laser" in station.simulations):
+        return SIMULATED_LASER
+    return laser.commands or DEFAULT_TABLE
 
 
 def _parameters(station: Station) -> Parameters:
@@ -111,7 +123,9 @@ def _bench(station: Station, transcript: Transcript, simulation: SimulatedBench 
             projector=station.wiring.projector,
         ),
         source=station.source,
-        now=time.time if simulation is None else lambda: simulation.world.clock.now,
+        now=(lambda: simulation.world.clock.now)
+        if simulation is not None and "scope" in station.simulations
+        else time.time,
     )
 
 

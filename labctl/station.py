@@ -4,6 +4,7 @@ Every key is known, every quantity has its unit, every level is inside its limit
 which file is wrong and what to do.
 """
 
+import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,8 @@ from instruments.units import Nanometres, Seconds, Volts, Watts
 from protocols.settings import Ports
 
 SIMULATED = "simulated"
+BY_HAND = ("manual-laser", "manual-patch-panel")
+"""Drivers of instruments that have no address: a person sets them."""
 
 
 class StationError(Exception):
@@ -146,14 +149,23 @@ class Station(Section):
         return {section: getattr(self, section).address for section in sections}
 
     @property
+    def simulations(self) -> tuple[str, ...]:
+        """The instruments that a simulated bench in this process stands in for."""
+        return tuple(
+            name
+            for name, address in self.addresses.items()
+            if address == SIMULATED and getattr(self, name).driver not in BY_HAND
+        )
+
+    @property
     def simulated(self) -> bool:
-        """Whether any instrument is one of the simulated bench's."""
-        return SIMULATED in self.addresses.values()
+        """Whether any instrument is one of a simulated bench in this process."""
+        return bool(self.simulations)
 
     @property
     def wholly_simulated(self) -> bool:
         """Whether every instrument is one of a simulated bench in this process."""
-        return set(self.addresses.values()) == {SIMULATED}
+        return len(self.simulations) == len(self.addresses)
 
     def twin(self, seed: int) -> "Station":
         """This bench with another twin behind its simulated instruments."""
@@ -192,21 +204,38 @@ def describe(error: ValidationError) -> str:
     key = ".".join(str(part) for part in fault["loc"])
     if fault["type"] == "extra_forbidden":
         return f"{key} = {fault['input']!r}: unknown key: check its spelling against the reference of settings"
+    if fault["type"] == "missing":
+        return f"{key} is missing: write it"
     message = fault["msg"].removeprefix("Value error, ")
     return f"{key} = {fault['input']!r}: {message}" if key else message
 
 
-def write_addresses(path: Path, addresses: Mapping[str, str]) -> None:
-    """Write a station file that points at instruments of a simulated bench.
+def write_addresses(path: Path, addresses: Mapping[str, str], station: Station = SIMULATED_STATION) -> None:
+    """Write a station file: what `station` says, with its instruments at `addresses`.
+
+    The laser is the simulated one unless `station` names a command table.
 
     Raises:
         StationError: the file exists or cannot be written.
     """
-    tables = [f'[{name}]\naddress = "{address}"\n' for name, address in addresses.items()]
-    tables.append("[wiring]\nburst = true\n")
-    text = "\n".join(tables).replace("[laser]\n", f'[laser]\ncommands = "{SIMULATED}"\n')
+    whole = station.model_dump(mode="json", exclude_defaults=True, exclude={"source"})
+    for name, address in addresses.items():
+        whole[name] = whole.get(name, {}) | {"address": address}
+    table = station.laser.commands or Path(SIMULATED)
+    whole.setdefault("laser", {})["commands"] = SIMULATED if str(table) == SIMULATED else str(table.absolute())
+    lines = [f"{key} = {_toml(value)}" for key, value in whole.items() if not isinstance(value, dict)]
+    for section, values in whole.items():
+        if isinstance(values, dict):
+            lines += ["", f"[{section}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write(text)
+            file.write("\n".join(lines).lstrip() + "\n")
     except OSError as error:
         raise StationError(f"{path}: cannot be written ({error.strerror}): name a new file") from None
+
+
+def _toml(value: object) -> str:
+    """A value of a station file as TOML; JSON writes text, numbers, truth and lists in the same way."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(part)}" for key, part in value.items()) + " }"
+    return json.dumps(value, ensure_ascii=False)

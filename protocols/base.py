@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from instruments.bench import Bench
-from instruments.interfaces import Burst, Drive, Frames, Scaling
+from instruments.values import Burst, Drive, Frames, Scaling
 
 
 class ProtocolError(Exception):

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.bench import Bench
-from instruments.interfaces import Burst, BurstDmd, Drive, InstrumentError, Timebase
+from instruments.errors import InstrumentError, NoTrigger
+from instruments.interfaces import BurstDmd
+from instruments.values import Burst, Drive, Timebase
 from protocols.base import BurstRecord, Part, ProtocolError, Shot
 from protocols.patterns import Patterns
 
@@ -32,11 +34,14 @@ def burst_dmd(bench: Bench) -> BurstDmd:
     """
     if not bench.wiring.burst:
         raise ProtocolError(
-            f"{bench.source}: timing = 'burst' needs wiring.burst = true (DMD sync to AWG trigger, AWG marker to "
-            f"scope): wire it, or choose timing = 'software'"
+            f"{bench.source}: timing = 'burst' needs wiring.burst = true, and so does a scene that changes (DMD sync "
+            f"to AWG trigger, AWG marker to scope): wire it, or measure still images with timing = 'software'"
         )
     if not isinstance(bench.dmd, BurstDmd):
-        raise ProtocolError(f"{bench.source}: this DMD cannot play from its memory: choose timing = 'software'")
+        raise ProtocolError(
+            f"{bench.source}: this DMD cannot play from its memory, as bursts and scenes need: measure still images "
+            f"with timing = 'software'"
+        )
     return bench.dmd
 
 
@@ -70,7 +75,7 @@ def measure_bursts(
     """The shots of `part`, burst by burst.
 
     Raises:
-        InstrumentError: a frame is missing or came at the wrong time.
+        InstrumentError: a frame is missing, or came at the wrong time.
     """
     bench.awg.load(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
     bench.awg.play()
@@ -84,9 +89,25 @@ def measure_bursts(
             count = len(burst_of)
             bench.scope.arm_burst(count)
             dmd.play(burst_of.start - held.start, count, PICTURE_PERIOD_S)
-            burst = bench.scope.read_burst()
+            burst = collected(bench)
             check_times(burst, count)
             yield BurstRecord(part.leg, burst_of.start, burst)
+
+
+def collected(bench: Bench) -> Burst:
+    """The burst for which the oscilloscope is armed and that the DMD plays.
+
+    Raises:
+        NoTrigger: frames are missing; the message names the cables that start them.
+    """
+    try:
+        return bench.scope.read_burst()
+    except NoTrigger as error:
+        source = bench.wiring.trigger.source
+        raise NoTrigger(
+            f"{error}; frames of a burst need both cables, DMD frame sync -> AWG trigger input and AWG marker -> "
+            f"scope {source if source == 'AUX' else f'CH{source}'}"
+        ) from None
 
 
 def stretches(indices: Sequence[int], longest: int) -> Iterator[range]:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, field_validator
 
 from instruments.bench import Bench
-from instruments.interfaces import BurstDmd, Drive, Frames, Scaling, Timebase
+from instruments.interfaces import BurstDmd
 from instruments.units import Seconds
+from instruments.values import Drive, Frames, Scaling, Timebase
 from protocols.base import Events, Images, Leg, LegStarted, Measurement, Part, ProtocolError, Record, Shot, ShotKind
-from protocols.bursts import PICTURE_PERIOD_S, burst_dmd
+from protocols.bursts import PICTURE_PERIOD_S, burst_dmd, collected
 from protocols.image_readout import pseudorandom_drive
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
@@ -125,7 +126,7 @@ class DynamicScene(Measurement[Images]):
         bench.awg.play()
         bench.scope.arm_burst(1)
         dmd.play(2 * scene.index, 2, PICTURE_PERIOD_S, pulse_s=PICTURE_PERIOD_S - lead_s - self.switch_after)
-        burst = bench.scope.read_burst()
+        burst = collected(bench)
         return Frames(burst.codes[0], burst.trigger_offset_s[0], burst.clipped[0])
 
     def _drawn(self, inputs: Images, label: int, draw: int) -> NDArray[np.intp]:

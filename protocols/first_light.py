@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.interfaces import InstrumentError
+from instruments.errors import InstrumentError
 
 CERTAIN = 6.0
 """Standard deviations of the noise: one silent sample in a thousand million strays so far."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, field_validator
 
 from instruments.bench import Bench
-from instruments.interfaces import Drive, Frames, Timebase
 from instruments.units import Seconds
+from instruments.values import Drive, Frames, Timebase
 from protocols.base import Events, Images, Leg, LegStarted, Measurement, Part, ProtocolError, Record, Shot, ShotKind
 from protocols.bursts import PictureMemory, burst_dmd, measure_bursts
 from protocols.patterns import Patterns

@@ -5,8 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.interfaces import Frames, Oscilloscope, Scaling, Vertical
+from instruments.interfaces import Oscilloscope
 from instruments.readback import confirm
+from instruments.values import Frames, Scaling, Vertical
 
 DIVISIONS = 10
 HEADROOM = 1.3

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import PositiveInt
 
 from instruments.bench import Bench
-from instruments.interfaces import Burst, Drive, Frames, Timebase
+from instruments.values import Burst, Drive, Frames, Timebase
 from protocols.base import (
     BurstRecord,
     Events,

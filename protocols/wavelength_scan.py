@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field, PositiveInt
 
 from instruments.bench import Bench
-from instruments.interfaces import Drive
 from instruments.units import Nanometres, Seconds
+from instruments.values import Drive
 from protocols.base import Events, Images, Leg, Measurement, Part, Shot
 from protocols.image_readout import ImageReadout
 from protocols.settings import Binarisation, Classes, Ports
@@ -17,9 +17,11 @@ from protocols.settings import Binarisation, Classes, Ports
 class WavelengthScan(Measurement[Images]):
     """Show a few images at wavelengths from `start` on, `step` apart, and record every port at each.
 
-    The traces of an image at two wavelengths are as alike as the masks are: where their correlation has fallen to one
-    half, light of the two wavelengths projects independent masks. By default the fibre before the chip is measured,
-    port 0, since the chip's resonances change with the wavelength too.
+    The traces of an image at two wavelengths are as alike as the masks are. How far apart wavelengths must be for their
+    correlation to fall to one half says how far the delays of the fibre's modes spread; a few times further apart they
+    project independent masks. By default the fibre before the chip is measured, port 0, since the chip's resonances
+    change with the wavelength too. The first image is shown twice at each wavelength: how much its traces differ is the
+    receiver's noise.
     """
 
     name: ClassVar[str] = "wavelength-scan"

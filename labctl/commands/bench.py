@@ -4,7 +4,8 @@ from typing import Annotated, Any
 
 import typer
 
-from instruments.interfaces import Instrument, InstrumentError
+from instruments.errors import InstrumentError
+from instruments.interfaces import Instrument
 from labctl.command_log import CommandLog
 from labctl.commands.output import JsonOption, show, table
 from labctl.commands.run import StationOption

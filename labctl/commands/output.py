@@ -45,9 +45,39 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     console.print(grid)
 
 
+class ProgressLine:
+    """A bar with rate and remaining time; called with how much is done, and how much there is in all."""
+
+    def __init__(self, bar: Progress, title: str) -> None:
+        """Show `title` on `bar`, and no numbers yet."""
+        self._bar = bar
+        self._title = title
+        self._task = bar.add_task(title, total=None, rate="")
+
+    def __call__(self, done: int, total: int) -> None:
+        """So much of what the title says is done."""
+        self._show(self._title, done, total)
+
+    def uploading(self, what: str, done: int, total: int) -> None:
+        """So much of `what` is uploaded; the line says so until something else is done."""
+        self._show(f"{self._title}: uploading {what}", done, total)
+
+    def refresh(self) -> None:
+        """Draw the line now instead of at its next turn."""
+        self._bar.refresh()
+
+    def _show(self, description: str, done: int, total: int) -> None:
+        shown = self._bar.tasks[0]
+        if shown.description != description:  # the rate of one thing says nothing about that of another
+            self._bar.reset(self._task, description=description, completed=done, total=total, rate="")
+            return
+        rate = f"{shown.speed:.0f}/s" if shown.speed else ""
+        self._bar.update(self._task, completed=done, total=total, rate=rate)
+
+
 @contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar with rate and remaining time on standard error; only where somebody can see it."""
+def progress_bar(title: str) -> Iterator[ProgressLine]:
+    """One line of progress on standard error; only where somebody can see it."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -56,10 +86,4 @@ def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
-        task = bar.add_task(title, total=None, rate="")
-
-        def advance(done: int, total: int) -> None:
-            speed = bar.tasks[0].speed
-            bar.update(task, completed=done, total=total, rate=f"{speed:.0f}/s" if speed else "")
-
-        yield advance
+        yield ProgressLine(bar, title)

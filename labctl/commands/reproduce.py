@@ -32,6 +32,7 @@ def reproduce(
     station: StationOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for runs and report; must be new or empty.")] = None,
     data: DataOption = None,
+    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
     vary: Annotated[
         bool, typer.Option("--sensitivity", help="Instead, vary the simulated bench and see what the result rests on.")
     ] = False,
@@ -41,12 +42,13 @@ def reproduce(
 
     Exit 0 if every figure is reached, 1 if one falls short or an experiment of 'all' had to be skipped.
     """
-    from labctl.reproduction.reproducing import Plan, check
+    from labctl.reproduction.checking import check
+    from labctl.reproduction.reproducing import Plan
 
     wanted = [] if not names or ALL in names else names
     chosen = experiments(wanted)
     folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(names or [ALL]))
-    plan = Plan(chosen, read_station(station), folder, quick, seeds, data)
+    plan = Plan(chosen, read_station(station), folder, quick, seeds, data, attended)
     problems = check(plan)
     if problems and (wanted or len(problems) == len(chosen)):
         raise next(iter(problems.values()))
@@ -65,13 +67,14 @@ def reproduce(
 
 def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: bool) -> int:
     from labctl.reproduction import judging
+    from labctl.reproduction.reproducing import ONE_BENCH
     from labctl.reproduction.reproducing import reproduce as carry_out
 
     began = time.perf_counter()
     with interruptible() as interruption, progress_bar("reproduce") as progress:
         everything = carry_out(plan, interruption=interruption, progress=progress)
     report = judging.write_report(plan, everything, skipped)
-    entries = [judging.as_json(found) for found in everything]
+    entries = [judging.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
     entries += [{"name": name, "skipped": why, "passed": False} for name, why in skipped.items()]
     whole: dict[str, Any] = {
         "experiments": entries,
@@ -85,6 +88,8 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
         as_json,
         lambda: _print(whole, [_rows(found) for found in everything], skipped),
     )
+    if not as_json and any(entry.get("benches", 1) < entry.get("seeds", 1) for entry in entries):
+        say(ONE_BENCH)
     return DONE if whole["passed"] else FELL_SHORT
 
 

@@ -12,6 +12,7 @@ from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.failures import DONE, FELL_SHORT, INTERRUPTED
 from labctl.inputs import inputs_for
 from labctl.interruption import interruptible
+from labctl.next_steps import next_command
 from labctl.opening import opened
 from labctl.protocol_files import read_protocol
 from labctl.runs import open_run
@@ -44,7 +45,7 @@ def run(
         show(plan, as_json, lambda: table(("what", "value"), plan.items()))
         return DONE
     with interruptible() as interruption, progress_bar(asked.name) as progress:
-        acquired = acquire(acquisition, interruption=interruption, progress=progress)
+        acquired = acquire(acquisition, interruption=interruption, progress=progress, uploading=progress.uploading)
     result = _describe(acquired)
     show(result, as_json, lambda: _print(result))
     return DONE if acquired.outcome.complete else INTERRUPTED
@@ -87,6 +88,7 @@ def _describe(acquired: Acquired) -> dict[str, Any]:
     with open_run(outcome.directory) as stored:
         digest = stored.digest()
         ports = list(stored.ports)
+        protocol = stored.manifest["protocol"]["name"]
     result: dict[str, Any] = {
         "run": str(outcome.directory),
         "shots": outcome.shots,
@@ -99,6 +101,8 @@ def _describe(acquired: Acquired) -> dict[str, Any]:
         "shots_per_second": round(outcome.shots_per_second, 1),
         "bench_seconds": round(outcome.bench_seconds, 3),
     }
+    if outcome.complete:
+        result["next"] = next_command(protocol, outcome.directory)
     return result | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
 
 
@@ -114,8 +118,11 @@ def _print(result: dict[str, Any]) -> None:
         say(f"went on after a lost link {result['recovered']} times: see the lines with ! in commands.log")
     if not result["complete"]:
         say("interrupted: the finished shots are kept, the bench is in the safe state")
+    if "next" in result:
+        say(f"next: {result['next']}")
     if "profile_ms_per_shot" in result:
-        table(("step", "ms a shot"), ((step, f"{ms:.3f}") for step, ms in result["profile_ms_per_shot"].items()))
+        budget = result["profile_ms_per_shot"].items()
+        table(("step", "ms a shot"), ((step.replace("_", " "), f"{ms:.3f}") for step, ms in budget))
 
 
 def _print_demo(result: dict[str, Any]) -> None:

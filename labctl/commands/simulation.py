@@ -14,7 +14,7 @@ from labctl.commands.run import StationOption
 from labctl.failures import DONE, UsageError
 from labctl.interruption import on_stop_signal
 from labctl.opening import simulated_bench
-from labctl.station import SimSection, Station, read_station, write_addresses
+from labctl.station import Station, read_station, write_addresses
 from sim_backends.bench import SimulatedBench
 
 POLL_S = 0.5
@@ -33,6 +33,10 @@ def simulation() -> None:
 def serve(
     station: StationOption = None,
     twin_seed: Annotated[int | None, typer.Option("--twin-seed", help="Which fibre, chip and noise.")] = None,
+    projector: Annotated[
+        bool | None,
+        typer.Option("--projector/--no-projector", help="Fibre and DMD in the light's way, or straight into the chip."),
+    ] = None,
     port_base: Annotated[
         int | None, typer.Option("--port-base", min=1024, max=65500, help="First TCP port; without it any free ones.")
     ] = None,
@@ -49,11 +53,13 @@ def serve(
         errors.print(f"labctl: anyone who reaches {host} can drive these instruments: nobody is asked who they are")
     asked = read_station(station)
     if twin_seed is not None:
-        asked = asked.model_copy(update={"sim": SimSection(twin_seed=twin_seed)})
+        asked = asked.twin(twin_seed)
+    if projector is not None:
+        asked = asked.cabled(projector=projector)
     stop = threading.Event()
     with on_stop_signal(stop.set), _listening(asked, host, port_base) as bench:
         if save_station is not None:
-            write_addresses(save_station, {name: found["socket"] for name, found in bench.resources.items()})
+            write_addresses(save_station, {name: found["socket"] for name, found in bench.resources.items()}, asked)
         resources = bench.resources
         show(
             {"resources": resources},

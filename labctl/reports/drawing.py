@@ -200,8 +200,10 @@ def place_legend(figure: Figure, axes: Axes, *, inside: Any = "lower right") -> 
 
 def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str], *, title: str | None = None) -> None:
     """Legend below all panels, in as many columns as fit; the figure grows by its height."""
-    characters = max(len(label.replace("$", "")) for label in labels)
-    columns = max(1, min(len(labels), int((figure.get_figwidth() + 0.3) / (0.7 + 0.06 * characters))))
-    rows = -(-len(labels) // columns) + (title is not None)
-    figure.set_figheight(figure.get_figheight() + 0.2 * rows)
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=3, title=title)
+    for columns in range(len(labels), 0, -1):
+        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=3, title=title)
+        if legend.get_window_extent().width <= figure.bbox.width or columns == 1:
+            rows = -(-len(labels) // columns) + (title is not None)
+            figure.set_figheight(figure.get_figheight() + 0.2 * rows)
+            return
+        legend.remove()

@@ -54,7 +54,7 @@ class ExperimentEntry:
         statement: What the paper claims and what is measured here, a few sentences.
         results: The comparison with the paper; the rows with a verdict stand in the table of all experiments.
         figures: Its figures.
-        seeds: Twin seeds it was repeated over.
+        seeds: Seeds it was repeated over.
         splits: Random splits for each seed; 0 = nothing is trained.
         seconds: How long it took, wall time.
         settings: Everything that was set: protocol, station, readout; may be nested.
@@ -135,7 +135,7 @@ def experiments_report(
     passed, seconds = sum(entry.passed for entry in entries), sum(entry.seconds for entry in entries)
     summary = (
         f"{passed} of {len(entries)} experiments reach what they must; all took {seconds:.0f} s. "
-        "Values are mean ± standard deviation over twin seeds and splits."
+        "Values are mean ± standard deviation over seeds and splits."
     )
     write_report(
         path,
@@ -161,9 +161,7 @@ def _experiment_section(entry: ExperimentEntry, directory: Path) -> Section:
         parts.append(Bullets(entry.notes))
     trained = f"; {entry.splits} random splits for each" if entry.splits else ""
     seeds = ", ".join(str(seed) for seed in entry.seeds)
-    parts.append(
-        Paragraph(f"Twin seeds {seeds}{trained}; {entry.seconds:.0f} s." if seeds else f"{entry.seconds:.0f} s.")
-    )
+    parts.append(Paragraph(f"Seeds {seeds}{trained}; {entry.seconds:.0f} s." if seeds else f"{entry.seconds:.0f} s."))
     if entry.settings:
         parts.append(Folded("Settings", (mapping_table(entry.settings),)))
     return Section(f"{entry.name}: {entry.title}", parts, anchor=entry.name)

@@ -16,7 +16,7 @@ def analysis_of(experiment: Experiment) -> tuple[Analysis, AnalysisSettings]:
     """The analysis that `experiment` names, and its settings.
 
     Raises:
-        ExperimentError: there is no such analysis, its settings are wrong, or it needs torch and there is none.
+        ExperimentError: no such analysis, wrong settings, no such run as it reads, or no torch for one that needs it.
     """
     if experiment.analysis not in MODULES:
         raise ExperimentError(
@@ -30,6 +30,12 @@ def analysis_of(experiment: Experiment) -> tuple[Analysis, AnalysisSettings]:
             f'pip install "photonic-labctl[imaging]", or leave it out'
         )
     try:
-        return analysis, analysis.settings.model_validate(experiment.settings)
+        settings = analysis.settings.model_validate(experiment.settings)
     except ValidationError as error:
         raise ExperimentError(f"experiment {experiment.name}: settings: {describe(error)}") from None
+    if missing := set(settings.reads) - experiment.runs.keys():
+        raise ExperimentError(
+            f"experiment {experiment.name}: the analysis reads runs.{min(missing)}, which the file does not have: "
+            f"it has {', '.join(experiment.runs)}"
+        )
+    return analysis, settings

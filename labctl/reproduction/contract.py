@@ -1,5 +1,6 @@
 """What an analysis gets and gives: one twin's runs to examine, all twins' findings to conclude from."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,10 +14,15 @@ from labctl.reports.experiments import ExperimentFigure
 from protocols.base import Images, InputsT, Measurement, Sequences
 
 
-class AnalysisSettings(BaseModel):
+class AnalysisSettings(BaseModel, ABC):
     """The table `[settings]` of an experiment file; every analysis has its own."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @property
+    @abstractmethod
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
 
 
 @dataclass(frozen=True)

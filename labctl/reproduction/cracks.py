@@ -63,6 +63,11 @@ class Settings(AnalysisSettings):
     examples: PositiveInt = 6
     paper: float | None = None
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return tuple(rule.run for rule in self.rules)
+
 
 @dataclass(frozen=True)
 class Split:

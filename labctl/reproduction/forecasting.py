@@ -58,6 +58,11 @@ class Settings(AnalysisSettings):
     order: PositiveInt = 10
     nodes: PositiveInt = 1000
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return ("series",)
+
 
 @dataclass(frozen=True)
 class Findings:

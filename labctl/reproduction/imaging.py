@@ -64,6 +64,11 @@ class Settings(AnalysisSettings):
     examples: PositiveInt = 2
     film: FilmSettings | None = None
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return (*(curve.run for curve in self.curves), *(() if self.film is None else self.film.reads))
+
 
 @dataclass(frozen=True)
 class Reconstructed:
@@ -174,7 +179,7 @@ def _reconstructed(material: Material, curve: CurveSettings, examples: int) -> R
 def _readout(name: str, seed: int, number: int) -> Any:
     """An unfitted readout by its name; networks of every twin and split start from other weights."""
     if name == "network":
-        return ReconstructionNetwork(seed=100 * seed + number, device="cpu")
+        return ReconstructionNetwork(seed=100 * seed + number)
     return KernelReconstruction() if name == "best" else LinearReconstruction()
 
 

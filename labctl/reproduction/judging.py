@@ -1,20 +1,59 @@
 """From what came of an experiment to the table that people read, the JSON that programs read, and the report."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labctl.experiments import Experiment, Must, found_at, mean_at
+from labctl.experiments import Experiment, ExperimentError, Must, found_at, mean_at
 from labctl.provenance import git_revision, versions
 from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
 from labctl.reports.html import Result
+from labctl.reproduction.contract import Conclusion
 from labctl.reproduction.reproducing import Plan, Reproduced
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A figure to reach beside what came out.
+
+    Attributes:
+        must: The figure.
+        figure: What came out; None if it cannot be found.
+        baseline: What a digital method reaches; None if there is nothing to compare with.
+        here, beside: The same as text.
+        wrong: Why it cannot be judged; empty if it can.
+    """
+
+    must: Must
+    figure: float | None
+    baseline: float | None
+    here: str
+    beside: str
+    wrong: str = ""
+
+    @property
+    def reached(self) -> bool:
+        """Whether it keeps its bound; what cannot be judged does not."""
+        return self.figure is not None and self.must.kept(self.figure)
+
+
+def verdicts(reproduced: Reproduced) -> list[Verdict]:
+    """All figures that an experiment must reach; one that its file asks for in vain costs none of the others."""
+    return [_verdict(must, reproduced.conclusion) for must in reproduced.experiment.must]
 
 
 def passed(reproduced: Reproduced) -> bool:
     """Whether every figure that must be reached is."""
-    here = reproduced.conclusion.here
-    return all(must.reached(here) for must in reproduced.experiment.must)
+    return all(verdict.reached for verdict in verdicts(reproduced))
+
+
+def cause(reproduced: Reproduced) -> str:
+    """Why a figure falls short: what is wrong with the experiment's file, or else what the file says; empty if none."""
+    if passed(reproduced):
+        return ""
+    wrong = [f"{verdict.must.what}: {verdict.wrong}" for verdict in verdicts(reproduced) if verdict.wrong]
+    return "; ".join(wrong) or reproduced.experiment.cause
 
 
 def as_json(reproduced: Reproduced) -> dict[str, Any]:
@@ -28,21 +67,21 @@ def as_json(reproduced: Reproduced) -> dict[str, Any]:
         "baseline": conclusion.baseline,
         "must": [
             {
-                "what": must.what,
-                "paper": must.paper,
-                "here": must.figure(conclusion.here),
-                "required": bound(must),
-                "reached": must.reached(conclusion.here),
+                "what": verdict.must.what,
+                "paper": verdict.must.paper,
+                "here": verdict.figure,
+                "required": bound(verdict.must),
+                "reached": verdict.reached,
                 "beside": None
-                if must.beside is None
-                else {"what": must.beside.what, "figure": mean_at(conclusion.baseline, must.beside.path)},
+                if verdict.must.beside is None
+                else {"what": verdict.must.beside.what, "figure": verdict.baseline},
             }
-            for must in experiment.must
+            for verdict in verdicts(reproduced)
         ],
         "seeds": len(reproduced.seeds),
         "splits": reproduced.splits,
         "passed": passed(reproduced),
-        "cause": "" if passed(reproduced) else experiment.cause,
+        "cause": cause(reproduced),
         "runs": [str(directory) for directory in reproduced.runs],
         "seconds": round(reproduced.seconds, 1),
     }
@@ -50,10 +89,16 @@ def as_json(reproduced: Reproduced) -> dict[str, Any]:
 
 def results(reproduced: Reproduced) -> list[Result]:
     """One line for each figure to reach, paper against here."""
-    here, baseline = reproduced.conclusion.here, reproduced.conclusion.baseline
     return [
-        Result(must.what, must.paper, bound(must), number(must, here), must.reached(here), beside(must, baseline))
-        for must in reproduced.experiment.must
+        Result(
+            verdict.must.what,
+            verdict.must.paper,
+            bound(verdict.must),
+            verdict.here,
+            verdict.reached,
+            verdict.beside,
+        )
+        for verdict in verdicts(reproduced)
     ]
 
 
@@ -61,20 +106,6 @@ def bound(must: Must) -> str:
     """What must be reached, as text."""
     sign, limit = (">=", must.at_least) if must.at_least is not None else ("<=", must.at_most)
     return f"{sign} {_text(must, limit or 0.0)}"
-
-
-def number(must: Must, here: dict[str, Any]) -> str:
-    """What was reached, with its standard deviation where it has one."""
-    if must.minus:
-        return _text(must, must.figure(here))
-    return _with_spread(must, found_at(here, must.path))
-
-
-def beside(must: Must, baseline: dict[str, Any]) -> str:
-    """What a digital method reaches, by name; empty where there is nothing to compare with."""
-    if must.beside is None:
-        return ""
-    return f"{must.beside.what} {_with_spread(must, found_at(baseline, must.beside.path))}"
 
 
 def write_report(plan: Plan, everything: Sequence[Reproduced], skipped: dict[str, str]) -> Path:
@@ -94,7 +125,7 @@ def write_report(plan: Plan, everything: Sequence[Reproduced], skipped: dict[str
                 "analysis": found.experiment.settings,
             },
             notes=(*found.experiment.notes, *found.conclusion.notes),
-            cause="" if passed(found) else found.experiment.cause,
+            cause=cause(found),
         )
         for found in everything
     ]
@@ -126,6 +157,22 @@ def _provenance(plan: Plan) -> dict[str, Any]:
         "versions": versions(),
         "git_revision": git_revision(),
     }
+
+
+def _verdict(must: Must, conclusion: Conclusion) -> Verdict:
+    here, baseline = conclusion.here, conclusion.baseline
+    try:
+        return Verdict(
+            must,
+            must.figure(here),
+            None if must.beside is None else mean_at(baseline, must.beside.path),
+            _text(must, must.figure(here)) if must.minus else _with_spread(must, found_at(here, must.path)),
+            ""
+            if must.beside is None
+            else f"{must.beside.what} {_with_spread(must, found_at(baseline, must.beside.path))}",
+        )
+    except ExperimentError as error:
+        return Verdict(must, None, None, "none", "", str(error))
 
 
 def _with_spread(must: Must, value: Any) -> str:

@@ -81,6 +81,11 @@ class Settings(AnalysisSettings):
     show_runs: tuple[str, ...] = ()
     claim: bool = False
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return (*(curve.run for curve in self.curves), *self.show_runs)
+
 
 Scores = NDArray[np.float64]
 

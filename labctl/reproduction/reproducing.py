@@ -3,21 +3,21 @@
 import os
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from labctl.acquisition import Acquisition, acquire
 from labctl.experiments import Experiment
-from labctl.failures import EXPECTED
-from labctl.inputs import inputs_for
 from labctl.interruption import Interruption
-from labctl.processes import in_parallel, stop_requested
+from labctl.processes import Interrupted, in_parallel, stop_requested
 from labctl.reproduction.analyses import analysis_of
 from labctl.reproduction.contract import Conclusion, Material
 from labctl.station import Station
 from protocols.base import Measurement
+
+ONE_BENCH = "One bench for every seed: seeds differ in images, order, drive and splits, not in fibre, chip and noise."
 
 Progress = Callable[[int, int], None]
 """Called with the number of tasks that are done and of all: runs, then examinations."""
@@ -34,6 +34,7 @@ class Plan:
         quick: Fewer twins and splits.
         seeds: How many seeds, in place of what the experiments say.
         data: Folder of data sets that is looked at first.
+        attended: Whether somebody is at the bench.
     """
 
     experiments: tuple[Experiment, ...]
@@ -42,6 +43,7 @@ class Plan:
     quick: bool = False
     seeds: int | None = None
     data: Path | None = None
+    attended: bool = False
 
     def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
         """Seeds of an experiment: 1, 2, ..."""
@@ -52,16 +54,19 @@ class Plan:
         """Random splits for each seed."""
         return experiment.quick_splits if self.quick else experiment.splits
 
+    def benches_of(self, experiment: Experiment) -> int:
+        """On how many benches an experiment is measured: a twin for each seed, or the one bench that there is."""
+        return len(self.seeds_of(experiment)) if self.station.wholly_simulated else 1
+
     def station_for(self, protocol: Measurement[Any], seed: int) -> Station:
-        """The station as a run needs it: simulated benches are another twin each, and cabled as the protocol asks."""
+        """The station as a run needs it.
+
+        A simulated bench is another twin for each seed, and is cabled as the protocol asks unless its file says how.
+        """
         if not self.station.wholly_simulated:
             return self.station
-        return self.station.twin(seed).cabled(projector=protocol.projector)
-
-    @property
-    def workers(self) -> int:
-        """Processes: real instruments, and simulated ones that others serve, are used by one at a time."""
-        return (os.cpu_count() or 1) if self.station.wholly_simulated else 1
+        twin = self.station.twin(seed)
+        return twin if "projector" in twin.wiring.model_fields_set else twin.cabled(projector=protocol.projector)
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,7 @@ class RunTask:
     station: Station
     directory: Path
     data: Path | None
+    attended: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,23 +109,6 @@ class _Tasks:
     examinations: list[_Examination] = field(default_factory=list)
 
 
-def check(plan: Plan) -> dict[str, Exception]:
-    """Find out before anything starts what cannot be carried out: missing data, missing torch, wrong files.
-
-    Returns:
-        Name of each experiment that cannot -> why.
-    """
-    problems: dict[str, Exception] = {}
-    for experiment in plan.experiments:
-        try:
-            analysis_of(experiment)
-            for protocol in experiment.protocols.values():
-                inputs_for(protocol, plan.data)
-        except EXPECTED as error:
-            problems[experiment.name] = error
-    return problems
-
-
 def reproduce(plan: Plan, *, interruption: Interruption, progress: Progress) -> list[Reproduced]:
     """Acquire every run, examine every twin, and conclude.
 
@@ -129,13 +118,8 @@ def reproduce(plan: Plan, *, interruption: Interruption, progress: Progress) -> 
     """
     tasks = _tasks(plan)
     runs, examinations = len(tasks.runs), len(tasks.examinations)
-    acquired = in_parallel(
-        acquire_run,
-        tasks.runs,
-        workers=plan.workers,
-        interruption=interruption,
-        progress=lambda done, _steps: progress(done, runs + examinations),
-    )
+    acquire_all = _acquired_in_parallel if plan.station.wholly_simulated else _acquired_in_turn
+    acquired = acquire_all(tasks.runs, interruption, lambda done: progress(done, runs + examinations))
     examined = in_parallel(
         _examine,
         dict(enumerate(tasks.examinations)),
@@ -156,10 +140,39 @@ def _tasks(plan: Plan) -> _Tasks:
             directories = {name: _directory(plan, protocol, seed) for name, protocol in protocols.items()}
             for name, directory in directories.items():
                 station = plan.station_for(protocols[name], seed)
-                tasks.runs.setdefault(directory, RunTask(protocols[name], station, directory, plan.data))
+                run = RunTask(protocols[name], station, directory, plan.data, plan.attended)
+                tasks.runs.setdefault(directory, run)
             material = Material(directories, protocols, seed, plan.splits_of(experiment), plan.data)
             tasks.examinations.append(_Examination(experiment, seed, material))
     return tasks
+
+
+def _acquired_in_parallel(
+    runs: Mapping[Path, RunTask], interruption: Interruption, progress: Callable[[int], None]
+) -> Mapping[Path, tuple[object, float]]:
+    """Carry out runs on simulated benches of their own."""
+    return in_parallel(
+        acquire_run,
+        runs,
+        workers=os.cpu_count() or 1,
+        interruption=interruption,
+        progress=lambda done, _steps: progress(done),
+    )
+
+
+def _acquired_in_turn(
+    runs: Mapping[Path, RunTask], interruption: Interruption, progress: Callable[[int], None]
+) -> Mapping[Path, tuple[object, float]]:
+    """Carry out runs on the one bench there is; in this process, which has the terminal and hears its operator."""
+    acquired: dict[Path, tuple[object, float]] = {}
+    for directory, run in runs.items():
+        began = time.perf_counter()
+        acquisition = Acquisition(run.protocol, run.station, directory, run.data, run.attended)
+        acquired[directory] = acquire(acquisition, interruption=interruption), time.perf_counter() - began
+        if interruption.requested:
+            raise Interrupted
+        progress(len(acquired))
+    return acquired
 
 
 def _directory(plan: Plan, protocol: Measurement[Any], seed: int) -> Path:
@@ -172,7 +185,7 @@ def _concluded(
     plan: Plan,
     experiment: Experiment,
     tasks: _Tasks,
-    acquired: Mapping[Path, tuple[None, float]],
+    acquired: Mapping[Path, tuple[object, float]],
     examined: Mapping[int, tuple[Any, float]],
 ) -> Reproduced:
     began = time.perf_counter()
@@ -182,6 +195,8 @@ def _concluded(
         dict.fromkeys(directory for number in own for directory in tasks.examinations[number].material.runs.values())
     )
     conclusion = analysis.conclude([examined[number][0] for number in own], settings)
+    if plan.benches_of(experiment) < len(own):
+        conclusion = replace(conclusion, notes=(ONE_BENCH, *conclusion.notes))
     seconds = sum(examined[number][1] for number in own) + sum(acquired[directory][1] for directory in directories)
     return Reproduced(
         experiment,

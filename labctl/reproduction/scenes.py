@@ -16,23 +16,13 @@ from threadpoolctl import threadpool_limits
 
 from instruments.units import Seconds
 from labctl.analysis import AnalysisError
-from labctl.analysis.dynamic import (
-    periodic_windows,
-    settled_windows,
-    short_time_correlation,
-    sliding_probabilities,
-    switch_time,
-)
+from labctl.analysis.dynamic import short_time_correlation, sliding_probabilities, switch_time
 from labctl.analysis.evaluation import mean_and_sd
 from labctl.analysis.readouts import softmax_readout
-from labctl.analysis.records import Records, read_records
-from labctl.analysis.windows import sample_count
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.switching import switching_figure
-from labctl.reproduction.contract import Analysis, AnalysisSettings, Conclusion, Material
-from labctl.runs import open_run
-from protocols.dynamic_scene import DynamicScene
-from protocols.image_readout import DRIVE_RATE, DRIVE_SAMPLES
+from labctl.reproduction.contract import Analysis, Conclusion, Material
+from labctl.reproduction.switching import Switching, SwitchSettings, read_switching
 
 MOST_OFF_S = 1e-6
 """A switch is seen in time if it is seen so far at most from when the mirrors move."""
@@ -40,20 +30,15 @@ CERTAIN = 0.5
 """More probable than all other classes together."""
 
 
-class Settings(AnalysisSettings):
-    """How the runs `static` (still images) and `scenes` of one seed are read.
-
-    Attributes:
-        window: Acquisition time T_N.
-        leaves: When the mirrors leave, after the switch is commanded.
-        arrives: When they are at rest again; both from the DMD's data sheet.
-        memory: How long light from before lingers in fibre, chip and detector.
-    """
+class Settings(SwitchSettings):
+    """How the runs `static` (still images) and `scenes` of one seed are read."""
 
     window: Annotated[Seconds, Field(gt=0)] = 0.56e-9
-    leaves: Annotated[Seconds, Field(ge=0)] = 0.5e-6
-    arrives: Annotated[Seconds, Field(ge=0)] = 1.5e-6
-    memory: Annotated[Seconds, Field(ge=0)] = 100e-9
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return ("static", "scenes")
 
 
 @dataclass(frozen=True)
@@ -114,27 +99,11 @@ def examine(material: Material, settings: Settings) -> Findings:
     """Train on the still images, and follow every scene.
 
     Raises:
-        AnalysisError: An image of a scene was not measured at rest, or the runs were sampled differently.
+        AnalysisError: An image of a scene was not measured at rest, or the runs do not fit each other.
     """
-    with open_run(material.runs["static"]) as run:
-        still = read_records(run)
-    with open_run(material.runs["scenes"]) as run:
-        moving, shots = read_records(run, "scene"), run.shots
-    if moving.ports != still.ports or moving.sample_interval_s != still.sample_interval_s:
-        raise AnalysisError("still images and scenes differ in ports or sample rate: measure both alike")
-    pairs = np.stack([shots[name][moving.indices] for name in ("dataset_index", "next_dataset_index")], axis=1)
-    labels = np.stack([shots[name][moving.indices] for name in ("label", "next_label")], axis=1)
-    if missing := set(pairs.ravel().tolist()) - set(still.groups.tolist()):
-        raise AnalysisError(
-            f"images {sorted(missing)} of the scenes were not measured at rest: give both runs one seed"
-        )
-    readout = _readout(still, ~np.isin(still.groups, pairs), settings)
-    transit_s = _transit_s(material, settings)
-    scenes = [
-        _scene(record, _at_rest(still, pair, settings), (int(before), int(after)), readout, transit_s, settings, still)
-        for record, pair, (before, after) in zip(moving.traces, pairs, labels, strict=True)
-    ]
-    return Findings(readout.classes_, tuple(scenes))
+    seen = read_switching(material, settings, scenes="scenes", still="static")
+    readout = _readout(seen, settings)
+    return Findings(readout.classes_, tuple(_scene(seen, number, readout) for number in range(len(seen.pairs))))
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
@@ -194,78 +163,38 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     )
 
 
-def _readout(still: Records, train: NDArray[np.bool_], settings: Settings) -> Pipeline:
-    readout = softmax_readout(ports=None, window_s=settings.window, sample_interval_s=still.sample_interval_s)
+def _readout(seen: Switching, settings: Settings) -> Pipeline:
+    """Trained on all still images but those of the scenes."""
+    train = ~np.isin(seen.still.groups, seen.pairs)
+    interval = seen.still.sample_interval_s
+    readout = softmax_readout(ports=None, window_s=settings.window, sample_interval_s=interval)
     with threadpool_limits(1):
-        readout.fit(_first_window(still, settings)[train], still.labels[train])
+        readout.fit(seen.at_rest[train], seen.still.labels[train])
     return readout
 
 
-def _transit_s(material: Material, settings: Settings) -> tuple[float, float]:
-    """When the mirrors leave and arrive, s after the first sample of a scene.
-
-    Raises:
-        AnalysisError: The run `scenes` is not of a protocol that switches images.
-    """
-    protocol = material.protocols["scenes"]
-    if not isinstance(protocol, DynamicScene):
-        raise AnalysisError(f"runs.scenes: {protocol.name} switches no images: use {DynamicScene.name}")
-    return protocol.switch_after + settings.leaves, protocol.switch_after + settings.arrives
-
-
-def _first_window(still: Records, settings: Settings) -> NDArray[np.floating]:
-    """The traces at rest (shots, ports, samples), as long as a window."""
-    return still.traces[..., : sample_count(settings.window, still.sample_interval_s)]
-
-
-def _at_rest(still: Records, pair: NDArray[np.integer], settings: Settings) -> NDArray[np.floating]:
-    """Windows (2, ports, samples) of two images at rest."""
-    windows = _first_window(still, settings)
-    return np.stack([windows[np.flatnonzero(still.groups == image)[0]] for image in pair])
-
-
-def _scene(
-    record: NDArray[np.floating],
-    at_rest: NDArray[np.floating],
-    labels: tuple[int, int],
-    readout: Pipeline,
-    transit_s: tuple[float, float],
-    settings: Settings,
-    still: Records,
-) -> Scene:
-    interval = still.sample_interval_s
-    window = sample_count(settings.window, interval)
-    period = sample_count(DRIVE_SAMPLES / DRIVE_RATE, interval)
-    windows, starts = periodic_windows(record, period=period, window=window)
-    leaves_s, arrives_s = transit_s
-    old, new = settled_windows(
-        starts,
-        window=window,
-        sample_interval_s=interval,
-        leaves_s=leaves_s,
-        arrives_s=arrives_s,
-        memory_s=settings.memory,
-    )
-    if not (old.any() and new.any()):
-        raise AnalysisError("no window lies wholly before or behind the switch: record for longer, or switch elsewhere")
+def _scene(seen: Switching, number: int, readout: Pipeline) -> Scene:
+    windows, pair, labels = seen.windows[number], seen.pairs[number], seen.labels[number]
+    at_rest = np.stack([seen.at_rest[np.flatnonzero(seen.still.groups == image)[0]] for image in pair])
     probabilities = sliding_probabilities(readout, windows)
     correlations = np.stack([short_time_correlation(windows, reference) for reference in at_rest])
     resting = sliding_probabilities(readout, at_rest)
     columns = np.searchsorted(readout.classes_, labels)
     own = resting[np.arange(2), columns]
     known, sure = resting.argmax(axis=1) == columns, own > CERTAIN
+    interval = seen.still.sample_interval_s
     return Scene(
-        labels=labels,
+        labels=(int(labels[0]), int(labels[1])),
         at_rest=(bool(known[0]), bool(known[1])),
         certain=(bool(sure[0]), bool(sure[1])),
-        time_s=starts.astype(np.float64) * interval,
-        old=old,
-        new=new,
-        transit_s=transit_s,
+        time_s=seen.time_s,
+        old=seen.old,
+        new=seen.new,
+        transit_s=seen.transit_s,
         probabilities=probabilities,
         correlations=correlations,
-        stays_s=switch_time(probabilities, starts, new=int(columns[1]), sample_interval_s=interval),
-        crossing_s=switch_time(correlations.T, starts, new=1, sample_interval_s=interval),
+        stays_s=switch_time(probabilities, seen.starts, new=int(columns[1]), sample_interval_s=interval),
+        crossing_s=switch_time(correlations.T, seen.starts, new=1, sample_interval_s=interval),
     )
 
 

@@ -20,6 +20,11 @@ from labctl.runs import open_run
 class Settings(AnalysisSettings):
     """Nothing is set here: runs `input` and `chip` of the same images say everything."""
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return ("input", "chip")
+
 
 @dataclass(frozen=True)
 class Findings:

@@ -38,6 +38,11 @@ class Settings(AnalysisSettings):
     test_speakers: PositiveInt = 7
     hidden: PositiveInt = 100
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return ("vowels",)
+
 
 @dataclass(frozen=True)
 class Findings:

@@ -1,11 +1,15 @@
 """Safe state, limits and passes."""
 
+import re
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from instruments.bench import Bench, UnsafeBench
-from instruments.interfaces import BYPASS_PORT, InstrumentError, OutOfRange
+from instruments.errors import InstrumentError, LinkError, OutOfRange
+from instruments.interfaces import BYPASS_PORT, Instrument
+from instruments.vialux_alp import VialuxAlp
 from labctl.command_log import CommandLog
 from labctl.opening import opened
 from labctl.station import LaserSection, LimitsSection, PatchPanelSection, Station, StationError
@@ -34,6 +38,71 @@ def test_every_instrument_is_tried_when_one_fails(bench: Bench, simulation: Simu
     simulation.stop()
     with pytest.raises(UnsafeBench, match=r"laser: .*awg: .*dmd: .*scope: .*key switch"):
         bench.make_safe()
+
+
+def test_the_first_error_is_told_and_the_unsafe_bench_beside_it(bench: Bench, simulation: SimulatedBench) -> None:
+    def measure() -> None:
+        with bench.emitting(1550.0):
+            simulation.stop()
+            raise RuntimeError("fault")
+
+    with pytest.raises(RuntimeError, match="fault") as failure:
+        measure()
+    (note,) = failure.value.__notes__
+    assert re.search(r"the safe state is not confirmed .*key switch", note)
+
+
+def test_an_unsafe_bench_is_an_error_of_its_own_where_there_is_no_other(
+    bench: Bench, simulation: SimulatedBench
+) -> None:
+    def measuring() -> Iterator[None]:
+        with bench.emitting(1550.0):
+            yield
+
+    abandoned = measuring()
+    next(abandoned)
+    simulation.stop()
+    with pytest.raises(UnsafeBench, match="key switch"):
+        abandoned.close()  # type: ignore[attr-defined]
+
+
+def test_every_connection_is_closed_when_some_fail(log: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = []
+
+    def failing(name: str, instrument: Instrument, error: Exception | None) -> Callable[[], None]:
+        release = instrument.close
+
+        def close() -> None:
+            release()
+            closed.append(name)
+            if error is not None:
+                raise error
+
+        return close
+
+    def measure() -> None:
+        with opened(Station(), log) as found:
+            for name, instrument in found.bench.instruments.items():
+                error = {"awg": InstrumentError("awg: stuck"), "scope": OSError("scope: odd")}.get(name)
+                monkeypatch.setattr(instrument, "close", failing(name, instrument, error))
+            raise LinkError("scope is gone")
+
+    with pytest.raises(LinkError, match="scope is gone") as failure:
+        measure()
+    assert closed == ["laser", "awg", "dmd", "scope", "patch_panel"]
+    assert failure.value.__notes__ == ["awg: stuck", "scope: odd"]
+
+
+def test_a_connection_that_cannot_be_released_is_told(log: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    close = VialuxAlp.close
+
+    def stuck(dmd: VialuxAlp) -> None:
+        close(dmd)
+        raise InstrumentError("dmd: stuck")
+
+    monkeypatch.setattr(VialuxAlp, "close", stuck)
+    with pytest.raises(InstrumentError, match="dmd: stuck"), opened(Station(), log) as found:
+        found.bench.dmd.identify()
 
 
 def test_five_ports_need_two_passes(bench: Bench) -> None:

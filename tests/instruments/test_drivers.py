@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 
 from instruments.bench import Bench
-from instruments.interfaces import (
-    BYPASS_PORT,
-    Drive,
-    EdgeTrigger,
-    InstrumentError,
-    LinkError,
-    OutOfRange,
-    Timebase,
-    Vertical,
-)
+from instruments.errors import InstrumentError, LinkError, NoTrigger, OutOfRange
+from instruments.interfaces import BYPASS_PORT
 from instruments.tektronix_dpo72504dx import Dpo72504dx
+from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
 from instruments.visa import VisaLink, tektronix_event_queue
 from sim_backends.bench import SimulatedBench
 
@@ -180,10 +173,29 @@ class TestScope:
         monkeypatch.setattr("instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S", 0.2)
         bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
         bench.scope.arm()
-        with pytest.raises(LinkError, match=r"scope at .* did not complete .* within 0.2 s: check"):
+        with pytest.raises(NoTrigger, match=r"scope at .* no trigger came within 0.2 s: check"):
             bench.scope.wait()
         bench.scope.make_safe()
         assert bench.scope.settings()["sample_rate"] == 25e9
+
+    def test_no_trigger_of_a_burst_ends_at_once(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("instruments.tektronix_dpo72504dx.STALLED_S", 0.05)
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        bench.scope.arm_burst(7)
+        with pytest.raises(NoTrigger, match=r"scope at .* took 0 of 7 frames, and none for 0.05 s: check"):
+            bench.scope.read_burst()
+        bench.scope.make_safe()
+        assert bench.scope.settings()["sample_rate"] == 25e9
+
+    def test_a_link_lost_while_it_waits_is_a_lost_link(
+        self, bench: Bench, simulation: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S", 0.2)
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        bench.scope.arm()
+        simulation.stop()
+        with pytest.raises(LinkError, match=r"scope at .* cannot be reached"):
+            bench.scope.wait()
 
 
 class TestLaser:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from instruments.alnair_tlg220 import DEFAULT_TABLE, CommandTable
-from instruments.interfaces import NotConfigured
+from instruments.errors import NotConfigured
 from labctl.opening import SIMULATED_LASER
 
 

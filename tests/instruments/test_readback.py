@@ -14,10 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from instruments.alnair_tlg220 import CommandTable, Tlg220
-from instruments.interfaces import Drive, EdgeTrigger, InstrumentError, Timebase, Vertical
+from instruments.errors import InstrumentError
 from instruments.readback import confirm
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
+from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
 from instruments.visa import VisaLink, scpi_error_queue, tektronix_event_queue
 from labctl.opening import SIMULATED_LASER
 
@@ -166,8 +167,8 @@ def test_the_laser(opened: Opened) -> None:
         found: Tlg220 = opened("laser", ERROR='0,"none"', **own)
         return found
 
-    laser(WAVELENGTH="1550.004").tune(1550.0)
-    laser(POWER="13.1").set_power(0.02)
+    assert laser(WAVELENGTH="1550.004").tune(1550.0) == 1550.004
+    assert laser(POWER="13.1").set_power(0.02) == pytest.approx(20.417e-3, rel=1e-4)
     with pytest.raises(InstrumentError, match=r"laser: wavelength: asked for 1550 nm, got 1550.5 nm: check its tuning"):
         laser(WAVELENGTH="1550.5").tune(1550.0)
     with pytest.raises(InstrumentError, match=r"laser: power: asked for 13.01 dBm, got 10 dBm: check its power range"):

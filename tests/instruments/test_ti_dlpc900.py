@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from instruments import dlpc900_image as encoding
-from instruments.interfaces import InstrumentError, LinkError, NotConfigured
+from instruments.errors import InstrumentError, LinkError, NotConfigured
 from instruments.ti_dlpc900 import COLUMNS, ROWS, HidApi, TiDlpc900
 from sim_backends.virtual import dlpc900_image as decoding
 from sim_backends.virtual.dlpc900 import VirtualDlpc900

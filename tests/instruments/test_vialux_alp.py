@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from instruments.interfaces import BurstDmd, InstrumentError, NotConfigured
+from instruments.errors import InstrumentError, NotConfigured
+from instruments.interfaces import BurstDmd
 from instruments.vialux_alp import AlpByVendorLibrary, AlpOverVisa, VialuxAlp
 from instruments.visa import VisaLink
 from labctl.drivers import Opening, vialux_alp
 from labctl.opening import SIMULATED_LASER
 from labctl.station import DmdSection
 from sim_backends.bench import SimulatedBench
+from sim_backends.virtual.alp import VirtualAlp
 
 
 class ALPError(Exception):
@@ -135,3 +137,60 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ALP4", None)
     with pytest.raises(NotConfigured, match=r"pip install 'photonic-labctl\[alp\]'"):
         AlpByVendorLibrary("4.3", None)
+
+
+class Sessions:
+    """A transcript that counts the sessions that are open."""
+
+    def __init__(self) -> None:
+        self.open = 0
+
+    def __call__(self, instrument: str, direction: str, message: str, /) -> None: ...
+
+    def tap(self, instrument: str, resource: str) -> "Sessions":
+        self.open += 1
+        return self
+
+    def heard(self, direction: str, chunks: Any) -> None: ...
+
+    def closed(self) -> None:
+        self.open -= 1
+
+
+def test_closing_closes_the_link_whatever_the_device_answers(simulation: SimulatedBench, log: Any) -> None:
+    sessions = Sessions()
+    address = simulation.resources["dmd"]["socket"]
+    dmd = VialuxAlp(AlpOverVisa(VisaLink(address, name="dmd", timeout_s=5, transcript=sessions)))
+    dmd.blank()
+    other = VisaLink(address, name="dmd", timeout_s=5, transcript=log)
+    assert [other.query(line) for line in ("ALP:DEVHALT", "ALP:DEVFREE")] == ["0", "0"]
+    assert sessions.open == 1
+    with pytest.raises(InstrumentError, match=r"ALP:DEVHALT returned 1003"):
+        dmd.close()
+    assert sessions.open == 0
+    dmd.close()
+    assert sessions.open == 0
+    other.close()
+
+
+def test_closing_closes_the_link_of_a_device_that_could_not_be_allocated(
+    simulation: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sessions = Sessions()
+    link = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=sessions)
+    dmd = VialuxAlp(AlpOverVisa(link))
+    monkeypatch.setattr(VirtualAlp, "allocate", lambda _device, _serial: 1010)
+    with pytest.raises(InstrumentError, match="ALP:DEVALLOC returned 1010"):
+        dmd.blank()
+    assert sessions.open == 1
+    dmd.close()
+    assert sessions.open == 0
+
+
+def test_a_reply_that_is_no_return_code(simulation: SimulatedBench, log: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    link = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
+    monkeypatch.setattr(VirtualAlp, "halt", lambda _device: "ready")
+    library = AlpOverVisa(link)
+    with pytest.raises(InstrumentError, match="dmd: ALP:DEVHALT was answered 'ready', not with a return code"):
+        library.Halt()
+    library.close()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from instruments.interfaces import InstrumentError, LinkError
+from instruments.errors import InstrumentError, LinkError
 from instruments.visa import VisaLink
 from sim_backends.bench import SimulatedBench
 

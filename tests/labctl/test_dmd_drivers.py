@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from instruments.interfaces import NotConfigured
+from instruments.errors import NotConfigured
 from labctl.drivers import Opening, ti_dlpc900
 from labctl.station import DmdSection, StationError
 

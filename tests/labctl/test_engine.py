@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from instruments.interfaces import Frames, InstrumentError
+from instruments.errors import InstrumentError
+from instruments.values import Frames
 from labctl.command_log import CommandLog
 from labctl.engine import Request, carry_out
 from labctl.inputs import images_for

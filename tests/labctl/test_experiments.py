@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from labctl.experiments import Experiment, ExperimentError, Must, experiments
 from labctl.reproduction.analyses import analysis_of
@@ -66,6 +67,17 @@ class TestMust:
     def test_a_figure_that_is_not_there_is_told(self) -> None:
         with pytest.raises(ExperimentError, match=r"no figure accuracy\.9"):
             Must(what="", path=("accuracy", "9"), at_least=0).reached(HERE)
+        with pytest.raises(ExperimentError, match=r"no figure accuracy\.1\.0\.se"):
+            Must(what="", path=("accuracy", "1.0"), at_least=0, less_standard_errors=1.0).reached(HERE)
+
+    def test_what_is_no_number_is_told(self) -> None:
+        with pytest.raises(ExperimentError, match="no number accuracy: correct"):
+            Must(what="", path=("accuracy",), at_least=0).reached(HERE)
+
+    @pytest.mark.parametrize("bounds", [{}, {"at_least": 0.0, "at_most": 1.0}])
+    def test_one_bound_is_needed(self, bounds: dict[str, float]) -> None:
+        with pytest.raises(ValidationError, match="needs one bound"):
+            Must(what="", path=("ratio",), **bounds)
 
 
 def test_images_of_each_class_are_written_without_a_complaint() -> None:

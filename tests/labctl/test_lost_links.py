@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from instruments.bench import UnsafeBench
-from instruments.interfaces import InstrumentError, LinkError
+from instruments.errors import InstrumentError, LinkError
 from labctl.command_log import CommandLog
 from labctl.lost_links import ATTEMPTS, Recovery
 from labctl.opening import OpenBench
@@ -52,17 +52,14 @@ def test_what_is_no_lost_link_is_not_tried_again(
     assert not lines(run_log, tmp_path)
 
 
-def test_a_bench_that_was_not_made_safe_because_of_the_lost_link_is_tried_again(
+def test_a_bench_that_is_gone_ends_the_run_with_what_happened_and_how_it_is_left(
     recovery: Recovery, open_bench: OpenBench
 ) -> None:
-    unsafe = UnsafeBench("the safe state is not confirmed (scope)")
-    unsafe.__context__ = LOST
-    recovery.after(unsafe, 7)
-    assert open_bench.bench.laser.settings()["emitting"] == 0
-
-
-def test_a_bench_that_is_gone_ends_the_run(recovery: Recovery, open_bench: OpenBench) -> None:
     assert open_bench.simulation is not None
     open_bench.simulation.stop()
-    with pytest.raises(UnsafeBench, match="key switch"):
-        recovery.after(LOST, 7)
+    lost = LinkError("scope at nowhere cannot be reached")
+    lost.add_note("the safe state is not confirmed (scope): the laser is off")
+    with pytest.raises(LinkError, match="scope at nowhere") as failure:
+        recovery.after(lost, 7)
+    (note,) = failure.value.__notes__
+    assert "switch the laser off by its key switch" in note

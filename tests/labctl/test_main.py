@@ -9,7 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
+from instruments.alnair_tlg220 import Tlg220
+from instruments.errors import InstrumentError
+from instruments.tektronix_dpo72504dx import Dpo72504dx
 from labctl import demonstration
+from labctl.interruption import StoppedBySignal
 from labctl.main import main
 from protocols.image_readout import ImageReadout
 
@@ -184,7 +188,7 @@ class TestRun:
         status, found = as_json(capsys, "run", "image-readout", *SMALL, "--profile", "--out", tmp_path / "run")
         assert status == 0
         budget = found["profile_ms_per_shot"]
-        assert list(budget) == ["dmd", "arm", "trigger", "physics", "transfer", "storage"]
+        assert list(budget) == ["upload", "dmd", "arm", "trigger", "physics", "transfer", "storage"]
         assert all(spent > 0 for spent in budget.values())
         assert sum(budget.values()) <= 1.3e3 * found["seconds"] / found["shots"]
 
@@ -298,6 +302,12 @@ class TestReadout:
         assert {path.name for path in (run / "figures").iterdir()} == {
             f"{name}.{kind}" for name in ("accuracy", "confusion", "traces") for kind in ("png", "svg")
         }
+        Path(found["report"]).unlink()
+        assert as_json(capsys, "report", run) == (
+            0,
+            {"run": str(run), "protocol": "image-readout", "report": found["report"]},
+        )
+        assert Path(found["report"]).read_text() == report
         status, shown = as_json(capsys, "show", trained["model"])
         assert shown["ports"] == [2, 3, 4]
         assert "controls" not in labctl(capsys, "evaluate", trained["model"], run)[1]
@@ -319,3 +329,46 @@ class TestReadout:
         assert status == 2
         assert message in err
         assert err.count("\n") == 1
+
+
+class TestFailureAfterFailure:
+    """The first error is told first; what the end of the run then failed at follows on a line of its own."""
+
+    @pytest.fixture(autouse=True)
+    def stuck(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        close = Tlg220.close
+
+        def refuse(laser: Tlg220) -> None:
+            close(laser)
+            raise InstrumentError("laser: does not obey")
+
+        monkeypatch.setattr(Tlg220, "make_safe", refuse)
+        monkeypatch.setattr(Tlg220, "close", refuse)
+
+    def test_of_an_instrument(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def fail(_scope: Dpo72504dx) -> None:
+            raise InstrumentError("scope: on fire")
+
+        monkeypatch.setattr(Dpo72504dx, "wait", fail)
+        status, out, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run", "--json")
+        unsafe = "the safe state is not confirmed (laser: laser: does not obey): switch the laser off by its key switch"
+        assert status == 1
+        assert told.splitlines() == [
+            "labctl: scope: on fire",
+            f"labctl: {unsafe}",
+            "labctl: laser: does not obey",
+        ]
+        assert json.loads(out) == {"error": "scope: on fire", "exit": 1, "notes": [unsafe, "laser: does not obey"]}
+
+    def test_of_an_operator_who_stops_the_run_at_once(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def stop(_scope: Dpo72504dx) -> None:
+            raise StoppedBySignal
+
+        monkeypatch.setattr(Dpo72504dx, "wait", stop)
+        status, _, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run")
+        assert status == 130
+        assert "labctl: the safe state is not confirmed (laser: laser: does not obey)" in told

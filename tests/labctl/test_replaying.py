@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from instruments.interfaces import LinkError
+from instruments.errors import LinkError
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.visa import VisaLink
 from labctl.main import main

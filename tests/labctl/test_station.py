@@ -75,3 +75,42 @@ def test_addresses_survive_the_file(tmp_path: Path) -> None:
     assert not station.simulated
     with pytest.raises(StationError, match="name a new file"):
         write_addresses(path, addresses)
+
+
+def test_a_saved_station_says_all_that_its_bench_said(tmp_path: Path) -> None:
+    text = """
+    name = "twin of \\"room 2\\""
+    [laser]
+    power = "10 mW"
+    commands = "table.toml"
+    [patch_panel]
+    ports = "0,2-6"
+    [wiring]
+    projector = false
+    [durability]
+    seconds = 0.5
+    [sim]
+    twin_seed = 3
+    parameters = { enob = 4.5, shared_reference = false }
+    """
+    said = read_station(write(tmp_path, text))
+    addresses = {name: f"TCPIP0::127.0.0.1::{5000 + rank}::SOCKET" for rank, name in enumerate(said.addresses)}
+    path = tmp_path / "served.toml"
+    write_addresses(path, addresses, said)
+    saved = read_station(path)
+    assert saved.addresses == addresses
+    assert saved.laser.commands == Path("table.toml").absolute()
+    for section in ("name", "wiring", "limits", "durability", "sim"):
+        assert getattr(saved, section) == getattr(said, section)
+    assert saved.patch_panel.ports == said.patch_panel.ports
+    assert saved.laser.power == said.laser.power
+
+
+def test_instruments_that_are_set_by_hand_need_no_address(tmp_path: Path) -> None:
+    address = 'address = "TCPIP0::192.0.2.1::inst0::INSTR"'
+    instruments = "".join(f"[{name}]\n{address}\n" for name in ("awg", "scope", "dmd"))
+    by_hand = '[laser]\ndriver = "manual-laser"\n[patch_panel]\ndriver = "manual-patch-panel"\n'
+    assert not read_station(write(tmp_path, instruments + by_hand)).simulated
+    partly = read_station(write(tmp_path, by_hand))
+    assert partly.simulations == ("awg", "scope", "dmd")
+    assert not partly.wholly_simulated

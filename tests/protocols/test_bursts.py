@@ -1,5 +1,6 @@
 """Hardware-timed bursts."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,7 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from instruments.bench import Bench
-from instruments.interfaces import Burst, InstrumentError
+from instruments.errors import InstrumentError, NoTrigger
+from instruments.tektronix_awg70002a import Awg70002a
+from instruments.values import Burst
 from labctl.command_log import CommandLog
 from labctl.inputs import images_for
 from labctl.opening import opened
@@ -20,6 +23,8 @@ from protocols.bursts import PICTURE_PERIOD_S, check_times, stretches
 from protocols.image_readout import ImageReadout
 
 SMALL = {"images": 40, "reference_every": 20}
+ABOVE_ANY_PULSE_V = 4.0
+"""A trigger level that the frame sync never crosses: the AWG sees as much of it as with its cable out."""
 
 
 @pytest.fixture
@@ -135,3 +140,14 @@ def test_only_what_is_missing_is_played(wired: Bench) -> None:
     for record in records:
         there = slice(record.first, record.first + len(record.burst.codes))
         assert np.corrcoef(record.burst.codes.ravel(), whole.burst.codes[there].ravel())[0, 1] > 0.9
+
+
+def test_without_the_dmds_frame_sync_the_cables_are_named(wired: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("instruments.tektronix_dpo72504dx.STALLED_S", 0.05)
+    monkeypatch.setattr(Awg70002a, "TRIGGER_LEVEL_V", ABOVE_ANY_PULSE_V)
+    with pytest.raises(NoTrigger) as failure:
+        measure(wired, timing="burst", ports=(2,))
+    told = str(failure.value)
+    assert re.search("took 0 of 44 frames.* DMD frame sync -> AWG trigger input.* AWG marker -> scope AUX", told)
+    assert "\n" not in told
+    assert wired.laser.settings()["emitting"] == 0

@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from labctl.reports.drawing import Series, draw_series, spread_out
+from labctl.reports.drawing import Series, draw_series, legend_below, spread_out
 from labctl.reports.style import DASHES, MARKERS, PALETTE, look
 from labctl.reports.thinning import envelope, reduced, volt_scale
 
@@ -68,3 +69,14 @@ def test_a_spread_of_nothing_is_not_drawn() -> None:
     draw_series(axes, [Series("a", [1, 2], [0, 1], [float("nan"), 0])])
     assert not axes.collections
     assert len(axes.lines) == 1
+
+
+@pytest.mark.parametrize("characters", [3, 16, 20, 60])
+def test_a_legend_is_not_wider_than_its_figure(characters: int) -> None:
+    figure = Figure(figsize=(6.4, 4), layout="constrained")
+    handles = [Line2D([], [], marker="o") for _ in range(5)]
+    legend_below(figure, handles, ["M" * (characters // 3) + " " * (characters - characters // 3)] * 5)
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.width

@@ -107,7 +107,7 @@ def test_a_section_says_what_was_done_and_why_it_falls_short(tmp_path: Path) -> 
         "Why it falls short: less light",
         "Report both splits & say so.",
         "Images & so on.",
-        "Twin seeds 1, 2, 3; 10 random splits for each; 41 s.",
+        "Seeds 1, 2, 3; 10 random splits for each; 41 s.",
         "protocol.ports",
         "<script>alert(1)</script>",
         "versions.numpy",

@@ -91,7 +91,7 @@ def test_what_a_film_cannot_be_made_of(tmp_path: Path, write_run: WriteRun) -> N
     given = material(tmp_path, write_run)
     settings = Settings.model_validate({"curves": [curve()], "film": FILM})
     swapped = Material(given.runs, {"still": STILL, "scenes": STILL}, 1, 2)
-    with pytest.raises(AnalysisError, match="holds no scenes but image-readout"):
+    with pytest.raises(AnalysisError, match="image-readout switches no images"):
         examine(swapped, settings)
     assert settings.film is not None
     short = settings.film.model_copy(update={"arrives": 9e-6})
@@ -103,7 +103,7 @@ def test_a_film_on_other_ports_is_refused(tmp_path: Path, write_run: WriteRun) -
     given = material(tmp_path, write_run)
     scenes = list(given.protocols["scenes"].shots(images_for(STILL)))
     other = write_run(tmp_path / "other", scenes, np.zeros((1, 2, RECORD)), (4, 5), INTERVAL_S)
-    with pytest.raises(AnalysisError, match="other ports or at another rate"):
+    with pytest.raises(AnalysisError, match="differ in ports or sample rate"):
         examine(
             Material({**given.runs, "scenes": other}, given.protocols, 1, 2),
             Settings.model_validate({"curves": [curve()], "film": FILM}),

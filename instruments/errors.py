@@ -1,0 +1,21 @@
+"""How instruments fail: every message is one line that says what, where and what to do."""
+
+
+class InstrumentError(Exception):
+    """An instrument refused, failed or did not answer; the message is one line that says what, where and what to do."""
+
+
+class LinkError(InstrumentError):
+    """The instrument cannot be reached, or did not answer in time."""
+
+
+class NoTrigger(InstrumentError):
+    """The oscilloscope answers and is armed, but its trigger does not come: measuring again would not help."""
+
+
+class OutOfRange(InstrumentError):
+    """A value lies outside what the instrument or the station allows; nothing was sent."""
+
+
+class NotConfigured(InstrumentError):
+    """The driver lacks something only the operator can supply, such as a command of an undocumented laser."""

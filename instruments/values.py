@@ -1,0 +1,152 @@
+"""What passes between a protocol and an instrument: settings on the way there, traces on the way back."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.errors import OutOfRange
+
+Codes = NDArray[np.int8] | NDArray[np.int16]
+
+Progress = Callable[[int, int], None]
+"""Called with how much is done so far, and how much there is in all."""
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who an instrument says it is: the four fields of `*IDN?` (IEEE 488.2, 10.14)."""
+
+    manufacturer: str
+    model: str
+    serial: str
+    firmware: str
+
+    @classmethod
+    def parse(cls, reply: str) -> "Identity":
+        """Split a `*IDN?` reply; missing fields become empty strings."""
+        fields = [field.strip() for field in reply.split(",", 3)]
+        return cls(*(fields + [""] * (4 - len(fields))))
+
+
+@dataclass(frozen=True)
+class Range:
+    """A closed interval of allowed values with its unit."""
+
+    low: float
+    high: float
+    unit: str
+
+    def check(self, name: str, value: float) -> float:
+        """Return `value` if it lies inside.
+
+        Raises:
+            OutOfRange: it does not, or is not a number.
+        """
+        if not self.low <= value <= self.high:
+            raise OutOfRange(
+                f"{name} = {value:g} {self.unit} is outside {self.low:g}..{self.high:g} {self.unit}: "
+                f"choose a value inside"
+            )
+        return value
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The phase sequence the AWG plays for ever: `samples` in -1..1, shape (n,), float32, one period."""
+
+    name: str
+    samples: NDArray[np.float32]
+    sample_rate: float
+    amplitude_vpp: float
+
+    @property
+    def period_s(self) -> float:
+        """Time after which the drive repeats."""
+        return self.samples.size / self.sample_rate
+
+    @property
+    def marker(self) -> NDArray[np.bool_]:
+        """High during the first quarter of the period, shape (n,): one rising edge at its start, to trigger on."""
+        return self.excerpt(0, self.samples.size)[1]
+
+    def repeated_length(self, minimum: int) -> int:
+        """Samples of the fewest whole periods that make `minimum`; padding would leave the modulator idle between."""
+        return -(-minimum // self.samples.size) * self.samples.size
+
+    def excerpt(
+        self, first: int, count: int, *, marked_once: bool = False
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """`count` samples and their marker from place `first` on, repeated as far as they go; shapes (count,).
+
+        With `marked_once` the marker is high in the first period only.
+        """
+        period, high = self.samples.size, max(1, self.samples.size // 4)
+        places = np.arange(first, first + count)
+        start = first % period
+        inside = start + count <= period
+        samples = self.samples[start : start + count] if inside else self.samples.take(places, mode="wrap")
+        return samples, (places if marked_once else places % period) < high
+
+
+@dataclass(frozen=True)
+class Timebase:
+    """How a trace is sampled: `samples` points at `sample_rate` (S/s), the first one `delay_s` after the trigger."""
+
+    sample_rate: float
+    samples: int
+    delay_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Vertical:
+    """The vertical range of a channel: V per division and the voltage at mid-screen."""
+
+    scale_v_per_div: float
+    offset_v: float
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """What a code of a channel means: volts = `scale_v` * code + `offset_v`, as the instrument itself reports it."""
+
+    scale_v: float
+    offset_v: float
+
+
+@dataclass(frozen=True)
+class EdgeTrigger:
+    """An edge on the auxiliary input ("AUX") or on a channel (1..4) at `level_v`."""
+
+    source: Literal["AUX"] | int
+    level_v: float
+    rising: bool = True
+
+
+@dataclass(frozen=True)
+class Frames:
+    """One frame per channel, for one trigger.
+
+    codes: (channels, samples), int8, or int16 when averaged. trigger_offset_s: (channels,), time from the trigger to
+    the sample grid. clipped: (channels,), whether a sample reached the end of the range.
+    """
+
+    codes: Codes
+    trigger_offset_s: NDArray[np.float64]
+    clipped: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Burst:
+    """One frame per channel for each of many triggers.
+
+    codes: (triggers, channels, samples), int8, or int16 for averages. trigger_offset_s: (triggers, channels). time_s:
+    (triggers,), when each trigger came, on the oscilloscope's clock, from any start. clipped: (triggers, channels).
+    """
+
+    codes: Codes
+    trigger_offset_s: NDArray[np.float64]
+    time_s: NDArray[np.float64]
+    clipped: NDArray[np.bool_]

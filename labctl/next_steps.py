@@ -1,0 +1,61 @@
+"""What a run is good for: the command that leads on from it, by its protocol."""
+
+import shlex
+from pathlib import Path
+
+from labctl.experiments import experiments
+from labctl.failures import UsageError
+from labctl.runs import open_run
+from protocols.image_readout import ImageReadout
+from protocols.wavelength_scan import WavelengthScan
+
+
+def next_command(protocol: str, directory: Path) -> str:
+    """What to type after a run of the protocol called so.
+
+    Runs that are only judged together with others lead to the experiments that acquire all of them.
+
+    Raises:
+        ExperimentError: an experiment file is wrong.
+    """
+    where = shlex.quote(str(directory))
+    if protocol == WavelengthScan.name:
+        return f"labctl evaluate {where}"
+    if protocol == ImageReadout.name:
+        models = models_of(directory)
+        return f"labctl evaluate {shlex.quote(str(models[0]))} {where}" if models else f"labctl train {where}"
+    found = [one.name for one in experiments() if any(run.protocol == protocol for run in one.runs.values())]
+    return f"labctl reproduce {' '.join(found)}" if found else f"labctl show {where}"
+
+
+def models_of(directory: Path) -> list[Path]:
+    """The readouts that were trained on a run, by name."""
+    return sorted((directory / "models").glob("*.h5"))
+
+
+def protocol_of(directory: Path) -> str:
+    """Name of the protocol that made a run.
+
+    Raises:
+        UsageError: no such directory.
+        RunError: not a run, or damaged.
+    """
+    if not directory.is_dir():
+        raise UsageError(f"{directory}: no such directory: name a run directory, as 'labctl runs' lists them")
+    with open_run(directory) as run:
+        asked = run.manifest.get("protocol")
+    return str(asked["name"]) if isinstance(asked, dict) and "name" in asked else "an unknown protocol"
+
+
+def cannot_judge(directory: Path, protocol: str) -> UsageError:
+    """The one line for a run that cannot be judged as asked: what its protocol needs, and what to type."""
+    command = next_command(protocol, directory)
+    needs = {
+        ImageReadout.name: "is judged with a readout",
+        WavelengthScan.name: "is judged without a readout",
+    }
+    if command.startswith("labctl reproduce"):
+        why = "is judged by an experiment, which acquires all that it needs"
+    else:
+        why = needs.get(protocol, "is nothing that labctl can judge")
+    return UsageError(f"{directory}: a run of {protocol} {why}: go on with '{command}'")

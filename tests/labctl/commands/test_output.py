@@ -1,0 +1,41 @@
+"""Progress on standard error."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from labctl.commands import output
+from labctl.commands.output import progress_bar
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
+    """What a person at a terminal sees on standard error."""
+    seen = io.StringIO()
+    monkeypatch.setattr(output, "errors", Console(file=seen, force_terminal=True, width=100, legacy_windows=False))
+    return seen
+
+
+def test_the_line_says_what_is_uploaded_and_then_goes_on(terminal: io.StringIO) -> None:
+    with progress_bar("image-readout") as line:
+        line.uploading("DMD patterns", 250, 1000)
+        line.refresh()
+        line.uploading("DMD patterns", 1000, 1000)
+        line(7, 88)
+        line.refresh()
+    seen = terminal.getvalue()
+    upload, measuring = seen.index("uploading DMD patterns"), seen.index("7/88")
+    assert "250/1000" in seen[upload:measuring]
+    assert "image-readout" in seen[upload:measuring]
+    assert "uploading" not in seen[measuring:]
+
+
+def test_nothing_where_nobody_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = io.StringIO()
+    monkeypatch.setattr(output, "errors", Console(file=seen, force_terminal=False))
+    with progress_bar("image-readout") as line:
+        line.uploading("waveform", 1, 2)
+        line(1, 2)
+        line.refresh()
+    assert not seen.getvalue()

@@ -1,0 +1,250 @@
+"""Every experiment of the house by the command, so small that it takes seconds, from the sockets to table and report.
+
+What is made smaller are numbers of images, of symbols and of what learns, and the averages and length of long records;
+wavelengths, ports, windows and everything else stay as the experiment's file says. The figures are then not those of
+the paper, but they are there, and they show that something was seen.
+"""
+
+import json
+import math
+import os
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labctl import datasets
+from labctl.datasets import DatasetError
+from labctl.experiments import FOLDER, Experiment, experiments
+from labctl.main import main
+from labctl.protocol_files import protocol_from
+from labctl.runs import open_run
+
+Content = dict[str, Any]
+Entry = dict[str, Any]
+
+MOST_IMAGES = 100
+"""Of a run in all, or of each class where an experiment gives a number for each."""
+WHERE_SET: Content = {"symbols": 700, "train": 70, "learning_sizes": [50, 90]}
+"""In place of what an experiment's file sets by these names, for runs or analysis."""
+BY_PROTOCOL: dict[str, Content] = {
+    "dynamic-scene": {"averages": 2, "window": "7 us"},
+    "sequence-readout": {"averages": 4},
+}
+"""In every run of these protocols; nothing is to be seen in a scene long after the mirrors have moved."""
+BY_ANALYSIS: dict[str, Content] = {"forecasting": {"train": 500, "test": 200, "held_out": 120}}
+"""In place of what an analysis does unless its experiment says otherwise."""
+
+
+def smaller(content: Content) -> Content:
+    """An experiment's file with smaller numbers in it."""
+    tables = [content.setdefault("settings", {})]
+    for run in content["runs"].values():
+        settings = run.setdefault("settings", {})
+        settings |= BY_PROTOCOL.get(run["protocol"], {})
+        given = protocol_from(run["protocol"], settings, origin="the file").model_dump()
+        if isinstance(given.get("images"), tuple):
+            settings["images"] = [min(count, MOST_IMAGES) for count in given["images"]]
+        elif "images" in given:
+            settings["images"] = min(given["images"], MOST_IMAGES)
+        tables.append(settings)
+    for table in tables:
+        table |= {name: small for name, small in WHERE_SET.items() if name in table}
+    content["settings"] |= BY_ANALYSIS.get(content["analysis"], {})
+    return content
+
+
+def toml(value: Any) -> str:
+    """A value as TOML, tables inline: strings, numbers and truth values are written as in JSON."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(name)} = {toml(one)}" for name, one in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def write(folder: Path, name: str, content: Content) -> None:
+    folder.mkdir(exist_ok=True)
+    lines = [f"{json.dumps(key)} = {toml(value)}\n" for key, value in content.items()]
+    (folder / f"{name}.toml").write_text("".join(lines), encoding="utf-8")
+
+
+def read(name: str) -> Content:
+    return tomllib.loads((FOLDER / f"{name}.toml").read_text("utf-8"))
+
+
+Reproduce = Callable[..., tuple[int, Entry, Path]]
+
+
+@pytest.fixture
+def reproduce(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Reproduce:
+    """The command on an experiment's file written to a folder of its own: exit status, JSON, and where it wrote."""
+    own_folder = partial(experiments, folder=tmp_path / "experiments")
+    monkeypatch.setattr("labctl.commands.reproduce.experiments", own_folder)
+    # Tests run side by side: each has one core.
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+
+    def carry_out(name: str, content: Content, *, out: str = "out") -> tuple[int, Entry, Path]:
+        write(tmp_path / "experiments", name, content)
+        with pytest.raises(SystemExit) as ended:
+            main(["reproduce", name, "--quick", "--json", "--out", str(tmp_path / out)])
+        return int(ended.value.code or 0), json.loads(capsys.readouterr().out), tmp_path / out
+
+    return carry_out
+
+
+def require_data(experiment: Experiment) -> None:
+    """Skip where a data set that does not come with the program is not at hand."""
+    for protocol in experiment.protocols.values():
+        name = datasets.card(protocol.model_dump()["dataset"]).name
+        try:
+            datasets.path(name)
+        except DatasetError:
+            pytest.skip(f"LABCTL_DATA does not point to {name}")
+
+
+def above_chance(classes: int, tested: int) -> float:
+    """A share of right answers that guessing reaches once in 30000 times: four standard errors above chance."""
+    chance = 1 / classes
+    return chance + 4 * math.sqrt(chance * (1 - chance) / tested)
+
+
+def recognised(content: Content, entry: Entry) -> None:
+    """Every accuracy that must be reached at full size lies above chance; a tenth of the images is tested a split."""
+    tested = entry["splits"] * (MOST_IMAGES // 10)
+    accuracies = figures(content, entry, lambda must: "minus" not in must)
+    assert min(accuracies) > above_chance(len(content["settings"]["classes"]), tested)
+
+
+def vowels_recognised(content: Content, entry: Entry) -> None:
+    """As above; of the 360 utterances half are tested in a split, or seven of 15 speakers."""
+    tested = entry["splits"] * 360 * 7 // 15
+    assert min(figures(content, entry)) > above_chance(4, tested)
+
+
+def cracks_found(content: Content, entry: Entry) -> None:
+    """The area under the curve is four standard errors above that of scores dealt at random (Mann and Whitney)."""
+    normal, cracks = MOST_IMAGES - content["settings"]["train"], MOST_IMAGES
+    error = math.sqrt((normal + cracks + 1) / (12 * normal * cracks))
+    assert min(figures(content, entry)) > 0.5 + 4 * error
+
+
+def predicted(content: Content, entry: Entry) -> None:
+    """Half of what is left by answering the mean, which has an error of 1, is gone."""
+    assert max(figures(content, entry)) < 0.5
+
+
+def images_made_again(content: Content, entry: Entry) -> None:
+    """The best readout leaves less than nine tenths of the squared error of the mean image at every window.
+
+    Readouts of noise do no better than the mean image. The network is not asked: it needs more images.
+    """
+    for curve in content["settings"]["curves"]:
+        least = entry["baseline"][curve["key"]]["mean_image"]["mean"]
+        assert all(reached["mean"] ** 2 < 0.9 * least**2 for reached in entry["here"][curve["key"]]["best"].values())
+
+
+def switch_seen(_content: Content, entry: Entry) -> None:
+    """The correlations with the two images cross while the mirrors move: no readout has learnt that."""
+    assert entry["here"]["switch_by_correlation"]["share_within_1_us"] == 1.0
+
+
+def all_reached(_content: Content, entry: Entry) -> None:
+    """Nothing learns here, so that nothing is missing in the small form."""
+    assert entry["passed"]
+
+
+def figures(content: Content, entry: Entry, chosen: Callable[[Content], bool] = lambda _must: True) -> list[float]:
+    """Those of the figures to reach that are `chosen` by their tables in the experiment's file."""
+    return [found["here"] for must, found in zip(content["must"], entry["must"], strict=True) if chosen(must)]
+
+
+SEEN: Mapping[str, Callable[[Content, Entry], None]] = {
+    "recognition": recognised,
+    "vowels": vowels_recognised,
+    "cracks": cracks_found,
+    "forecasting": predicted,
+    "imaging": images_made_again,
+    "scenes": switch_seen,
+    "traces": all_reached,
+}
+"""By analysis: what shows that the bench saw something, at a size at which the paper's figures cannot be reached."""
+
+
+@pytest.mark.parametrize("experiment", experiments(), ids=lambda experiment: experiment.name)
+def test_an_experiment_goes_from_its_file_to_figures_and_report(experiment: Experiment, reproduce: Reproduce) -> None:
+    require_data(experiment)
+    content = smaller(read(experiment.name))
+    status, entry, out = reproduce(experiment.name, content)
+
+    assert status == (0 if entry["passed"] else 1)
+    assert entry.keys() >= {"name", "paper", "here", "baseline", "seeds", "splits", "passed", "seconds"}
+    assert (entry["name"], entry["paper"]) == (experiment.name, experiment.paper)
+    assert (entry["seeds"], entry["splits"]) == (experiment.quick_twins, experiment.quick_splits)
+    assert len(entry["must"]) == len(experiment.must)
+    assert all(math.isfinite(must["here"]) for must in entry["must"])
+    assert entry["passed"] == all(must["reached"] for must in entry["must"])
+    assert json.loads((out / "report.json").read_text("utf-8"))["experiments"][0]["here"] == entry["here"]
+
+    drawn = list((out / "figures").glob(f"{experiment.name}-*.svg"))
+    page = (out / "report.html").read_text("utf-8")
+    assert drawn
+    assert page.count("<figure") == len(drawn)
+    for svg in drawn:
+        assert svg.read_text("utf-8").endswith("</svg>\n")
+        assert svg.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    assert escape(experiment.title) in page
+    assert not re.search(r"https?://(?!www\.w3\.org)", page), "it stands alone"
+
+    if experiment.analysis in SEEN:
+        SEEN[experiment.analysis](content, entry)
+
+
+def test_the_same_seed_gives_the_same_frames_and_figures(reproduce: Reproduce) -> None:
+    content = smaller(read("fig3"))
+    first, again = (reproduce("fig3", content, out=out)[1] for out in ("first", "again"))
+    assert [open_run(run).digest() for run in first["runs"]] == [open_run(run).digest() for run in again["runs"]]
+    assert (first["here"], first["baseline"]) == (again["here"], again["baseline"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "complaint"),
+    [
+        ({"analysis": "cracks"}, "experiment fig3: settings: "),
+        ({"settings": {"classes": ["0"], "curves": [], "windows": ["1 ns"]}}, "experiment fig3: settings: curves"),
+        ({"runs": {"bypass": read("fig3")["runs"]["bypass"]}}, "reads runs.chip, which the file does not have: it has"),
+        ({"runs": {}}, "fig3.toml: runs = {}: "),
+    ],
+)
+def test_a_wrong_file_is_told_before_anything_is_acquired(wrong: Content, complaint: str, reproduce: Reproduce) -> None:
+    status, told, out = reproduce("fig3", smaller(read("fig3")) | wrong)
+    assert status == 2
+    assert complaint in told["error"]
+    assert not out.exists()
+
+
+def test_figures_asked_for_in_vain_cost_nothing_that_was_measured(reproduce: Reproduce) -> None:
+    content = smaller(read("fig2"))
+    asked: dict[str, Content] = {
+        "the analysis gives no figure chip.port 9: correct `must`": {"path": ["chip", "port 9"]},
+        "the analysis gives no figure bypass": {"path": ["chip"], "minus": ["bypass"]},
+        "the analysis gives no figure chip.se": {"path": ["chip"], "less_standard_errors": 1.0},
+        "the analysis gives no figure pixels": {"path": ["chip"], "beside": {"what": "pixels", "path": ["pixels"]}},
+    }
+    content["must"] += [{"what": "one of mine", "at_least": 1.0} | must for must in asked.values()]
+    status, entry, out = reproduce("fig2", content)
+    assert status == 1
+    assert [must["reached"] for must in entry["must"]] == [True] * 2 + [False] * len(asked)
+    assert [must["here"] for must in entry["must"][2:]] == [None] * len(asked)
+    assert entry["here"].keys() >= {"input", "chip"}
+    page = (out / "report.html").read_text("utf-8")
+    for complaint in asked:
+        assert f"one of mine: {complaint}" in entry["cause"]
+        assert complaint in page
+    assert json.loads((out / "report.json").read_text("utf-8"))["experiments"][0]["must"] == entry["must"]
