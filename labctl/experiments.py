@@ -99,7 +99,7 @@ class Varied(_Table):
         name: In words, with the unit of `values` in brackets.
         parameter: Its name in the twin's parameters.
         values: In the unit that `name` says.
-        unit: What one of `values` is in the parameter's own unit.
+        unit, exponent: A value v stands for the parameter `unit` * v ** `exponent`, in its own unit.
         default: What every experiment uses, in the unit of `values`.
         logarithmic: Whether the values are spaced by factors.
     """
@@ -108,8 +108,13 @@ class Varied(_Table):
     parameter: str
     values: tuple[float, ...]
     unit: float = 1.0
+    exponent: int = 1
     default: float
     logarithmic: bool = False
+
+    def parameter_at(self, value: float) -> float:
+        """The twin's parameter that one of `values` stands for."""
+        return self.unit * value**self.exponent
 
 
 class Sensitivity(_Table):

@@ -72,10 +72,16 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
 
     began = time.perf_counter()
     with interruptible() as interruption, progress_bar("reproduce") as progress:
-        everything = carry_out(plan, interruption=interruption, progress=progress)
-    report = judging.write_report(plan, everything, skipped)
+        everything, failures = carry_out(plan, interruption=interruption, progress=progress)
+    if not everything:
+        raise next(iter(failures.values()))
+    failed = {name: one_line(error) for name, error in failures.items()}
+    for name, why in failed.items():
+        sys.stderr.write(f"{name} failed: {why}\n")
+    report = judging.write_report(plan, everything, skipped=skipped, failed=failed)
     entries = [judging.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
-    entries += [{"name": name, "skipped": why, "passed": False} for name, why in skipped.items()]
+    without = {"skipped": skipped, "failed": failed}
+    entries += [{"name": name, word: why, "passed": False} for word in without for name, why in without[word].items()]
     whole: dict[str, Any] = {
         "experiments": entries,
         "passed": all(entry["passed"] for entry in entries),
@@ -86,7 +92,7 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
     show(
         entries[0] | {"report": str(report)} if alone else whole,
         as_json,
-        lambda: _print(whole, [_rows(found) for found in everything], skipped),
+        lambda: _print(whole, [_rows(found) for found in everything], without),
     )
     if not as_json and any(entry.get("benches", 1) < entry.get("seeds", 1) for entry in entries):
         say(ONE_BENCH)
@@ -147,13 +153,13 @@ def _rows(found: "Reproduced") -> list[tuple[str, ...]]:
     return rows
 
 
-def _print(whole: dict[str, Any], rows: list[list[tuple[str, ...]]], skipped: dict[str, str]) -> None:
+def _print(whole: dict[str, Any], rows: list[list[tuple[str, ...]]], without: dict[str, dict[str, str]]) -> None:
     headings = ("experiment", "figure", "paper", "here, mean ± sd", "must reach", "digital baseline", "verdict")
     table(
         (*headings, "seeds x splits", "seconds of work"),
         [
             *(row for entry in rows for row in entry),
-            *((name, why, "", "", "", "", "skipped", "", "") for name, why in skipped.items()),
+            *((name, why, "", "", "", "", word, "", "") for word in without for name, why in without[word].items()),
         ],
     )
     for entry in whole["experiments"]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import fill
 from typing import Literal
 
 import matplotlib as mpl
@@ -13,6 +14,9 @@ from numpy.typing import ArrayLike
 
 from labctl.reports.drawing import Level, Series, draw_series, label_curves, place_legend, window_axis
 from labctl.reports.style import BLUE, GREY, STYLE, VERMILLION
+
+PANEL_CHARACTERS = 34
+"""So many fit below a small panel."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +149,7 @@ def sensitivity_figure(panels: Sequence[Sensitivity], *, window_s: float, requir
                 axes.axhline(100 * required, color=GREY, linewidth=1, linestyle=":", label="must reach")
             bars = {"color": BLUE, "marker": "o", "markersize": 4, "linewidth": 1.2, "capsize": 2.5}
             axes.errorbar(panel.values, mean, np.minimum([sd, sd], [sd, 100 - mean]), label="mean ± sd", **bars)
-            axes.set_xlabel(panel.name)
+            axes.set_xlabel(fill(panel.name, PANEL_CHARACTERS))
             axes.grid(visible=True, axis="y")
         for axes in grid.flat[len(panels) :]:
             axes.set_visible(False)

@@ -108,7 +108,9 @@ def bound(must: Must) -> str:
     return f"{sign} {_text(must, limit or 0.0)}"
 
 
-def write_report(plan: Plan, everything: Sequence[Reproduced], skipped: dict[str, str]) -> Path:
+def write_report(
+    plan: Plan, everything: Sequence[Reproduced], *, skipped: dict[str, str], failed: dict[str, str]
+) -> Path:
     """The report of all experiments, in the plan's folder."""
     entries = [
         ExperimentEntry(
@@ -130,7 +132,9 @@ def write_report(plan: Plan, everything: Sequence[Reproduced], skipped: dict[str
         for found in everything
     ]
     return experiments_report(
-        plan.folder / "report.html", entries=entries, provenance=_provenance(plan) | {"skipped": skipped}
+        plan.folder / "report.html",
+        entries=entries,
+        provenance=_provenance(plan) | {"skipped": skipped, "failed": failed},
     )
 
 

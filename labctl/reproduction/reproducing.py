@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from labctl.acquisition import Acquisition, acquire
+from labctl.analysis import AnalysisError
 from labctl.experiments import Experiment
 from labctl.interruption import Interruption
 from labctl.processes import Interrupted, in_parallel, stop_requested
@@ -109,8 +110,13 @@ class _Tasks:
     examinations: list[_Examination] = field(default_factory=list)
 
 
-def reproduce(plan: Plan, *, interruption: Interruption, progress: Progress) -> list[Reproduced]:
+def reproduce(
+    plan: Plan, *, interruption: Interruption, progress: Progress
+) -> tuple[list[Reproduced], dict[str, AnalysisError]]:
     """Acquire every run, examine every twin, and conclude.
+
+    Returns:
+        What came of the experiments; and of those whose analysis failed, name -> why. The others do not suffer from it.
 
     Raises:
         Interrupted: the operator stopped it.
@@ -127,7 +133,13 @@ def reproduce(plan: Plan, *, interruption: Interruption, progress: Progress) -> 
         interruption=interruption,
         progress=lambda done, _steps: progress(runs + done, runs + examinations),
     )
-    return [_concluded(plan, experiment, tasks, acquired, examined) for experiment in plan.experiments]
+    everything, failed = [], {}
+    for experiment in plan.experiments:
+        try:
+            everything.append(_concluded(plan, experiment, tasks, acquired, examined))
+        except AnalysisError as error:
+            failed[experiment.name] = error
+    return everything, failed
 
 
 def _tasks(plan: Plan) -> _Tasks:
@@ -194,7 +206,10 @@ def _concluded(
     directories = tuple(
         dict.fromkeys(directory for number in own for directory in tasks.examinations[number].material.runs.values())
     )
-    conclusion = analysis.conclude([examined[number][0] for number in own], settings)
+    findings = [examined[number][0] for number in own]
+    if failures := [found for found in findings if isinstance(found, AnalysisError)]:
+        raise failures[0]
+    conclusion = analysis.conclude(findings, settings)
     if plan.benches_of(experiment) < len(own):
         conclusion = replace(conclusion, notes=(ONE_BENCH, *conclusion.notes))
     seconds = sum(examined[number][1] for number in own) + sum(acquired[directory][1] for directory in directories)
@@ -221,5 +236,9 @@ def acquire_run(run: RunTask) -> None:
 
 
 def _examine(examination: _Examination) -> Any:
+    """What one twin shows, or the `AnalysisError` that says why it shows nothing."""
     analysis, settings = analysis_of(examination.experiment)
-    return analysis.examine(examination.material, settings)
+    try:
+        return analysis.examine(examination.material, settings)
+    except AnalysisError as error:
+        return error

@@ -131,7 +131,7 @@ def _points(plan: Plan, experiment: Experiment, study: Study) -> _Points:
         for value in varied.values:
             names = planned.names[varied.parameter, value] = []
             for seed in range(1, twins + 1):
-                changed = {} if value == varied.default else {varied.parameter: value * varied.unit}
+                changed = {} if value == varied.default else {varied.parameter: varied.parameter_at(value)}
                 name = f"seed-{seed}" + "".join(f"-{key}-{number:g}" for key, number in changed.items())
                 names.append(name)
                 protocol = experiment.protocols[study.run].model_copy(update={"seed": seed, "window": study.window})

@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from labctl.experiments import Experiment, ExperimentError, Must, experiments
 from labctl.reproduction.analyses import analysis_of
+from sim_backends.parameters import Parameters
 
 HERE = {"accuracy": {"0.4": {"mean": 0.91, "sd": 0.03, "se": 0.005}, "1.0": {"mean": 0.95, "sd": 0.02}}, "ratio": 7.5}
 
@@ -83,3 +84,12 @@ class TestMust:
 def test_images_of_each_class_are_written_without_a_complaint() -> None:
     for experiment in experiments(["fig5"]):
         assert '"images":[2000,500]' in experiment.protocols["median"].model_dump_json()
+
+
+def test_what_is_varied_starts_from_what_all_experiments_use() -> None:
+    """Values stand rounded in the file: to three digits."""
+    for experiment in experiments():
+        for varied in experiment.sensitivity.parameters if experiment.sensitivity else ():
+            used = getattr(Parameters(), varied.parameter)
+            assert varied.parameter_at(varied.default) == pytest.approx(used, rel=0.005)
+            assert varied.default in varied.values

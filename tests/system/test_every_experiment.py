@@ -90,10 +90,10 @@ def reproduce(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
 
-    def carry_out(name: str, content: Content, *, out: str = "out") -> tuple[int, Entry, Path]:
+    def carry_out(name: str, content: Content, *others: str, out: str = "out") -> tuple[int, Entry, Path]:
         write(tmp_path / "experiments", name, content)
         with pytest.raises(SystemExit) as ended:
-            main(["reproduce", name, "--quick", "--json", "--out", str(tmp_path / out)])
+            main(["reproduce", name, *others, "--quick", "--json", "--out", str(tmp_path / out)])
         return int(ended.value.code or 0), json.loads(capsys.readouterr().out), tmp_path / out
 
     return carry_out
@@ -248,3 +248,18 @@ def test_figures_asked_for_in_vain_cost_nothing_that_was_measured(reproduce: Rep
         assert f"one of mine: {complaint}" in entry["cause"]
         assert complaint in page
     assert json.loads((out / "report.json").read_text("utf-8"))["experiments"][0]["must"] == entry["must"]
+
+
+def test_an_analysis_that_fails_costs_no_other_experiment_its_results(reproduce: Reproduce, tmp_path: Path) -> None:
+    too_long = smaller(read("fig3"))
+    too_long["settings"] |= {"windows": ["3 ns"], "confusion": []}
+    write(tmp_path / "experiments", "too-long", too_long)
+    status, whole, out = reproduce("fig2", smaller(read("fig2")), "too-long")
+    fig2, failed = whole["experiments"]
+    assert status == 1
+    assert (fig2["name"], fig2["passed"]) == ("fig2", True)
+    assert failed["name"] == "too-long"
+    assert "3 ns" in failed["failed"]
+    assert failed["failed"] in (out / "report.html").read_text("utf-8")
+    assert json.loads((out / "report.json").read_text("utf-8")) == whole
+    assert reproduce("too-long", too_long, out="alone")[1].keys() == {"error", "exit"}
