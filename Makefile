@@ -6,6 +6,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 IMAGING := $(VENV)/.imaging
 INTEROP := .venv-interop
+AUDIT := $(VENV)/audit
 MINUTES ?= 60
 PACKAGES := labctl instruments protocols sim_backends
 SOURCES := $(PACKAGES) tests benchmarks
@@ -15,7 +16,7 @@ ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: demo test test-full interop fuzz check format lock clean
+.PHONY: demo test test-full interop fuzz audit check format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
@@ -33,6 +34,10 @@ interop: $(INSTALLED) $(INTEROP)/.installed
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES)
+
+# Known vulnerabilities of what the lock files pin; "Error 3" means that it could not be checked.
+audit: $(INSTALLED)
+	$(BIN)/python -m tests.audit $(AUDIT) requirements.lock requirements-imaging.lock requirements-interop.lock
 
 check: $(INSTALLED) $(IMAGING)
 	$(BIN)/ruff format --check --quiet $(SOURCES)

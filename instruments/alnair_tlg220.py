@@ -7,17 +7,18 @@ station names. What is still `<unknown>` there raises a named error, and an unve
 import math
 import re
 import time
-import tomllib
 from pathlib import Path
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import TunableLaser
 from instruments.readback import confirm
+from instruments.toml_files import TomlError, one_line, read_toml
 from instruments.transcripts import Transcript
 from instruments.values import Identity, Range
-from instruments.visa import VisaLink
+from instruments.visa import MAX_ERRORS_READ, VisaLink
 
 UNKNOWN = "<unknown>"
 DEFAULT_TABLE = Path(__file__).with_suffix(".toml")
@@ -35,31 +36,66 @@ COMMANDS = (
     "is_settled",
     "error",
 )
+REPLIED = {"identify": ("text",), "error": ("code", "text")} | dict.fromkeys(
+    ("get_wavelength", "get_power", "get_output", "is_settled"), ("value",)
+)
+"""Which named groups the expression of a reply must have."""
+LONGEST_ANSWER = 300
+"""Characters of an answer that a table's expression is held against."""
+
+_NUMBER_PLACE = re.compile(r"\{value(:[-+]?[0-9]{0,2}(\.[0-9]{1,2})?[efgEFG]?)?\}")
+_ESCAPED = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]")
+_OPEN_REPEATS, _CHOICES = 4, 6
+
+
+def _one_command(text: str) -> str:
+    """A text to send that is one command, with at most one number in it."""
+    bare = _NUMBER_PLACE.sub("", text, count=1)
+    if not text.isascii() or not one_line(text) or set(bare) & set(";{}"):
+        raise ValueError(
+            "is not one command: write it without line ends and semicolons, and a number as {value} or {value:.3f}"
+        )
+    return text
+
+
+def _quick_expression(text: str) -> str:
+    """A regular expression whose time no answer can make endless: no repeated group, few repeats and choices."""
+    try:
+        re.compile(text)
+    except (re.error, OverflowError, RecursionError) as error:
+        raise ValueError(f"is not a regular expression ({error})") from None
+    bare = _ESCAPED.sub("x", text).replace("(?", "(")
+    repeats, choices = len(re.findall(r"[*+{]", bare)), len(re.findall(r"[?|]", bare))
+    if re.search(r"\)[*+{]", bare) or repeats > _OPEN_REPEATS or choices > _CHOICES:
+        raise ValueError(
+            f"could take for ever: repeat no group, and use at most {_OPEN_REPEATS} of * + {{}} and {_CHOICES} of ? |"
+        )
+    return text
 
 
 class Command(BaseModel):
     """One line of the table."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    write: str
-    reply: str | None = None
-    unit: str = ""
+    write: Annotated[str, Field(max_length=200), AfterValidator(_one_command)]
+    reply: Annotated[str, Field(max_length=200), AfterValidator(_quick_expression)] | None = None
+    unit: str = Field(default="", max_length=20)
     min: float = -math.inf
     max: float = math.inf
     step: float | None = None
-    poll_s: float = 0.1
-    timeout_s: float = 30.0
+    poll_s: float = Field(default=0.1, ge=0, le=60)
+    timeout_s: float = Field(default=30.0, gt=0, le=3600)
 
 
 class TableTransport(BaseModel):
     """How messages end on this laser, and how long a reply may take."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    write_eol: str = "\n"
-    read_eol: str = "\n"
-    timeout_s: float = Field(default=2.0, gt=0)
+    write_eol: str = Field(default="\n", pattern=r"^[\r\n]{1,2}$")
+    read_eol: str = Field(default="\n", pattern=r"^[\r\n]{1,2}$")
+    timeout_s: float = Field(default=2.0, gt=0, le=3600)
 
 
 class CommandTable(BaseModel):
@@ -67,11 +103,20 @@ class CommandTable(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    model: str
+    model: str = Field(max_length=200)
     verified: bool
     transport: TableTransport = TableTransport()
     commands: dict[str, Command]
     source: str = ""
+
+    @model_validator(mode="after")
+    def _replies_give_what_is_read(self) -> Self:
+        for name, command in self.commands.items():
+            wanted = REPLIED.get(name, ())
+            if command.write != UNKNOWN and not set(wanted) <= set(re.compile(command.reply or "").groupindex):
+                groups = " and ".join(f"(?P<{group}>...)" for group in wanted)
+                raise ValueError(f"commands.{name}.reply lacks {groups}")
+        return self
 
     @classmethod
     def read(cls, path: Path) -> "CommandTable":
@@ -81,12 +126,13 @@ class CommandTable(BaseModel):
             NotConfigured: the file is missing or is not such a table.
         """
         try:
-            return cls.model_validate(tomllib.loads(path.read_text("utf-8")) | {"source": str(path)})
+            return cls.model_validate(read_toml(path) | {"source": str(path)})
         except ValidationError as error:
             first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise NotConfigured(f"{path}: {where}: {first['msg']}: correct the laser's command table") from None
-        except (OSError, tomllib.TOMLDecodeError) as error:
+            where = "".join(f"{part}." for part in first["loc"]).removesuffix(".")[:100]
+            message = ": ".join(filter(None, (where, first["msg"].removeprefix("Value error, ")[:300])))
+            raise NotConfigured(f"{path}: {message}: correct the laser's command table") from None
+        except (OSError, TomlError) as error:
             raise NotConfigured(f"{path}: {error}: the laser's command table cannot be read") from None
 
     def require_complete(self) -> None:
@@ -175,6 +221,12 @@ class Tlg220(TunableLaser):
             self._link.write(self._command("output_on").write)
         self._settle()
 
+    def require_emission(self) -> None:
+        """Read-back of the emission; where there is none, the error queue may tell why."""
+        if self._number("get_output") != 1:
+            reasons = "; ".join(self._link.errors()[:1]) or "it does not say why"
+            raise InstrumentError(f"laser: the light went out by itself ({reasons}): check interlock and front panel")
+
     def darken(self) -> None:
         """Emission off, confirmed by read-back."""
         with self._link.checked():
@@ -193,7 +245,8 @@ class Tlg220(TunableLaser):
         }
 
     def make_safe(self) -> None:
-        """Emission off; errors of what went before are not held against it."""
+        """Emission off, told to a laser that no longer answers as well; earlier errors are not held against it."""
+        self._link.write(self._command("output_off").write)
         self._link.errors()
         self.darken()
 
@@ -210,16 +263,23 @@ class Tlg220(TunableLaser):
     def _ask(self, name: str) -> dict[str, str]:
         command = self._command(name)
         answer = self._link.query(command.write)
-        match = re.fullmatch(command.reply or "(?P<text>.*)", answer)
+        match = re.fullmatch(command.reply or "(?P<text>.*)", answer) if len(answer) <= LONGEST_ANSWER else None
         if match is None:
             raise InstrumentError(
-                f"laser: {command.write!r} was answered {answer!r}, expected {command.reply!r}: "
+                f"laser: {command.write!r} was answered {answer[:LONGEST_ANSWER]!r}, expected {command.reply!r}: "
                 f"correct {self._table.source}"
             )
         return match.groupdict()
 
     def _number(self, name: str) -> float:
-        return float(self._ask(name)["value"])
+        text = self._ask(name)["value"]
+        try:
+            return float(text)
+        except (TypeError, ValueError):  # a group that is not part of every answer; or no number
+            raise InstrumentError(
+                f"laser: {self._command(name).write!r} was answered {text!r}, not a number: correct "
+                f"{self._table.source}"
+            ) from None
 
     def _set(self, name: str, value: float) -> None:
         command = self._command(name)
@@ -236,5 +296,10 @@ class Tlg220(TunableLaser):
             time.sleep(command.poll_s)
 
     def _read_errors(self, _link: VisaLink) -> list[str]:
-        reply = self._ask("error")
-        return [] if int(reply["code"]) == 0 else [f"{reply['code']} {reply['text']}"]
+        errors: list[str] = []
+        for _ in range(MAX_ERRORS_READ):
+            reply = self._ask("error")
+            if re.fullmatch(r"[-+]?0+", reply["code"] or ""):
+                break
+            errors.append(f"{reply['code']} {reply['text']}")
+        return errors

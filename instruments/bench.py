@@ -1,8 +1,8 @@
 """The bench: five opened instruments with their wiring and limits, and the safe state they must always end in."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, field
 
 from instruments.errors import InstrumentError, LinkError, OutOfRange
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
@@ -58,7 +58,9 @@ class Bench:
     """The opened instruments of a station.
 
     `source` is the file that describes it, for messages. `now` gives the time of the bench in seconds: the wall clock
-    of a real bench, the virtual clock of a simulated one.
+    of a real bench, the virtual clock of a simulated one. `undisturbed` keeps what would stop the program out of the
+    way into the safe state. `before_light` is called whenever light is about to be switched on, and may refuse it by an
+    `InstrumentError`. `lit` says that it was, and that the way into the safe state was not gone to its end since.
     """
 
     awg: Awg
@@ -71,6 +73,9 @@ class Bench:
     wiring: Wiring
     source: str
     now: Callable[[], float]
+    undisturbed: Callable[[], AbstractContextManager[None]] = nullcontext
+    before_light: Callable[[], None] = lambda: None
+    lit: bool = field(default=False, init=False)
 
     @property
     def instruments(self) -> dict[str, Instrument]:
@@ -140,7 +145,9 @@ class Bench:
             UnsafeBench: an instrument did not obey. Where the block fails, this is a note to its error.
         """
         with ending_with(self.make_safe):
+            self.before_light()
             self.set_light(wavelength_nm)
+            self.lit = True
             self.laser.emit()
             yield
 
@@ -150,16 +157,13 @@ class Bench:
         Raises:
             UnsafeBench: an instrument did not obey.
         """
-        failures: dict[str, InstrumentError] = {}
-        for name, instrument in self.instruments.items():
+        with self.undisturbed():
             try:
-                _make_safe(instrument)
-            except InstrumentError as error:
-                failures[name] = error
-        if failures:
-            told = "; ".join(f"{name}: {error}" for name, error in failures.items())
-            advice = "switch the laser off by its key switch" if "laser" in failures else "the laser is off"
-            raise UnsafeBench(f"the safe state is not confirmed ({told}): {advice}")
+                safe_state({name: instrument.make_safe for name, instrument in self.instruments.items()})
+            except UnsafeBench:
+                self.lit = False
+                raise
+            self.lit = False
 
     def close(self) -> None:
         """Release every connection, each one even if another fails.
@@ -194,9 +198,33 @@ def ending_with(end: Callable[[], None]) -> Iterator[None]:
         end()
 
 
-def _make_safe(instrument: Instrument) -> None:
-    """Over a new link if the one there was broke unnoticed, as links do while nothing is said."""
+def safe_state(steps: dict[str, Callable[[], None]]) -> None:
+    """Take the steps of instruments, by name, into the safe state: in their order, each one however another ends.
+
+    Raises:
+        UnsafeBench: an instrument did not obey.
+    """
+    failures: dict[str, InstrumentError | OSError] = {}
+
+    def take(name: str, step: Callable[[], None]) -> None:
+        try:
+            _over_a_new_link(step)
+        except (InstrumentError, OSError) as error:
+            failures[name] = error
+
+    with ExitStack() as stack:  # which calls them all, whatever one of them raises
+        for name, step in reversed(steps.items()):
+            stack.callback(take, name, step)
+    if failures:
+        told = "; ".join(f"{name}: {error}" for name, error in failures.items())
+        dark = "laser" in steps and "laser" not in failures
+        advice = "the laser is off" if dark else "switch the laser off by its key switch"
+        raise UnsafeBench(f"the safe state is not confirmed ({told}): {advice}")
+
+
+def _over_a_new_link(step: Callable[[], None]) -> None:
+    """Once more if the link that is there was broke unnoticed, as links do while nothing is said."""
     try:
-        instrument.make_safe()
+        step()
     except LinkError:
-        instrument.make_safe()
+        step()

@@ -182,6 +182,14 @@ class TunableLaser(Instrument):
         """Switch emission on and return when the light is there."""
 
     @abstractmethod
+    def require_emission(self) -> None:
+        """Check that the light that was switched on is still there, as far as the laser can tell.
+
+        Raises:
+            InstrumentError: it went out by itself.
+        """
+
+    @abstractmethod
     def darken(self) -> None:
         """Switch emission off; this is the laser's safe state."""
 

@@ -49,6 +49,9 @@ class ManualLaser(TunableLaser):
         self._settings["emitting"] = 1
         self._ask("Put on laser goggles, switch the laser ON, then press Enter")
 
+    def require_emission(self) -> None:
+        """Nothing that can be known from here."""
+
     def darken(self) -> None:
         """Ask for darkness if the laser may be emitting."""
         if self._settings["emitting"]:

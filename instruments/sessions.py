@@ -5,7 +5,9 @@ while its termination character is on, which makes `query_binary_values` some fi
 """
 
 import contextlib
+import select
 import socket
+import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, cast
 
@@ -21,6 +23,11 @@ FAILURES = (VisaIOError, OSError, ValueError)
 ENCODING = "latin-1"
 VISA_CHUNK = 1 << 20
 """Bytes asked for at once where there is no raw socket."""
+TEXT_CHUNK = 1 << 16
+"""Bytes of text asked for at once."""
+CLOSED = "the instrument closed the connection"
+EXCERPT = 40
+"""Bytes of a wrong reply that a message shows."""
 
 Received = Callable[[memoryview], object]
 Take = Callable[[int, Received], bytearray]
@@ -45,8 +52,9 @@ class Session:
         Raises:
             Exception: it cannot be opened; pyvisa-py raises the bare class.
         """
-        self._timeout_s = timeout_s
+        self._timeout_s = self._patience_s = timeout_s
         self._read_eol = read_eol
+        self._received = bytearray()  # behind the message that was read last
         opened = _resource_manager(resource).open_resource(
             resource,
             open_timeout=int(timeout_s * 1e3),
@@ -63,10 +71,17 @@ class Session:
 
     def write(self, message: str) -> None:
         """Send one message and its terminator."""
+        self._require_silence()
         self._visa.write(message)
 
     def read(self) -> str:
-        """Receive one message without its terminator."""
+        """Receive one message without its terminator.
+
+        Over a raw socket, the end of the connection ends the wait at once; pyvisa-py would wait on.
+        """
+        with self._raw() as link:
+            if link is not None:
+                return self._line(link).decode(ENCODING)
         message: str = self._visa.read()
         return message
 
@@ -76,14 +91,17 @@ class Session:
         if timeout_s is None:
             yield
             return
+        self._patience_s = timeout_s
         self._visa.timeout = timeout_s * 1e3
         try:
             yield
         finally:
+            self._patience_s = self._timeout_s
             self._visa.timeout = self._timeout_s * 1e3
 
     def send_block(self, head: bytes, payload: memoryview, tail: bytes, sent: Received) -> None:
         """Send `payload` between `head` and `tail`, whatever bytes it has; `sent` is called with each piece of it."""
+        self._require_silence()
         with self._raw() as link:
             if link is None:
                 sent(payload)
@@ -94,16 +112,63 @@ class Session:
                 link.sendall(tail)
 
     def receive_block(self, received: Received) -> Block:
-        """Receive a message that is one definite-length block; `received` is called with each piece of its data."""
+        """Receive a message that is one definite-length block; `received` is called with each piece of its data.
+
+        Raises:
+            ValueError: it is not, or goes on behind the block.
+        """
         with self._receiving() as take:
             head = bytes(take(2, len))
             length = bytes(take(length_digits(head), len))
-            return Block(head, length, take(int(length), received), take(len(self._read_eol), len))
+            block = Block(head, length, take(int(length), received), take(len(self._read_eol), len))
+        if block.tail != self._read_eol.encode(ENCODING):
+            raise ValueError(f"the block of {len(block.data)} bytes goes on with {bytes(block.tail)!r}")
+        return block
 
     def close(self) -> None:
         """Close it, as well as that can still be done."""
         with contextlib.suppress(VisaIOError, OSError):
             self._visa.close()
+
+    def _require_silence(self) -> None:
+        """Check that nothing has come that nobody asked for: it would be taken for the answer to what is asked next.
+
+        The other transports mark which reply belongs to which message.
+
+        Raises:
+            ValueError: something has.
+            OSError: the instrument has closed the connection.
+        """
+        if self._socket is None:
+            return
+        waiting = bytes(self._received)
+        if not waiting and select.select([self._socket], [], [], 0)[0]:
+            waiting = self._socket.recv(EXCERPT, socket.MSG_PEEK)
+            if not waiting:
+                raise ConnectionResetError(CLOSED)
+        if waiting:
+            raise ValueError(f"{waiting[:EXCERPT]!r} came unasked")
+
+    def _line(self, link: socket.socket) -> bytes:
+        """The bytes before the next terminator.
+
+        Raises:
+            OSError: it does not come in time, or not at all.
+        """
+        end = self._read_eol.encode(ENCODING)
+        deadline = time.monotonic() + self._patience_s
+        while (length := self._received.find(end)) < 0:
+            left_s = deadline - time.monotonic()
+            if left_s <= 0:
+                raise TimeoutError
+            link.settimeout(left_s)
+            piece = link.recv(TEXT_CHUNK)
+            if not piece:
+                raise ConnectionResetError(CLOSED)
+            self._received += piece
+        line = bytes(self._received[:length])
+        del self._received[: length + len(end)]
+        return line
 
     @contextlib.contextmanager
     def _receiving(self) -> Iterator[Take]:

@@ -8,6 +8,7 @@ import math
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from instruments.errors import InstrumentError
 from instruments.interfaces import Awg
@@ -42,6 +43,8 @@ class Awg70002a(Awg):
     """
 
     CHUNK_SAMPLES = 1_000_000
+    READ_BACK_SAMPLES = 1000  # of each chunk
+    SAMPLE_TOLERANCE = 2**-9  # of full scale: a step of 10 bits
     SAMPLE_RATE = Range(1.49e3, 25e9, "S/s")
     AMPLITUDE = Range(0.25, 0.5, "Vpp")
     MARKER_HIGH_V, MARKER_LOW_V = 1.0, 0.0
@@ -103,10 +106,21 @@ class Awg70002a(Awg):
             with self._link.checked():
                 self._link.write_block(f"WLISt:WAVeform:DATA {span}", samples.astype("<f4", copy=False))
                 self._link.write_block(f"WLISt:WAVeform:MARKer:DATA {span}", marker * np.uint8(self.MARKER_1))
+            self._confirm_upload(drive.name, first, samples[: self.READ_BACK_SAMPLES])
             if progress is not None:
                 progress(first + count, length)
         self._set(drive, mode)
         return self._read_back(drive)
+
+    def _confirm_upload(self, name: str, first: int, samples: NDArray[np.float32]) -> None:
+        """Compare the beginning of a chunk with what is in memory: a chunk that got lost leaves there what was."""
+        span = f'"{name}",{first},{samples.size}'
+        found = self._link.read_block(f"WLISt:WAVeform:DATA? {span}", np.dtype("<f4"))
+        if found.shape != samples.shape or not np.allclose(found, samples, rtol=0, atol=self.SAMPLE_TOLERANCE):
+            raise InstrumentError(
+                f"{self._link.name} at {self._link.resource}: the samples of {span} are not those that were sent: "
+                f"repeat the upload"
+            )
 
     def _set(self, drive: Drive, mode: RunMode) -> None:
         source = f"SOURce{self._channel}"
@@ -172,7 +186,8 @@ class Awg70002a(Awg):
         }
 
     def make_safe(self) -> None:
-        """Output off, stopped; errors of what went before are not held against it."""
+        """Output off, stopped, told to an instrument that no longer answers as well; earlier errors do not count."""
+        self._link.write("OUTPut:OFF 1")
         self._link.errors()
         self.stop()
 

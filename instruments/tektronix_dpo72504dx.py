@@ -6,6 +6,7 @@ only in analysis: volts = (code - YOFf) * YMUlt + YZEro.
 
 import re
 import time
+from collections.abc import Callable
 from datetime import datetime
 from typing import Any
 
@@ -150,7 +151,7 @@ class Dpo72504dx(Oscilloscope):
         offsets, traces = [], []
         for channel in self.channels:
             offsets.append(self._link.number(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?"))
-            traces.append(self._curve())
+            traces.append(self._curve(self._samples))
         codes = np.stack(traces)
         return Frames(codes, np.array(offsets), self._clipped(codes))
 
@@ -189,11 +190,11 @@ class Dpo72504dx(Oscilloscope):
         span = f"1,{self._frames}"
         for channel in self.channels:
             self._link.write(f"DATa:SOUrce CH{channel}")
-            traces.append(self._curve().reshape(self._frames, self._samples))
-            offsets.append(_numbers(self._link.query(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}")))
-        stamps = self._link.query(f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}? {span}")
+            traces.append(self._curve(self._frames * self._samples).reshape(self._frames, self._samples))
+            offsets.append(self._of_each_frame(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}", _numbers))
+        stamps = self._of_each_frame(f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}? {span}", _times)
         codes = np.stack(traces, axis=1)
-        return Burst(codes, np.stack(offsets, axis=1), _times(stamps), self._clipped(codes))
+        return Burst(codes, np.stack(offsets, axis=1), stamps, self._clipped(codes))
 
     def settings(self) -> dict[str, str | float]:
         """Timebase, acquisition, trigger and the vertical range of every channel that is on."""
@@ -246,14 +247,34 @@ class Dpo72504dx(Oscilloscope):
                 )
             time.sleep(POLL_S)
 
-    def _curve(self) -> NDArray[Any]:
+    def _curve(self, samples: int) -> NDArray[Any]:
         """`CURVe?` of the source that is chosen; where it refuses, it says nothing but puts the reason in its queue."""
         try:
-            return self._link.read_block("CURVe?", self._dtype)
+            codes = self._link.read_block("CURVe?", self._dtype)
         except NoAnswer:
             with self._link.checked():
                 pass
             raise
+        if codes.size != samples:
+            raise InstrumentError(
+                f"{self._link.name} at {self._link.resource}: CURVe? gave {codes.size} samples, not {samples}: its "
+                f"settings were changed meanwhile; leave it to this program"
+            )
+        return codes
+
+    def _of_each_frame(self, query: str, read: Callable[[str], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """A list with a number for each frame of the burst, shape (frames,)."""
+        reply = self._link.query(query)
+        try:
+            found = read(reply)
+        except ValueError:  # a date that is none
+            found = np.empty(0)
+        if found.size != self._frames:
+            raise InstrumentError(
+                f"{self._link.name} at {self._link.resource}: {query.split()[0]} told of {found.size} frames, not of "
+                f"{self._frames}: check its trigger"
+            )
+        return found
 
     def _clipped(self, codes: NDArray[np.integer]) -> NDArray[np.bool_]:
         step = 256 ** (codes.dtype.itemsize - 1)

@@ -1,6 +1,8 @@
 """The VISA link: one instrument, with text, binary blocks, its error queue, bounded waits and a transcript."""
 
 import contextlib
+import math
+import re
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 
 from instruments.blocks import Digest
 from instruments.errors import InstrumentError, LinkError
-from instruments.sessions import ENCODING, FAILURES, Session, came_late
+from instruments.sessions import ENCODING, EXCERPT, FAILURES, Session, came_late
 from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
 ErrorQueue = Callable[["VisaLink"], list[str]]
@@ -18,6 +20,8 @@ ErrorQueue = Callable[["VisaLink"], list[str]]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 MAX_ERRORS_READ = 64
+TEXT = re.compile(r'(?:[\t\r\n !#-~]+|"[^"]*")+')
+"""What a reply consists of: printable ASCII, and anything between quotation marks; it is never empty."""
 
 
 def scpi_error_queue(link: "VisaLink") -> list[str]:
@@ -33,7 +37,7 @@ def scpi_error_queue(link: "VisaLink") -> list[str]:
 
 def tektronix_event_queue(link: "VisaLink") -> list[str]:
     """Empty the event queue of a Tektronix oscilloscope: `*ESR?` releases the events, `ALLEv?` reads them."""
-    if int(link.query("*ESR?")) & 0b0011_1100 == 0:
+    if int(link.number("*ESR?")) & 0b0011_1100 == 0:
         return []
     return [link.query("ALLEv?")]
 
@@ -97,7 +101,7 @@ class VisaLink:
             while reply.count('"') % 2:
                 reply += "\n" + session.read()
             self._log("<", reply)
-            return reply
+            return _text(reply)
 
     def number(self, command: str, *, timeout_s: float | None = None) -> float:
         """`query`, with a number for a reply.
@@ -107,13 +111,13 @@ class VisaLink:
             InstrumentError: the reply is no number.
         """
         reply = self.query(command, timeout_s=timeout_s)
-        try:
-            return float(reply)
-        except ValueError:
-            raise InstrumentError(
-                f"{self.name} at {self.resource}: {command!r} was answered {reply!r}, not with a number: check that "
-                f"the driver fits the instrument"
-            ) from None
+        with contextlib.suppress(ValueError):
+            if math.isfinite(number := float(reply)):
+                return number
+        raise InstrumentError(
+            f"{self.name} at {self.resource}: {command!r} was answered {reply[:EXCERPT]!r}, not with a number: check "
+            f"that the driver fits the instrument"
+        )
 
     def write_block(self, header: str, block: NDArray[Any]) -> None:
         """Send `header` followed by `block` as an IEEE 488.2 definite-length block.
@@ -130,7 +134,7 @@ class VisaLink:
             self._send_block(session, header, block)
             reply = session.read()
             self._log("<", reply)
-            return reply
+            return _text(reply)
 
     def read_block(self, command: str, dtype: "np.dtype[Scalar]") -> NDArray[Scalar]:
         """Send a query whose reply is one definite-length block and return it as an array of `dtype`, shape (n,).
@@ -157,7 +161,8 @@ class VisaLink:
         yield
         errors = self.errors()
         if errors:
-            raise InstrumentError(f"{self.name} at {self.resource} reports {'; '.join(errors)}")
+            told = "; ".join(dict.fromkeys(errors))  # a full queue says the same over and over
+            raise InstrumentError(f"{self.name} at {self.resource} reports {told}")
 
     def errors(self) -> list[str]:
         """Empty the instrument's error queue and return what it held."""
@@ -180,7 +185,8 @@ class VisaLink:
         except FAILURES as error:
             self.close()
             late = came_late(error)
-            what = "did not answer in time" if late else f"cannot be reached ({_one_line(error)})"
+            missed = "understood" if isinstance(error, ValueError) else "reached"
+            what = "did not answer in time" if late else f"cannot be {missed} ({_one_line(error)})"
             raise (NoAnswer if late else LinkError)(
                 f"{self.name} at {self.resource} {what} (at {command.split(',')[0]!r}): check address, cable and power"
             ) from error
@@ -228,6 +234,17 @@ class VisaLink:
         if self._tap is not None:
             self._tap.heard("<", block)
         return block.data
+
+
+def _text(reply: str) -> str:
+    """The reply, if it is text.
+
+    Raises:
+        ValueError: it holds bytes that no instrument says: what broke is the link.
+    """
+    if TEXT.fullmatch(reply) is None:
+        raise ValueError(f"{reply[:EXCERPT]!r} is no text")
+    return reply
 
 
 def _one_line(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""One run from a station and a protocol: load the inputs, open the bench, carry it out, close it."""
+"""One run from a station and a protocol: load the inputs, open the bench, carry it out, close it; or go on with one."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -6,13 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from labctl.command_log import CommandLog
-from labctl.engine import Outcome, Request, carry_out
+from labctl.engine import Outcome, Request, carry_out, durability_of, go_on
 from labctl.inputs import inputs_for
 from labctl.interruption import Interruption
 from labctl.measuring import Progress
 from labctl.opening import opened
+from labctl.resuming import protocol_of_manifest, refuse_other_inputs, station_of_manifest
+from labctl.runs import RunPaths, RunWriter
+from labctl.runs.layout import Manifest
 from labctl.station import Station
 from labctl.stopwatch import Stopwatch
+from labctl.supervision import supervised
 from labctl.tuning import check_laser
 from labctl.uploads import Uploading, tell_uploads
 from protocols.base import Measurement
@@ -59,7 +63,9 @@ def acquire(
     inputs = inputs_for(protocol, acquisition.data)
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
+        watch = stack.enter_context(supervised(station, log))
         open_bench = stack.enter_context(opened(station, log, attended=acquisition.attended))
+        watch(open_bench.bench)
         check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
         simulation = open_bench.simulation
         stopwatch = Stopwatch((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
@@ -77,3 +83,67 @@ def acquire(
             stopwatch=stopwatch,
         )
         return Acquired(outcome, stopwatch.budget(outcome.shots) if acquisition.profile else {})
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """Which run to go on with; its station anew, where addresses have changed, and where its data sets lie."""
+
+    directory: Path
+    station: Station | None = None
+    data: Path | None = None
+    attended: bool = False
+
+
+def resume(
+    resumption: Resumption,
+    *,
+    interruption: Interruption | None = None,
+    progress: Progress = _no_progress,
+    uploading: Uploading | None = None,
+) -> Outcome:
+    """Measure what a run still lacks, with the protocol, the seeds and the station of its manifest.
+
+    A run that lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
+
+    Raises:
+        RunError: no run, one that another process is writing, or one that cannot go on as it was begun.
+        DatasetError, StationError, ProtocolError: what the manifest asks for is not there any more.
+        InstrumentError: an instrument failed, or the light is not what it was; finished shots are kept.
+    """
+    directory = resumption.directory
+    manifest = Manifest.read(RunPaths(directory))
+    protocol = protocol_of_manifest(directory, manifest.values)
+    station = station_of_manifest(directory, manifest.values, resumption.station)
+    durability = None if resumption.station is None else durability_of(station)
+    with ExitStack() as stack:
+        writer = stack.enter_context(RunWriter.resume(directory, durability))
+        if writer.complete == manifest.shape.shots:
+            return Outcome(
+                directory=directory,
+                shots=writer.complete,
+                measured=0,
+                complete=writer.finish(),
+                clipped=0,
+                recovered=0,
+                seconds=0.0,
+                bench_seconds=0.0,
+            )
+        inputs = inputs_for(protocol, resumption.data)
+        refuse_other_inputs(directory, manifest.values, inputs)
+        log = stack.enter_context(CommandLog())
+        watch = stack.enter_context(supervised(station, log))
+        open_bench = stack.enter_context(opened(station, log, attended=resumption.attended))
+        watch(open_bench.bench)
+        check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
+        if uploading is not None:
+            tell_uploads(open_bench.bench, uploading)
+        return go_on(
+            Request(protocol, inputs, station),
+            open_bench.bench,
+            log,
+            writer=writer,
+            interruption=interruption or Interruption(),
+            progress=progress,
+            stopwatch=Stopwatch(lambda: 0.0),
+        )

@@ -4,35 +4,77 @@ Lines are `seconds direction instrument message`, the seconds counted from the o
 exchanged before the run has a directory wait in memory.
 """
 
+import contextlib
 import io
+import logging
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
 
+from labctl.runs.durable import not_written
+
+_logger = logging.getLogger(__name__)
+
 
 class CommandLog:
-    """A transcript that a `VisaLink` can write to; a context manager that closes its file."""
+    """A transcript that a `VisaLink` can write to; a context manager that closes its file.
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin to count the seconds now."""
+    `started` is when its seconds began, by its clock; `path` is its file, once there is one. A disk that is full ends
+    the log and nothing else: the messages that switch the light off must still go out.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, *, started: float | None = None) -> None:
+        """Begin to count the seconds now, or go on with those of another log."""
+        self.started = clock() if started is None else started
+        self.path: Path | None = None
         self._clock = clock
-        self._started = clock()
         self._lines: TextIO = io.StringIO()
+        self._ended = False
 
     def __call__(self, instrument: str, direction: str, message: str) -> None:
         """Log one message; line ends inside it are escaped, so that one message is one line."""
         text = message.replace("\r", "\\r").replace("\n", "\\n")
-        self._lines.write(f"{self._clock() - self._started:.6f} {direction} {instrument} {text}\n")
+        self._write(f"{self._clock() - self.started:.6f} {direction} {instrument} {text}\n")
 
     def keep_in(self, path: Path) -> None:
-        """Write what has been logged so far, and everything from now on, to the end of `path`."""
-        file = path.open("a", encoding="utf-8")
-        if isinstance(self._lines, io.StringIO):
-            file.write(self._lines.getvalue())
+        """Write what has been logged so far, and everything from now on, to the end of `path`.
+
+        A last line that a killed process has left without its end gets one.
+
+        Raises:
+            RunError: it cannot be opened.
+        """
+        try:
+            with path.open("ab+") as before:
+                if before.tell():
+                    before.seek(-1, os.SEEK_END)
+                    if before.read() != b"\n":
+                        before.write(b"\n")
+            file = path.open("a", encoding="utf-8")
+        except OSError as error:
+            raise not_written(path, error) from error
+        so_far = self._lines.getvalue() if isinstance(self._lines, io.StringIO) else ""
         self._lines.close()
         self._lines = file
+        self.path = path
+        self._write(so_far)
+
+    def _write(self, lines: str) -> None:
+        if not self._ended:
+            with self._ending_if_full():
+                self._lines.write(lines)
+
+    @contextlib.contextmanager
+    def _ending_if_full(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if not self._ended:
+                _logger.warning("commands.log cannot be written (%s): it ends here", error.strerror or error)
+            self._ended = True
 
     def __enter__(self) -> Self:
         return self
@@ -40,4 +82,5 @@ class CommandLog:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._lines.close()
+        with self._ending_if_full():  # what it still holds may not fit the disk
+            self._lines.close()

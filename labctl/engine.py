@@ -21,7 +21,8 @@ from labctl.interruption import Interruption
 from labctl.lost_links import Recovery
 from labctl.measuring import Measuring, Progress
 from labctl.provenance import git_revision, versions
-from labctl.runs import Durability, PlayedDrive, RunPaths, RunShape, RunWriter, ShotColumns, run_name
+from labctl.resuming import refuse_changed_instruments, refuse_other_plan
+from labctl.runs import Durability, PlayedDrive, RunShape, RunWriter, ShotColumns, run_name
 from labctl.station import Station
 from labctl.stopwatch import Stopwatch
 from protocols.base import Inputs, Leg, Measurement, Shot
@@ -31,12 +32,13 @@ from protocols.base import Inputs, Leg, Measurement, Shot
 class Outcome:
     """How a run went.
 
-    `recovered` is how often it went on after a lost link. `seconds` is the wall time from first light to the last
-    record; `bench_seconds` the bench's.
+    `measured` of its `shots` became complete now, fewer than all where it was resumed. `recovered` is how often it went
+    on after a lost link. `seconds` is the wall time from first light to the last record; `bench_seconds` the bench's.
     """
 
     directory: Path
     shots: int
+    measured: int
     complete: bool
     clipped: int
     recovered: int
@@ -46,7 +48,7 @@ class Outcome:
     @property
     def shots_per_second(self) -> float:
         """Shots on all ports, storage included, per second of wall time."""
-        return self.shots / self.seconds if self.seconds else 0.0
+        return self.measured / self.seconds if self.seconds else 0.0
 
 
 @dataclass(frozen=True)
@@ -79,39 +81,99 @@ def carry_out(
         RunError: the directory exists or cannot be written.
         ProtocolError: the protocol does not suit the inputs or the bench.
     """
+    plan = _plan(request, bench)
+    started = datetime.now(UTC)
+    manifest = _manifest(request, bench, started)
+    directory = directory or new_directory(request.protocol, started)
+    with RunWriter.create(directory, manifest, *plan, durability_of(request.station)) as writer:
+        log.keep_in(writer.paths.commands)
+        return _measure(request, bench, log, writer, interruption=interruption, progress=progress, stopwatch=stopwatch)
+
+
+def go_on(
+    request: Request,
+    bench: Bench,
+    log: CommandLog,
+    *,
+    writer: RunWriter,
+    interruption: Interruption,
+    progress: Progress,
+    stopwatch: Stopwatch,
+) -> Outcome:
+    """Measure what the run that `writer` has opened again still lacks, on `bench`.
+
+    The bench is made safe first: a killed process may have left it lit. Nothing is lit before instruments and plan are
+    found to be those of the manifest.
+
+    Raises:
+        SettingsChanged: instruments have other identities or settings than the manifest says.
+        InstrumentError: an instrument failed, or the light is not what it was.
+        RunError: the run was planned otherwise, or cannot be written.
+        ProtocolError: the protocol does not suit the inputs or the bench.
+    """
+    log("run", "!", f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}")
+    bench.make_safe()
+    refuse_other_plan(writer.paths, writer.manifest, *_plan(request, bench))
+    _, instruments = _light_and_instruments(request, bench)
+    refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments)
+    log.keep_in(writer.paths.commands)
+    return _measure(request, bench, log, writer, interruption=interruption, progress=progress, stopwatch=stopwatch)
+
+
+def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
+    """Where a run goes that names no directory of its own."""
+    return Path("runs") / run_name(started, protocol.name, protocol.digest())
+
+
+def durability_of(station: Station) -> Durability:
+    """How much a killed process may lose there."""
+    return Durability(shots=station.durability.shots, seconds=station.durability.seconds)
+
+
+def _measure(
+    request: Request,
+    bench: Bench,
+    log: CommandLog,
+    writer: RunWriter,
+    *,
+    interruption: Interruption,
+    progress: Progress,
+    stopwatch: Stopwatch,
+) -> Outcome:
+    """Measure what `writer` lacks and finish the run."""
+    before = writer.complete
+    clock = time.perf_counter(), bench.now()
+    measuring = Measuring(
+        request.protocol,
+        request.inputs,
+        bench,
+        writer,
+        interruption=interruption,
+        progress=progress,
+        stopwatch=stopwatch,
+    )
+    measuring.measure(Recovery(bench, log))
+    writer.sync()
+    seconds, bench_seconds = time.perf_counter() - clock[0], bench.now() - clock[1]
+    return Outcome(
+        directory=writer.paths.directory,
+        complete=writer.finish(),
+        shots=writer.complete,
+        measured=writer.complete - before,
+        clipped=measuring.clipped,
+        recovered=measuring.recovered,
+        seconds=seconds,
+        bench_seconds=bench_seconds,
+    )
+
+
+def _plan(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:
+    """Size, shots and drive of the whole run, if this bench can carry it out."""
     protocol, inputs = request.protocol, request.inputs
-    shots = protocol.shots(inputs)
-    legs = protocol.legs(bench)
+    shots, legs = protocol.shots(inputs), protocol.legs(bench)
     protocol.check_cabling(bench)
     protocol.check(bench, inputs)
-    started = datetime.now(UTC)
-    manifest = _manifest(request, bench, started, legs[0])
-    directory = directory or Path("runs") / run_name(started, protocol.name, protocol.digest())
-    durability = Durability(shots=request.station.durability.shots, seconds=request.station.durability.seconds)
-    with RunWriter.create(
-        directory,
-        manifest,
-        _shape(request, legs, shots),
-        _columns(shots, legs),
-        _played(protocol.drive(bench, inputs)),
-        durability,
-    ) as writer:
-        log.keep_in(RunPaths(directory).commands)
-        clock = time.perf_counter(), bench.now()
-        measuring = Measuring(
-            protocol, inputs, bench, writer, interruption=interruption, progress=progress, stopwatch=stopwatch
-        )
-        measuring.measure(Recovery(bench, log))
-        seconds, bench_seconds = time.perf_counter() - clock[0], bench.now() - clock[1]
-    return Outcome(
-        directory,
-        writer.complete,
-        writer.complete == len(shots),
-        measuring.clipped,
-        measuring.recovered,
-        seconds,
-        bench_seconds,
-    )
+    return _shape(request, legs, shots), _columns(shots, legs), _played(protocol.drive(bench, inputs))
 
 
 def _shape(request: Request, legs: Sequence[Leg], shots: Sequence[Shot]) -> RunShape:
@@ -142,20 +204,27 @@ def _played(drive: Drive) -> PlayedDrive:
     return PlayedDrive(drive.samples, drive.marker, drive.sample_rate)
 
 
-def _manifest(request: Request, bench: Bench, started: datetime, first: Leg) -> dict[str, Any]:
+def _manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any]:
     protocol = request.protocol
-    identities = {name: vars(instrument.identify()) for name, instrument in bench.instruments.items()}
+    light, instruments = _light_and_instruments(request, bench)
     return {
         "protocol": {"name": protocol.name, "digest": protocol.digest(), "settings": protocol.model_dump(mode="json")},
         "station": request.station.model_dump(mode="json"),
-        "light": vars(bench.set_light(first.wavelength_nm)),
-        "instruments": {
-            name: {"identity": identities[name], "settings": instrument.settings()}
-            for name, instrument in bench.instruments.items()
-        },
+        "light": light,
+        "instruments": instruments,
         "inputs_sha256": request.inputs.digest,
         "started": started.isoformat(timespec="seconds"),
         "versions": versions(),
         "git_revision": git_revision(),
         "seeds": {"seed": protocol.seed, "twin_seed": request.station.sim.twin_seed},
+    }
+
+
+def _light_and_instruments(request: Request, bench: Bench) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What the laser settled on for the first leg, in the dark, and who all instruments are and how they are set."""
+    identities = {name: vars(instrument.identify()) for name, instrument in bench.instruments.items()}
+    light = vars(bench.set_light(request.protocol.legs(bench)[0].wavelength_nm))
+    return light, {
+        name: {"identity": identities[name], "settings": instrument.settings()}
+        for name, instrument in bench.instruments.items()
     }

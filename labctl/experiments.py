@@ -1,6 +1,5 @@
 """The experiments of the paper: one TOML file each under `protocols/experiments/`; a new file is a new experiment."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from importlib.resources import files
@@ -9,6 +8,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError, model_validator
 
+from instruments.toml_files import TomlError, read_toml
 from instruments.units import Seconds
 from labctl.protocol_files import protocol_from
 from labctl.station import describe
@@ -192,10 +192,10 @@ def experiments(names: Sequence[str] = (), *, folder: Path = FOLDER) -> tuple[Ex
 
 def _read(path: Path) -> Experiment:
     try:
-        return Experiment.model_validate(tomllib.loads(path.read_text("utf-8")) | {"name": path.stem})
+        return Experiment.model_validate(read_toml(path) | {"name": path.stem})
     except OSError as error:
         raise ExperimentError(f"{path}: cannot be read ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except TomlError as error:
         raise ExperimentError(f"{path}: is not TOML ({error}): correct that line") from None
     except ValidationError as error:
         raise ExperimentError(f"{path}: {describe(error)}") from None

@@ -1,14 +1,23 @@
-"""Stopping a run from outside: Ctrl-C once finishes the shot, Ctrl-C twice or SIGTERM stops at once."""
+"""Stopping a run from outside: Ctrl-C once finishes the shot; twice, SIGTERM or a closed terminal stop at once."""
 
+import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
 
 from labctl.failures import notes
+
+STOPS: tuple[signal.Signals, ...] = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
+)
+"""Ctrl-C, told to end, terminal closed; on Windows Ctrl-Break and the closed console."""
+SUSPEND: tuple[signal.Signals, ...] = (signal.SIGTSTP,) if hasattr(signal, "SIGTSTP") else ()
+"""Ctrl-Z: a process that stands still leaves the laser as it is."""
+STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
 
 
 @dataclass
@@ -24,19 +33,14 @@ class StoppedBySignal(KeyboardInterrupt):
 
 @contextmanager
 def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
-    """Call `stop` at SIGINT or SIGTERM inside the block, and nothing else."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    previous = [signal.signal(number, lambda _number, _frame: stop()) for number in numbers]
-    try:
+    """Call `stop` at whatever asks a process to end inside the block, and nothing else."""
+    with _handling(lambda _number, _frame: stop()):
         yield
-    finally:
-        for number, handler in zip(numbers, previous, strict=True):
-            signal.signal(number, handler)
 
 
 @contextmanager
 def interruptible() -> Iterator[Interruption]:
-    """Take over SIGINT and SIGTERM inside the block.
+    """Take over SIGINT, SIGTERM and SIGHUP inside the block; Ctrl-Z does not suspend it.
 
     Whatever raises on the way out is not interrupted again: the safe state comes first. What fails there is told here,
     since a stop asked for is no error that anybody else would tell. Outside the main thread signals cannot be received,
@@ -46,29 +50,99 @@ def interruptible() -> Iterator[Interruption]:
     if threading.current_thread() is not threading.main_thread():
         yield interruption
         return
+    terminals = [stream for stream in (STANDARD_OUTPUT, STANDARD_ERROR) if os.isatty(stream)]
 
-    def stop_now() -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGINT and not interruption.requested:
+            interruption.requested = True
+            _tell("\nstopping after this shot; Ctrl-C again stops at once\n")
+            return
+        interruption.requested = True
+        for stop in _heeded():
+            signal.signal(stop, signal.SIG_IGN)
+        _leave_closed(terminals)
         raise StoppedBySignal
 
-    def on_interrupt(_number: int, _frame: FrameType | None) -> None:
-        if interruption.requested:
-            stop_now()
-        interruption.requested = True
-        sys.stderr.write("\nstopping after this shot; Ctrl-C again stops at once\n")
+    def on_suspend(_number: int, _frame: FrameType | None) -> None:
+        _tell("\na run is not suspended, since its light would stay on; Ctrl-C ends it\n")
 
-    def on_terminate(_number: int, _frame: FrameType | None) -> None:
-        interruption.requested = True
-        stop_now()
+    with _handling(on_signal), _handling(on_suspend, SUSPEND):
+        try:
+            yield interruption
+        except KeyboardInterrupt as stopped:
+            with suppress(OSError):
+                for note in notes(stopped):
+                    sys.stderr.write(f"labctl: {note}\n")
+            raise
 
-    previous = signal.signal(signal.SIGINT, on_interrupt), signal.signal(signal.SIGTERM, on_terminate)
+
+@contextmanager
+def stops_deferred() -> Iterator[None]:
+    """Whatever asks the process to end inside the block is heard at its end: nothing cuts the safe state short.
+
+    What the block fails at is then a note to the stop.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pending: list[int] = []
+
+    def defer(number: int, _frame: FrameType | None) -> None:
+        pending.append(number)
+        _tell("\nthe bench is made safe first\n")
+
     try:
-        yield interruption
-    except KeyboardInterrupt as stopped:
-        for note in notes(stopped):
-            sys.stderr.write(f"labctl: {note}\n")
+        with _handling(defer):
+            yield
+    except Exception as failure:
+        with _noting(failure):
+            _raise_again(pending)
         raise
+    _raise_again(pending)
+
+
+def _raise_again(pending: list[int]) -> None:
+    for number in pending:
+        signal.raise_signal(number)
+
+
+@contextmanager
+def _noting(failure: Exception) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        stopped.add_note(str(failure))
+        raise
+
+
+@contextmanager
+def _handling(
+    handler: Callable[[int, FrameType | None], None], numbers: Sequence[signal.Signals] = STOPS
+) -> Iterator[None]:
+    """Call `handler` inside the block; what handled the signals before does so again afterwards."""
+    previous = {number: signal.signal(number, handler) for number in _heeded(numbers)}
+    try:
+        yield
     finally:
-        signal.signal(signal.SIGINT, previous[0])
-        signal.signal(signal.SIGTERM, previous[1])
+        for number, before in previous.items():
+            signal.signal(number, before)
+
+
+def _heeded(numbers: Sequence[signal.Signals] = STOPS) -> list[signal.Signals]:
+    """Those that are not ignored: what `nohup`, or an earlier stop, has turned off stays off."""
+    return [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+
+
+def _tell(text: str) -> None:
+    """Write to standard error past its buffer, which whatever is interrupted may be writing to."""
+    with suppress(OSError):
+        os.write(STANDARD_ERROR, text.encode(sys.stderr.encoding or "utf-8", "replace"))
+
+
+def _leave_closed(terminals: list[int]) -> None:
+    """Send to nowhere what would go to a terminal that is gone: its errors would come in the midst of the clean-up."""
+    for stream in terminals:
+        if not os.isatty(stream):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream)
+            os.close(nowhere)

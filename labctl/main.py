@@ -7,7 +7,20 @@ from collections.abc import Sequence
 import typer
 from typer.exceptions import Abort, TyperException
 
-from labctl.commands import bench, data, evaluate, readout, recording, report, reproduce, run, runs, simulation
+from labctl.commands import (
+    bench,
+    data,
+    evaluate,
+    readout,
+    recording,
+    report,
+    reproduce,
+    resume,
+    run,
+    runs,
+    simulation,
+    verify,
+)
 from labctl.failures import EXPECTED, INTERRUPTED, WRONG_USE, exit_status, notes, one_line
 
 app = typer.Typer(
@@ -23,6 +36,8 @@ app.command("demo")(run.demo)
 app.command("reproduce")(reproduce.reproduce)
 app.command("check")(bench.check)
 app.command("run")(run.run)
+app.command("resume")(resume.resume)
+app.command("verify")(verify.verify)
 app.command("runs")(runs.runs)
 app.command("show")(runs.show)
 app.command("train")(readout.train)

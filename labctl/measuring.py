@@ -1,7 +1,8 @@
-"""Measuring a run: what a protocol yields is checked and stored, and what a lost link cuts off is measured anew."""
+"""Measuring a run: what a protocol yields is checked and stored, and what a run still lacks is measured anew."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
 from types import TracebackType
 from typing import Any, Self
 
@@ -12,6 +13,7 @@ from instruments.errors import InstrumentError
 from instruments.values import Codes, Scaling
 from labctl.interruption import Interruption
 from labctl.lost_links import Recovery
+from labctl.references import REPEATS, refuse_changed_light, to_repeat
 from labctl.runs import MeasuredBurst, RunError, RunWriter
 from labctl.stopwatch import STORAGE_BESIDE, Stopwatch
 from protocols.base import BurstRecord, Events, Inputs, LegStarted, Measurement, Part, Record
@@ -39,7 +41,10 @@ class Measuring:
         progress: Progress,
         stopwatch: Stopwatch,
     ) -> None:
-        """Measure what `protocol` asks for on `bench` into `writer`; nothing is sent yet."""
+        """Measure what `protocol` asks for on `bench` into `writer`; nothing is sent yet.
+
+        A run that has some shots on disk goes on: its times after the last of them, its epochs too.
+        """
         self.clipped = self.recovered = 0
         self._protocol = protocol
         self._inputs = inputs
@@ -50,24 +55,32 @@ class Measuring:
         self._stopwatch = stopwatch
         self._whole = protocol.parts(bench, inputs)
         self._total = sum(len(part.shots) for part in self._whole)
-        self._done = 0
-        self._began = bench.now()
+        self._done = sum(writer.done)
+        time_s, epoch = writer.latest() or (0.0, -1)
+        self._began = bench.now() - time_s
+        first = next((part.leg.index for part in self._missing()), 0)
+        self._epochs = epoch + 1 - first
 
     def measure(self, recovery: Recovery) -> None:
         """Store every missing record until there is none, or until interrupted.
 
         A lost link ends the light; once `recovery` has the bench back, the records that are still missing are measured
-        in the vertical ranges that their legs have already.
+        in the vertical ranges that their legs have already. Whenever a run goes on, by itself or because it is resumed,
+        a reference image that it has on disk is measured first and compared.
 
         Raises:
-            InstrumentError: an instrument failed, or gave the same trace twice.
+            InstrumentError: an instrument failed, gave the same trace twice, or the light is not what it was.
             RunError: the disk is full or refuses.
         """
         with Storage(self._writer, self._stopwatch) as storage:
             while parts := self._missing():
                 try:
-                    events = self._protocol.acquire(self._bench, self._inputs, parts)
+                    known = self._known(parts[0])
+                    measured = parts if known is None else [known, *parts]
+                    events = self._protocol.acquire(self._bench, self._inputs, measured)
                     with ending_with(events.close):
+                        if known is not None:
+                            self._compare(events, known)
                         self._keep(events, storage)
                     return
                 except InstrumentError as error:
@@ -83,22 +96,42 @@ class Measuring:
         for part in self._whole:
             index = part.leg.index
             missing = self._writer.missing(index)
-            locked = self._writer.locked_scales(index)
-            scalings = None if locked is None else tuple(map(Scaling, *(values.tolist() for values in locked)))
             if missing.size:
-                parts.append(Part(part.leg, [part.shots[shot] for shot in missing], scalings))
+                parts.append(Part(part.leg, [part.shots[shot] for shot in missing], self._ranges(index)))
         return parts
+
+    def _ranges(self, leg: int) -> tuple[Scaling, ...] | None:
+        locked = self._writer.locked_scales(leg)
+        return None if locked is None else tuple(map(Scaling, *(values.tolist() for values in locked)))
+
+    def _known(self, missing: Part) -> Part | None:
+        """A picture on disk to begin with, of the leg that is cut short or else the one before; None without any."""
+        for part in reversed(self._whole[: missing.leg.index + 1]):
+            stored = [part.shots[shot] for shot in self._writer.stored(part.leg.index)]
+            if (shot := to_repeat(stored)) is not None:
+                return Part(part.leg, [shot] * REPEATS, self._ranges(part.leg.index))
+        return None
+
+    def _compare(self, events: Events, known: Part) -> None:
+        found = islice(events, 1 + REPEATS)
+        again = np.stack([_measured(event, 0.0, 0).codes[0] for event in found if not isinstance(event, LegStarted)])
+        leg, shot = known.leg.index, known.shots[0]
+        stored = [self._whole[leg].shots[index] for index in self._writer.stored(leg)]
+        first = next(one for one in stored if one.group == shot.group)
+        earlier, latest = (self._writer.codes(leg, one.index) for one in (first, shot))
+        refuse_changed_light(shot, earlier, latest, again)
 
     def _keep(self, events: Events, storage: "Storage") -> None:
         previous: Codes | None = None
         for event in events:
             if isinstance(event, LegStarted):
-                scalings = event.scalings
-                self._writer.scales(event.leg.index, [s.scale_v for s in scalings], [s.offset_v for s in scalings])
+                self._start(event)
                 previous = None
                 continue
+            self._bench.laser.require_emission()  # what was measured in the dark is not kept
             # Light that was off and on again is another epoch, as is another leg.
-            burst = _measured(event, self._bench.now() - self._began, event.leg.index + self.recovered)
+            epoch = self._epochs + event.leg.index + self.recovered
+            burst = _measured(event, self._bench.now() - self._began, epoch)
             _refuse_stale(previous, burst)
             previous = burst.codes[-1]
             storage.keep(event, burst)
@@ -107,6 +140,14 @@ class Measuring:
             self._progress(self._done, self._total)
             if self._interruption.requested:
                 break
+
+    def _start(self, event: LegStarted) -> None:
+        """A leg has its ranges for good from its first part on."""
+        index, scalings = event.leg.index, event.scalings
+        if self._writer.locked_scales(index) is None:
+            self._writer.scales(index, [one.scale_v for one in scalings], [one.offset_v for one in scalings])
+        else:
+            self._bench.dmd.blank()  # the picture that was probed may be the one to be measured: it is to be shown anew
 
 
 class Storage:

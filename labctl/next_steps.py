@@ -1,11 +1,13 @@
 """What a run is good for: the command that leads on from it, by its protocol."""
 
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from labctl.experiments import experiments
 from labctl.failures import UsageError
-from labctl.runs import open_run
+from labctl.runs import RunPaths, open_run
 from protocols.image_readout import ImageReadout
 from protocols.wavelength_scan import WavelengthScan
 
@@ -26,6 +28,23 @@ def next_command(protocol: str, directory: Path) -> str:
         return f"labctl evaluate {shlex.quote(str(models[0]))} {where}" if models else f"labctl train {where}"
     found = [one.name for one in experiments() if any(run.protocol == protocol for run in one.runs.values())]
     return f"labctl reproduce {' '.join(found)}" if found else f"labctl show {where}"
+
+
+def resume_command(directory: Path) -> str:
+    """What to type after a run that ended early."""
+    return f"labctl resume {shlex.quote(str(directory))}"
+
+
+@contextmanager
+def resumable(directory: Path) -> Iterator[None]:
+    """Whatever ends the block early has a note with the command that goes on with the run it began in `directory`."""
+    before = RunPaths(directory).journal.exists()
+    try:
+        yield
+    except BaseException as error:
+        if not before and RunPaths(directory).journal.exists():
+            error.add_note(f"the run can go on: {resume_command(directory)}")
+        raise
 
 
 def models_of(directory: Path) -> list[Path]:

@@ -2,7 +2,6 @@
 
 import sys
 import time
-import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -12,12 +11,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from instruments.alnair_tlg220 import DEFAULT_TABLE
+from instruments.alnair_tlg220 import DEFAULT_TABLE, CommandTable
 from instruments.bench import Bench, Levels, Limits, Wiring, ending_with
 from instruments.errors import InstrumentError, NotConfigured
+from instruments.toml_files import read_toml
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
 from labctl.drivers import Opening, driver
+from labctl.interruption import stops_deferred
 from labctl.replaying import redirected
 from labctl.station import SIMULATED, LaserSection, Station, StationError, describe
 from labctl.tapping import recorded
@@ -65,7 +66,8 @@ def simulated_bench(station: Station, *, host: str = "127.0.0.1", port_base: int
     table = station.laser.commands
     laser_table = None
     if table is not None and str(table) != SIMULATED:
-        laser_table = tomllib.loads(table.read_text("utf-8"))
+        CommandTable.read(table)
+        laser_table = read_toml(table)
     return SimulatedBench(
         _parameters(station), twin_seed=station.sim.twin_seed, host=host, port_base=port_base, laser_table=laser_table
     )
@@ -126,6 +128,7 @@ def _bench(station: Station, transcript: Transcript, simulation: SimulatedBench 
         now=(lambda: simulation.world.clock.now)
         if simulation is not None and "scope" in station.simulations
         else time.time,
+        undisturbed=stops_deferred,
     )
 
 

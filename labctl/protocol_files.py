@@ -1,6 +1,5 @@
 """Protocols by name or from a TOML file, with settings from the command line on top."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from instruments.toml_files import TomlError, one_line, read_toml
 from labctl.station import describe
 from protocols.base import Measurement, ProtocolError
 
@@ -50,6 +50,9 @@ def protocol_from(name: str, values: Mapping[str, Any], *, origin: str) -> Measu
         raise ProtocolError(
             f"{origin}: {min(unknown)}: {name} has no such setting: choose from {', '.join(protocol.model_fields)}"
         )
+    for key, value in values.items():
+        if isinstance(value, str) and not one_line(value):
+            raise ProtocolError(f"{origin}: {key} = {value[:40]!r} does not fit on one line: write it as a single word")
     try:
         return protocol.model_validate(values)
     except ValidationError as error:
@@ -58,10 +61,10 @@ def protocol_from(name: str, values: Mapping[str, Any], *, origin: str) -> Measu
 
 def _read_file(path: Path) -> tuple[str, dict[str, Any]]:
     try:
-        content = tomllib.loads(path.read_text("utf-8"))
+        content = read_toml(path)
     except OSError as error:
         raise ProtocolError(f"{path}: cannot be read ({error.strerror}): name a protocol or a protocol file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except TomlError as error:
         raise ProtocolError(f"{path}: is not TOML ({error}): correct that line") from None
     name, settings = content.pop("protocol", None), content.pop("settings", {})
     if not isinstance(name, str) or not isinstance(settings, dict) or content:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from sklearn.base import clone
 from threadpoolctl import threadpool_limits
 
@@ -24,8 +25,29 @@ from labctl.analysis.splits import forward_in_time_split, random_splits
 from labctl.reports.html import Result
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs import Run, open_run
+from labctl.station import describe
 
 SPLITS = 10
+
+
+class _Trained(BaseModel):
+    """What a readout says about how it was trained, as far as a test of it depends on that."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    frames_sha256: str
+    window_s: float = Field(gt=0)
+    ports: tuple[int, ...]
+    seed: int = Field(ge=0)
+    test_groups: tuple[int, ...]
+
+    @classmethod
+    def of(cls, model: Path) -> "_Trained":
+        """What the file `model` says; AnalysisError if it does not."""
+        try:
+            return cls.model_validate(load_metadata(model))
+        except ValidationError as error:
+            raise AnalysisError(f"{model}: not a readout of a run ({describe(error)}): name another file") from None
 
 
 def train_readout(
@@ -82,17 +104,17 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         AnalysisError: not a readout, or a run it does not fit.
         RunError: no such run.
     """
-    readout, metadata = load_model(model), load_metadata(model)
+    readout, trained = load_model(model), _Trained.of(model)
     with open_run(directory) as run:
         records = read_records(run)
-        test = _unseen(records, metadata, run.digest())
-        controls = _controls(run, records, metadata["seed"])
+        test = _unseen(records, trained, run.digest())
+        controls = _controls(run, records, trained.seed)
     unfitted = clone(readout)
     predicted = readout.predict(records.traces[test])
     random = validate(
         records.traces,
         records.labels,
-        random_splits(records.labels, records.groups, splits=SPLITS, seed=metadata["seed"]),
+        random_splits(records.labels, records.groups, splits=SPLITS, seed=trained.seed),
         readout=unfitted,
     )
     forward = validate(records.traces, records.labels, [forward_in_time_split(records.groups)], readout=unfitted)
@@ -114,19 +136,19 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         windows_s=_windows(records),
         window=readout[0],
         splits=SPLITS,
-        seed=metadata["seed"],
+        seed=trained.seed,
     )
     report = recognition_report(
         directory,
         title=f"Image recognition: {directory.name}",
         summary=(
-            f"{records.labels.size} images on ports {', '.join(map(str, metadata['ports']))}; softmax readout, "
+            f"{records.labels.size} images on ports {', '.join(map(str, trained.ports))}; softmax readout, "
             f"{SPLITS} random splits with a tenth of the images to test."
         ),
         accuracies={"softmax readout": {window_key(row.window_s): mean_and_sd(row.scores) for row in windows}},
         results=[
             Result(
-                f"accuracy at {window_key(metadata['window_s'])} ns",
+                f"accuracy at {window_key(trained.window_s)} ns",
                 "",
                 "",
                 f"{100 * np.mean(random.scores):.1f} %",
@@ -138,17 +160,17 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
                 for name, entry in controls.items()
             ),
         ],
-        confusions=[Confusion(f"{window_key(metadata['window_s'])} ns", random.confusion)],
+        confusions=[Confusion(f"{window_key(trained.window_s)} ns", random.confusion)],
         classes=[str(label) for label in random.classes],
     )
     return found | {"report": str(report)}
 
 
-def _unseen(records: Records, metadata: dict[str, Any], digest: str) -> NDArray[np.intp]:
+def _unseen(records: Records, trained: _Trained, digest: str) -> NDArray[np.intp]:
     """Places of the shots the readout was not trained on: all of another run, the kept ones of its own."""
-    if metadata["frames_sha256"] != digest:
+    if trained.frames_sha256 != digest:
         return np.arange(records.labels.size)
-    return np.flatnonzero(np.isin(records.groups, metadata["test_groups"]))
+    return np.flatnonzero(np.isin(records.groups, trained.test_groups))
 
 
 def _controls(run: Run, records: Records, seed: int) -> dict[str, dict[str, Any]]:

@@ -34,6 +34,10 @@ PROBE = 1 << 16
 """Bytes at the start of a block whose compression decides whether the whole is worth it: noise is not."""
 WORTH_PACKING = 0.9
 LONGEST_HEADING = 1 << 20
+LONGEST_MESSAGE = 1 << 30
+"""Bytes, unpacked: a block of a SCPI message ends before, its length has nine digits."""
+MOST_UNPACKED = 1100
+"""Times the stored bytes: zlib makes at most 1032 of one."""
 READ_AT_ONCE = 1 << 20
 
 Chunk = bytes | bytearray | memoryview
@@ -151,7 +155,7 @@ class Record:
             file.seek(self.offset)
             data = file.read(self.stored)
         try:
-            data = zlib.decompress(data) if self.packed else data
+            data = zlib.decompressobj().decompress(data, self.length + 1) if self.packed else data
         except zlib.error:
             data = b""
         if len(data) != self.length:
@@ -190,14 +194,14 @@ class Recording:
         """Every connection in the order in which they were opened.
 
         Raises:
-            RecordingError: a message belongs to no connection.
+            RecordingError: a message belongs to no connection, or nobody can tell to which instrument one was opened.
         """
-        opened: dict[int, dict[str, str]] = {}
+        opened: dict[int, tuple[str, str]] = {}
         messages: dict[int, list[Record]] = {}
         closed: set[int] = set()
         for record in self.records:
             if record.kind is Kind.OPENED:
-                opened[record.connection] = json.loads(record.read())
+                opened[record.connection] = self._partner(record)
                 messages[record.connection] = []
             elif record.connection not in opened:
                 raise RecordingError(f"{self.path}: connection {record.connection} was never opened: record it anew")
@@ -206,9 +210,28 @@ class Recording:
             else:
                 messages[record.connection].append(record)
         return tuple(
-            Connection(number, found["instrument"], found["resource"], tuple(messages[number]), number in closed)
-            for number, found in opened.items()
+            Connection(number, *partner, tuple(messages[number]), number in closed)
+            for number, partner in opened.items()
         )
+
+    def _partner(self, record: Record) -> tuple[str, str]:
+        """Instrument and resource of a connection."""
+        found = _mapping(record.read()) if record.length <= LONGEST_HEADING else {}
+        instrument, resource = found.get("instrument"), found.get("resource")
+        if not isinstance(instrument, str) or not isinstance(resource, str):
+            raise RecordingError(
+                f"{self.path}: connection {record.connection} does not say to what it was opened: record it anew"
+            )
+        return instrument, resource
+
+
+def _mapping(text: bytes) -> dict[str, Any]:
+    """A JSON object; empty for anything else."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def read_recording(path: Path) -> Recording:
@@ -220,29 +243,27 @@ def read_recording(path: Path) -> Recording:
     try:
         with path.open("rb") as file:
             heading = _heading(path, file)
+            whole = file.tell()
             records = tuple(_records(path, file))
-            whole = records[-1].offset + records[-1].stored if records else len(heading)
+            whole = records[-1].offset + records[-1].stored if records else whole
             lost = path.stat().st_size - whole
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}): name a recording") from None
     complete = bool(records) and records[-1].kind is Kind.END
     if complete:
         records = records[:-1]
-    return Recording(path, json.loads(heading), records, complete, lost)
+    return Recording(path, heading, records, complete, lost)
 
 
-def _heading(path: Path, file: BinaryIO) -> bytes:
+def _heading(path: Path, file: BinaryIO) -> dict[str, Any]:
     line = file.readline(LONGEST_HEADING)
-    try:
-        heading = json.loads(line)
-        name, version = heading["format"], heading["format_version"]
-    except (ValueError, KeyError, TypeError):
-        name = version = ""
-    if name != FORMAT or not line.endswith(b"\n"):
+    heading = _mapping(line)
+    if heading.get("format") != FORMAT or not line.endswith(b"\n"):
         raise RecordingError(f"{path}: is not a recording: name a file that labctl record wrote")
+    version = str(heading.get("format_version"))
     if version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
-        raise RecordingError(f"{path}: has format version {version}: this labctl reads {FORMAT_VERSION}")
-    return line
+        raise RecordingError(f"{path}: has format version {version[:20]!r}: this labctl reads {FORMAT_VERSION}")
+    return heading
 
 
 def _records(path: Path, file: BinaryIO) -> Iterator[Record]:
@@ -258,6 +279,7 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Record]:
             left -= len(chunk)
         if left:
             return
-        if CHECK.unpack_from(data, RECORD.size) != (crc,) or kind not in list(Kind):
+        possible = length <= (MOST_UNPACKED * stored if packed else stored) and length <= LONGEST_MESSAGE
+        if CHECK.unpack_from(data, RECORD.size) != (crc,) or kind not in list(Kind) or not possible:
             raise RecordingError(f"{path}: is damaged at byte {at - head}: use another copy, or record it anew")
         yield Record(Kind(kind), connection, time_ns / 1e9, length, path, at, stored, bool(packed))

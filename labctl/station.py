@@ -5,13 +5,13 @@ which file is wrong and what to do.
 """
 
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveInt, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PositiveInt, ValidationError
 
+from instruments.toml_files import TomlError, one_line, read_toml
 from instruments.units import Nanometres, Seconds, Volts, Watts
 from protocols.settings import Ports
 
@@ -20,14 +20,34 @@ BY_HAND = ("manual-laser", "manual-patch-panel")
 """Drivers of instruments that have no address: a person sets them."""
 
 
+LONGEST_PART = 300
+"""Characters of a key, a value or a reason in a message."""
+
+
 class StationError(Exception):
     """The station file is wrong: one line that names file, key, value and what to do."""
 
 
 class Section(BaseModel):
-    """A table of the station file: unknown keys are errors."""
+    """A table of the station file: unknown keys are errors, and so are nan, which passes any limit, and infinity."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def _one_line(text: str) -> str:
+    if not one_line(text):
+        raise ValueError("does not fit on one line: write it without control characters")
+    return text
+
+
+def _address(text: str) -> str:
+    if not text or not text.isascii() or set(text) & set(";\"'"):
+        raise ValueError("is no address: write one as VISA does, without quotes and semicolons")
+    return text
+
+
+Text = Annotated[str, Field(max_length=200), AfterValidator(_one_line)]
+Address = Annotated[Text, AfterValidator(_address)]
 
 
 def _by_source(value: object) -> object:
@@ -37,8 +57,8 @@ def _by_source(value: object) -> object:
 class AwgSection(Section):
     """The arbitrary waveform generator."""
 
-    driver: str = "tektronix-awg70002a"
-    address: str = SIMULATED
+    driver: Text = "tektronix-awg70002a"
+    address: Address = SIMULATED
     channel: Literal[1, 2] = 1
     amplitude: Volts = 0.5
     timeout: Annotated[Seconds, Field(gt=0)] = 5.0
@@ -47,8 +67,8 @@ class AwgSection(Section):
 class ScopeSection(Section):
     """The oscilloscope and what triggers it."""
 
-    driver: str = "tektronix-dpo72504dx"
-    address: str = SIMULATED
+    driver: Text = "tektronix-dpo72504dx"
+    address: Address = SIMULATED
     channels: Annotated[tuple[Annotated[int, Field(ge=1, le=4)], ...], Field(min_length=1)] = (1, 2, 3, 4)
     trigger_source: Annotated[Literal["AUX"] | Annotated[int, Field(ge=1, le=4)], BeforeValidator(_by_source)] = "AUX"
     trigger_level: Volts = 0.5
@@ -62,8 +82,8 @@ class LaserSection(Section):
     `commands` is the operator's command table, or "simulated" for the simulated laser's; without it the driver's own.
     """
 
-    driver: str = "alnair-tlg-220"
-    address: str = SIMULATED
+    driver: Text = "alnair-tlg-220"
+    address: Address = SIMULATED
     commands: Path | None = None
     power: Watts = 0.03
     wavelength: Nanometres = 1550.0
@@ -72,10 +92,10 @@ class LaserSection(Section):
 class DmdSection(Section):
     """The micromirror device. `version` and `library` name the vendor's ALP library on a real bench."""
 
-    driver: str = "vialux-alp"
-    address: str = SIMULATED
-    version: str = "4.3"
-    library: str | None = None
+    driver: Text = "vialux-alp"
+    address: Address = SIMULATED
+    version: Text = "4.3"
+    library: Text | None = None
     timeout: Annotated[Seconds, Field(gt=0)] = 5.0
 
 
@@ -85,8 +105,8 @@ class PatchPanelSection(Section):
     With `bypass` the fibre that would enter the chip is wired to the oscilloscope instead, and every run measures that.
     """
 
-    driver: str = "scpi-fibre-switch"
-    address: str = SIMULATED
+    driver: Text = "scpi-fibre-switch"
+    address: Address = SIMULATED
     ports: Ports = tuple(port for port in range(15) if port != 10)
     bypass: bool = False
     timeout: Annotated[Seconds, Field(gt=0)] = 5.0
@@ -131,7 +151,7 @@ class Station(Section):
     """A bench as its file describes it; `source` is where it came from, for messages."""
 
     source: str = "built-in station"
-    name: str = "simulated bench"
+    name: Text = "simulated bench"
     awg: AwgSection = AwgSection()
     scope: ScopeSection = ScopeSection()
     laser: LaserSection = LaserSection()
@@ -189,25 +209,30 @@ def read_station(path: Path | None) -> Station:
     if path is None:
         return SIMULATED_STATION
     try:
-        return Station.model_validate(tomllib.loads(path.read_text("utf-8")) | {"source": str(path)})
+        return Station.model_validate(read_toml(path) | {"source": str(path)})
     except OSError as error:
         raise StationError(f"{path}: cannot be read ({error.strerror}): name a station file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except TomlError as error:
         raise StationError(f"{path}: is not TOML ({error}): correct that line") from None
     except ValidationError as error:
         raise StationError(f"{path}: {describe(error)}") from None
 
 
 def describe(error: ValidationError) -> str:
-    """The first fault of a validation in one line: key, value, what is wrong."""
+    """The first fault of a validation in one line: key, value, what is wrong; each cut to what a line can hold."""
     fault = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in fault["loc"])
-    if fault["type"] == "extra_forbidden":
-        return f"{key} = {fault['input']!r}: unknown key: check its spelling against the reference of settings"
+    key = _cut(".".join(str(part) for part in fault["loc"]))
     if fault["type"] == "missing":
         return f"{key} is missing: write it"
-    message = fault["msg"].removeprefix("Value error, ")
-    return f"{key} = {fault['input']!r}: {message}" if key else message
+    value = _cut(repr(fault["input"]))
+    if fault["type"] == "extra_forbidden":
+        return f"{key} = {value}: unknown key: check its spelling against the reference of settings"
+    message = _cut(fault["msg"].removeprefix("Value error, "))
+    return f"{key} = {value}: {message}" if key else message
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST_PART else f"{text[:LONGEST_PART]}..."
 
 
 def write_addresses(path: Path, addresses: Mapping[str, str], station: Station = SIMULATED_STATION) -> None:

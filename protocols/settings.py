@@ -23,7 +23,7 @@ def parse_ports(value: object) -> object:
     ports: list[int] = []
     for part in value.split(","):
         first, _, last = part.strip().partition("-")
-        if not (first.isdecimal() and (last or first).isdecimal()):
+        if not (first.isdecimal() and (last or first).isdecimal() and max(len(first), len(last)) <= 2):
             raise ValueError(f"{value!r} is not a list of ports: write it like '2-6' or '2,3,5'")
         ports.extend(range(int(first), int(last or first) + 1))
     return tuple(ports)

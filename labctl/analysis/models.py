@@ -8,7 +8,8 @@ another, that is a group in its group: a pipeline with attribute `steps` like th
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,12 @@ from labctl.analysis.anomaly import CovarianceScore, NormalityScore
 from labctl.analysis.errors import AnalysisError
 from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
 from labctl.analysis.windows import WindowFeatures
+from labctl.plain_hdf5 import check_plain
 
 FORMAT = "labctl-readout"
 FORMAT_VERSION = "1.0"
+LARGEST = 1 << 30
+"""Bytes of all arrays of a file, unpacked."""
 
 FITTED: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "WindowFeatures": (WindowFeatures, ("rows_", "samples_", "ports_in_", "samples_in_")),
@@ -85,7 +89,10 @@ def load_model(path: Path) -> Pipeline:
         AnalysisError: The file is not a readout, is newer than this program, or holds an unknown class.
     """
     with _open(path) as file:
-        return _read(file, path)
+        pipeline = _read(file, path)
+        if not isinstance(pipeline, Pipeline) or not pipeline.steps:
+            raise ValueError("it holds no steps")
+        return pipeline
 
 
 def load_metadata(path: Path) -> dict[str, Any]:
@@ -95,22 +102,39 @@ def load_metadata(path: Path) -> dict[str, Any]:
         AnalysisError: The file is not a readout, or is newer than this program.
     """
     with _open(path) as file:
-        metadata: dict[str, Any] = json.loads(file.attrs["metadata"])
+        metadata = json.loads(file.attrs["metadata"])
+        if not isinstance(metadata, dict):
+            raise ValueError("its metadata are no mapping")
         return metadata
 
 
-def _open(path: Path) -> h5py.File:
+@contextmanager
+def _open(path: Path) -> Iterator[h5py.File]:
+    """A readout's file; whatever reading raises on one that somebody changed becomes the one error."""
     try:
         file = h5py.File(path, "r")
     except OSError as error:
         raise AnalysisError(f"{path}: cannot be read as HDF5: name a file that 'labctl train' wrote") from error
-    kind, version = file.attrs.get("format"), str(file.attrs.get("format_version", ""))
-    if kind == FORMAT and _numbers(version) <= _numbers(FORMAT_VERSION):
-        return file
-    file.close()
-    if kind != FORMAT:
+    with file:
+        try:
+            check_plain(file, LARGEST)
+            _require_readable(file, path)
+            yield file
+        except AnalysisError:
+            raise
+        except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError) as error:
+            reason = " ".join(str(error).split())[:300]
+            raise AnalysisError(f"{path}: a damaged readout ({reason}): name another file, or train it again") from None
+
+
+def _require_readable(file: h5py.File, path: Path) -> None:
+    if str(file.attrs.get("format")) != FORMAT:
         raise AnalysisError(f"{path}: an HDF5 file, but not a readout: name a file that 'labctl train' wrote")
-    raise AnalysisError(f"{path}: format version '{version}', this labctl reads up to {FORMAT_VERSION}: update labctl")
+    version = str(file.attrs.get("format_version", ""))[:20]
+    if _numbers(version) > _numbers(FORMAT_VERSION):
+        raise AnalysisError(
+            f"{path}: format version {version!r}, this labctl reads up to {FORMAT_VERSION}: update labctl"
+        )
 
 
 def _numbers(version: str) -> tuple[float, ...]:

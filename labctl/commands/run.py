@@ -1,18 +1,20 @@
 """`labctl run`: one acquisition. `labctl demo`: the main experiment of the paper on simulated benches."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from labctl import demonstration
-from labctl.acquisition import Acquired, Acquisition, acquire
+from labctl.acquisition import Acquisition, acquire
 from labctl.command_log import CommandLog
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.engine import Outcome, new_directory
 from labctl.failures import DONE, FELL_SHORT, INTERRUPTED
 from labctl.inputs import inputs_for
 from labctl.interruption import interruptible
-from labctl.next_steps import next_command
+from labctl.next_steps import next_command, resumable, resume_command
 from labctl.opening import opened
 from labctl.protocol_files import read_protocol
 from labctl.runs import open_run
@@ -39,15 +41,16 @@ def run(
     found = read_station(station)
     if station is None:
         found = found.cabled(projector=asked.projector)
-    acquisition = Acquisition(asked, found, out, data, attended, profile)
+    directory = out or new_directory(asked, datetime.now(UTC))
+    acquisition = Acquisition(asked, found, directory, data, attended, profile)
     if dry_run:
         plan = _plan(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), plan.items()))
         return DONE
-    with interruptible() as interruption, progress_bar(asked.name) as progress:
+    with interruptible() as interruption, resumable(directory), progress_bar(asked.name) as progress:
         acquired = acquire(acquisition, interruption=interruption, progress=progress, uploading=progress.uploading)
-    result = _describe(acquired)
-    show(result, as_json, lambda: _print(result))
+    result = describe(acquired.outcome) | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
+    show(result, as_json, lambda: print_outcome(result))
     return DONE if acquired.outcome.complete else INTERRUPTED
 
 
@@ -83,15 +86,17 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
         }
 
 
-def _describe(acquired: Acquired) -> dict[str, Any]:
-    outcome = acquired.outcome
+def describe(outcome: Outcome) -> dict[str, Any]:
+    """What is printed of a run that was carried out or resumed."""
     with open_run(outcome.directory) as stored:
         digest = stored.digest()
         ports = list(stored.ports)
         protocol = stored.manifest["protocol"]["name"]
-    result: dict[str, Any] = {
+    following = next_command(protocol, outcome.directory) if outcome.complete else resume_command(outcome.directory)
+    return {
         "run": str(outcome.directory),
         "shots": outcome.shots,
+        "measured": outcome.measured,
         "complete": outcome.complete,
         "ports": ports,
         "frames_sha256": digest,
@@ -100,14 +105,14 @@ def _describe(acquired: Acquired) -> dict[str, Any]:
         "seconds": round(outcome.seconds, 3),
         "shots_per_second": round(outcome.shots_per_second, 1),
         "bench_seconds": round(outcome.bench_seconds, 3),
+        "next": following,
     }
-    if outcome.complete:
-        result["next"] = next_command(protocol, outcome.directory)
-    return result | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
 
 
-def _print(result: dict[str, Any]) -> None:
-    say(f"{result['run']}: {result['shots']} shots on ports {', '.join(map(str, result['ports']))}")
+def print_outcome(result: dict[str, Any]) -> None:
+    """Print what `describe` says, for people."""
+    resumed = f", {result['measured']} of them now" if result["measured"] < result["shots"] else ""
+    say(f"{result['run']}: {result['shots']} shots on ports {', '.join(map(str, result['ports']))}{resumed}")
     say(
         f"{result['seconds']:.1f} s, {result['shots_per_second']:.0f} shots/s; "
         f"a real bench needs about {result['bench_seconds']:.0f} s"
@@ -118,8 +123,7 @@ def _print(result: dict[str, Any]) -> None:
         say(f"went on after a lost link {result['recovered']} times: see the lines with ! in commands.log")
     if not result["complete"]:
         say("interrupted: the finished shots are kept, the bench is in the safe state")
-    if "next" in result:
-        say(f"next: {result['next']}")
+    say(f"next: {result['next']}")
     if "profile_ms_per_shot" in result:
         budget = result["profile_ms_per_shot"].items()
         table(("step", "ms a shot"), ((step.replace("_", " "), f"{ms:.3f}") for step, ms in budget))

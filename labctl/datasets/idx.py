@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from labctl.datasets.errors import DatasetError
 
 UNSIGNED_BYTE = 0x08
+MOST_AXES = 4
 
 
 def parse_idx(content: bytes, name: str) -> NDArray[np.uint8]:
@@ -32,10 +33,12 @@ def parse_idx(content: bytes, name: str) -> NDArray[np.uint8]:
     if kind != UNSIGNED_BYTE:
         raise DatasetError(f"{name}: idx elements of type 0x{kind:02x}, but only unsigned bytes (0x08) are read")
     start = 4 + 4 * axes
+    if axes > MOST_AXES:
+        raise DatasetError(f"{name}: an idx array of {axes} axes, at most {MOST_AXES} are read: fetch it again")
     if axes == 0 or len(content) < start:
         raise DatasetError(f"{name}: the idx header is incomplete ({len(content)} bytes, {axes} axes): fetch it again")
     shape = tuple(int(size) for size in np.frombuffer(content, ">u4", count=axes, offset=4))
-    if len(content) - start != math.prod(shape):
+    if len(content) - start != math.prod(shape) or (0 in shape and max(shape) > len(content)):
         raise DatasetError(
             f"{name}: {len(content) - start} bytes of data where the header {shape} asks for {math.prod(shape)}: "
             "fetch it again"

@@ -3,15 +3,21 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.datasets import binarisation, bits, pictures, store
+from labctl.datasets import archives, binarisation, bits, pictures, store
 from labctl.datasets.cards import Card
 from labctl.datasets.errors import DatasetError
 from labctl.datasets.idx import parse_idx
+from labctl.datasets.npy import parse_npy
+
+NPZ = "an .npz file with the arrays images and labels"
+MAX_ARRAY_BYTES = 1 << 28
+"""Of one array of an .npz file, unpacked: 340 000 images of 28 x 28."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +102,8 @@ def read_npz(path: Path) -> ImageSet:
     Raises:
         DatasetError: The file cannot be read, or its arrays are of another size or type.
     """
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            images, labels = file["images"], file["labels"]
-    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile) as error:
-        raise DatasetError(f"{path}: is not an .npz file with the arrays images and labels ({error})") from None
+    with archives.opened(path, NPZ) as archive:
+        images, labels = (_array(archive, path, name) for name in ("images", "labels"))
     if images.ndim != 3 or images.dtype not in (np.bool_, np.uint8) or 0 in images.shape:
         raise DatasetError(
             f"{path}: images is {images.dtype} {images.shape}: store bool or uint8 of shape (n, rows, columns)"
@@ -111,6 +114,19 @@ def read_npz(path: Path) -> ImageSet:
         )
     binarisation = "binary" if images.dtype == np.bool_ else "none"
     return ImageSet(path.stem, images, labels.astype(np.int64), np.arange(len(labels)), str(path), binarisation)
+
+
+def _array(archive: ZipFile, path: Path, name: str) -> NDArray[Any]:
+    """One array of an .npz file."""
+    try:
+        member = archive.getinfo(f"{name}.npy")
+        content = archives.content(archive, member.filename, MAX_ARRAY_BYTES) if archives.usual(member) else b""
+    except archives.ZIP_ERRORS as error:
+        reason = " ".join(str(error).split())[:200]
+        raise DatasetError(f"{path}: is not {NPZ} ({reason})") from None
+    if len(content) > MAX_ARRAY_BYTES:
+        raise DatasetError(f"{path}: {name} unpacks to more than {MAX_ARRAY_BYTES} bytes: store fewer images")
+    return parse_npy(content, f"{path}: {name}")
 
 
 def _idx_files(card: Card, folder: Path) -> ImageSet:

@@ -9,7 +9,6 @@ import os
 import struct
 import warnings
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,17 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL.JpegImagePlugin import JpegImageFile
 
+from labctl.datasets import archives
 from labctl.datasets.errors import DatasetError
 
 MAX_PICTURES = 50_000
 MAX_PICTURE_BYTES = 256 * 1024
-MAX_ARCHIVE_BYTES = 1 << 30
-MAX_DIRECTORY_BYTES = 16 << 20
 SUFFIXES = (".jpg", ".jpeg")
-
-_END = b"PK\x05\x06"
-_END_64 = b"PK\x06\x07"
-_END_BYTES, _END_64_BYTES, _MAX_COMMENT = 22, 20, 65535
 
 
 @dataclass(frozen=True)
@@ -56,9 +50,9 @@ class Album:
         """
         try:
             content = self.read(name)
-        except (OSError, EOFError, ValueError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error) as error:
+        except archives.ZIP_ERRORS as error:
             raise DatasetError(
-                _line(f"{self.place}: {name} cannot be read ({error}): get the data set again")
+                _line(f"{self.place}: {name} cannot be read ({str(error)[:200]}): get the data set again")
             ) from None
         if len(content) > MAX_PICTURE_BYTES:
             raise DatasetError(f"{self.place}: {name} is larger than {MAX_PICTURE_BYTES} bytes: it is no such picture")
@@ -102,15 +96,15 @@ def opened(folder: Path, class_folders: Sequence[str]) -> Iterator[Album]:
         names = _in_folders(folder, class_folders)
         yield _album(folder, names, class_folders, lambda name: _read_file(folder / name))
         return
-    archives = sorted(folder.glob("*.zip"))
-    if len(archives) != 1:
-        found = ", ".join(path.name for path in archives[:3]) or "none"
+    found = sorted(folder.glob("*.zip"))
+    if len(found) != 1:
+        names_found = ", ".join(path.name for path in found[:3]) or "none"
         raise DatasetError(
-            f"{folder}: needs the folders {', '.join(class_folders)}, or one zip file with them (found: {found})"
+            f"{folder}: needs the folders {', '.join(class_folders)}, or one zip file with them (found: {names_found})"
         )
-    with _archive(archives[0]) as archive:
-        names = _in_archive(archive, archives[0], class_folders)
-        yield _album(archives[0], names, class_folders, lambda name: _read_member(archive, name))
+    with archives.opened(found[0]) as archive:
+        names = _in_archive(archive, found[0], class_folders)
+        yield _album(found[0], names, class_folders, lambda name: archives.content(archive, name, MAX_PICTURE_BYTES))
 
 
 def decode(content: bytes, name: str, shape: tuple[int, int]) -> NDArray[np.uint8]:
@@ -159,38 +153,6 @@ def _read_file(path: Path) -> bytes:
         return file.read(MAX_PICTURE_BYTES + 1)
 
 
-@contextmanager
-def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    """An open zip file whose table of contents is small enough to be read."""
-    try:
-        _check_directory(path)
-        archive = zipfile.ZipFile(path)
-    except (OSError, EOFError, ValueError, NotImplementedError, LookupError, struct.error, zipfile.BadZipFile) as error:
-        raise DatasetError(_line(f"{path}: is not a whole zip file ({error}): get it again")) from None
-    with archive:
-        yield archive
-
-
-def _check_directory(path: Path) -> None:
-    """Refuse what would cost memory before a single name is known: the end record says how long the directory is."""
-    size = path.stat().st_size
-    if size > MAX_ARCHIVE_BYTES:
-        raise DatasetError(f"{path}: is {size} bytes, at most {MAX_ARCHIVE_BYTES} are read")
-    with path.open("rb") as file:
-        file.seek(max(0, size - _END_BYTES - _MAX_COMMENT - _END_64_BYTES))
-        tail = file.read()
-    end = tail.rfind(_END)
-    if end < 0 or len(tail) - end < _END_BYTES:
-        raise DatasetError(f"{path}: is not a whole zip file (it has no table of contents): get it again")
-    if _END_64 in tail[max(0, end - _END_64_BYTES) : end]:
-        raise DatasetError(f"{path}: is a zip file of the 64-bit kind, which data sets of this size do not need")
-    (directory,) = struct.unpack_from("<I", tail, end + 12)
-    if directory > MAX_DIRECTORY_BYTES:
-        raise DatasetError(
-            f"{path}: has a table of contents of {directory} bytes: at most {MAX_DIRECTORY_BYTES} are read"
-        )
-
-
 def _in_archive(archive: zipfile.ZipFile, path: Path, class_folders: Sequence[str]) -> list[str]:
     names: list[str] = []
     for member in archive.infolist():
@@ -201,7 +163,7 @@ def _in_archive(archive: zipfile.ZipFile, path: Path, class_folders: Sequence[st
             continue
         if member.file_size > MAX_PICTURE_BYTES or member.compress_size > MAX_PICTURE_BYTES:
             raise DatasetError(f"{path}: {member.filename[:80]!r} unpacks to {member.file_size} bytes: no such picture")
-        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.flag_bits & 1:
+        if not archives.usual(member):
             raise DatasetError(
                 f"{path}: {member.filename[:80]!r} is encrypted or packed in an unusual way: pack it again"
             )
@@ -209,11 +171,6 @@ def _in_archive(archive: zipfile.ZipFile, path: Path, class_folders: Sequence[st
     if len(names) > MAX_PICTURES or len(names) != len(set(names)):
         raise DatasetError(f"{path}: holds more than {MAX_PICTURES} pictures, or two of one name: do not use it")
     return names
-
-
-def _read_member(archive: zipfile.ZipFile, name: str) -> bytes:
-    with archive.open(name) as member:
-        return member.read(MAX_PICTURE_BYTES + 1)
 
 
 def _is_picture(name: str) -> bool:

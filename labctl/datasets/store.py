@@ -8,15 +8,18 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import pooch
 
-from labctl.datasets import pictures
+from labctl.datasets import archives, pictures
 from labctl.datasets.cards import Card, DataFile, bundled_directory
 from labctl.datasets.errors import DatasetError
 
 DIRECTORY_VARIABLE = "LABCTL_DATA"
 DOWNLOAD_TIMEOUT_S = 60
+MAX_FILE_BYTES = 1 << 27
+"""Of one file, packed or unpacked, on disk or from the network: the largest of a card has 47 MB."""
 
 
 @dataclass(frozen=True)
@@ -132,15 +135,38 @@ def _retrieve(card: Card, file: DataFile, folder: Path) -> None:
         known_hash=f"sha256:{digest}",
         fname=Path(remote).name,
         path=folder,
-        downloader=pooch.HTTPDownloader(timeout=DOWNLOAD_TIMEOUT_S),
+        downloader=_download,
     )
     if file.archive:
-        with zipfile.ZipFile(downloaded) as archive:
-            content = archive.read(file.archive.member)  # as large as its publisher made it: the digest was checked
+        with zipfile.ZipFile(downloaded) as archive:  # of its publisher: the digest was checked
+            content = archives.content(archive, file.archive.member, MAX_FILE_BYTES)
         part = folder / f"{file.name}.part"
         part.write_bytes(content)
         part.replace(folder / file.name)
         Path(downloaded).unlink()
+
+
+class _Bounded:
+    """A file that takes so many bytes, and no more."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._left = MAX_FILE_BYTES
+
+    def write(self, data: bytes) -> int:
+        self._left -= len(data)
+        if self._left < 0:
+            raise ValueError(f"more than {MAX_FILE_BYTES} bytes were sent")
+        return self._file.write(data)
+
+    def flush(self) -> None:
+        self._file.flush()
+
+
+def _download(url: str, output_file: str, retriever: object) -> None:
+    """What pooch calls for each file: its own downloader, stopped where a server sends without end."""
+    with Path(output_file).open("wb") as file:
+        pooch.HTTPDownloader(timeout=DOWNLOAD_TIMEOUT_S)(url, _Bounded(file), retriever)
 
 
 def read(folder: Path, file: DataFile) -> bytes:
@@ -151,9 +177,12 @@ def read(folder: Path, file: DataFile) -> bytes:
     """
     path = folder / file.name
     try:
-        content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+            content = stream.read(MAX_FILE_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise DatasetError(f"{path}: cannot be read ({error}): replace the file") from error
+    if len(content) > MAX_FILE_BYTES:
+        raise DatasetError(f"{path}: holds more than {MAX_FILE_BYTES} bytes: replace the file")
     found = hashlib.sha256(_joined(content) if file.role == "table" else content).hexdigest()
     if found != file.sha256:
         raise DatasetError(f"{path}: sha256 is {found[:12]}..., expected {file.sha256[:12]}...: replace the file")

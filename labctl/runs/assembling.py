@@ -26,10 +26,11 @@ import h5py
 import numpy as np
 
 from labctl.runs.durable import replacing, write_all
+from labctl.runs.journal import Entry
 from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, Manifest
 from labctl.runs.plan import write_drive
-from labctl.runs.shards import Shards
-from labctl.runs.shots import SHOTS_DTYPE, PlayedDrive
+from labctl.runs.shards import Shard, Shards
+from labctl.runs.shots import SHOTS_DTYPE, MeasuredBurst, PlayedDrive
 
 AXES = {
     "frames": ("shot", "port", "sample"),
@@ -78,6 +79,30 @@ def write_data_file(
             raise
         target.check()
     return count
+
+
+def shard_in_data_file(file: h5py.File, shards: Shards, entry: Entry) -> bytes:
+    """The shard that the journal's `entry` names, made again from data.h5.
+
+    Its bytes are those of the shard wherever their sha256 is the entry's; they are of no use where it is not.
+
+    Raises:
+        KeyError: data.h5 has not all of its shots.
+    """
+    index, shape = file["shots"]["index"], shards.shape
+    places = np.flatnonzero((index >= entry.first) & (index < entry.first + entry.count))
+    if len(places) != entry.count:
+        raise KeyError(f"shots of shard {entry.shard}")
+    rows, ports = slice(int(places[0]), int(places[-1]) + 1), shape.columns(entry.pass_index)
+    burst = MeasuredBurst(
+        entry.first,
+        file["frames"][rows, ports],
+        file["trigger_offset_s"][rows, ports],
+        file["measured_at_s"][rows, entry.pass_index],
+        file["clipped"][rows, ports],
+        file["epoch"][rows, entry.pass_index],
+    )
+    return Shard.of_burst(entry.pass_index, burst, file["scale"][ports], file["offset"][ports]).encode(shape)
 
 
 def _create(file: h5py.File, shards: Shards, count: int, compression: str | None) -> None:

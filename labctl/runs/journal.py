@@ -69,8 +69,8 @@ class Entry:
         body = found[1] + b"}"
         if zlib.crc32(body) != int(found[2], 16):
             raise ValueError("checksum is wrong")
-        values = json.loads(body)
         try:
+            values = json.loads(body)
             return cls(
                 shard=int(values["shard"]),
                 pass_index=int(values["pass"]),
@@ -81,7 +81,7 @@ class Entry:
                 sha256=str(values["sha256"]),
                 discarded=str(values.get("discarded", "")),
             )
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, OverflowError, RecursionError) as error:
             raise ValueError(f"lacks {error}") from error
 
 
@@ -96,11 +96,13 @@ class Journal:
     Attributes:
         entries: the good lines, in order.
         problems: one line of text for every bad line that no crash explains.
+        damaged: the first and last byte of the first such line, or None.
         whole_bytes: length of the file without a torn last line.
     """
 
     entries: tuple[Entry, ...]
     problems: tuple[str, ...]
+    damaged: tuple[int, int] | None
     whole_bytes: int
 
 
@@ -116,6 +118,7 @@ def read_journal(path: Path) -> Journal:
         raise RunError(f"{path}: cannot be read: {error.strerror}; the run needs its journal") from error
     entries: list[Entry] = []
     problems: list[str] = []
+    damaged: tuple[int, int] | None = None
     lines = BytesIO(data).readlines()
     whole = 0
     for number, line in enumerate(lines, start=1):
@@ -127,8 +130,10 @@ def read_journal(path: Path) -> Journal:
             problems.append(f"{path.name} line {number}: {error}")
         except ValueError as error:
             problems.append(f"{path.name} line {number}: {error}")
+        if problems and damaged is None:
+            damaged = whole, whole + len(line) - 1
         whole += len(line)
-    return Journal(tuple(entries), tuple(problems), whole)
+    return Journal(tuple(entries), tuple(problems), damaged, whole)
 
 
 class JournalFile:

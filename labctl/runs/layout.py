@@ -25,6 +25,7 @@ from labctl.runs.shots import RunShape
 
 FORMAT_VERSION = "1.1"
 READABLE_MAJOR = 1
+LARGEST_MANIFEST = 1 << 26  # characters; what is longer is cut, and then damaged
 LIBVER = ("v108", "v108")  # the same bytes whatever HDF5 release writes them, readable by any HDF5 since 1.8
 HDF5_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)  # what h5py raises on a file that is not whole
 
@@ -107,7 +108,8 @@ class Manifest:
             RunError: no run directory, a damaged manifest, or one of a later major version.
         """
         try:
-            text = paths.manifest.read_text(encoding="utf-8")
+            with paths.manifest.open(encoding="utf-8") as file:
+                text = file.read(LARGEST_MANIFEST)
         except FileNotFoundError:
             raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)") from None
         except (OSError, UnicodeDecodeError) as error:
@@ -126,7 +128,7 @@ class Manifest:
             check_version(values["format_version"], origin)
             manifest = cls(values)
             _ = manifest.shape
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise RunError(f"{origin}: damaged manifest ({error!r}); restore it from a copy of the run") from error
         return manifest
 

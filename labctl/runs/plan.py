@@ -10,8 +10,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from labctl.plain_hdf5 import check_plain
 from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, RunError, RunPaths, check_version
 from labctl.runs.shots import PlayedDrive
+
+MOST_BYTES = 1 << 32  # unpacked: a night's shots and the longest drive have 1 GiB each
 
 
 def encode_plan(shots: NDArray[Any], drive: PlayedDrive | None) -> bytes:
@@ -39,6 +42,7 @@ def read_plan(paths: RunPaths, sha256: str) -> tuple[NDArray[Any], PlayedDrive |
             )
         with h5py.File.in_memory(image) as file:
             check_version(file.attrs["format_version"], paths.plan)
+            check_plain(file, MOST_BYTES)
             return file["shots"][:], read_drive(file)
     except HDF5_ERRORS as error:
         raise RunError(f"{paths.plan}: cannot be read ({error}); restore it from a copy of the run") from error

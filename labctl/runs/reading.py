@@ -11,11 +11,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from labctl.plain_hdf5 import check_plain
 from labctl.runs.journal import read_journal
 from labctl.runs.layout import HDF5_ERRORS, Manifest, RunError, RunPaths, check_version
 from labctl.runs.plan import read_drive, read_plan
 from labctl.runs.shards import Block, Shards
 from labctl.runs.shots import KINDS, PlayedDrive
+
+MOST_BYTES = 1 << 32  # of data.h5 without its frames, which are read piece by piece
 
 
 class Frames(Protocol):
@@ -180,6 +183,7 @@ def open_run(path: Path | str) -> Run:
     if path.is_file():
         return _from_data_file(path, path, None)
     paths = RunPaths(path)
+    _require_own_files(paths)
     manifest = Manifest.read(paths)
     if paths.data.exists() and not paths.journal.exists():
         return _from_data_file(path, paths.data, None)
@@ -188,6 +192,14 @@ def open_run(path: Path | str) -> Run:
     if paths.data.exists() and data_file_evidence(paths.data) == shards.evidence:
         return _from_data_file(path, paths.data, shards.done)
     return Run(path, manifest, drive, shards.done, _ShardSource(shards))
+
+
+def _require_own_files(paths: RunPaths) -> None:
+    """Refuse a run whose figures, report or readouts would be written somewhere else."""
+    for folder in (paths.directory, paths.figures, paths.directory / "models"):
+        for found in folder.iterdir() if folder.is_dir() else ():
+            if found.is_symlink():
+                raise RunError(f"{found}: is a link to another place; put the file itself there")
 
 
 def data_file_evidence(path: Path) -> str:
@@ -215,10 +227,16 @@ def _from_data_file(path: Path, data: Path, done: tuple[int, ...] | None) -> Run
         raise damaged(data, error) from error
     try:
         check_version(file.attrs["format_version"], data)
+        check_plain(file, MOST_BYTES, besides="frames")
         manifest = Manifest.parse(file.attrs["manifest"], data)
         source = _FileSource(data, file)
+        if source.frames.dtype != manifest.shape.dtype or source.frames.shape[1:] != (
+            len(manifest.shape.ports),
+            manifest.shape.samples,
+        ):
+            raise ValueError("its frames are not of the shape in its manifest")
         return Run(path, manifest, read_drive(file), done or (len(source.frames),) * len(manifest.shape.passes), source)
-    except HDF5_ERRORS as error:
+    except (*HDF5_ERRORS, AttributeError) as error:
         file.close()
         raise damaged(data, error) from error
     except RunError:

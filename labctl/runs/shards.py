@@ -21,11 +21,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from labctl.plain_hdf5 import check_plain
 from labctl.runs.journal import Entry
 from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, RunError, RunPaths, check_version
 from labctl.runs.shots import SHOTS_DTYPE, Measured, MeasuredBurst, RunShape, ShotFlag
 
 ROWS_DTYPE = np.dtype([("shot", "<i8"), ("time_s", "<f8"), ("epoch", "<i4"), ("flags", "<i4")])
+MOST_BYTES = 1 << 30  # of one shard, as a file and unpacked: a burst of 1000 shots, 14 ports, 2500 samples has 35 MB
+MOST_SHARDS = 10**9
 BLOCK_BYTES = 1 << 20  # of /frames: one chunk of data.h5, and what readers hold in memory at a time
 
 Block = dict[str, NDArray[Any]]
@@ -107,6 +110,7 @@ class Shard:
         try:
             with h5py.File.in_memory(image) as file:
                 check_version(file.attrs["format_version"], Path(origin))
+                check_plain(file, MOST_BYTES)
                 shard = cls(
                     pass_index=int(file.attrs["pass"]),
                     first=int(file.attrs["first"]),
@@ -121,12 +125,19 @@ class Shard:
             raise RunError(f"{origin}: damaged shard ({error})") from error
         if not 0 <= shard.pass_index < len(shape.passes):
             raise RunError(f"{origin}: pass {shard.pass_index} is not one of this run")
-        if shard.frames.dtype != shape.dtype or shard.frames.shape[1:] != (
-            len(shape.passes[shard.pass_index]),
-            shape.samples,
+        count, ports = len(shard.rows), len(shape.passes[shard.pass_index])
+        for name, kind, size in (
+            ("frames", shape.dtype, (count, ports, shape.samples)),
+            ("trigger_offset_s", np.dtype("<f8"), (count, ports)),
+            ("clipped", np.dtype(np.bool_), (count, ports)),
+            ("rows", ROWS_DTYPE, (count,)),
+            ("scale", np.dtype("<f8"), (ports,)),
+            ("offset", np.dtype("<f8"), (ports,)),
         ):
-            raise RunError(f"{origin}: frames are not of this run's shape")
-        last = shard.first + len(shard.rows)
+            found = getattr(shard, name)
+            if found.dtype != kind or found.shape != size:
+                raise RunError(f"{origin}: {name} are not of this run's shape")
+        last = shard.first + count
         if not 0 <= shard.first < last <= shape.shots or shard.rows["shot"].tolist() != list(range(shard.first, last)):
             raise RunError(f"{origin}: its shots are not a range of this run's")
         return shard
@@ -140,7 +151,22 @@ class Shards:
     """
 
     def __init__(self, paths: RunPaths, shape: RunShape, plan: NDArray[Any], entries: Sequence[Entry]) -> None:
-        """`plan`: the planned `/shots`, shape (shots,)."""
+        """`plan`: the planned `/shots`, shape (shots,).
+
+        Raises:
+            RunError: plan or journal are not of a run of this shape.
+        """
+        if np.shape(plan) != (shape.shots,):
+            raise RunError(f"{paths.plan}: holds {np.size(plan)} shots, the manifest has {shape.shots}; restore a copy")
+        shot = len(shape.ports) * shape.samples * shape.dtype.itemsize
+        if max(shot, 8 * len(shape.passes) * shape.shots) > MOST_BYTES:
+            raise RunError(
+                f"{paths.manifest}: a shot of {shot} bytes or {len(shape.passes)} passes: no such run is read"
+            )
+        try:
+            plan[:0].astype(SHOTS_DTYPE)
+        except (TypeError, ValueError) as error:
+            raise RunError(f"{paths.plan}: its shots are not planned ones ({error}); restore a copy") from None
         self.paths = paths
         self.shape = shape
         self.entries: dict[int, Entry] = {}
@@ -159,7 +185,9 @@ class Shards:
         """
         last = entry.first + entry.count
         if entry.passes != len(self._owner) or not (
-            0 <= entry.pass_index < entry.passes and 0 <= entry.first < last <= self.shape.shots
+            0 <= entry.pass_index < entry.passes
+            and 0 <= entry.first < last <= self.shape.shots
+            and 0 <= entry.shard < MOST_SHARDS
         ):
             raise RunError(f"{self.paths.journal}: the line of shard {entry.shard} is not of this run; restore a copy")
         window = self._owner[:, entry.first : last]
@@ -198,6 +226,31 @@ class Shards:
         """Indices of the shots that a pass lacks, ascending."""
         return np.flatnonzero(self._owner[pass_index] < 0).astype(np.int64)
 
+    def stored(self, pass_index: int) -> NDArray[np.int64]:
+        """Indices of the shots that a pass has, ascending."""
+        return np.flatnonzero(self._owner[pass_index] >= 0).astype(np.int64)
+
+    def codes(self, pass_index: int, shot: int) -> NDArray[Any]:
+        """Codes of a shot that a pass has, shape (ports of the pass, samples).
+
+        Raises:
+            RunError: its shard is missing or damaged.
+        """
+        shard = self.read(int(self._owner[pass_index, shot]))
+        codes: NDArray[Any] = shard.frames[shot - shard.first]
+        return codes
+
+    def latest(self) -> tuple[float, int] | None:
+        """Time (s since the run began) and epoch of the shot that was stored last; None before the first.
+
+        Raises:
+            RunError: its shard is missing or damaged.
+        """
+        if not self.entries:
+            return None
+        last = self.read(max(self.entries)).rows[-1]
+        return float(last["time_s"]), int(last["epoch"])
+
     @property
     def evidence(self) -> str:
         """A digest that names exactly this set of shards: data.h5 carries that of the shards it was made from."""
@@ -219,7 +272,8 @@ class Shards:
         entry = self.entries[number]
         path = self.paths.shard(number)
         try:
-            image = path.read_bytes()
+            with path.open("rb") as file:
+                image = file.read(MOST_BYTES + 1)
         except OSError as error:
             raise RunError(f"{path}: cannot be read: {error.strerror}") from error
         if hashlib.sha256(image).hexdigest() != entry.sha256:

@@ -1,5 +1,6 @@
 """Is everything that was measured still there, and is data.h5 what the shards say?"""
 
+import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +10,34 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.runs.assembling import write_data_file
+from labctl.plain_hdf5 import check_plain
+from labctl.runs.assembling import shard_in_data_file, write_data_file
 from labctl.runs.journal import read_journal
 from labctl.runs.layout import HDF5_ERRORS, Manifest, RunError, RunPaths
 from labctl.runs.plan import read_drive, read_plan
-from labctl.runs.reading import damaged
+from labctl.runs.reading import MOST_BYTES, damaged
 from labctl.runs.shards import Shards
 from labctl.runs.shots import PlayedDrive
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Where a run is damaged: a file in its directory, and the first and last byte that are not what they were.
+
+    Where nothing tells more closely it is the whole file; `last` is None for one that is missing.
+    """
+
+    file: str
+    first: int
+    last: int | None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is wrong, in words, and where."""
+
+    text: str
+    damage: Damage | None = None
 
 
 @dataclass(frozen=True)
@@ -31,6 +53,7 @@ class RunReport:
         shards: how many shards are intact.
         data_file: whether data.h5 holds what the shards hold; "stale" is one made before the run was resumed.
         problems: what is wrong, a line each. An incomplete run is no problem.
+        damaged: the first place in it that is damaged; manifest, plan, journal, shards and data.h5 in this order.
         notes: what is worth knowing: traces of a crash, a missing data.h5.
     """
 
@@ -42,7 +65,13 @@ class RunReport:
     shards: int = 0
     data_file: Literal["current", "stale", "missing", "damaged"] = "missing"
     problems: tuple[str, ...] = ()
+    damaged: Damage | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def intact(self) -> bool:
+        """Whether nothing is wrong; shots may be missing still."""
+        return not self.problems
 
 
 def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
@@ -56,21 +85,27 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
     paths = RunPaths(Path(path))
     if not paths.manifest.exists():
         raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)")
+    reading = paths.manifest
     try:
         manifest = Manifest.read(paths)
+        reading = paths.plan
         plan, drive = read_plan(paths, manifest.values["plan_sha256"])
+        reading = paths.journal
         journal = read_journal(paths.journal)
         named = Shards(paths, manifest.shape, plan, journal.entries)
     except (RunError, KeyError) as error:
-        return RunReport(str(path), problems=(str(error),))
-    problems = [*journal.problems, *_measured_twice(named)]
+        return RunReport(str(path), problems=(str(error),), damaged=_whole(paths, reading))
+    line = journal.damaged and Damage(paths.journal.name, *journal.damaged)
+    problems = [Problem(text, line) for text in journal.problems]
+    problems += [Problem(text, _whole(paths, paths.journal)) for text in _measured_twice(named)]
     notes = _traces(named, torn=paths.journal.stat().st_size > journal.whole_bytes)
     lost = set()
-    for number in named.entries:
+    for number in sorted(named.entries):
         try:
             named.read(number)
         except RunError as error:
-            problems.append(f"{error}; `labctl resume` measures its shots again")
+            text = f"{error}; `labctl resume` measures its shots again"
+            problems.append(Problem(text, _in_shard(named, number)))
             lost.add(number)
     intact = Shards(paths, manifest.shape, plan, [named.entries[n] for n in named.entries if n not in lost])
     if rebuild and lost:
@@ -89,7 +124,8 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         passes=intact.done,
         shards=len(intact.entries),
         data_file=state,
-        problems=(*problems, *differences),
+        problems=tuple(problem.text for problem in (*problems, *differences)),
+        damaged=next((problem.damage for problem in (*problems, *differences)), None),
         notes=tuple(notes),
     )
 
@@ -116,52 +152,61 @@ def _traces(shards: Shards, *, torn: bool) -> list[str]:
 
 def _data_file(
     paths: RunPaths, manifest: Manifest, drive: PlayedDrive | None, named: Shards, intact: Shards
-) -> tuple[Literal["current", "stale", "missing", "damaged"], list[str]]:
+) -> tuple[Literal["current", "stale", "missing", "damaged"], list[Problem]]:
     """The state of data.h5, and in what it differs from the run."""
+    whole = _whole(paths, paths.data)
     if not paths.data.exists():
         return "missing", []
     try:
         with h5py.File(paths.data, "r") as file:
+            check_plain(file, MOST_BYTES, besides="frames")
             current = file.attrs["evidence"] == named.evidence
             differences = [
                 *_different_constants(file, manifest, drive, intact),
                 *_different_columns(file, intact),
             ]
             if current and not np.array_equal(file["shots"]["index"], named.complete):
-                differences.append(f"{paths.data}: /shots.index is not the list of complete shots")
+                text = f"{paths.data}: /shots.index is not the list of complete shots"
+                differences.append(Problem(text, _in_dataset(paths, file["shots"])))
     except HDF5_ERRORS as error:
-        return "damaged", [str(damaged(paths.data, error))]
+        return "damaged", [Problem(str(damaged(paths.data, error)), whole)]
     if differences:
         return "damaged", differences
     return ("current" if current else "stale"), []
 
 
-def _different_constants(file: h5py.File, manifest: Manifest, drive: PlayedDrive | None, shards: Shards) -> list[str]:
+def _different_constants(
+    file: h5py.File, manifest: Manifest, drive: PlayedDrive | None, shards: Shards
+) -> list[Problem]:
+    paths = shards.paths
     differences = []
     if json.loads(file.attrs["manifest"]) != dict(manifest.values):
-        differences.append("the manifest in it is not manifest.json")
+        text = f"{paths.data}: the manifest in it is not manifest.json"
+        differences.append(Problem(text, _whole(paths, paths.data)))
     scale, offset = shards.all_scales()
     expected = {"ports": np.asarray(shards.shape.ports), "time": shards.shape.time, "scale": scale, "offset": offset}
     for name, values in expected.items():
         known = ~np.isnan(values) if name in ("scale", "offset") else slice(None)
         if not np.array_equal(file[name][:][known], values[known]):
-            differences.append(f"/{name} differs from the run's")
-    found = read_drive(file)
-    if _drive_bytes(found) != _drive_bytes(drive):
-        differences.append("/drive differs from the planned one")
-    return [f"{shards.paths.data}: {difference}" for difference in differences]
+            text = f"{paths.data}: /{name} differs from the run's"
+            differences.append(Problem(text, _in_dataset(paths, file[name])))
+    if _drive_bytes(read_drive(file)) != _drive_bytes(drive):
+        text = f"{paths.data}: /drive differs from the planned one"
+        differences.append(Problem(text, _whole(paths, paths.data)))
+    return differences
 
 
 def _drive_bytes(drive: PlayedDrive | None) -> tuple[bytes, bytes, float] | None:
     return None if drive is None else (drive.samples.tobytes(), drive.marker.tobytes(), drive.sample_rate)
 
 
-def _different_columns(file: h5py.File, shards: Shards) -> list[str]:
+def _different_columns(file: h5py.File, shards: Shards) -> list[Problem]:
     """Compare every shot that intact shards hold with its row in data.h5; the first difference of each column."""
     index: NDArray[Any] = file["shots"]["index"]
     if not np.array_equal(index, np.unique(index)):
-        return [f"{shards.paths.data}: /shots.index is not ascending"]
-    different: dict[str, int] = {}
+        text = f"{shards.paths.data}: /shots.index is not ascending"
+        return [Problem(text, _in_dataset(shards.paths, file["shots"]))]
+    different: dict[str, Problem] = {}
     complete = shards.complete[np.isin(shards.complete, index)]
     for start in range(0, len(complete), shards.rows_per_block):
         chosen = complete[start : start + shards.rows_per_block]
@@ -171,5 +216,45 @@ def _different_columns(file: h5py.File, shards: Shards) -> list[str]:
             found = file[name][window][rows - rows[0]]
             equal = np.array([a.tobytes() == b.tobytes() for a, b in zip(found, expected, strict=True)])
             if not equal.all():
-                different.setdefault(name, int(chosen[np.argmin(equal)]))
-    return [f"{shards.paths.data}: /{name} differs from the shards at shot {shot}" for name, shot in different.items()]
+                place = int(np.argmin(equal))
+                text = f"{shards.paths.data}: /{name} differs from the shards at shot {chosen[place]}"
+                different.setdefault(name, Problem(text, _in_dataset(shards.paths, file[name], int(rows[place]))))
+    return list(different.values())
+
+
+def _whole(paths: RunPaths, path: Path) -> Damage:
+    last = max(path.stat().st_size - 1, 0) if path.exists() else None
+    return Damage(path.relative_to(paths.directory).as_posix(), 0, last)
+
+
+def _in_shard(shards: Shards, number: int) -> Damage:
+    """Where a damaged shard differs from what it was, if data.h5 still has all that was in it."""
+    whole = _whole(shards.paths, shards.paths.shard(number))
+    try:
+        with h5py.File(shards.paths.data, "r") as file:
+            expected = shard_in_data_file(file, shards, shards.entries[number])
+    except HDF5_ERRORS:
+        return whole
+    if whole.last is None or hashlib.sha256(expected).hexdigest() != shards.entries[number].sha256:
+        return whole
+    found = shards.paths.shard(number).read_bytes()
+    length = max(len(found), len(expected))
+    sides = [np.frombuffer(side.ljust(length, b"\0"), np.uint8) for side in (found, expected)]
+    different = np.flatnonzero(sides[0] != sides[1])
+    if len(found) != len(expected):
+        different = np.append(different, [min(len(found), len(expected)), length - 1])
+    return Damage(whole.file, int(different.min()), int(different.max()))
+
+
+def _in_dataset(paths: RunPaths, dataset: h5py.Dataset, row: int | None = None) -> Damage:
+    """The bytes of a data set in data.h5, or of the chunk or the row of it that has `row`."""
+    if row is not None and dataset.chunks:
+        first_row = row // dataset.chunks[0] * dataset.chunks[0]
+        chunk = dataset.id.get_chunk_info_by_coord((first_row, *(0,) * (dataset.ndim - 1)))
+        first, size = chunk.byte_offset, chunk.size
+    elif dataset.id.get_offset() is None:
+        return _whole(paths, paths.data)
+    else:
+        size = dataset.nbytes if row is None else dataset.nbytes // len(dataset)
+        first = dataset.id.get_offset() + (row or 0) * size
+    return Damage(paths.data.name, first, first + size - 1)

@@ -17,6 +17,7 @@ from labctl.runs.journal import Entry, JournalFile, read_journal
 from labctl.runs.layout import Manifest, RunError, RunPaths
 from labctl.runs.plan import read_plan
 from labctl.runs.preparing import prepare
+from labctl.runs.reading import data_file_evidence
 from labctl.runs.recovering import recover
 from labctl.runs.shards import Shard, Shards
 from labctl.runs.shots import Durability, Measured, MeasuredBurst, PlayedDrive, RunShape, ShotColumns
@@ -151,6 +152,11 @@ class RunWriter:
         return self._shards.paths
 
     @property
+    def manifest(self) -> Mapping[str, Any]:
+        """What manifest.json holds."""
+        return self._manifest.values
+
+    @property
     def done(self) -> tuple[int, ...]:
         """How many shots of each pass are on disk."""
         with self._guard:
@@ -166,6 +172,28 @@ class RunWriter:
         """Indices of the shots that a pass still lacks on disk, ascending: what a resumed run measures."""
         with self._guard:
             return self._shards.missing(pass_index)
+
+    def stored(self, pass_index: int) -> NDArray[np.int64]:
+        """Indices of the shots that a pass has on disk, ascending."""
+        with self._guard:
+            return self._shards.stored(pass_index)
+
+    def codes(self, pass_index: int, shot: int) -> NDArray[Any]:
+        """Codes of a shot that is on disk, shape (ports of the pass, samples).
+
+        Raises:
+            RunError: its shard is missing or damaged.
+        """
+        return self._shards.codes(pass_index, shot)
+
+    def latest(self) -> tuple[float, int] | None:
+        """Time (s since the run began) and epoch of the shot that was stored last; None before the first.
+
+        Raises:
+            RunError: its shard is missing or damaged.
+        """
+        with self._guard:
+            return self._shards.latest()
 
     def locked_scales(self, pass_index: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Scale (V per code) and offset (V) per port that this run uses on a pass; None before the first shard."""
@@ -258,7 +286,8 @@ class RunWriter:
                 return self.complete == self._shape.shots
             try:
                 self.sync()
-                write_data_file(self._shards, self._manifest, self._drive, compression=compression)
+                if not self._has_data_file():
+                    write_data_file(self._shards, self._manifest, self._drive, compression=compression)
             finally:
                 self.abandon()
             return self.complete == self._shape.shots
@@ -298,6 +327,13 @@ class RunWriter:
             )
         if measured.trigger_offset_s.shape != (ports,) or measured.clipped.shape != (ports,):
             raise ValueError(f"shot {measured.shot}: trigger_offset_s and clipped must have shape {(ports,)}")
+
+    def _has_data_file(self) -> bool:
+        """Whether data.h5 was made from just these shards: a run that is resumed may be complete already."""
+        try:
+            return self.paths.data.exists() and data_file_evidence(self.paths.data) == self._shards.evidence
+        except RunError:
+            return False
 
     def _bytes(self) -> int:
         return (len(self._open) + 1) * self._open[0].codes.nbytes if self._open else 0

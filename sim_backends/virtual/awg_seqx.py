@@ -4,6 +4,7 @@ An `.sml` file lists the steps of one sequence: its repeats, what it waits for, 
 Source: instrument facts 1.4 and 1.7; the layout is that of the files the QCoDeS driver writes.
 """
 
+import struct
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -18,8 +19,13 @@ from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg_sequences import MOST_REPEATS, MOST_STEPS, MOST_TRACKS, SequenceEntry, Step, new_step
 from sim_backends.virtual.wfmx import WaveformFile, parse_xml, read_wfmx, text_at
 
-LARGEST_UNPACKED = 2**31  # bytes
+LARGEST_UNPACKED = 2**28  # bytes
+MOST_MEMBERS = 10_000
 
+_ZIP_ERRORS = (
+    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError),
+    *(ValueError, LookupError, NotImplementedError, RuntimeError),
+)
 _INPUTS = {"None": "OFF", "TrigA": "ATRigger", "TrigB": "BTRigger", "Internal": "ITRigger"}
 _FLAGS = {"NoChange": "NCHange", "High": "HIGH", "Low": "LOW", "Toggle": "TOGGle", "Pulse": "PULSe"}
 _REPEATS = {"Once": "ONCE", "Infinite": "INFinite"}
@@ -58,17 +64,27 @@ def read_seqx(data: memoryview, clock: VirtualClock) -> SequenceFile:
     try:
         with zipfile.ZipFile(BytesIO(data)) as archive:
             members = archive.infolist()
+            if len(members) > MOST_MEMBERS:
+                raise ScpiError(-225, f"more than {MOST_MEMBERS} files in the archive")
             if sum(member.file_size for member in members) > LARGEST_UNPACKED:
                 raise ScpiError(-225, f"more than {LARGEST_UNPACKED} bytes in the archive")
             for member in members:
                 path = PurePosixPath(member.filename.replace("\\", "/"))
+                if path.suffix.lower() not in (".wfmx", ".sml"):
+                    continue
+                if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ScpiError(-200, "an archive packed in an unusual way")
+                with archive.open(member) as file:
+                    content = file.read(member.file_size + 1)  # without a number: all it unpacks to, whatever it says
                 if path.suffix.lower() == ".wfmx":
-                    waveforms[path.stem] = read_wfmx(memoryview(archive.read(member)))
-                elif path.suffix.lower() == ".sml":
-                    sequence = read_sml(archive.read(member), path.stem, clock)
+                    waveforms[path.stem] = read_wfmx(memoryview(content))
+                else:
+                    sequence = read_sml(content, path.stem, clock)
                     sequences[sequence.name] = sequence
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        raise ScpiError(-200, f"no archive that can be read: {error}") from None
+    except _ZIP_ERRORS as error:
+        raise ScpiError(-200, f"no archive that can be read: {str(error)[:200]}") from None
+    if not all(name.isprintable() for name in (*waveforms, *sequences)):
+        raise ScpiError(-200, "an archive with a name that does not fit on one line")
     return SequenceFile(waveforms, sequences)
 
 
@@ -98,15 +114,15 @@ def _named(element: ElementTree.Element, name: str) -> list[ElementTree.Element]
 
 
 def _whole(text: str, lowest: int, highest: int) -> int:
-    if not text.isdigit() or not lowest <= int(text) <= highest:
-        raise ScpiError(-200, f"{text} is not within {lowest}..{highest}")
+    if not (text.isascii() and text.isdigit() and len(text) < 20) or not lowest <= int(text) <= highest:
+        raise ScpiError(-200, f"{text[:20]} is not within {lowest}..{highest}")
     return int(text)
 
 
 def _word(words: dict[str, str], element: ElementTree.Element, name: str) -> str:
     text = text_at(element, name, next(iter(words)))
     if text not in words:
-        raise ScpiError(-200, f"{name} {text}")
+        raise ScpiError(-200, f"{name} {text[:20]}")
     return words[text]
 
 

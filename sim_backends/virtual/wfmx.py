@@ -17,6 +17,10 @@ from sim_backends.scpi.status import ScpiError
 FILE_MARKER_SHIFT = 6  # bits 0 and 1 in a file are bits 6 and 7 on the wire
 _OFFSET = re.compile(rb'offset\s*=\s*"(\d{1,12})"')
 _HEADER_START = 512  # bytes in which the offset must be found
+LARGEST_XML = 2**24  # bytes; in memory it is thirty times that
+LARGEST_TEXT = 2**25  # bytes of a waveform as text; in memory fifty times that
+_SINGLE = (-float(np.finfo(np.float32).max), float(np.finfo(np.float32).max))
+_COUNT = re.compile(r"[0-9]{1,12}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +42,12 @@ class WaveformFile:
     offset_v: float = nan
 
 
-def parse_xml(data: bytes) -> ElementTree.Element:
-    """The root of an XML text in UTF-8; -200 if it is none, or declares a document type."""
+def parse_xml(data: bytes | memoryview) -> ElementTree.Element:
+    """The root of an XML text in UTF-8; -200 if it is none, is too large, or declares a document type."""
+    if len(data) > LARGEST_XML:
+        raise ScpiError(-200, f"an XML text of more than {LARGEST_XML} bytes")
     try:
-        text = data.decode("utf-8-sig")
+        text = bytes(data).decode("utf-8-sig")
         if "<!DOCTYPE" in text:
             raise ScpiError(-200, "an XML text that declares a document type")
         return ElementTree.fromstring(text)  # noqa: S314 - without a document type there are no entities to expand
@@ -68,11 +74,13 @@ def read_wfmx(data: memoryview) -> WaveformFile:
     if match is None:
         raise ScpiError(-200, "no offset in the header of a .wfmx file")
     begin = int(match[1])
-    header = parse_xml(bytes(data[:begin]))
+    if begin > data.nbytes:
+        raise ScpiError(-200, f"a .wfmx file of {data.nbytes} bytes, a header of {begin} announced")
+    header = parse_xml(data[:begin])
     points = text_at(header, "NumberSamples")
     form = (text_at(header, "NumberFormat", "Single"), text_at(header, "Endian", "Little"))
-    if not points.isdigit() or int(points) < 1 or form != ("Single", "Little"):
-        raise ScpiError(-200, f"a .wfmx file of {points or 'no'} samples, {form[0]}, {form[1]}")
+    if _COUNT.fullmatch(points) is None or int(points) < 1 or form != ("Single", "Little"):
+        raise ScpiError(-200, f"a .wfmx file of {points[:20] or 'no'} samples, {form[0][:20]}, {form[1][:20]}")
     count, marked = int(points), text_at(header, "MarkersIncluded").lower() == "true"
     end = begin + 4 * count
     if end + marked * count > data.nbytes:
@@ -123,6 +131,8 @@ def read_text(data: memoryview, bits: int | None = None) -> WaveformFile:
 
     Without `bits` samples are real numbers, -1..1; with `bits` they are DAC codes, 0..2^bits - 1. -200 otherwise.
     """
+    if data.nbytes > LARGEST_TEXT:
+        raise ScpiError(-200, f"a text file of more than {LARGEST_TEXT} bytes")
     try:
         lines = [line for line in re.split(r"[\r\n]+", bytes(data).decode("ascii").strip()) if line.strip()]
         rows = [[float(field) for field in re.split(r"[\s,;]+", line.strip())] for line in lines]
@@ -136,4 +146,5 @@ def read_text(data: memoryview, bits: int | None = None) -> WaveformFile:
             raise ScpiError(-200, f"codes outside {bits} bits")
         samples = 2 * samples / (2**bits - 1) - 1
     markers = [(len(row) > 1 and row[1] != 0) + 2 * (len(row) > 2 and row[2] != 0) for row in rows]
+    samples = np.clip(samples, *_SINGLE)
     return WaveformFile(samples.astype(np.float32), np.array(markers, np.uint8) << np.uint8(FILE_MARKER_SHIFT))

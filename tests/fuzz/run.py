@@ -1,6 +1,7 @@
 """`make fuzz MINUTES=60`: new inputs until the time is up; says how many there were, exits 1 if anything was found.
 
-Every round gives each model a few hundred examples of each property, with a seed that is printed with a finding.
+Every round gives each model a few hundred examples of each property, and each kind of file as many changed files, with
+a seed that is printed with a finding. `--only WORD` keeps the models and kinds whose name holds that word.
 """
 
 import argparse
@@ -10,11 +11,14 @@ import secrets
 import sys
 import time
 import traceback
+from collections.abc import Callable, Iterator
+from functools import partial
 
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 from sim_backends.virtual import VirtualInstrument
+from tests.fuzz.files import SUBJECTS, taken_or_refused
 from tests.fuzz.inputs import MODELS
 from tests.fuzz.link import COUNTED
 from tests.fuzz.properties import PROPERTIES, Property
@@ -29,32 +33,51 @@ def main() -> int:
     """Fuzz for the minutes asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
-    ends = time.monotonic() + 60 * parser.parse_args().minutes
+    parser.add_argument("--only", default="")
+    asked = parser.parse_args()
+    if not any(_properties(asked.only)):
+        parser.error(f"no model or kind of file has {asked.only!r} in its name")
+    ends = time.monotonic() + 60 * asked.minutes
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     findings = rounds = 0
     while time.monotonic() < ends:
         rounds += 1
-        for name, model in MODELS.items():
-            for holds in PROPERTIES.values():
-                if time.monotonic() < ends:
-                    findings += not _holds(holds, model, secrets.randbits(64), f"{holds.__name__}, {name}")
+        for name, property_ in _properties(asked.only):
+            if time.monotonic() < ends:
+                findings += not _holds(property_, secrets.randbits(64), name)
         _say(f"round {rounds}: {COUNTED['inputs']} inputs, {COUNTED['messages']} messages, {findings} findings")
+    for kind in filter(COUNTED.get, SUBJECTS):
+        _say(f"{kind}: {COUNTED[kind]} files")
     _say(f"fuzz: {COUNTED['inputs']} inputs, {COUNTED['messages']} messages, {findings} findings")
     return 1 if findings else 0
 
 
-def _holds(holds: Property, model: type[VirtualInstrument], number: int, name: str) -> bool:
+def _properties(only: str) -> Iterator[tuple[str, Callable[[st.DataObject], None]]]:
+    for name, model in MODELS.items():
+        for holds in PROPERTIES.values():
+            if only in name:
+                yield f"{holds.__name__}, {name}", partial(_of_a_model, holds, model)
+    for kind in SUBJECTS:
+        if only in kind:
+            yield f"taken_or_refused, {kind}", partial(taken_or_refused, kind=kind)
+
+
+def _of_a_model(holds: Property, model: type[VirtualInstrument], data: st.DataObject) -> None:
+    holds(data, model)
+
+
+def _holds(property_: Callable[[st.DataObject], None], number: int, name: str) -> bool:
     @seed(number)
     @settings(max_examples=EXAMPLES, deadline=SLOWEST_MS, database=None, suppress_health_check=list(HealthCheck))
     @given(data=st.data())
     def examples(data: st.DataObject) -> None:
-        holds(data, model)
+        property_(data)
 
     faulthandler.dump_traceback_later(STUCK_S, repeat=True)
     try:
         examples()
-    except Exception:  # noqa: BLE001 - whatever an instrument raises is what is looked for
+    except Exception:  # noqa: BLE001 - whatever an instrument or a parser raises is what is looked for
         _say(f"FINDING: {name}, seed {number}\n{traceback.format_exc()}")
         return False
     finally:

@@ -40,6 +40,23 @@ def test_every_instrument_is_tried_when_one_fails(bench: Bench, simulation: Simu
         bench.make_safe()
 
 
+def test_every_instrument_is_made_safe_whatever_one_of_them_raises(
+    bench: Bench, log: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def garbled() -> None:
+        raise ValueError("no number")
+
+    def measure() -> None:
+        with bench.emitting(1550.0):
+            log.messages.clear()
+            monkeypatch.setattr(bench.laser, "make_safe", garbled)
+
+    with pytest.raises(ValueError, match="no number"):
+        measure()
+    assert list(dict.fromkeys(name for name, _, _ in log.messages)) == ["awg", "dmd", "scope"]
+    assert bench.lit, "somebody else has to see to it"
+
+
 def test_the_first_error_is_told_and_the_unsafe_bench_beside_it(bench: Bench, simulation: SimulatedBench) -> None:
     def measure() -> None:
         with bench.emitting(1550.0):

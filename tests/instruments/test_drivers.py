@@ -53,7 +53,7 @@ class TestAwg:
 
     def test_a_long_drive_goes_in_chunks(self, bench: Bench, log: Any) -> None:
         bench.awg.load(drive(1_500_000))
-        blocks = [text for text in log.sent_to("awg") if "WAVeform:DATA" in text]
+        blocks = [text for text in log.sent_to("awg") if "WAVeform:DATA " in text]
         assert [text.split(",")[1:3] for text in blocks] == [["0", "1000000"], ["1000000", "500000"]]
 
     def test_the_longest_drive_arrives_whole(

@@ -45,11 +45,15 @@ def test_the_message_shows_the_difference(asked: float, got: float) -> None:
 
 
 class Stubborn:
-    """Remembers every setting and answers with it, but to some queries with a value of its own; swallows blocks."""
+    """Remembers every setting and answers with it, but to some queries with a value of its own.
+
+    Of a block of samples it remembers the beginning, and swallows all other blocks.
+    """
 
     def __init__(self, **own: str) -> None:
         self.own = own
         self.settings: dict[str, str] = {}
+        self._samples = b""
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.address = f"TCPIP0::127.0.0.1::{self._listener.getsockname()[1]}::SOCKET"
         threading.Thread(target=self._serve, daemon=True).start()
@@ -62,7 +66,10 @@ class Stubborn:
         with client, client.makefile("rb") as stream:
             while line := self._line(stream):
                 words = line.decode("latin-1").strip().split(maxsplit=1)
-                if words and words[0].endswith("?"):
+                if words and words[0] == "WLISt:WAVeform:DATA?":
+                    block = self._samples[: 4 * int(words[1].split(",")[-1])]
+                    client.sendall(b"#4%04d%b\n" % (len(block), block))
+                elif words and words[0].endswith("?"):
                     client.sendall(self._answer(words[0].removesuffix("?")).encode() + b"\n")
                 elif len(words) == 2:
                     self.settings[words[0]] = words[1]
@@ -79,6 +86,9 @@ class Stubborn:
                 break
             if re.search(rb",#\d$", line):
                 rest = int(stream.read(int(line[-1:])))
+                if line.startswith(b"WLISt:WAVeform:DATA "):
+                    self._samples = stream.read(min(rest, 4 * Awg70002a.READ_BACK_SAMPLES))
+                    rest -= len(self._samples)
                 while rest:
                     rest -= len(stream.read(min(rest, 65536)))
         return line

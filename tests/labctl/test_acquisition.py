@@ -9,9 +9,11 @@ import pytest
 from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import NoTrigger
 from instruments.tektronix_awg70002a import Awg70002a
-from labctl.acquisition import Acquisition, acquire
+from labctl.acquisition import Acquisition, Resumption, acquire, resume
+from labctl.interruption import Interruption
 from labctl.runs import open_run
 from labctl.station import Station, WiringSection
+from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
 
 BURSTS = Station(wiring=WiringSection(burst=True))
@@ -40,7 +42,7 @@ def test_a_frame_sync_that_stays_away_is_no_lost_link_and_loses_nothing(
     with open_run(tmp_path / "run") as stored:
         assert stored.done == (SHOTS, 0)
     log = (tmp_path / "run" / "commands.log").read_text()
-    assert log.count("> laser OUTPUT OFF") == 1
+    assert log.count("> laser OUTPUT ON") == 1
     assert log.rindex("> laser OUTPUT OFF") > log.rindex("> laser OUTPUT ON")
 
 
@@ -76,6 +78,30 @@ def test_the_manifest_has_the_light_as_the_laser_settled_on_it(tmp_path: Path, m
     assert light["power_w"] == pytest.approx(Station().laser.power, rel=1e-2)
     assert laser["wavelength_nm"] == light["wavelength_nm"]
     assert laser["emitting"] == 0
+
+
+@pytest.mark.parametrize(
+    ("protocol", "records"),
+    [
+        (DynamicScene(images=40, scenes=2, averages=3, ports=(2,), switch_after=0.5e-6, window=0.8e-6), 1),
+        (ImageReadout(images=10, reference_every=3, averages=2, window=0.8e-9, wavelengths=(1550.0, 1551.0)), 40),
+        (ImageReadout(images=10, reference_every=3, window=0.8e-9, ports=(2,)), 3),
+        (bursts(window=0.8e-9), SHOTS),
+    ],
+)
+def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, records: int, tmp_path: Path) -> None:
+    interruption = Interruption()
+
+    def stop(done: int, _total: int) -> None:
+        interruption.requested = done == records
+
+    acquire(Acquisition(protocol, BURSTS, tmp_path / "whole"))
+    stopped = acquire(Acquisition(protocol, BURSTS, tmp_path / "run"), interruption=interruption, progress=stop)
+    assert not stopped.outcome.complete
+    assert resume(Resumption(tmp_path / "run")).complete
+    with open_run(tmp_path / "whole") as whole, open_run(tmp_path / "run") as resumed:
+        assert resumed.digest() == whole.digest()
+        assert resumed.manifest["seeds"] == whole.manifest["seeds"]
 
 
 def near_what_was_asked(number: Callable[[Tlg220, str], float]) -> Callable[[Tlg220, str], float]:

@@ -2,7 +2,10 @@
 
 from pathlib import Path
 
+import pytest
+
 from labctl.command_log import CommandLog
+from labctl.runs import RunError
 
 
 def test_messages_before_and_after_the_file_is_there(tmp_path: Path) -> None:
@@ -15,6 +18,30 @@ def test_messages_before_and_after_the_file_is_there(tmp_path: Path) -> None:
     assert path.read_text() == '0.500000 > awg *IDN?\n1.250000 < awg two\\r\\nlines"\n'
 
 
+def test_a_line_that_a_killed_process_left_without_its_end_stays_apart(tmp_path: Path) -> None:
+    path = tmp_path / "commands.log"
+    path.write_text("0.5 > awg *ID")
+    with CommandLog(clock=lambda: 12.0, started=10.0) as log:
+        log.keep_in(path)
+        assert log.path == path
+        log("awg", ">", "*IDN?")
+    assert path.read_text() == "0.5 > awg *ID\n2.000000 > awg *IDN?\n"
+
+
 def test_without_a_file_nothing_is_left() -> None:
     with CommandLog() as log:
         log("awg", ">", "*IDN?")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
+def test_a_full_disk_ends_the_log_and_nothing_else(caplog: pytest.LogCaptureFixture) -> None:
+    with CommandLog() as log:
+        log.keep_in(Path("/dev/full"))
+        for _ in range(2):
+            log("laser", ">", "x" * 100_000)
+    assert caplog.messages == ["commands.log cannot be written (No space left on device): it ends here"]
+
+
+def test_a_log_that_cannot_be_opened_is_told_in_one_line(tmp_path: Path) -> None:
+    with CommandLog() as log, pytest.raises(RunError, match="cannot be written"):
+        log.keep_in(tmp_path / "no" / "commands.log")

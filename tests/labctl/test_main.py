@@ -49,7 +49,21 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = labctl(capsys, "--help")
     assert status == 0
-    for command in ("demo", "check", "run", "runs", "show", "train", "evaluate", "record", "replay", "data", "sim"):
+    for command in (
+        "demo",
+        "check",
+        "run",
+        "resume",
+        "verify",
+        "runs",
+        "show",
+        "train",
+        "evaluate",
+        "record",
+        "replay",
+        "data",
+        "sim",
+    ):
         assert f"  {command}" in out
 
 
@@ -359,8 +373,10 @@ class TestFailureAfterFailure:
             "labctl: scope: on fire",
             f"labctl: {unsafe}",
             "labctl: laser: does not obey",
+            f"labctl: the run can go on: labctl resume {tmp_path / 'run'}",
         ]
-        assert json.loads(out) == {"error": "scope: on fire", "exit": 1, "notes": [unsafe, "laser: does not obey"]}
+        notes = [line.removeprefix("labctl: ") for line in told.splitlines()[1:]]
+        assert json.loads(out) == {"error": "scope: on fire", "exit": 1, "notes": notes}
 
     def test_of_an_operator_who_stops_the_run_at_once(
         self, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -372,3 +388,4 @@ class TestFailureAfterFailure:
         status, _, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run")
         assert status == 130
         assert "labctl: the safe state is not confirmed (laser: laser: does not obey)" in told
+        assert told.splitlines()[-1] == f"labctl: the run can go on: labctl resume {tmp_path / 'run'}"

@@ -127,7 +127,7 @@ def test_the_first_line_says_what_it_is(tmp_path: Path) -> None:
         (b"", "is not a recording"),
         (b"*IDN?\n", "is not a recording"),
         (b"[1]\n", "is not a recording"),
-        (json.dumps({"format": "labctl-recording", "format_version": "2.0"}).encode() + b"\n", "format version 2.0"),
+        (json.dumps({"format": "labctl-recording", "format_version": "2.0"}).encode() + b"\n", "format version '2.0'"),
         (b'{"format": "labctl-recording", "format_version": "1.0"}', "is not a recording"),
     ],
 )

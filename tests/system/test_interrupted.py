@@ -1,7 +1,9 @@
 """A run stopped from outside, in a process of its own: the finished shots are kept and the bench is dark."""
 
+import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -36,7 +38,9 @@ def is_dark(served: Served) -> bool:
         laser.close()
 
 
-@pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT]])
+@pytest.mark.parametrize(
+    "signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGHUP], [signal.SIGINT, signal.SIGINT]]
+)
 def test_finished_shots_are_kept_and_it_is_dark(
     served: Served, running: tuple[Any, Path], signals: list[signal.Signals]
 ) -> None:
@@ -50,3 +54,34 @@ def test_finished_shots_are_kept_and_it_is_dark(
     with open_run(directory) as run:
         assert not run.complete
         assert max(run.done) >= 20
+
+
+IN_A_TERMINAL = """
+import fcntl, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+from labctl.main import main
+main(sys.argv[1:])
+"""
+
+
+def test_a_closed_terminal_ends_it_dark(served: Served, tmp_path: Path) -> None:
+    directory, journal = tmp_path / "run", tmp_path / "run" / "journal.jsonl"
+    ours, theirs = os.openpty()
+    arguments = ("run", "image-readout", "--station", str(served[1]), "--out", str(directory))
+    with subprocess.Popen(
+        [sys.executable, "-c", IN_A_TERMINAL, *arguments],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        start_new_session=True,
+    ) as process:
+        os.close(theirs)
+        while process.poll() is None and not (journal.exists() and journal.stat().st_size):
+            os.read(ours, 65536)  # the progress line, whose terminal would be full otherwise
+        os.close(ours)
+        assert process.wait(30) == 130
+    assert is_dark(served)
+    with open_run(directory) as run:
+        assert not run.complete
+        assert max(run.done) >= 20
+    assert " ! run ended without" not in (directory / "commands.log").read_text(), "it needed no supervisor"

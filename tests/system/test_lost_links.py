@@ -192,9 +192,10 @@ def test_a_link_that_stays_dead_ends_the_run_dark(
     status, result, told = labctl(capsys, *RUN, "--station", str(station), "--out", str(tmp_path / "run"))
     assert status == 1
     assert re.search(r"^scope at TCPIP0.* (cannot be reached|did not answer)", result["error"])
-    (left,) = result["notes"]
+    left, following = result["notes"]
+    assert following == f"the run can go on: labctl resume {tmp_path / 'run'}"
     assert re.search(r"\(scope: scope at TCPIP0.* cannot be reached .*\): the laser is off$", left)
-    assert told == f"labctl: {result['error']}\nlabctl: {left}\n"
+    assert told == f"labctl: {result['error']}\nlabctl: {left}\nlabctl: {following}\n"
     assert caplog.text.count("lost link after") == 3
     assert "Traceback" not in told
     with open_run(tmp_path / "run") as run:

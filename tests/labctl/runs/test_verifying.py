@@ -4,14 +4,22 @@ from pathlib import Path
 import h5py
 import pytest
 
-from labctl.runs import RunError, RunWriter, verify_run
+from labctl.runs import RunError, RunReport, RunWriter, verify_run
 from labctl.runs.journal import Entry, JournalFile
+from labctl.runs.verifying import Damage
 
 
 def flip(path: Path, position: int) -> None:
     image = bytearray(path.read_bytes())
     image[position] ^= 1
     path.write_bytes(image)
+
+
+def of_byte(report: RunReport) -> tuple[str, int]:
+    """File and place of the first damage, which must be one byte."""
+    assert report.damaged is not None
+    assert report.damaged.first == report.damaged.last
+    return report.damaged.file, report.damaged.first
 
 
 def test_a_whole_run(whole: Path) -> None:
@@ -38,7 +46,19 @@ def test_every_flipped_byte_of_a_shard_is_found(whole: Path) -> None:
             f"{shard}: damaged: its sha256 is not the journal's; `labctl resume` measures its shots again",
         )
         assert (report.complete, report.shots, report.shards) == (False, 6, 5)
+        assert of_byte(report) == ("shards/000002.h5", position)
         shard.write_bytes(image)
+
+
+def test_where_a_shard_is_damaged_is_told_as_closely_as_the_data_file_allows(whole: Path) -> None:
+    shard, data = whole / "shards" / "000002.h5", whole / "data.h5"
+    image = shard.read_bytes()
+    shard.write_bytes(image[:-10])
+    assert verify_run(whole).damaged == Damage("shards/000002.h5", len(image) - 10, len(image) - 1)
+    data.unlink()
+    assert verify_run(whole).damaged == Damage("shards/000002.h5", 0, len(image) - 11)
+    shard.unlink()
+    assert verify_run(whole).damaged == Damage("shards/000002.h5", 0, None)
 
 
 def test_a_missing_shard_is_found_and_the_data_file_kept(whole: Path) -> None:
@@ -60,6 +80,9 @@ def test_a_changed_value_in_the_data_file_is_found(whole: Path, name: str) -> No
     report = verify_run(whole)
     assert report.problems == (f"{whole / 'data.h5'}: /{name} differs from the shards at shot 5",)
     assert (report.data_file, report.complete) == ("damaged", True)
+    assert report.damaged is not None
+    assert report.damaged.file == "data.h5"
+    assert 0 < report.damaged.first <= (report.damaged.last or 0) < (whole / "data.h5").stat().st_size
     assert verify_run(whole, rebuild=True).data_file == "current"
 
 
@@ -112,6 +135,7 @@ def test_problems_of_the_journal(whole: Path) -> None:
     flip(path, 20)
     report = verify_run(whole)
     assert report.problems[0].startswith("journal.jsonl line 1:")
+    assert report.damaged == Damage("journal.jsonl", 0, good.index(b"\n"))
     assert not report.complete
     path.write_bytes(good)
     first = Entry.decode(good.splitlines()[0])
@@ -141,7 +165,9 @@ def test_a_shard_under_the_wrong_name_is_found(whole: Path) -> None:
 def test_damage_that_leaves_nothing_to_check(whole: Path, tmp_path: Path) -> None:
     flip(whole / "plan.h5", 900)
     assert "plan.h5: damaged" in verify_run(whole).problems[0]
+    assert verify_run(whole).damaged == Damage("plan.h5", 0, (whole / "plan.h5").stat().st_size - 1)
     (whole / "manifest.json").write_text("{")
     assert "manifest.json: damaged" in verify_run(whole).problems[0]
+    assert verify_run(whole).damaged == Damage("manifest.json", 0, 0)
     with pytest.raises(RunError, match="not a run directory"):
         verify_run(tmp_path)

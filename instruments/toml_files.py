@@ -1,0 +1,64 @@
+"""TOML files that may be anybody's: bounded before they are parsed, and taken as data or refused in one line."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+LARGEST_FILE = 64 * 1024
+"""Bytes: ten times what any of these files needs."""
+LONGEST_LINE = 2000
+"""Bytes: the parser's time grows with the square of a dotted key's length."""
+DEEPEST = 20
+"""Lists and tables inside each other."""
+LARGEST_NUMBER = 2**63
+"""Whole numbers of TOML have 64 bits; larger ones are refused, because other programs cannot read them either."""
+
+
+class TomlError(ValueError):
+    """The text is not TOML, or not such as these files hold: a few words that say what is wrong with it."""
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a TOML file says.
+
+    Its keys are printable and fit on one line; texts may hold anything, and it is for who takes them to ask `one_line`.
+
+    Raises:
+        OSError: it cannot be read.
+        TomlError: it is not TOML, or larger than such a file can be.
+    """
+    with path.open("rb") as file:
+        content = file.read(LARGEST_FILE + 1)
+    if len(content) > LARGEST_FILE:
+        raise TomlError(f"it is larger than {LARGEST_FILE} bytes")
+    if max(map(len, content.splitlines()), default=0) > LONGEST_LINE:
+        raise TomlError(f"it has a line of more than {LONGEST_LINE} bytes")
+    try:
+        found = tomllib.loads(content.decode("utf-8"))
+    except RecursionError:
+        raise TomlError("its lists or tables are too deep") from None
+    except ValueError as error:  # of the parser, of the text's encoding, of a number with thousands of digits
+        raise TomlError(str(error)) from None
+    _check(found)
+    return found
+
+
+def one_line(text: str) -> bool:
+    """Whether a text can be printed as it stands: no line ends, no other control characters."""
+    return text.isprintable()
+
+
+def _check(value: object, depth: int = 0) -> None:
+    if depth > DEEPEST:
+        raise TomlError("its lists or tables are too deep")
+    match value:
+        case dict():
+            for key, entry in value.items():
+                if not one_line(key):
+                    raise TomlError(f"the key {key[:40]!r} does not fit on one line")
+                _check(entry, depth + 1)
+        case list():
+            for entry in value:
+                _check(entry, depth + 1)
+        case int() if not -LARGEST_NUMBER <= value < LARGEST_NUMBER:
+            raise TomlError("it holds a whole number of more than 64 bits")

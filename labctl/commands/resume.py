@@ -1,0 +1,51 @@
+"""`labctl resume`: go on with a run that ended early."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labctl import acquisition
+from labctl.acquisition import Resumption
+from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.run import DataOption, describe, print_outcome
+from labctl.failures import DONE, INTERRUPTED, WRONG_USE
+from labctl.interruption import interruptible
+from labctl.resuming import SettingsChanged
+from labctl.station import read_station
+
+
+def resume(
+    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    station: Annotated[
+        Path | None, typer.Option("--station", help="Station file, where addresses have changed; else the run's own.")
+    ] = None,
+    data: DataOption = None,
+    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Go on with a run at its first missing shot, with the settings, seeds and station it was begun with."""
+    resumption = Resumption(run, None if station is None else read_station(station), data, attended)
+    try:
+        with interruptible() as interruption, progress_bar("resume") as progress:
+            outcome = acquisition.resume(
+                resumption, interruption=interruption, progress=progress, uploading=progress.uploading
+            )
+    except SettingsChanged as changed:
+        return _refuse(changed, as_json)
+    result = describe(outcome)
+    nothing_to_do = outcome.complete and not outcome.measured
+    show(result, as_json, lambda: say(f"{run}: complete already") if nothing_to_do else print_outcome(result))
+    return DONE if outcome.complete else INTERRUPTED
+
+
+def _refuse(changed: SettingsChanged, as_json: bool) -> int:
+    rows = [vars(difference) for difference in changed.differences]
+    sys.stderr.write(f"labctl: {changed}\n")
+    show(
+        {"error": str(changed), "exit": WRONG_USE, "differences": rows},
+        as_json,
+        lambda: table(("setting", "then", "now"), (tuple(row.values()) for row in rows)),
+    )
+    return WRONG_USE

@@ -1,0 +1,119 @@
+"""The supervisor: a small process that makes a bench safe when the process that works with it is gone.
+
+It is started before any light and holds no connection. It hears of the end of its parent by the end of its standard
+input, whose other end only the parent holds: whatever ends a process closes it, and no polling is needed. Only then
+are connections opened, so that instruments that take one client are free. A parent that ends well ends its supervisor
+first.
+
+Standard input: a `Task` in JSON, one line; later, a line with the path of the run's log in JSON.
+Standard output: `READY`, once everything that the safe state needs is loaded.
+"""
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+from pydantic import BaseModel
+
+from instruments.bench import UnsafeBench, safe_state
+from instruments.errors import InstrumentError
+from instruments.interfaces import Instrument
+from labctl.command_log import CommandLog
+from labctl.drivers import Opening, driver
+from labctl.station import BY_HAND, SIMULATED, Station
+
+READY = b"ready\n"
+ORDER = {"laser": "laser off", "awg": "AWG output off", "dmd": "DMD blank", "scope": "oscilloscope stopped"}
+"""The safe state in its order: what is reached with each instrument."""
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
+
+
+class Task(BaseModel):
+    """What a supervisor is for: a bench, as its station says, and when the run's log began by the monotonic clock."""
+
+    station: Station
+    log_started: float
+
+
+def within_reach(station: Station) -> tuple[str, ...]:
+    """The instruments that another process can make safe: those at an address, in the order of the safe state.
+
+    A bench simulated in this process ends with it; what is set by hand, only a person can switch off.
+    """
+    return tuple(
+        name
+        for name in ORDER
+        if getattr(station, name).address != SIMULATED and getattr(station, name).driver not in BY_HAND
+    )
+
+
+def supervise(orders: BinaryIO, ready: Callable[[], None]) -> None:
+    """Wait for the end of the parent, make the bench safe, and tell it in the run's log and on standard error."""
+    first = orders.readline()
+    if not first.endswith(b"\n"):
+        return  # the parent ended before there was anything to do
+    task = Task.model_validate_json(first)
+    names = within_reach(task.station)
+    drivers = {name: driver(getattr(task.station, name).driver) for name in names}
+    ready()
+    path = None
+    for order in orders:
+        path = Path(json.loads(order))
+    log = CommandLog(started=task.log_started)
+    began = time.monotonic()
+    told = _make_safe(task, drivers, log)
+    log("run", "!", f"{told} ({time.monotonic() - began:.2f} s)")
+    with suppress(OSError):
+        os.write(STANDARD_ERROR, f"labctl: the run {told}\n".encode())
+    if path is not None:
+        with suppress(OSError), log:
+            log.keep_in(path)
+
+
+def main() -> None:
+    """Supervise the process that started this one."""
+    for name in SIGNALS:  # what ends the parent must not end this process as well
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+
+    def ready() -> None:
+        with suppress(BrokenPipeError):  # the parent is gone already
+            os.write(STANDARD_OUTPUT, READY)
+
+    supervise(sys.stdin.buffer, ready)
+
+
+def _make_safe(task: Task, drivers: dict[str, Callable[[Any, Opening], Any]], log: CommandLog) -> str:
+    def step(name: str) -> Callable[[], None]:
+        def make_safe() -> None:
+            section = getattr(task.station, name)
+            opening = Opening(section.address, log, _nobody, attended=True, simulated_laser=Path())
+            instrument: Instrument = drivers[name](section, opening)
+            with closing(instrument):
+                instrument.make_safe()
+
+        return make_safe
+
+    try:
+        safe_state({name: step(name) for name in drivers})
+    except UnsafeBench as error:
+        return f"ended without making the bench safe, and the supervisor could not: {error}"
+    reached = ", ".join(ORDER[name] for name in drivers)
+    by_hand = task.station.laser.driver in BY_HAND
+    laser = "; the laser is set by hand: switch it off by its key switch" if by_hand else ""
+    return f"ended without making the bench safe, the supervisor did: {reached}{laser}"
+
+
+def _nobody(request: str) -> NoReturn:
+    raise InstrumentError(f"nobody is asked {request!r} here")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""The table of outcomes: `python -m tests.faults.document` carries out the whole matrix and writes it.
+
+It writes `docs/reference/faults.md` of the checkout it runs in; the tests compare every case with what stands there.
+"""
+
+import logging
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from itertools import groupby
+from pathlib import Path
+
+from tests.faults.matrix import PHASES, Case, Ended, carried_out, cases, outcome, undisturbed
+
+DOCUMENT = Path("docs/reference/faults.md")
+NOTHING = "-"
+
+_INTRODUCTION = """\
+# Faults
+
+What a run makes of faults of its instruments. Each case is a small acquisition on a simulated bench, over real
+sockets, in which one fault befalls one instrument at a message of the phase named, once unless it says otherwise.
+
+| outcome | meaning |
+| --- | --- |
+| no harm | The run ends well, and its frames are those of a run without the fault. |
+| goes on | So it does, after all instruments were reached again and what was missing was measured anew. |
+| clipped | The run ends well and says how many records touch the end of the range. |
+| ends | Exit status 1, one line that names the instrument; what was acknowledged is kept, the safe state is reached. |
+| ends, unconfirmed | So it does, but the instrument cannot be reached: its safe state is told not to be confirmed. |
+
+In every case laser, AWG and DMD of the simulated world are dark at the end, but for the one that cannot be reached.
+Nothing is said to the patch panel at the end of a run.
+
+This document is generated: `python -m tests.faults.document`.
+"""
+
+
+def document(outcomes: Mapping[str, str]) -> str:
+    """The whole document; `outcomes` by the identifiers of the cases."""
+    whole = list(cases())
+    parts = [_INTRODUCTION, f"{len(whole)} cases.\n"]
+    for role, of_role in groupby(sorted(whole, key=lambda case: case.role), key=lambda case: case.role):
+        heads = f"| {role}: fault | {' | '.join(PHASES)} |\n| --- |{' --- |' * len(PHASES)}"
+        rows = [
+            f"| {name}: {told} | {' | '.join(_cells(group, outcomes))} |"
+            for (name, told), group in _rows(list(of_role)).items()
+        ]
+        parts.append("\n".join([f"## {role}", "", heads, *rows, ""]))
+    return "\n".join(parts)
+
+
+def documented(text: str) -> dict[str, str]:
+    """The outcomes that stand in a document, by the identifiers of the cases."""
+    found: dict[str, str] = {}
+    cells: dict[tuple[str, str, str], str] = {}
+    role = ""
+    for line in text.splitlines():
+        if line.startswith("## "):
+            role = line.removeprefix("## ")
+        elif line.startswith("| ") and line.count(" | ") == len(PHASES):
+            name, *row = line.strip("| ").split(" | ")
+            cells |= {(role, name, phase): cell for phase, cell in zip(PHASES, row, strict=True)}
+    for case in cases():
+        cell = cells.get((case.role, f"{case.name}: {case.fault.told}", case.phase))
+        if cell is not None:
+            found[case.identifier] = cell
+    return found
+
+
+def main(root: Path = Path()) -> int:
+    """Carry out every case and write the document below `root`."""
+    logging.disable()
+    outcomes = dict(_outcomes())
+    (root / DOCUMENT).write_text(document(outcomes), encoding="utf-8")
+    return 0
+
+
+def _outcomes() -> Iterator[tuple[str, str]]:
+    expected: dict[tuple[str, ...], Ended] = {}
+    for case in cases():
+        if case.options not in expected:
+            with tempfile.TemporaryDirectory() as folder:
+                expected[case.options] = undisturbed(Path(folder), case.options)
+        with tempfile.TemporaryDirectory() as folder:
+            found = outcome(case, carried_out(case, Path(folder)), expected[case.options])
+        sys.stderr.write(f"{case.identifier}: {found}\n")
+        yield case.identifier, found
+
+
+def _rows(of_role: list[Case]) -> dict[tuple[str, str], list[Case]]:
+    rows: dict[tuple[str, str], list[Case]] = {}
+    for case in of_role:
+        rows.setdefault((case.name, case.fault.told), []).append(case)
+    return rows
+
+
+def _cells(row: list[Case], outcomes: Mapping[str, str]) -> list[str]:
+    found = {case.phase: outcomes[case.identifier] for case in row}
+    return [found.get(phase, NOTHING) for phase in PHASES]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

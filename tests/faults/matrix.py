@@ -1,0 +1,252 @@
+"""The fault matrix as data: which fault befalls which instrument when; and how one case is carried out and judged."""
+
+import contextlib
+import io
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from labctl.main import main as labctl
+from labctl.runs import open_run
+from labctl.station import SIMULATED_STATION, Station, write_addresses
+from sim_backends.faults.bench import FaultyBench
+from sim_backends.faults.catalogue import (
+    AWG,
+    BURST,
+    DMD,
+    LASER,
+    QUEUE,
+    SCOPE,
+    START,
+    TRACE,
+    UPLOAD,
+    WIRE,
+    Fault,
+    Moment,
+)
+from sim_backends.optics.mirrors import SIDE
+from sim_backends.parameters import Parameters
+from sim_backends.virtual.laser_table import default_table
+from sim_backends.world import World
+
+SMALL = Parameters(simulated_modes_limit=20, chip_modes=50)
+RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=2", "--set", "window=0.4 ns")
+TIMEOUT_S = 0.4
+BOUNDS = {
+    "instruments.tektronix_awg70002a.SLOW_S": TIMEOUT_S,
+    "instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S": TIMEOUT_S,
+    "instruments.tektronix_dpo72504dx.BURST_WAIT_S": TIMEOUT_S,
+    "instruments.tektronix_dpo72504dx.STALLED_S": TIMEOUT_S,
+    "labctl.lost_links.PAUSE_S": 0.0,
+    "labctl.lost_links.ATTEMPTS": 2,
+}
+"""Waits that no station file sets, made short, and fewer attempts."""
+
+NO_HARM, RECOVERED, CLIPPED, ENDED, UNCONFIRMED = "no harm", "goes on", "clipped", "ends", "ends, unconfirmed"
+PHASES = ("connecting", "preparing", "acquiring", "finishing")
+WITHOUT_QUEUE = ("dmd",)
+ANSWERS_FIRST = ("dmd",)
+"""Instruments that must answer before they can be made safe; laser and AWG are told blindly."""
+MOMENTS: dict[str, dict[str, Moment]] = {
+    "laser": {
+        "connecting": Moment("*IDN?"),
+        "preparing": Moment("WAVELENGTH?"),
+        "acquiring": Moment("SETTLED?", 4),
+        "finishing": Moment("ERROR?", 7),
+    },
+    "awg": {
+        "connecting": Moment("*IDN?"),
+        "preparing": Moment("CLOCk:SRATe?"),
+        "acquiring": Moment("AWGControl:RSTate?"),
+        "finishing": Moment("*OPC?", 4),
+    },
+    "dmd": {
+        "connecting": Moment("ALP:DEVALLOC"),
+        "preparing": Moment("ALP:DEVINQUIRE", 5),
+        "acquiring": Moment("ALP:SEQPUT", 11),
+        "finishing": Moment("ALP:SEQPUT", 15),
+    },
+    "scope": {
+        "connecting": Moment("*IDN?"),
+        "preparing": Moment("HORizontal:MODE:RECOrdlength?"),
+        "acquiring": Moment("CURVe?", 11),
+        "finishing": Moment("*ESR?", 8),
+    },
+    "patch_panel": {
+        "connecting": Moment("*IDN?"),
+        "preparing": Moment("ROUTe:CLOSe?"),
+        "acquiring": Moment("ROUTe:CLOSe?", 2),
+    },
+}
+"""The reply that a fault on the wire strikes; nothing is said to the patch panel at the end."""
+
+SPECIAL: tuple[tuple[str, str, Mapping[str, Fault], Moment, tuple[str, ...]], ...] = (
+    *((role, "connecting", START, Moment("", 0), ()) for role in MOMENTS),
+    ("laser", "preparing", LASER, Moment("SETTLED?"), ()),
+    ("laser", "acquiring", LASER, Moment("SETTLED?", 4), ()),
+    ("awg", "acquiring", UPLOAD, Moment("WLISt:WAVeform:DATA"), ()),
+    ("awg", "acquiring", AWG, Moment("AWGControl:ARSettings"), ()),
+    ("dmd", "connecting", DMD, Moment("ALP:SEQALLOC"), ()),
+    ("dmd", "preparing", DMD, Moment("ALP:DEVINQUIRE", 5), ()),
+    ("dmd", "acquiring", DMD, Moment("ALP:SEQPUT", 11), ()),
+    ("dmd", "acquiring", UPLOAD, Moment("ALP:SEQPUT", 10), ()),
+    ("dmd", "finishing", DMD, Moment("ALP:SEQPUT", 15), ()),
+    ("scope", "acquiring", TRACE, Moment("CURVe?", 11), ()),
+    ("scope", "acquiring", SCOPE, Moment("ACQuire:STATE", 12), ()),
+    ("scope", "acquiring", BURST, Moment("HORizontal:FASTframe:COUNt"), ("--set", "timing=burst")),
+)
+"""What strikes elsewhere, or one instrument only: role, phase, faults, when they strike, how the run is asked."""
+
+LIGHTS_OUT: dict[str, Callable[[World], bool]] = {
+    "laser": lambda world: world._emission is None,
+    "awg": lambda world: world._playback is None,
+    "dmd": lambda world: np.array_equal(world._pictures.latched(world.clock.now), _blank(world)),
+}
+
+
+class Case(NamedTuple):
+    """One field of the matrix."""
+
+    role: str
+    phase: str
+    name: str
+    fault: Fault
+    moment: Moment
+    options: tuple[str, ...]
+
+    @property
+    def common(self) -> bool:
+        """Whether this may befall every instrument."""
+        return self.name in WIRE | QUEUE
+
+    @property
+    def identifier(self) -> str:
+        """Its name in test reports and in the document."""
+        return f"{self.role}-{self.phase}-{self.name.replace(' ', '_')}"
+
+
+def cases() -> Iterator[Case]:
+    """The whole matrix, in the order of the document."""
+    for role, moments in MOMENTS.items():
+        common = WIRE if role in WITHOUT_QUEUE else WIRE | QUEUE
+        for name, fault in common.items():
+            for phase, moment in moments.items():
+                yield Case(role, phase, name, fault, moment, ())
+    for role, phase, faults, moment, options in SPECIAL:
+        for name, fault in faults.items():
+            yield Case(role, phase, name, fault, moment, options)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run ended: exit status, the JSON object, what stood on standard error, and the state of the world.
+
+    frames: what was kept, (shots, ports, samples). lit: the instruments that are not in the safe state. struck: whether
+    the moment of the fault came.
+    """
+
+    status: int
+    result: dict[str, Any]
+    told: str
+    frames: NDArray[np.int8]
+    lit: tuple[str, ...]
+    struck: bool
+
+
+@contextlib.contextmanager
+def short_waits() -> Iterator[None]:
+    """Bounds of waits that no station sets are short inside the block."""
+    with pytest.MonkeyPatch.context() as settings:
+        for name, seconds in BOUNDS.items():
+            settings.setattr(name, seconds)
+        yield
+
+
+def carried_out(case: Case, folder: Path) -> Ended:
+    """Run a small acquisition on a bench with this fault; files go into `folder`."""
+    table = default_table()
+    table["transport"]["timeout_s"] = TIMEOUT_S
+    table["commands"]["is_settled"] |= {"timeout_s": TIMEOUT_S, "poll_s": 0.01}
+    written, errors = io.StringIO(), io.StringIO()
+    bench = FaultyBench(case.role, case.fault, case.moment, SMALL, laser_table=table)
+    with bench, short_waits(), contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
+        try:
+            labctl(
+                (*RUN, *case.options, "--station", str(_station(bench, table, folder)), "--out", str(folder / "run"))
+            )
+        except SystemExit as ended:
+            status = int(str(ended.code))
+    # The loop has ended: what was sent has been executed.
+    lit = tuple(name for name, dark in LIGHTS_OUT.items() if not dark(bench.world))
+    return Ended(status, json.loads(written.getvalue()), errors.getvalue(), _kept(folder / "run"), lit, bench.struck)
+
+
+def undisturbed(folder: Path, options: tuple[str, ...] = ()) -> Ended:
+    """The same run without a fault."""
+    return carried_out(Case("laser", "connecting", "none", Fault("nothing"), Moment("*IDN?"), options), folder)
+
+
+def outcome(case: Case, ended: Ended, expected: Ended) -> str:
+    """What became of a run, in the words of the document; `expected` is the same run without a fault.
+
+    Raises:
+        AssertionError: it ended as no run may; the message says how.
+    """
+    assert ended.struck, "the moment of the fault never came"
+    assert "Traceback" not in ended.told, ended.told
+    if ended.status == 0:
+        assert not ended.lit, f"the run succeeded, and {ended.lit} is not in the safe state"
+        assert ended.result["complete"], "the run succeeded, and shots are missing"
+        if ended.result["frames_sha256"] != expected.result["frames_sha256"]:
+            assert ended.result["clipped"], "the run succeeded with other frames, and nobody was told"
+            return CLIPPED
+        return RECOVERED if ended.result["recovered"] else NO_HARM
+    assert ended.status == 1, f"exit status {ended.status}"
+    error = str(ended.result["error"])
+    assert case.role in error, f"the instrument is not named: {error}"
+    assert "\n" not in error, f"more than one line: {error}"
+    notes = " ".join(map(str, ended.result.get("notes", ())))
+    excused = {case.role} if case.fault.refuses or case.role in ANSWERS_FIRST else set()
+    assert set(ended.lit) <= excused, f"{ended.lit} is not in the safe state: {error} {notes}"
+    unconfirmed = "the safe state is not confirmed" in error + notes
+    assert unconfirmed or not ended.lit, f"{ended.lit} is not in the safe state, and nobody was told: {error} {notes}"
+    assert np.array_equal(ended.frames, expected.frames[: len(ended.frames)]), "frames were kept that are wrong"
+    return UNCONFIRMED if unconfirmed else ENDED
+
+
+def _kept(run: Path) -> NDArray[np.int8]:
+    """The frames of a run as far as they go; none if it never began."""
+    if not run.exists():
+        return np.empty((0, 1, 10), np.int8)
+    with open_run(run) as stored:
+        return np.asarray(stored.frames[: stored.done[0]])
+
+
+def _station(bench: FaultyBench, table: Mapping[str, object], folder: Path) -> Path:
+    """A station file of `bench` with short timeouts."""
+    commands, station = folder / "laser.toml", folder / "station.toml"
+    commands.write_text(_toml(table))
+    sections = {name: {"timeout": f"{TIMEOUT_S} s"} for name in ("awg", "scope", "dmd", "patch_panel")}
+    sections["laser"] = {"commands": str(commands)}
+    hasty = Station.model_validate(SIMULATED_STATION.model_dump(exclude_defaults=True) | sections)
+    write_addresses(station, {role: found["socket"] for role, found in bench.resources.items()}, hasty)
+    return station
+
+
+def _toml(table: Mapping[str, object], path: str = "") -> str:
+    """A table as TOML, its own values before the tables in it."""
+    own = [f"{key} = {json.dumps(value)}" for key, value in table.items() if not isinstance(value, dict)]
+    inner = [_toml(value, f"{path}{key}.") for key, value in table.items() if isinstance(value, dict)]
+    return "\n".join(([f"[{path[:-1]}]"] if path and own else []) + own + inner)
+
+
+def _blank(world: World) -> NDArray[np.float32]:
+    """Amplitudes of mirrors that are all off."""
+    blank: NDArray[np.float32] = world._pictures._named(np.zeros((1, SIDE**2), np.uint16))[1][0]
+    return blank

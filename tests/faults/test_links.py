@@ -1,0 +1,123 @@
+"""What a link makes of wrong replies: an error or the right data, never the answer to another question."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.errors import InstrumentError, LinkError
+from instruments.visa import VisaLink, tektronix_event_queue
+from sim_backends.faults.bench import FaultyBench
+from sim_backends.faults.catalogue import QUEUE, START, TRACE, UPLOAD, WIRE, Fault, Moment
+from tests.faults.matrix import SMALL
+
+Through = Callable[..., VisaLink]
+
+
+@pytest.fixture
+def through(log: Any) -> Iterator[Through]:
+    """A link to an instrument that a fault befalls."""
+    with ExitStack() as stack:
+
+        def connect(fault: Fault, moment: str, role: str = "awg", count: int = 1) -> VisaLink:
+            bench = stack.enter_context(FaultyBench(role, fault, Moment(moment, count), SMALL))
+            link = VisaLink(bench.resources[role]["socket"], name=role, timeout_s=0.3, transcript=log)
+            stack.callback(link.close)
+            return link
+
+        yield connect
+
+
+@pytest.mark.parametrize("name", ["single bytes", "no harm at all"])
+def test_however_a_reply_is_cut_it_is_the_same(name: str, through: Through) -> None:
+    link = through(WIRE.get(name, Fault("nothing")), "*IDN?")
+    assert link.query("*IDN?").startswith("TEKTRONIX,AWG70002A,")
+    assert link.number("CLOCk:SRATe?") == 25e9
+
+
+def test_a_reply_that_fills_a_buffer_is_read_whole(through: Through) -> None:
+    assert len(through(WIRE["buffer's edge"], "*IDN?").query("*IDN?")) == 20 * 1024 - 1
+
+
+def test_a_reply_that_came_twice_is_no_answer_to_the_next_question(through: Through) -> None:
+    link = through(WIRE["twice"], "*IDN?")
+    link.query("*IDN?")
+    with pytest.raises(LinkError, match="came unasked"):
+        link.query("CLOCk:SOURce?")
+    assert link.query("CLOCk:SOURce?") == "INT"
+
+
+def test_a_late_reply_is_no_answer_to_the_next_question(through: Through) -> None:
+    link = through(WIRE["late"], "*IDN?")
+    with pytest.raises(LinkError, match="did not answer in time"):
+        link.query("*IDN?")
+    assert link.query("CLOCk:SOURce?") == "INT"
+
+
+@pytest.mark.parametrize("name", ["garbage", "not ASCII", "empty"])
+def test_bytes_that_are_no_text_are_no_reply(name: str, through: Through) -> None:
+    link = through(WIRE[name], "CLOCk:SOURce?")
+    with pytest.raises(LinkError, match="is no text"):
+        link.query("CLOCk:SOURce?")
+    assert link.query("CLOCk:SOURce?") == "INT"
+
+
+def test_lines_between_quotation_marks_belong_to_one_reply(through: Through) -> None:
+    link = through(WIRE["CR LF in quotes"], "SYSTem:ERRor?")
+    assert link.query("SYSTem:ERRor?") == '-300,"Device-specific error;\r\nsee the screen"'
+    assert link.query("CLOCk:SOURce?") == "INT"
+
+
+def test_a_link_that_the_instrument_closed_is_opened_anew_with_the_next_message_but_one(through: Through) -> None:
+    link = through(WIRE["lost after"], "*IDN?")
+    link.query("*IDN?")
+    with pytest.raises(LinkError, match="cannot be reached"):
+        link.query("CLOCk:SOURce?")
+    assert link.query("CLOCk:SOURce?") == "INT"
+
+
+def test_the_end_of_a_connection_ends_the_wait_for_a_reply(through: Through) -> None:
+    link = through(WIRE["lost inside"], "*OPC?")
+    with pytest.raises(LinkError, match="the instrument closed the connection"):
+        link.query("*OPC?", timeout_s=200.0)
+
+
+def test_a_link_that_is_refused_says_so(through: Through) -> None:
+    link = through(START["nobody there"], "", count=0)
+    with pytest.raises(LinkError, match=r"cannot be reached.*refused"):
+        link.query("*IDN?")
+
+
+@pytest.mark.parametrize("name", ["block longer", "block shorter", "header #A"])
+def test_a_block_is_as_long_as_its_header_says(name: str, through: Through) -> None:
+    link = through(TRACE[name], "WLISt:WAVeform:DATA?")
+    samples = np.linspace(-1, 1, 2400, dtype="<f4")
+    link.write('WLISt:WAVeform:NEW "w",2400')
+    link.write_block('WLISt:WAVeform:DATA "w",', samples)
+    if name != "header #A":
+        with pytest.raises(LinkError, match=r"goes on with|did not answer in time"):
+            link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4"))
+    assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4")), samples)
+
+
+def test_a_block_that_is_lost_leaves_what_was_in_memory(through: Through) -> None:
+    link = through(UPLOAD["block ignored"], "WLISt:WAVeform:DATA")
+    link.write('WLISt:WAVeform:NEW "w",2400')
+    link.write_block('WLISt:WAVeform:DATA "w",', np.ones(2400, np.float32))
+    assert not link.errors()
+    assert not link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4")).any()
+
+
+def test_an_event_register_that_is_no_number_is_an_error_in_one_line(through: Through) -> None:
+    link = through(WIRE["with header"], "*ESR?", "scope")
+    with pytest.raises(InstrumentError, match="not with a number"):
+        tektronix_event_queue(link)
+
+
+def test_more_errors_than_the_queue_holds_are_told_with_the_overflow(through: Through) -> None:
+    link = through(QUEUE["queue overflow"], "*IDN?")
+    with pytest.raises(InstrumentError, match=r"-300,.*-350,"), link.checked():
+        link.query("*IDN?")
+    assert not link.errors()

@@ -1,0 +1,280 @@
+"""Files as somebody might change them: valid ones with bytes replaced, taken out, put in, doubled, or the end cut off.
+
+Where a file carries a checksum over what was changed, it is made to fit again: otherwise every change would be refused
+at the door, and what lies behind it would never be tried.
+"""
+
+import io
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from hypothesis import strategies as st
+from PIL import Image
+
+from labctl.experiments import FOLDER
+from labctl.opening import SIMULATED_LASER
+from labctl.recording import CHECK, RECORD, Kind, RecordingWriter
+from labctl.runs.journal import Entry
+from labctl.runs.shards import ROWS_DTYPE, Shard
+from sim_backends.virtual.wfmx import WaveformFile, write_wfmx
+from tests.fuzz.link import COUNTED
+from tests.fuzz.readers import PICTURE, READERS, SHAPE
+
+TOKENS = (
+    *(b"", b"\n", b"\r", b"\0", b'"', b"'", b"[", b"]", b"{", b"}", b"=", b",", b";", b"<", b">", b"<a>", b"\\u0000"),
+    *(
+        b"-1",
+        b"0",
+        b"1e999",
+        b"NaN",
+        b"nan",
+        b"inf",
+        b"Infinity",
+        b"null",
+        b"true",
+        b"9" * 20,
+        b"9" * 5000,
+        b"\xc2\xb2",
+    ),
+    *(b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\x00" * 8, b"../", b"/etc/", b"\x1b[2J"),
+)
+"""What is put in beside random bytes: what parsers trip over."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Valid files of one kind, their name, and how a changed one is made to fit its own checksums."""
+
+    valid: Callable[[], tuple[bytes, ...]]
+    name: str = "some.toml"
+    mended: Callable[[bytes], bytes] = bytes
+
+
+@st.composite
+def changed(draw: st.DrawFn, valid: bytes) -> bytes:
+    """A valid file with up to eight changes."""
+    content = bytearray(valid)
+    for _ in range(draw(st.integers(0, 8))):
+        start = draw(st.integers(0, len(content)))
+        end = min(len(content), start + draw(st.sampled_from((0, 1, 2, 4, 8, 40))))
+        match draw(st.integers(0, 5)):
+            case 0:
+                content[start:end] = draw(st.binary(max_size=8))
+            case 1:
+                content[start:end] = draw(st.sampled_from(TOKENS))
+            case 2:
+                content[start:start] = content[start:end] * draw(st.integers(1, 50))
+            case 3:
+                del content[start:end]
+            case 4 if numbers := list(re.finditer(rb"[0-9]+", content)):
+                first, last = draw(st.sampled_from(numbers)).span()
+                content[first:last] = draw(st.sampled_from(TOKENS))
+            case _:
+                if content:
+                    content[start % len(content)] ^= 1 << draw(st.integers(0, 7))
+    return bytes(content[: draw(st.sampled_from((len(content), len(content), draw(st.integers(0, len(content))))))])
+
+
+def taken_or_refused(data: st.DataObject, kind: str) -> None:
+    """Whatever was changed: the file is read, or refused with the one error of its kind in one line."""
+    COUNTED["inputs"] += 1
+    COUNTED[kind] += 1
+    subject, reader = SUBJECTS[kind], READERS[kind]
+    content = subject.mended(data.draw(changed(data.draw(st.sampled_from(subject.valid())))))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / subject.name
+        path.write_bytes(content)
+        try:
+            reader.read(path)
+        except reader.refuses as error:
+            assert len(str(error).splitlines()) == 1, repr(str(error))  # noqa: PT017
+            assert len(str(error)) < 2000  # noqa: PT017
+        assert [found.name for found in Path(folder).iterdir()] == [subject.name]
+
+
+# --- valid files
+
+
+def _station() -> tuple[bytes, ...]:
+    text = """
+    name = "room 2"
+    [awg]
+    address = "TCPIP0::192.0.2.1::inst0::INSTR"
+    amplitude = "400 mVpp"
+    timeout = 5.0
+    [laser]
+    power = "13 dBm"
+    wavelength = "1551 nm"
+    commands = "table.toml"
+    [scope]
+    channels = [1, 2]
+    trigger_source = "auxiliary"
+    [sim]
+    twin_seed = 3
+    parameters = { enob = 4.5, shared_reference = false }
+    """
+    return (text.encode(),)
+
+
+def _protocol() -> tuple[bytes, ...]:
+    return (
+        b'protocol = "image-readout"\n[settings]\nimages = 40\nwindow = "1 ns"\ndataset = "mnist-0-3"\n',
+        b'protocol = "wavelength-scan"\n[settings]\nimages = 4\n',
+    )
+
+
+def _experiments() -> tuple[bytes, ...]:
+    return tuple(path.read_bytes() for path in sorted(FOLDER.glob("*.toml")))
+
+
+def _recording() -> tuple[bytes, ...]:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.rec"
+        writer = RecordingWriter(path, {"bench": "b"}, clock=lambda: 0)
+        writer.append(Kind.OPENED, 1, [b'{"instrument": "awg", "resource": "here"}'])
+        writer.append(Kind.SENT, 1, [b"*IDN?\n"])
+        writer.append(Kind.RECEIVED, 1, [bytes(2000)])
+        writer.append(Kind.CLOSED, 1)
+        writer.close()
+        return (path.read_bytes(),)
+
+
+def _with_record_checks(content: bytes) -> bytes:
+    mended = bytearray(content)
+    at = content.find(b"\n") + 1
+    while 0 < at <= len(mended) - RECORD.size - CHECK.size:
+        stored = RECORD.unpack_from(mended, at)[5]
+        data = at + RECORD.size + CHECK.size
+        crc = zlib.crc32(mended[data : data + stored], zlib.crc32(mended[at : at + RECORD.size]))
+        CHECK.pack_into(mended, at + RECORD.size, crc)
+        at = data + stored
+    return bytes(mended)
+
+
+def _journal() -> tuple[bytes, ...]:
+    entries = [Entry(n, n // 2, 2, 3 * (n % 2), 3 * (n // 2), 3, "9f" * 32) for n in range(4)]
+    entries.append(Entry(3, 1, 2, 3, -3, 3, "9f" * 32, discarded="damaged"))
+    return (b"".join(entry.encode() for entry in entries),)
+
+
+def _with_line_checks(content: bytes) -> bytes:
+    def mended(line: bytes) -> bytes:
+        body, comma, _ = line.rpartition(b', "crc": "')
+        return body + comma + f'{zlib.crc32(body + b"}"):08x}"}}\n'.encode() if comma else line
+
+    return b"".join(mended(line) for line in content.splitlines(keepends=True))
+
+
+def _shard() -> tuple[bytes, ...]:
+    ports, shots = len(SHAPE.passes[0]), 3
+    rows = np.zeros(shots, ROWS_DTYPE)
+    rows["shot"] = np.arange(shots)
+    columns = np.zeros((shots, ports))
+    frames = np.zeros((shots, ports, SHAPE.samples), np.int8)
+    return (Shard(0, 0, np.ones(ports), np.zeros(ports), frames, columns, columns.astype(bool), rows).encode(SHAPE),)
+
+
+def _readout() -> tuple[bytes, ...]:
+    from labctl.analysis.models import save_model
+    from labctl.analysis.readouts import softmax_classifier
+
+    generator = np.random.default_rng(1)
+    pipeline = softmax_classifier().fit(generator.normal(size=(20, 3)), np.arange(20) % 2)
+    with TemporaryDirectory() as folder:
+        save_model(Path(folder) / "a.h5", pipeline, {"seed": 1})
+        return ((Path(folder) / "a.h5").read_bytes(),)
+
+
+def _idx() -> tuple[bytes, ...]:
+    return (
+        bytes([0, 0, 8, 3]) + struct.pack(">3I", 2, 3, 4) + bytes(24),
+        bytes([0, 0, 8, 1]) + struct.pack(">I", 5) + bytes(5),
+    )
+
+
+def _npz() -> tuple[bytes, ...]:
+    found = []
+    for save in (np.savez, np.savez_compressed):
+        save(file := io.BytesIO(), images=np.zeros((3, 4, 5), np.uint8), labels=np.arange(3))
+        found.append(file.getvalue())
+    return tuple(found)
+
+
+def _series() -> tuple[bytes, ...]:
+    np.save(file := io.BytesIO(), np.arange(20.0))
+    return (file.getvalue(),)
+
+
+def _vowels() -> tuple[bytes, ...]:
+    return (b"0 1 1 -3.5 1 2 3 4 5 6 7 8 9 10\n1, 2, 0, 1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 4\n",)
+
+
+def _pictures() -> tuple[bytes, ...]:
+    Image.fromarray(np.zeros(PICTURE, np.uint8)).save(picture := io.BytesIO(), "JPEG")
+    return (_zipped({"Negative/1.jpg": picture.getvalue(), "Positive/1.jpg": picture.getvalue()}),)
+
+
+def _wfmx() -> tuple[bytes, ...]:
+    waveform = WaveformFile(np.linspace(-1, 1, 20, dtype=np.float32), np.zeros(20, np.uint8), 1e10, 0.3)
+    return (write_wfmx(waveform, time_stamp="2024-01-01T00:00:00.000+00:00"),)
+
+
+def _seqx() -> tuple[bytes, ...]:
+    step = (
+        "<Step><Repeat>RepeatCount</Repeat><RepeatCount>5</RepeatCount><WaitInput>TrigA</WaitInput><GoTo>StepIndex</GoTo>"
+        '<GoToStep>1</GoToStep><Assets><Asset><AssetName>w</AssetName></Asset></Assets><FlagSet><Flag name="A">High'
+        "</Flag></FlagSet></Step>"
+    )
+    text = f'<Sequence><SequenceName>s</SequenceName><Steps TrackCount="1">{step}</Steps></Sequence>'
+    return (_zipped({"s.sml": text.encode(), "w.wfmx": _wfmx()[0]}),)
+
+
+def _zipped(files: Mapping[str, bytes]) -> bytes:
+    with zipfile.ZipFile(file := io.BytesIO(), "w", zipfile.ZIP_STORED) as archive:
+        for name, content in files.items():
+            archive.writestr(zipfile.ZipInfo(name), content)
+    return file.getvalue()
+
+
+def _with_member_checks(content: bytes) -> bytes:
+    """A zip file whose stored members have the checksums of what they hold now."""
+    mended = bytearray(content)
+    for entry in re.finditer(rb"PK\x01\x02", content):
+        at = entry.start()
+        if at + 46 > len(content):
+            continue
+        (begin,) = struct.unpack_from("<I", content, at + 42)
+        (size,) = struct.unpack_from("<I", content, at + 20)
+        if begin + 30 <= len(content) and content[begin : begin + 4] == b"PK\x03\x04":
+            first = begin + 30 + sum(struct.unpack_from("<HH", content, begin + 26))
+            crc = struct.pack("<I", zlib.crc32(content[first : first + size]))
+            mended[at + 16 : at + 20] = mended[begin + 14 : begin + 18] = crc
+    return bytes(mended)
+
+
+SUBJECTS: Mapping[str, Subject] = {
+    "station": Subject(cache(_station)),
+    "protocol": Subject(cache(_protocol)),
+    "experiment": Subject(cache(_experiments)),
+    "laser table": Subject(cache(lambda: (SIMULATED_LASER.read_bytes(),))),
+    "recording": Subject(cache(_recording), mended=_with_record_checks),
+    "journal": Subject(cache(_journal), mended=_with_line_checks),
+    "shard": Subject(cache(_shard)),
+    "readout": Subject(cache(_readout)),
+    "idx": Subject(cache(_idx)),
+    "npz": Subject(cache(_npz), mended=_with_member_checks),
+    "series": Subject(cache(_series)),
+    "vowels": Subject(cache(_vowels)),
+    "pictures": Subject(cache(_pictures), name="some.zip", mended=_with_member_checks),
+    "wfmx": Subject(cache(_wfmx)),
+    "waveform text": Subject(lambda: (b"-1\r\n0.5,1\n1\t0\t1\n1e10\n",)),
+    "seqx": Subject(cache(_seqx), mended=_with_member_checks),
+}

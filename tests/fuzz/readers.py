@@ -1,0 +1,90 @@
+"""Everything that reads a file somebody else may have made, and the one error it may end in."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from instruments.alnair_tlg220 import CommandTable
+from instruments.errors import NotConfigured
+from labctl.analysis import AnalysisError
+from labctl.analysis.models import load_metadata, load_model
+from labctl.datasets import DatasetError, pictures, store
+from labctl.datasets.cards import DataFile
+from labctl.datasets.idx import parse_idx
+from labctl.datasets.images import read_npz
+from labctl.datasets.series import parse_series
+from labctl.datasets.vowels import parse_vowels
+from labctl.experiments import ExperimentError, experiments
+from labctl.protocol_files import read_protocol
+from labctl.recording import RecordingError, read_recording
+from labctl.runs import RunError, RunShape, open_run
+from labctl.runs.journal import read_journal
+from labctl.runs.shards import Shard
+from labctl.station import StationError, read_station
+from protocols.base import ProtocolError
+from sim_backends.clock import VirtualClock
+from sim_backends.scpi.status import ScpiError
+from sim_backends.virtual.awg_seqx import read_seqx
+from sim_backends.virtual.wfmx import read_text, read_wfmx
+
+SHAPE = RunShape(shots=7, passes=((2, 3, 4, 5), (6,)), samples=16, sample_interval_s=20e-12, start_s=-40e-12)
+"""Of the runs that shards and run directories here belong to."""
+PICTURE = (6, 8)
+CLASSES = ("Negative", "Positive")
+
+
+@dataclass(frozen=True)
+class Reader:
+    """`read` takes a path and reads all that is there; `refuses` is the error for what cannot be taken."""
+
+    read: Callable[[Path], object]
+    refuses: type[Exception] | tuple[type[Exception], ...]
+
+
+def _experiment(path: Path) -> None:
+    for experiment in experiments((path.stem,), folder=path.parent):
+        _ = experiment.protocols
+
+
+def _recording(path: Path) -> None:
+    recording = read_recording(path)
+    for connection in recording.connections:
+        for message in connection.messages:
+            message.read()
+
+
+def _run(path: Path) -> None:
+    with open_run(path) as run:
+        _ = run.shots, run.epoch, run.clipped, run.trigger_offset_s, run.measured_at_s, run.volts(), run.digest()
+
+
+def _pictures(path: Path) -> None:
+    with pictures.opened(path.parent, CLASSES) as album:
+        for name in album.names:
+            pictures.decode(album.content(name), name, PICTURE)
+
+
+def _packed(path: Path) -> None:
+    store.read(path.parent, DataFile(name=path.name, role="images", sha256="0" * 64))
+
+
+READERS: Mapping[str, Reader] = {
+    "station": Reader(read_station, StationError),
+    "protocol": Reader(lambda path: read_protocol(str(path), []), ProtocolError),
+    "experiment": Reader(_experiment, (ExperimentError, ProtocolError)),
+    "laser table": Reader(CommandTable.read, NotConfigured),
+    "recording": Reader(_recording, RecordingError),
+    "run": Reader(_run, RunError),
+    "shard": Reader(lambda path: Shard.decode(path.read_bytes(), SHAPE, path.name), RunError),
+    "journal": Reader(read_journal, RunError),
+    "readout": Reader(lambda path: (load_model(path), load_metadata(path)), AnalysisError),
+    "idx": Reader(lambda path: parse_idx(path.read_bytes(), path.name), DatasetError),
+    "packed idx": Reader(_packed, DatasetError),
+    "npz": Reader(read_npz, DatasetError),
+    "series": Reader(lambda path: parse_series(path.read_bytes(), path.name), DatasetError),
+    "vowels": Reader(lambda path: parse_vowels(path.read_bytes(), path.name), DatasetError),
+    "pictures": Reader(_pictures, DatasetError),
+    "wfmx": Reader(lambda path: read_wfmx(memoryview(path.read_bytes())), ScpiError),
+    "waveform text": Reader(lambda path: read_text(memoryview(path.read_bytes())), ScpiError),
+    "seqx": Reader(lambda path: read_seqx(memoryview(path.read_bytes()), VirtualClock()), ScpiError),
+}
