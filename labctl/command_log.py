@@ -14,8 +14,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TextIO
 
-from labctl.runs.durable import not_written
-
 _logger = logging.getLogger(__name__)
 
 
@@ -45,17 +43,14 @@ class CommandLog:
         A last line that a killed process has left without its end gets one.
 
         Raises:
-            RunError: it cannot be opened.
+            OSError: it cannot be opened.
         """
-        try:
-            with path.open("ab+") as before:
-                if before.tell():
-                    before.seek(-1, os.SEEK_END)
-                    if before.read() != b"\n":
-                        before.write(b"\n")
-            file = path.open("a", encoding="utf-8")
-        except OSError as error:
-            raise not_written(path, error) from error
+        with path.open("ab+") as before:
+            if before.tell():
+                before.seek(-1, os.SEEK_END)
+                if before.read() != b"\n":
+                    before.write(b"\n")
+        file = path.open("a", encoding="utf-8")
         so_far = self._lines.getvalue() if isinstance(self._lines, io.StringIO) else ""
         self._lines.close()
         self._lines = file

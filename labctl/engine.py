@@ -23,6 +23,7 @@ from labctl.measuring import Measuring, Progress
 from labctl.provenance import git_revision, versions
 from labctl.resuming import refuse_changed_instruments, refuse_other_plan
 from labctl.runs import Durability, PlayedDrive, RunShape, RunWriter, ShotColumns, run_name
+from labctl.runs.durable import not_written
 from labctl.station import Station
 from labctl.stopwatch import Stopwatch
 from protocols.base import Inputs, Leg, Measurement, Shot
@@ -86,7 +87,7 @@ def carry_out(
     manifest = _manifest(request, bench, started)
     directory = directory or new_directory(request.protocol, started)
     with RunWriter.create(directory, manifest, *plan, durability_of(request.station)) as writer:
-        log.keep_in(writer.paths.commands)
+        _keep(log, writer.paths.commands)
         return _measure(request, bench, log, writer, interruption=interruption, progress=progress, stopwatch=stopwatch)
 
 
@@ -116,8 +117,15 @@ def go_on(
     refuse_other_plan(writer.paths, writer.manifest, *_plan(request, bench))
     _, instruments = _light_and_instruments(request, bench)
     refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments)
-    log.keep_in(writer.paths.commands)
+    _keep(log, writer.paths.commands)
     return _measure(request, bench, log, writer, interruption=interruption, progress=progress, stopwatch=stopwatch)
+
+
+def _keep(log: CommandLog, path: Path) -> None:
+    try:
+        log.keep_in(path)
+    except OSError as error:
+        raise not_written(path, error) from error
 
 
 def new_directory(protocol: Measurement[Any], started: datetime) -> Path:

@@ -34,7 +34,7 @@ class StoppedBySignal(KeyboardInterrupt):
 @contextmanager
 def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
     """Call `stop` at whatever asks a process to end inside the block, and nothing else."""
-    with _handling(lambda _number, _frame: stop()):
+    with _handling(lambda _number, _frame: stop(), _taken_over()):
         yield
 
 
@@ -66,7 +66,7 @@ def interruptible() -> Iterator[Interruption]:
     def on_suspend(_number: int, _frame: FrameType | None) -> None:
         _tell("\na run is not suspended, since its light would stay on; Ctrl-C ends it\n")
 
-    with _handling(on_signal), _handling(on_suspend, SUSPEND):
+    with _handling(on_signal, _taken_over()), _handling(on_suspend, SUSPEND):
         try:
             yield interruption
         except KeyboardInterrupt as stopped:
@@ -92,7 +92,7 @@ def stops_deferred() -> Iterator[None]:
         _tell("\nthe bench is made safe first\n")
 
     try:
-        with _handling(defer):
+        with _handling(defer, _heeded()):
             yield
     except Exception as failure:
         with _noting(failure):
@@ -116,11 +116,9 @@ def _noting(failure: Exception) -> Iterator[None]:
 
 
 @contextmanager
-def _handling(
-    handler: Callable[[int, FrameType | None], None], numbers: Sequence[signal.Signals] = STOPS
-) -> Iterator[None]:
+def _handling(handler: Callable[[int, FrameType | None], None], numbers: Sequence[signal.Signals]) -> Iterator[None]:
     """Call `handler` inside the block; what handled the signals before does so again afterwards."""
-    previous = {number: signal.signal(number, handler) for number in _heeded(numbers)}
+    previous = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
@@ -128,9 +126,14 @@ def _handling(
             signal.signal(number, before)
 
 
-def _heeded(numbers: Sequence[signal.Signals] = STOPS) -> list[signal.Signals]:
-    """Those that are not ignored: what `nohup`, or an earlier stop, has turned off stays off."""
-    return [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+def _taken_over() -> list[signal.Signals]:
+    """All but what `nohup` has turned off. Shells turn off Ctrl-C for what they start behind; a run must hear it."""
+    return [number for number in STOPS if number.name != "SIGHUP" or number in _heeded()]
+
+
+def _heeded() -> list[signal.Signals]:
+    """Those that are not ignored: what an earlier stop has turned off stays off."""
+    return [number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN]
 
 
 def _tell(text: str) -> None:

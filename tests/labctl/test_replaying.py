@@ -92,7 +92,8 @@ def test_a_changed_driver_is_named(
         r"expected 'SOURce1:DAC:RESolution 9', was sent 'SOURce1:DAC:RESolution 8'",
         difference,
     )
-    assert "cannot be reached" in err.splitlines()[-1]
+    assert "cannot be reached" in err.splitlines()[-2]
+    assert "labctl resume" in err.splitlines()[-1]
 
 
 def test_a_changed_block_is_named_by_its_first_byte(
