@@ -2,14 +2,14 @@
 
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from labctl.commands.output import JsonOption, say, show, table
+from labctl.commands.serving import serving
 from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from labctl.interruption import on_stop_signal
 from labctl.recording import Recording, RecordingError, read_recording
@@ -73,9 +73,9 @@ def replay(
         if port_base is not None or save_station is not None:
             raise UsageError("--port-base and --save-station are for clients of your own: leave the command out")
         played = [_read(path) for path in recordings(file) or [file]]
-        with _served(played) as served:
+        with serving(replay_of(played), "--port-base") as served:
             return _play_to(context, command, served, played, as_json)
-    with _served([_read(file)], port_base) as served:
+    with serving(replay_of([_read(file)], port_base), f"--port-base {port_base}") as served:
         (resources,) = served.resources.values()
         if save_station is not None:
             write_addresses(save_station, resources)
@@ -90,19 +90,6 @@ def _read(file: Path) -> Recording:
             f"out): playing the {len(recording.records)} records before that"
         )
     return recording
-
-
-@contextmanager
-def _served(played: Sequence[Recording], port_base: int | None = None) -> Iterator[Replay]:
-    served = replay_of(played, port_base)
-    try:
-        served.start()
-    except OSError as error:
-        raise UsageError(f"--port-base {port_base}: {error.strerror}") from None
-    try:
-        yield served
-    finally:
-        served.stop()
 
 
 def _play_to(

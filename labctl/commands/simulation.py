@@ -2,8 +2,6 @@
 
 import ipaddress
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +9,11 @@ import typer
 
 from labctl.commands.output import JsonOption, errors, say, show, table
 from labctl.commands.run import StationOption
+from labctl.commands.serving import serving
 from labctl.failures import DONE, UsageError
 from labctl.interruption import on_stop_signal
 from labctl.opening import simulated_bench
-from labctl.station import Station, read_station, write_addresses
-from sim_backends.bench import SimulatedBench
+from labctl.station import read_station, write_addresses
 
 POLL_S = 0.5
 LOOPBACK = "127.0.0.1"
@@ -57,7 +55,10 @@ def serve(
     if projector is not None:
         asked = asked.cabled(projector=projector)
     stop = threading.Event()
-    with on_stop_signal(stop.set), _listening(asked, host, port_base) as bench:
+    with (
+        on_stop_signal(stop.set),
+        serving(simulated_bench(asked, host=host, port_base=port_base), "--host, --port-base") as bench,
+    ):
         if save_station is not None:
             write_addresses(save_station, {name: found["socket"] for name, found in bench.resources.items()}, asked)
         resources = bench.resources
@@ -83,16 +84,3 @@ def _is_loopback(host: str) -> bool:
         raise UsageError(
             f"--host = {host!r}: give an address of this machine in four numbers, such as {LOOPBACK}"
         ) from None
-
-
-@contextmanager
-def _listening(station: Station, host: str, port_base: int | None) -> Iterator[SimulatedBench]:
-    bench = simulated_bench(station, host=host, port_base=port_base)
-    try:
-        bench.start()
-    except OSError as error:
-        raise UsageError(f"--host, --port-base: {error.strerror}") from None
-    try:
-        yield bench
-    finally:
-        bench.stop()

@@ -11,31 +11,21 @@ import sys
 import zipfile
 import zlib
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-import h5py
 import numpy as np
 import pytest
 from PIL import Image
 
-from labctl.analysis.models import save_model
-from labctl.analysis.readouts import softmax_classifier
 from labctl.opening import SIMULATED_LASER
 from labctl.recording import CHECK, RECORD, Kind
-from labctl.runs.journal import read_journal
-from labctl.runs.shards import ROWS_DTYPE, Shard
 from sim_backends.virtual.wfmx import WaveformFile, write_wfmx
-from tests.fuzz.readers import PICTURE, SHAPE
-from tests.labctl.runs.conftest import write_whole
+from tests.fuzz.readers import PICTURE
+from tests.system.hostile_runs import RUNS, Made
 from tests.system.limited_reader import SECONDS
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs setrlimit and /proc")
 
-Made = bytes | Callable[[Path], object]
-"""What is in a hostile file, or what makes one at a path."""
 HOSTILE: dict[str, dict[str, tuple[Made, str]]] = {}
 """Kind of file -> hostile file -> what is in it, and what the refusal says."""
 
@@ -178,201 +168,8 @@ HOSTILE["recording"] = {
 }
 
 
-# --- runs
+HOSTILE |= RUNS
 
-NAMES_ANOTHER_PLACE = "another place"
-NAMES_OTHER_FILES = "keeps its data in other files"
-Change = Callable[[h5py.File, str], object]
-
-
-def linked(file: h5py.File, name: str) -> None:
-    del file[name]
-    file[name] = h5py.ExternalLink("/tmp/secret.h5", "/a")  # noqa: S108 - nobody opens it
-
-
-def soft(file: h5py.File, name: str) -> None:
-    del file[name]
-    file["elsewhere"] = h5py.ExternalLink("secret.h5", "/")
-    file[name] = h5py.SoftLink("/elsewhere/a")
-
-
-def virtual(file: h5py.File, name: str) -> None:
-    layout = h5py.VirtualLayout(file[name].shape, file[name].dtype)
-    layout[...] = h5py.VirtualSource("secret.h5", "a", file[name].shape)
-    del file[name]
-    file.create_virtual_dataset(name, layout)
-
-
-def outside(file: h5py.File, name: str) -> None:
-    shape, kind = file[name].shape, file[name].dtype
-    del file[name]
-    file.create_dataset(name, shape, kind, external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)])
-
-
-def huge(file: h5py.File, name: str) -> None:
-    shape, kind = file[name].shape, file[name].dtype
-    del file[name]
-    file.create_dataset(name, (1 << 40, *shape[1:]), kind, chunks=(1, *shape[1:]))
-
-
-def packed(file: h5py.File, name: str) -> None:
-    shape, kind = file[name].shape, file[name].dtype
-    del file[name]
-    wide = file.create_dataset(name, (1 << 16, *shape[1:], 1 << 14), kind, chunks=True, compression="gzip")
-    wide[0] = 0
-
-
-def texts(file: h5py.File, name: str) -> None:
-    del file[name]
-    file.create_dataset(name, data=["x" * 1000] * 20, dtype=h5py.string_dtype())
-
-
-def crowded(file: h5py.File, _name: str) -> None:
-    for number in range(1100):
-        file.create_group(f"group{number}")
-
-
-def in_itself(file: h5py.File, _name: str) -> None:
-    file["again"] = file["/"]
-
-
-def changed(make: Callable[[Path], Path], change: Change, name: str) -> Callable[[Path], object]:
-    def made(path: Path) -> None:
-        with h5py.File(make(path), "r+") as file:
-            change(file, name)
-
-    return made
-
-
-def a_shard(path: Path) -> Path:
-    ports, shots = len(SHAPE.passes[0]), 3
-    rows = np.zeros(shots, ROWS_DTYPE)
-    rows["shot"] = np.arange(shots)
-    frames = np.zeros((shots, ports, SHAPE.samples), np.int8)
-    columns = np.zeros((shots, ports))
-    shard = Shard(0, 0, np.ones(ports), np.zeros(ports), frames, columns, columns.astype(bool), rows)
-    path.write_bytes(shard.encode(SHAPE))
-    return path
-
-
-@cache
-def whole() -> bytes:
-    """The data.h5 of a run."""
-    with TemporaryDirectory() as folder:
-        return (write_whole(Path(folder) / "run") / "data.h5").read_bytes()
-
-
-def a_data_file(path: Path) -> Path:
-    path.write_bytes(whole())
-    return path
-
-
-DAMAGES: dict[str, tuple[Change, str]] = {
-    "a link to another file": (linked, NAMES_ANOTHER_PLACE),
-    "a link to a link": (soft, NAMES_ANOTHER_PLACE),
-    "a virtual data set": (virtual, NAMES_OTHER_FILES),
-    "data in another file": (outside, NAMES_OTHER_FILES),
-    "numbers nobody stored": (huge, "that are not in the file"),
-    "numbers packed to nothing": (packed, "that are not in the file"),
-    "texts in place of numbers": (texts, ""),
-    "a thousand groups": (crowded, "more than 1000 objects"),
-    "a group in itself": (in_itself, "more than 1000 objects"),
-}
-HOSTILE["shard"] = {
-    f"{what}: {name}": (changed(a_shard, change, name), text)
-    for what, (change, text) in DAMAGES.items()
-    for name in ("frames", "rows", "scale")
-    if name == "frames" or "group" not in what
-}
-HOSTILE["run"] = {
-    f"{what}: {name}": (changed(a_data_file, change, name), text)
-    for what, (change, text) in DAMAGES.items()
-    for name in ("frames", "shots", "drive/samples")
-    if name == "frames" or (text and "group" not in what)
-}
-
-
-def huge_plan(path: Path) -> None:
-    manifest = write_whole(path) / "manifest.json"
-    values = json.loads(manifest.read_text("utf-8"))
-    values["shape"]["shots"] = 10**15
-    manifest.write_text(json.dumps(values), "utf-8")
-
-
-def huge_shots(path: Path) -> None:
-    manifest = write_whole(path) / "manifest.json"
-    values = json.loads(manifest.read_text("utf-8"))
-    values["shape"]["samples"] = 10**15
-    manifest.write_text(json.dumps(values), "utf-8")
-
-
-def a_shard_of_any_number(path: Path) -> None:
-    journal = write_whole(path) / "journal.jsonl"
-    entries = read_journal(journal).entries
-    journal.write_bytes(b"".join(replace(entry, shard=10**30).encode() for entry in entries))
-
-
-def figures_elsewhere(path: Path) -> None:
-    write_whole(path)
-    (path / "figures").symlink_to(path.parent)
-
-
-def report_elsewhere(path: Path) -> None:
-    write_whole(path)
-    (path / "report.html").symlink_to(path.parent / "profile")
-
-
-HOSTILE["run"] |= {
-    "a plan of 10^15 shots": (huge_plan, "the manifest has 1000000000000000"),
-    "shots of 10^15 samples": (huge_shots, "no such run is read"),
-    "a shard with a number of thirty digits": (a_shard_of_any_number, "is not of this run"),
-    "a folder of figures that is elsewhere": (figures_elsewhere, NAMES_ANOTHER_PLACE),
-    "a report that is elsewhere": (report_elsewhere, NAMES_ANOTHER_PLACE),
-}
-
-HOSTILE["run"] |= {
-    "a manifest in a manifest": (
-        lambda path: (write_whole(path) / "manifest.json").write_bytes(b"[" * 100_000),
-        "damaged manifest",
-    ),
-    "a manifest without end": (
-        lambda path: (write_whole(path) / "manifest.json").write_bytes(b" " * (1 << 27)),
-        "damaged manifest",
-    ),
-}
-
-
-def a_readout(path: Path) -> Path:
-    pipeline = softmax_classifier().fit(np.eye(4), np.arange(4) % 2)
-    save_model(path, pipeline, {"seed": 1})
-    return path
-
-
-def attribute(name: str, value: str) -> Change:
-    def change(file: h5py.File, group: str) -> None:
-        file[group].attrs[name] = value
-
-    return change
-
-
-DAMAGED_READOUTS: dict[str, tuple[Made, str]] = {
-    what: (changed(a_readout, change, "logisticregression/coef_"), text)
-    for what, (change, text) in DAMAGES.items()
-    if text
-}
-HOSTILE["readout"] = DAMAGED_READOUTS | {
-    "a class of the system": (
-        changed(a_readout, attribute("estimator", "os.system"), "logisticregression"),
-        "unknown class",
-    ),
-    "steps in steps": (changed(a_readout, attribute("steps", "[" * 60_000), "/"), "a damaged readout"),
-    "settings of another class": (
-        changed(a_readout, attribute("parameters", '{"system": 1}'), "logisticregression"),
-        "a damaged readout",
-    ),
-    "no metadata": (changed(a_readout, attribute("metadata", "[]"), "/"), "a damaged readout"),
-    "no steps": (changed(a_readout, attribute("steps", "[]"), "/"), "a damaged readout"),
-}
 
 # --- data sets
 
