@@ -5,18 +5,19 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 IMAGING := $(VENV)/.imaging
+DOCS := $(VENV)/.docs
 INTEROP := .venv-interop
 AUDIT := $(VENV)/audit
 MINUTES ?= 60
 PACKAGES := labctl instruments protocols sim_backends
-SOURCES := $(PACKAGES) tests benchmarks
+SOURCES := $(PACKAGES) tests benchmarks docs
 
 # Real data sets, where a copy lies beside the checkout; tests that need them say so and skip where it does not.
 ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: demo test test-full interop fuzz audit check format lock clean
+.PHONY: demo test test-full docs interop fuzz audit check format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
@@ -32,12 +33,18 @@ interop: $(INSTALLED) $(INTEROP)/.installed
 	LABCTL=$(abspath $(BIN)/labctl) $(INTEROP)/bin/pytest -c tests/interop/interop.ini --rootdir=. --confcutdir=tests/interop \
 		tests/interop tests/instruments/test_vendor_tree.py
 
+# The documents as a site; a warning, a link that leads nowhere and an example that prints something else are errors.
+docs: $(INSTALLED) $(DOCS)
+	$(BIN)/sphinx-build --quiet --fail-on-warning --builder html docs docs/_site
+	$(BIN)/sphinx-build --quiet --fail-on-warning --builder doctest docs docs/_site/doctest
+	$(BIN)/sphinx-build --quiet --fail-on-warning --builder linkcheck docs docs/_site/linkcheck
+
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES)
 
 # Known vulnerabilities of what the lock files pin; "Error 3" means that it could not be checked.
 audit: $(INSTALLED)
-	$(BIN)/python -m tests.audit $(AUDIT) requirements.lock requirements-imaging.lock requirements-interop.lock
+	$(BIN)/python -m tests.audit $(AUDIT) requirements.lock requirements-imaging.lock requirements-docs.lock requirements-interop.lock
 
 check: $(INSTALLED) $(IMAGING)
 	$(BIN)/ruff format --check --quiet $(SOURCES)
@@ -54,10 +61,13 @@ lock:
 	$(VENV)-lock/bin/pip install --quiet pip-tools
 	$(VENV)-lock/bin/pip-compile --quiet --extra dev --generate-hashes --strip-extras --allow-unsafe --no-emit-index-url \
 		--no-emit-find-links --no-emit-trusted-host --no-emit-options --no-header --output-file requirements.lock pyproject.toml
+	$(VENV)-lock/bin/pip-compile --quiet --extra docs --constraint requirements.lock --generate-hashes --strip-extras \
+		--allow-unsafe --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options --no-header \
+		--output-file requirements-docs.lock pyproject.toml
 	rm -rf $(VENV)-lock
 
 clean:
-	rm -rf $(VENV) $(INTEROP) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*
+	rm -rf $(VENV) $(INTEROP) docs/_site docs/made .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*
 
 $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -69,6 +79,10 @@ $(INSTALLED): requirements.lock pyproject.toml
 # index (CPU or CUDA), so they are pinned by version alone, and what a CUDA wheel needs beyond the list comes with it.
 $(IMAGING): requirements-imaging.lock $(INSTALLED)
 	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements-imaging.lock
+	touch $@
+
+$(DOCS): requirements-docs.lock $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements-docs.lock
 	touch $@
 
 $(INTEROP)/.installed: requirements-interop.lock

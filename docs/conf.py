@@ -1,0 +1,29 @@
+"""How the documents are built: `make docs`."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+project = "labctl"
+author = "The labctl developers"
+extensions = [
+    "command_tables",
+    "figures",
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.doctest",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+]
+exclude_patterns = ["extensions", "_site"]
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_heading_anchors = 3
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+napoleon_use_ivar = True
+linkcheck_ignore = [r"https?://.*"]  # only what lies here: the build works offline
+html_theme = "furo"
+html_title = "labctl"
+html_show_copyright = False
+html_show_sphinx = False
