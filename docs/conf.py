@@ -10,6 +10,7 @@ author = "The labctl developers"
 extensions = [
     "command_tables",
     "figures",
+    "parameter_table",
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
