@@ -10,11 +10,11 @@ author = "The labctl developers"
 extensions = [
     "command_tables",
     "figures",
+    "mathml",
     "parameter_table",
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
-    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
 exclude_patterns = ["extensions", "_site"]
@@ -24,6 +24,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 napoleon_use_ivar = True
 linkcheck_ignore = [r"https?://.*"]  # only what lies here: the build works offline
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "labctl"
 html_show_copyright = False
