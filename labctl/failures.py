@@ -1,14 +1,6 @@
 """Which failures a person meets, and the exit status each one ends in."""
 
-from pydantic import ValidationError
-
 from instruments.errors import InstrumentError, NotConfigured, OutOfRange
-from labctl.analysis.errors import AnalysisError
-from labctl.datasets import DatasetError
-from labctl.experiments import ExperimentError
-from labctl.runs import RunError
-from labctl.station import StationError, describe
-from protocols.base import ProtocolError
 
 DONE, FELL_SHORT, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
 
@@ -17,18 +9,32 @@ class UsageError(Exception):
     """A command was asked for something that cannot be: one line that names the option and what to do."""
 
 
-EXPECTED = (
-    UsageError,
-    StationError,
-    ProtocolError,
-    DatasetError,
-    ExperimentError,
-    AnalysisError,
-    RunError,
-    InstrumentError,
-    ValidationError,
-)
-"""What is told in one line; anything else is a defect."""
+def expected() -> tuple[type[Exception], ...]:
+    """What is told in one line; anything else is a defect.
+
+    To be called when something has failed: where the errors come from is imported here, and a command that ends well
+    needs little of it.
+    """
+    from pydantic import ValidationError
+
+    from labctl.analysis.errors import AnalysisError
+    from labctl.datasets.errors import DatasetError
+    from labctl.experiments import ExperimentError
+    from labctl.runs.layout import RunError
+    from labctl.station import StationError
+    from protocols.base import ProtocolError
+
+    return (
+        UsageError,
+        StationError,
+        ProtocolError,
+        DatasetError,
+        ExperimentError,
+        AnalysisError,
+        RunError,
+        InstrumentError,
+        ValidationError,
+    )
 
 
 def exit_status(error: Exception) -> int:
@@ -39,6 +45,10 @@ def exit_status(error: Exception) -> int:
 
 def one_line(error: Exception) -> str:
     """The failure as it is printed."""
+    from pydantic import ValidationError
+
+    from labctl.station import describe
+
     text = describe(error) if isinstance(error, ValidationError) else str(error)
     return " ".join(text.split())
 

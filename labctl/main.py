@@ -1,52 +1,41 @@
-"""The command `labctl`: its commands, and how every one of them ends."""
+"""The command `labctl`: how it starts, and how every one of its commands ends."""
 
 import json
 import sys
 from collections.abc import Sequence
+from typing import Annotated
 
 import typer
 from typer.exceptions import Abort, TyperException
 
-from labctl.commands import (
-    bench,
-    data,
-    evaluate,
-    readout,
-    recording,
-    report,
-    reproduce,
-    resume,
-    run,
-    runs,
-    simulation,
-    verify,
-)
-from labctl.failures import EXPECTED, INTERRUPTED, WRONG_USE, exit_status, notes, one_line
+from labctl.failures import INTERRUPTED, WRONG_USE, exit_status, expected, notes, one_line
+from labctl.loading import PLAIN, UnloadedCommands
 
 app = typer.Typer(
     name="labctl",
+    cls=UnloadedCommands,
     help="Runs a photonic machine-vision bench, real or simulated. Without --station the simulated bench is used.",
     epilog="Errors are one line; --debug, anywhere on the line, adds the traceback.",
     no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
+    **PLAIN,
 )
-app.command("demo")(run.demo)
-app.command("reproduce")(reproduce.reproduce)
-app.command("check")(bench.check)
-app.command("run")(run.run)
-app.command("resume")(resume.resume)
-app.command("verify")(verify.verify)
-app.command("runs")(runs.runs)
-app.command("show")(runs.show)
-app.command("train")(readout.train)
-app.command("evaluate")(evaluate.evaluate)
-app.command("report")(report.report)
-app.command("record")(recording.record)
-app.command("replay")(recording.replay)
-app.add_typer(data.app, name="data")
-app.add_typer(simulation.app, name="sim")
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        from labctl.provenance import this_version
+
+        sys.stdout.write(f"labctl {this_version()}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def labctl(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Say which labctl this is.")
+    ] = False,
+) -> None:
+    """What comes before a command."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -58,12 +47,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _status(words: list[str], *, debug: bool) -> int:
     try:
-        status = app(words, standalone_mode=False)
+        status = app(words, prog_name="labctl", standalone_mode=False)
     except (KeyboardInterrupt, Abort):
         return INTERRUPTED
     except TyperException as error:
         return _complain(f"{error.format_message()} `labctl --help` lists what there is", WRONG_USE, words)
-    except EXPECTED as error:
+    except expected() as error:
         if debug:
             raise
         return _complain(one_line(error), exit_status(error), words, notes(error))

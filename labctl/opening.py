@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -22,10 +22,12 @@ from labctl.interruption import stops_deferred
 from labctl.replaying import redirected
 from labctl.station import SIMULATED, LaserSection, Station, StationError, describe
 from labctl.tapping import recorded
-from sim_backends.bench import SimulatedBench
-from sim_backends.parameters import Parameters
 
-SIMULATED_LASER = Path(str(files("sim_backends.virtual") / "tlg220.toml"))
+if TYPE_CHECKING:  # a bench of real instruments does without
+    from sim_backends.bench import SimulatedBench
+    from sim_backends.parameters import Parameters
+
+SIMULATED_LASER = Path(str(files("sim_backends") / "virtual" / "tlg220.toml"))
 """Command table of the simulated laser."""
 
 
@@ -34,7 +36,7 @@ class OpenBench:
     """An opened bench; `simulation` is the simulated bench behind it, if this process runs one."""
 
     bench: Bench
-    simulation: SimulatedBench | None
+    simulation: "SimulatedBench | None"
 
 
 @contextmanager
@@ -61,8 +63,10 @@ def opened(station: Station, transcript: Transcript, *, attended: bool = False) 
         yield OpenBench(bench, simulation)
 
 
-def simulated_bench(station: Station, *, host: str = "127.0.0.1", port_base: int | None = None) -> SimulatedBench:
+def simulated_bench(station: Station, *, host: str = "127.0.0.1", port_base: int | None = None) -> "SimulatedBench":
     """The simulated bench of `station`, not started; its laser speaks the station's command table if it names one."""
+    from sim_backends.bench import SimulatedBench
+
     table = station.laser.commands
     laser_table = None
     if table is not None and str(table) != SIMULATED:
@@ -83,7 +87,9 @@ def laser_commands(station: Station) -> Path | None:
     return laser.commands or DEFAULT_TABLE
 
 
-def _parameters(station: Station) -> Parameters:
+def _parameters(station: Station) -> "Parameters":
+    from sim_backends.parameters import Parameters
+
     try:
         return Parameters.model_validate(
             {"light_path": "projector" if station.wiring.projector else "direct", **station.sim.parameters}
@@ -92,7 +98,7 @@ def _parameters(station: Station) -> Parameters:
         raise StationError(f"{station.source}: sim.parameters: {describe(error)}") from None
 
 
-def _bench(station: Station, transcript: Transcript, simulation: SimulatedBench | None, *, attended: bool) -> Bench:
+def _bench(station: Station, transcript: Transcript, simulation: "SimulatedBench | None", *, attended: bool) -> Bench:
     def instrument(name: str) -> Any:
         section = getattr(station, name)
         address = section.address

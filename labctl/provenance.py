@@ -13,6 +13,12 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {package: version(package) for package in PACKAGES}
 
 
+def this_version() -> str:
+    """Version of the distribution, and the revision of the checkout that it runs from, if it does."""
+    revision = git_revision()
+    return version("photonic-labctl") + (f", git {revision}" if revision else "")
+
+
 def git_revision() -> str | None:
     """The commit of the checkout that labctl runs from, with "-dirty" for local changes; None outside a checkout."""
     root = Path(__file__).parents[1]

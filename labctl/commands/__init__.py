@@ -1,1 +1,24 @@
 """The commands, one file per group: each reads its options, calls the library, and shows what came out."""
+
+COMMANDS = {
+    "demo": "labctl.commands.demo:demo",
+    "reproduce": "labctl.commands.reproduce:reproduce",
+    "check": "labctl.commands.bench:check",
+    "run": "labctl.commands.run:run",
+    "resume": "labctl.commands.resume:resume",
+    "verify": "labctl.commands.verify:verify",
+    "runs": "labctl.commands.runs:runs",
+    "show": "labctl.commands.runs:show",
+    "train": "labctl.commands.readout:train",
+    "evaluate": "labctl.commands.evaluate:evaluate",
+    "report": "labctl.commands.report:report",
+    "record": "labctl.commands.recording:record",
+    "replay": "labctl.commands.recording:replay",
+    "data": "labctl.commands.data:app",
+    "sim": "labctl.commands.simulation:app",
+}
+"""Name -> where it is, in the order of `labctl --help`: a function, or `app` for a module of commands.
+
+A module is imported when its command is asked for. The line that the help shows is the first of the function's
+docstring, or of the module's for an `app`; it is read from the source.
+"""

@@ -7,8 +7,8 @@ import typer
 from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
 from labctl.command_log import CommandLog
+from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, show, table
-from labctl.commands.run import StationOption
 from labctl.failures import DONE, FELL_SHORT
 from labctl.opening import opened
 from labctl.station import read_station

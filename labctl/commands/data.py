@@ -1,4 +1,4 @@
-"""`labctl data`: the data sets, where they are, and whether they are what their cards say."""
+"""Data sets: list, fetch, verify, path."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -6,12 +6,12 @@ from typing import Annotated, Any
 import typer
 
 from labctl import datasets
+from labctl.commands.options import DataOption
 from labctl.commands.output import JsonOption, say, show, table
-from labctl.commands.run import DataOption
 from labctl.datasets import DatasetError
 from labctl.failures import DONE, FELL_SHORT
 
-app = typer.Typer(help="Data sets: list, fetch, verify, path.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 
 Name = Annotated[str, typer.Argument(help="Name of a data set.")]
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
-from labctl.commands.run import DataOption, StationOption
 from labctl.experiments import experiments
 from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError, one_line
 from labctl.interruption import interruptible

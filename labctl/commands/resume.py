@@ -8,8 +8,9 @@ import typer
 
 from labctl import acquisition
 from labctl.acquisition import Resumption
+from labctl.commands.options import DataOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
-from labctl.commands.run import DataOption, describe, print_outcome
+from labctl.commands.run import describe, print_outcome
 from labctl.failures import DONE, INTERRUPTED, WRONG_USE
 from labctl.interruption import interruptible
 from labctl.resuming import SettingsChanged

@@ -1,4 +1,4 @@
-"""`labctl run`: one acquisition. `labctl demo`: the main experiment of the paper on simulated benches."""
+"""`labctl run`: one acquisition."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -6,12 +6,12 @@ from typing import Annotated, Any
 
 import typer
 
-from labctl import demonstration
 from labctl.acquisition import Acquisition, acquire
 from labctl.command_log import CommandLog
+from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.engine import Outcome, new_directory
-from labctl.failures import DONE, FELL_SHORT, INTERRUPTED
+from labctl.failures import DONE, INTERRUPTED
 from labctl.inputs import inputs_for
 from labctl.interruption import interruptible
 from labctl.next_steps import next_command, resumable, resume_command
@@ -20,9 +20,6 @@ from labctl.protocol_files import read_protocol
 from labctl.runs import open_run
 from labctl.station import read_station
 from protocols.base import ShotKind
-
-StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
-DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, looked at first.")]
 
 
 def run(
@@ -52,19 +49,6 @@ def run(
     result = describe(acquired.outcome) | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
     show(result, as_json, lambda: print_outcome(result))
     return DONE if acquired.outcome.complete else INTERRUPTED
-
-
-def demo(
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for the runs; default runs/.")] = None,
-    as_json: JsonOption = False,
-) -> int:
-    """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
-    with interruptible() as interruption, progress_bar("demo") as progress:
-        result = demonstration.demonstrate(out or Path("runs"), interruption=interruption, progress=progress)
-    if result is None:
-        return INTERRUPTED
-    show(result, as_json, lambda: _print_demo(result))
-    return DONE if result["passed"] else FELL_SHORT
 
 
 def _plan(acquisition: Acquisition) -> dict[str, Any]:
@@ -127,25 +111,3 @@ def print_outcome(result: dict[str, Any]) -> None:
     if "profile_ms_per_shot" in result:
         budget = result["profile_ms_per_shot"].items()
         table(("step", "ms a shot"), ((step.replace("_", " "), f"{ms:.3f}") for step, ms in budget))
-
-
-def _print_demo(result: dict[str, Any]) -> None:
-    say(f"Digits 0-3, {result['shots']} images, ports 2-6, {result['twins']} simulated benches, 10 splits each")
-    table(
-        ("T_N (ns)", "accuracy", "sd", "without chip", "sd", "paper"),
-        (
-            (
-                window,
-                f"{reached['mean']:.3f}",
-                f"{reached['sd']:.3f}",
-                f"{result['accuracy_without_reservoir'][window]['mean']:.3f}",
-                f"{result['accuracy_without_reservoir'][window]['sd']:.3f}",
-                demonstration.paper_says(window),
-            )
-            for window, reached in result["accuracy"].items()
-        ),
-    )
-    verdict = "reached" if result["passed"] else "NOT reached"
-    say(f"the paper's result is {verdict}; {result['shots_per_second']:.0f} shots/s, {result['seconds']:.0f} s in all")
-    say(f"run: {result['run']}")
-    say(f"report: {result['report']}")

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from labctl.analysis.models import load_metadata
 from labctl.commands.output import JsonOption, say, table
 from labctl.commands.output import show as output
 from labctl.failures import DONE, UsageError
@@ -65,7 +64,7 @@ def show(
     if not path.exists():
         raise UsageError(f"{path}: no such file or directory: name a run directory, a data.h5 or a model file")
     is_run = path.is_dir() or path.name == RunPaths(path.parent).data.name
-    found = _run(path) if is_run else {"model": str(path)} | load_metadata(path)
+    found = _run(path) if is_run else _model(path)
     output(found, as_json, lambda: table(("what", "value"), _flat(found)))
     return DONE
 
@@ -90,6 +89,12 @@ def _run(path: Path) -> dict[str, Any]:
             "seeds": manifest.get("seeds"),
             "instruments": manifest.get("instruments"),
         }
+
+
+def _model(path: Path) -> dict[str, Any]:
+    from labctl.analysis.models import load_metadata  # here, since it brings scikit-learn
+
+    return {"model": str(path)} | load_metadata(path)
 
 
 def _state(complete: bool) -> str:

@@ -1,4 +1,4 @@
-"""`labctl sim serve`: the simulated bench as a service."""
+"""The simulated bench."""
 
 import ipaddress
 import threading
@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, errors, say, show, table
-from labctl.commands.run import StationOption
 from labctl.commands.serving import serving
 from labctl.failures import DONE, UsageError
 from labctl.interruption import on_stop_signal
@@ -19,7 +19,7 @@ POLL_S = 0.5
 LOOPBACK = "127.0.0.1"
 TRANSPORTS = ("socket", "hislip", "vxi11")
 
-app = typer.Typer(help="The simulated bench.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 
 
 @app.callback()

@@ -7,7 +7,7 @@ from instruments.bench import Bench
 from instruments.errors import LinkError
 from labctl.command_log import CommandLog
 from labctl.experiments import Experiment
-from labctl.failures import EXPECTED, UsageError
+from labctl.failures import UsageError, expected
 from labctl.inputs import inputs_for
 from labctl.opening import opened
 from labctl.reproduction.analyses import analysis_of
@@ -39,7 +39,7 @@ def check(plan: Plan) -> dict[str, Exception]:
                 _check(experiment, plan, benches)
             except LinkError:
                 raise
-            except EXPECTED as error:
+            except expected() as error:
                 problems[experiment.name] = error
     return problems
 

@@ -1,0 +1,9 @@
+"""Options that several commands have."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
+DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, looked at first.")]
