@@ -5,7 +5,8 @@ import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
-PACKAGES = ("photonic-labctl", "numpy", "scipy", "scikit-learn", "h5py", "pydantic", "pyvisa", "pyvisa-py")
+DISTRIBUTION = "photonic-labctl"
+PACKAGES = (DISTRIBUTION, "numpy", "scipy", "scikit-learn", "h5py", "pydantic", "pyvisa", "pyvisa-py")
 
 
 def versions() -> dict[str, str]:
@@ -16,7 +17,7 @@ def versions() -> dict[str, str]:
 def this_version() -> str:
     """Version of the distribution, and the revision of the checkout that it runs from, if it does."""
     revision = git_revision()
-    return version("photonic-labctl") + (f", git {revision}" if revision else "")
+    return version(DISTRIBUTION) + (f", git {revision}" if revision else "")
 
 
 def git_revision() -> str | None:
