@@ -35,9 +35,9 @@ interop: $(INSTALLED) $(INTEROP)/.installed
 
 # The documents as a site; a warning, a link that leads nowhere and an example that prints something else are errors.
 docs: $(INSTALLED) $(DOCS)
-	$(BIN)/sphinx-build --quiet --fail-on-warning --builder html docs docs/_site
-	$(BIN)/sphinx-build --quiet --fail-on-warning --builder doctest docs docs/_site/doctest
-	$(BIN)/sphinx-build --quiet --fail-on-warning --builder linkcheck docs docs/_site/linkcheck
+	$(BIN)/sphinx-build --quiet --fail-on-warning --builder html docs build/docs/html
+	$(BIN)/sphinx-build --quiet --fail-on-warning --builder doctest docs build/docs/doctest
+	$(BIN)/sphinx-build --quiet --fail-on-warning --builder linkcheck docs build/docs/linkcheck
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES)
@@ -67,7 +67,7 @@ lock:
 	rm -rf $(VENV)-lock
 
 clean:
-	rm -rf $(VENV) $(INTEROP) docs/_site docs/made .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*
+	rm -rf $(VENV) $(INTEROP) build docs/made .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*
 
 $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -14,9 +14,10 @@ PACKAGES = ("labctl", "instruments", "protocols", "sim_backends")
 
 
 def files_of(*folders: str) -> set[str]:
-    """Every file of some folders of the checkout, by its path in it."""
-    found = (path for folder in folders for path in (ROOT / folder).rglob("*"))
-    return {path.relative_to(ROOT).as_posix() for path in found if path.is_file() and path.suffix != ".pyc"}
+    """Every file of some folders of the checkout that was not made there, by its path in it."""
+    found = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file())
+    kept = (path for path in found if path.suffix != ".pyc" and ROOT / "docs" / "made" not in path.parents)
+    return {path.relative_to(ROOT).as_posix() for path in kept}
 
 
 @pytest.fixture(scope="module")
