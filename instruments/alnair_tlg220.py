@@ -213,7 +213,11 @@ class Tlg220(TunableLaser):
             unit="dBm",
             remedy="check its power range",
         )
-        return float(1e-3 * 10 ** (settled_dbm / 10))
+        return _watts(settled_dbm)
+
+    def power(self) -> float:
+        """What `get_power` answers."""
+        return _watts(self._number("get_power"))
 
     def emit(self) -> None:
         """Emission on, settled."""
@@ -303,3 +307,7 @@ class Tlg220(TunableLaser):
                 break
             errors.append(f"{reply['code']} {reply['text']}")
         return errors
+
+
+def _watts(dbm: float) -> float:
+    return float(1e-3 * 10 ** (dbm / 10))

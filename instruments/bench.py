@@ -4,17 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
-from instruments.errors import InstrumentError, LinkError, OutOfRange
+from instruments.errors import InstrumentError, LinkError, NotConfigured, OutOfRange
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
-from instruments.values import EdgeTrigger
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What must never be exceeded on this bench, checked before the first command is sent."""
-
-    optical_power_w: float
-    rf_amplitude_vpp: float
+from instruments.limits import Levels, Limits
+from instruments.values import Drive, EdgeTrigger
 
 
 @dataclass(frozen=True)
@@ -34,14 +27,6 @@ class Wiring:
 
 
 @dataclass(frozen=True)
-class Levels:
-    """The optical and RF levels the bench works at."""
-
-    optical_power_w: float
-    rf_amplitude_vpp: float
-
-
-@dataclass(frozen=True)
 class Light:
     """What the laser settled on, by its own read-back."""
 
@@ -57,10 +42,11 @@ class UnsafeBench(InstrumentError):
 class Bench:
     """The opened instruments of a station.
 
-    `source` is the file that describes it, for messages. `now` gives the time of the bench in seconds: the wall clock
-    of a real bench, the virtual clock of a simulated one. `undisturbed` keeps what would stop the program out of the
-    way into the safe state. `before_light` is called whenever light is about to be switched on, and may refuse it by an
-    `InstrumentError`. `lit` says that it was, and that the way into the safe state was not gone to its end since.
+    `armed` says that a person has allowed light. `source` is the file that describes it, for messages. `now` gives the
+    time of the bench in seconds: the wall clock of a real bench, the virtual clock of a simulated one. `undisturbed`
+    keeps what would stop the program out of the way into the safe state. `before_light` is called whenever light is
+    about to be switched on, and may refuse it by an `InstrumentError`. `lit` says that it was, and that the way into
+    the safe state was not gone to its end since.
     """
 
     awg: Awg
@@ -71,6 +57,7 @@ class Bench:
     levels: Levels
     limits: Limits
     wiring: Wiring
+    armed: bool
     source: str
     now: Callable[[], float]
     undisturbed: Callable[[], AbstractContextManager[None]] = nullcontext
@@ -89,20 +76,24 @@ class Bench:
         }
 
     def __post_init__(self) -> None:
-        """Compare the levels with the limits, before anything can be sent.
+        """Compare the levels with the limits and with what the AWG can give, before anything can be sent.
 
         Raises:
-            OutOfRange: the optical power or the RF amplitude exceeds its limit.
+            OutOfRange: the optical power or the RF amplitude exceeds its limit, or the AWG does not give it.
         """
-        if self.levels.optical_power_w > self.limits.optical_power_w:
-            raise OutOfRange(
-                f"{self.source}: laser.power = {self.levels.optical_power_w * 1e3:g} mW exceeds limits.optical_power = "
-                f"{self.limits.optical_power_w * 1e3:g} mW: lower the power"
-            )
-        if self.levels.rf_amplitude_vpp > self.limits.rf_amplitude_vpp:
-            raise OutOfRange(
-                f"{self.source}: awg.amplitude = {self.levels.rf_amplitude_vpp:g} V exceeds limits.rf_amplitude = "
-                f"{self.limits.rf_amplitude_vpp:g} V: lower the amplitude"
+        self.limits.check_levels(self.levels, self.source)
+        self.awg.amplitude.check(f"{self.source}: awg.amplitude", self.levels.rf_amplitude_vpp)
+
+    def require_arm(self) -> None:
+        """Refuse light that nobody has allowed.
+
+        Raises:
+            NotConfigured: the bench is not armed.
+        """
+        if not self.armed:
+            raise NotConfigured(
+                f"{self.source}: the laser is not armed, no light is switched on: write armed = true under [laser] of "
+                f"the station file, or repeat with --arm"
             )
 
     def passes_for(self, ports: Sequence[int]) -> tuple[dict[int, int], ...]:
@@ -132,9 +123,11 @@ class Bench:
 
         Raises:
             OutOfRange: outside the laser's range.
+            OverLimit: by its own answer, it gives more than the limit.
             InstrumentError: it does not settle there.
         """
         power_w = self.laser.set_power(self.levels.optical_power_w)
+        self.limits.check_power(power_w)
         return Light(wavelength_nm=self.laser.tune(wavelength_nm), power_w=power_w)
 
     @contextmanager
@@ -142,14 +135,28 @@ class Bench:
         """The only way to light: emission inside the block, the safe state however it ends.
 
         Raises:
+            NotConfigured: the bench is not armed; nothing was sent.
+            OverLimit: by its own answer, the laser gives more than the limit.
             UnsafeBench: an instrument did not obey. Where the block fails, this is a note to its error.
         """
+        self.require_arm()
         with ending_with(self.make_safe):
             self.before_light()
             self.set_light(wavelength_nm)
             self.lit = True
             self.laser.emit()
+            self.limits.check_power(self.laser.power())
             yield
+
+    def load_drive(self, drive: Drive, *, periods_per_trigger: float | None = None) -> None:
+        """Load `drive` into the AWG as `Awg.load` does, under the limit of the RF amplitude.
+
+        Raises:
+            OverLimit: its amplitude exceeds the limit, and nothing was sent; or the one that the AWG settled on does.
+            InstrumentError: the AWG refuses it, or settles on something else.
+        """
+        self.limits.check_amplitude(drive.amplitude_vpp)
+        self.limits.check_amplitude(self.awg.load(drive, periods_per_trigger=periods_per_trigger).amplitude_vpp)
 
     def make_safe(self) -> None:
         """Laser off, AWG off, DMD blank, oscilloscope stopped: in this order, and each one even if another fails.

@@ -16,6 +16,7 @@ from instruments.values import (
     EdgeTrigger,
     Frames,
     Identity,
+    Loaded,
     Progress,
     Range,
     Scaling,
@@ -62,11 +63,14 @@ class Instrument(ABC):
 class Awg(Instrument):
     """Arbitrary waveform generator: plays a drive for ever, with a marker at the start of each period."""
 
+    amplitude: Range
+    """The amplitudes it can be set to, V peak to peak."""
+
     @abstractmethod
     def load(
         self, drive: Drive, *, periods_per_trigger: float | None = None, progress: Progress | None = None
-    ) -> float:
-        """Upload `drive`, assign it to the channel and return the sample rate the instrument settled on.
+    ) -> Loaded:
+        """Upload `drive`, assign it to the channel and return what the instrument settled on.
 
         It plays for ever; or so many periods at each falling edge of the trigger input, with one marker at their start;
         or, with infinitely many, for ever from the first such edge on.
@@ -176,6 +180,10 @@ class TunableLaser(Instrument):
         Raises:
             OutOfRange: outside the laser's range.
         """
+
+    @abstractmethod
+    def power(self) -> float:
+        """The optical output power that the laser says it gives, W."""
 
     @abstractmethod
     def emit(self) -> None:

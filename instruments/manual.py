@@ -44,6 +44,10 @@ class ManualLaser(TunableLaser):
             self._settings["power_w"] = power_w
         return power_w
 
+    def power(self) -> float:
+        """The last one confirmed; 0 before."""
+        return float(self._settings.get("power_w", 0.0))
+
     def emit(self) -> None:
         """Ask for emission."""
         self._settings["emitting"] = 1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from instruments.errors import InstrumentError
 from instruments.interfaces import Awg
 from instruments.readback import confirm
-from instruments.values import Drive, Identity, Progress, Range
+from instruments.values import Drive, Identity, Loaded, Progress, Range
 from instruments.visa import VisaLink
 
 SLOW_S = 30.0
@@ -46,7 +46,7 @@ class Awg70002a(Awg):
     READ_BACK_SAMPLES = 1000  # of each chunk
     SAMPLE_TOLERANCE = 2**-9  # of full scale: a step of 10 bits
     SAMPLE_RATE = Range(1.49e3, 25e9, "S/s")
-    AMPLITUDE = Range(0.25, 0.5, "Vpp")
+    amplitude = Range(0.25, 0.5, "Vpp")  # of the direct path
     MARKER_HIGH_V, MARKER_LOW_V = 1.0, 0.0
     MARKER_1 = 0x40
     MARKER_RESOLUTION_BITS = 9  # 10 bits would take the marker's place
@@ -55,6 +55,7 @@ class Awg70002a(Awg):
     MARKER_TOLERANCE_V = 0.05
     TRIGGER_LEVEL_V = 1.4  # half of a TTL pulse
     WAITING, RUNNING = "1", "2"
+    DIRECT = ("DIR", "DIRECT")
 
     def __init__(self, link: VisaLink, *, channel: int = 1) -> None:
         """Drive `channel` of the instrument behind `link`."""
@@ -75,8 +76,8 @@ class Awg70002a(Awg):
 
     def load(
         self, drive: Drive, *, periods_per_trigger: float | None = None, progress: Progress | None = None
-    ) -> float:
-        """Upload `drive` with its marker, assign it, and return the rate the clock settled on.
+    ) -> Loaded:
+        """Upload `drive` with its marker, assign it, and return the rate and the amplitude it settled on.
 
         It goes in chunks, so that the longest waveform the instrument takes needs no memory here beside the drive.
         A trigger is the falling edge, since a DMD's pulse begins with the picture and ends when its mirrors rest. Where
@@ -88,7 +89,7 @@ class Awg70002a(Awg):
         """
         mode = RunMode.of(periods_per_trigger)
         self.SAMPLE_RATE.check("drive sample rate", drive.sample_rate)
-        self.AMPLITUDE.check("drive amplitude", drive.amplitude_vpp)
+        self.amplitude.check("drive amplitude", drive.amplitude_vpp)
         shortest, longest = (int(self._link.number(f"WLISt:WAVeform:{limit}?")) for limit in ("LMINimum", "LMAXimum"))
         periods = periods_per_trigger if periods_per_trigger not in (None, math.inf) else 1
         length = drive.repeated_length(max(shortest, int(periods) * drive.samples.size))
@@ -138,9 +139,14 @@ class Awg70002a(Awg):
             self._link.write(f"CLOCk:SRATe {drive.sample_rate:.9E}")
             self._finish()
 
-    def _read_back(self, drive: Drive) -> float:
-        """Compare what the instrument may have rounded; returns the sample rate it settled on."""
-        source = f"SOURce{self._channel}"
+    def _read_back(self, drive: Drive) -> Loaded:
+        """Compare what the instrument may have rounded, and the way the signal takes to its output."""
+        source, path = f"SOURce{self._channel}", f"OUTPut{self._channel}:PATH"
+        if (found := self._link.query(f"{path}?")).upper() not in self.DIRECT:
+            raise InstrumentError(
+                f"{self._link.name}: {path} is {found}: amplitudes hold for the direct path only: set it to DIRect"
+            )
+        settled = []
         for query, setting, asked, tolerance, unit in (
             (f"{source}:DAC:RESolution?", "DAC resolution", self.MARKER_RESOLUTION_BITS, 0, "bits"),
             (f"{source}:MARKer1:VOLTage:HIGH?", "marker high level", self.MARKER_HIGH_V, self.MARKER_TOLERANCE_V, "V"),
@@ -148,8 +154,10 @@ class Awg70002a(Awg):
             (f"{source}:VOLTage?", "amplitude", drive.amplitude_vpp, self.AMPLITUDE_TOLERANCE_V, "Vpp"),
             ("CLOCk:SRATe?", "sample rate", drive.sample_rate, self.RATE_TOLERANCE * drive.sample_rate, "S/s"),
         ):
-            settled = confirm(f"{self._link.name}: {setting}", asked, self._link.number(query), tolerance, unit=unit)
-        return settled
+            got = self._link.number(query)
+            settled.append(confirm(f"{self._link.name}: {setting}", asked, got, tolerance, unit=unit))
+        *_, amplitude, rate = settled
+        return Loaded(rate, amplitude)
 
     def play(self) -> None:
         """Run, then let it out: `AWGControl:RUN`, all-outputs-off released, output on."""

@@ -92,6 +92,14 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class Loaded:
+    """What an AWG made of a drive, by its own answers: the sample rate (S/s) and the amplitude it settled on."""
+
+    sample_rate: float
+    amplitude_vpp: float
+
+
+@dataclass(frozen=True)
 class Timebase:
     """How a trace is sampled: `samples` points at `sample_rate` (S/s), the first one `delay_s` after the trigger."""
 

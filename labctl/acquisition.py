@@ -35,6 +35,7 @@ class Acquisition:
     directory: Path | None = None
     data: Path | None = None
     attended: bool = False
+    armed: bool = False
     profile: bool = False
 
 
@@ -57,6 +58,7 @@ def acquire(
 
     Raises:
         DatasetError, StationError, ProtocolError, RunError: what was asked for is wrong; no light was switched on.
+        NotConfigured: the laser is not armed.
         InstrumentError: an instrument failed; finished shots are kept.
     """
     protocol, station = acquisition.protocol, acquisition.station
@@ -64,9 +66,10 @@ def acquire(
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         watch = stack.enter_context(supervised(station, log))
-        open_bench = stack.enter_context(opened(station, log, attended=acquisition.attended))
+        open_bench = stack.enter_context(opened(station, log, attended=acquisition.attended, armed=acquisition.armed))
         watch(open_bench.bench)
         check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
+        open_bench.bench.require_arm()
         simulation = open_bench.simulation
         stopwatch = Stopwatch((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
         if uploading is not None:
@@ -93,6 +96,7 @@ class Resumption:
     station: Station | None = None
     data: Path | None = None
     attended: bool = False
+    armed: bool = False
 
 
 def resume(
@@ -133,9 +137,10 @@ def resume(
         refuse_other_inputs(directory, manifest.values, inputs)
         log = stack.enter_context(CommandLog())
         watch = stack.enter_context(supervised(station, log))
-        open_bench = stack.enter_context(opened(station, log, attended=resumption.attended))
+        open_bench = stack.enter_context(opened(station, log, attended=resumption.attended, armed=resumption.armed))
         watch(open_bench.bench)
         check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
+        open_bench.bench.require_arm()
         if uploading is not None:
             tell_uploads(open_bench.bench, uploading)
         return go_on(

@@ -126,6 +126,7 @@ class Measuring:
         for event in events:
             if isinstance(event, LegStarted):
                 self._start(event)
+                channels, scalings = tuple(event.leg.patching), event.scalings
                 previous = None
                 continue
             self._bench.laser.require_emission()  # what was measured in the dark is not kept
@@ -133,6 +134,7 @@ class Measuring:
             epoch = self._epochs + event.leg.index + self.recovered
             burst = _measured(event, self._bench.now() - self._began, epoch)
             _refuse_stale(previous, burst)
+            self._bench.limits.check_traces(channels, burst.codes, scalings)
             previous = burst.codes[-1]
             storage.keep(event, burst)
             self.clipped += int(np.count_nonzero(burst.clipped.any(axis=1)))

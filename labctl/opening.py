@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import DEFAULT_TABLE, CommandTable
-from instruments.bench import Bench, Levels, Limits, Wiring, ending_with
+from instruments.bench import Bench, Wiring, ending_with
 from instruments.errors import InstrumentError, NotConfigured
+from instruments.limits import Levels, Limits
 from instruments.toml_files import read_toml
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
 from labctl.drivers import Opening, driver
 from labctl.interruption import stops_deferred
-from labctl.replaying import redirected
-from labctl.station import SIMULATED, LaserSection, Station, StationError, describe
+from labctl.replaying import redirected, replayed
+from labctl.station import BY_HAND, SIMULATED, LaserSection, Station, StationError, describe
 from labctl.tapping import recorded
 
 if TYPE_CHECKING:  # a bench of real instruments does without
@@ -40,11 +41,16 @@ class OpenBench:
 
 
 @contextmanager
-def opened(station: Station, transcript: Transcript, *, attended: bool = False) -> Iterator[OpenBench]:
+def opened(
+    station: Station, transcript: Transcript, *, attended: bool = False, armed: bool = False
+) -> Iterator[OpenBench]:
     """The bench of `station`, released at the end however the block ends.
 
     Instruments whose address is "simulated" are served by a simulated bench in this process, over real sockets. No
     message is sent here: a station that is wrong is refused before any instrument hears of it.
+
+    attended: somebody is at the bench. armed: light is allowed, whatever the station says; where there is no light but
+    in a simulation of this process or in a recording, nobody is asked to allow it.
 
     Raises:
         StationError: a driver that does not exist, or a laser that must not be switched on.
@@ -56,7 +62,7 @@ def opened(station: Station, transcript: Transcript, *, attended: bool = False) 
         station = redirected(station)
         simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
         try:
-            bench = _bench(station, transcript, simulation, attended=attended)
+            bench = _bench(station, transcript, simulation, attended=attended, armed=armed or _armed(station))
         except (NotConfigured, StationError) as error:
             raise StationError(f"{station.source}: {error}") from None
         stack.enter_context(ending_with(bench.close))
@@ -98,7 +104,14 @@ def _parameters(station: Station) -> "Parameters":
         raise StationError(f"{station.source}: sim.parameters: {describe(error)}") from None
 
 
-def _bench(station: Station, transcript: Transcript, simulation: "SimulatedBench | None", *, attended: bool) -> Bench:
+def _armed(station: Station) -> bool:
+    shines = "laser" not in station.simulations and not (replayed() and station.laser.driver not in BY_HAND)
+    return station.laser.armed or not shines
+
+
+def _bench(
+    station: Station, transcript: Transcript, simulation: "SimulatedBench | None", *, attended: bool, armed: bool
+) -> Bench:
     def instrument(name: str) -> Any:
         section = getattr(station, name)
         address = section.address
@@ -122,7 +135,7 @@ def _bench(station: Station, transcript: Transcript, simulation: "SimulatedBench
         dmd=instrument("dmd"),
         patch_panel=instrument("patch_panel"),
         levels=Levels(station.laser.power, station.awg.amplitude),
-        limits=Limits(station.limits.optical_power, station.limits.rf_amplitude),
+        limits=Limits(station.limits.optical_power, station.limits.rf_amplitude, station.limits.detector),
         wiring=Wiring(
             trigger=EdgeTrigger(trigger.trigger_source, trigger.trigger_level, trigger.trigger_slope == "rise"),
             channels=station.scope.channels,
@@ -130,6 +143,7 @@ def _bench(station: Station, transcript: Transcript, simulation: "SimulatedBench
             burst=station.wiring.burst,
             projector=station.wiring.projector,
         ),
+        armed=armed,
         source=station.source,
         now=(lambda: simulation.world.clock.now)
         if simulation is not None and "scope" in station.simulations

@@ -55,6 +55,11 @@ def _names(recordings: Sequence[Recording]) -> dict[str, str]:
     return {recording.bench: recording.path.name for recording in reversed(recordings)}
 
 
+def replayed() -> bool:
+    """Whether every bench that this process opens is a recorded one."""
+    return VARIABLE in os.environ
+
+
 def redirected(station: Station) -> Station:
     """`station` with the addresses of the replay, if one is being played; a simulated laser keeps its command table.
 

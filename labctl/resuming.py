@@ -30,8 +30,8 @@ SENT_ANEW = {
     "patch_panel": ("routes", "ch?"),
 }
 """Settings that every run sends before its first record and reads back: what they are meanwhile says nothing."""
-MAY_CHANGE = ("source", "durability.*", "*.address")
-"""Of the station: where the instruments are reached, and how much may be lost."""
+MAY_CHANGE = ("source", "durability.*", "*.address", "laser.armed")
+"""Of the station: where the instruments are reached, how much may be lost, and whether light is allowed."""
 SAME = 1e-6
 """Numbers that an instrument reports again may differ by so much of themselves."""
 
@@ -87,7 +87,7 @@ def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Sta
     """The station the run was begun on, or the one that is `given` in its place with new addresses.
 
     Raises:
-        SettingsChanged: `given` differs in more than addresses and durability.
+        SettingsChanged: `given` differs in more than addresses, durability and arm.
         RunError: the manifest does not say, or not in words that this version of labctl knows.
     """
     try:

@@ -80,11 +80,13 @@ class LaserSection(Section):
     """The light source.
 
     `commands` is the operator's command table, or "simulated" for the simulated laser's; without it the driver's own.
+    `armed` allows light.
     """
 
     driver: Text = "alnair-tlg-220"
     address: Address = SIMULATED
     commands: Path | None = None
+    armed: bool = False
     power: Watts = 0.03
     wavelength: Nanometres = 1550.0
 
@@ -117,6 +119,7 @@ class LimitsSection(Section):
 
     optical_power: Watts = 0.03
     rf_amplitude: Volts = 0.5
+    detector: Annotated[Volts, Field(gt=0)] = 1.5
 
 
 class WiringSection(Section):
@@ -238,7 +241,7 @@ def _cut(text: str) -> str:
 def write_addresses(path: Path, addresses: Mapping[str, str], station: Station = SIMULATED_STATION) -> None:
     """Write a station file: what `station` says, with its instruments at `addresses`.
 
-    The laser is the simulated one unless `station` names a command table.
+    The laser is the simulated one unless `station` names a command table; it is armed, since nothing there shines.
 
     Raises:
         StationError: the file exists or cannot be written.
@@ -247,7 +250,8 @@ def write_addresses(path: Path, addresses: Mapping[str, str], station: Station =
     for name, address in addresses.items():
         whole[name] = whole.get(name, {}) | {"address": address}
     table = station.laser.commands or Path(SIMULATED)
-    whole.setdefault("laser", {})["commands"] = SIMULATED if str(table) == SIMULATED else str(table.absolute())
+    commands = SIMULATED if str(table) == SIMULATED else str(table.absolute())
+    whole["laser"] = whole.get("laser", {}) | {"commands": commands, "armed": True}
     lines = [f"{key} = {_toml(value)}" for key, value in whole.items() if not isinstance(value, dict)]
     for section, values in whole.items():
         if isinstance(values, dict):

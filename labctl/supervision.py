@@ -1,7 +1,6 @@
 """A run under supervision: whatever kills it, another process makes the bench safe."""
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -12,7 +11,7 @@ from typing import Any, BinaryIO, cast
 from instruments.bench import Bench, UnsafeBench
 from labctl.command_log import CommandLog
 from labctl.opening import laser_commands
-from labctl.replaying import VARIABLE as REPLAY
+from labctl.replaying import replayed
 from labctl.station import Station
 from labctl.supervisor import READY, Task, within_reach
 
@@ -33,7 +32,7 @@ def supervised(station: Station, log: CommandLog) -> Iterator[Callable[[Bench], 
 
     A bench that is simulated in this process, or replayed, has none: it ends with the process.
     """
-    if os.environ.get(REPLAY) is not None or not within_reach(station):
+    if replayed() or not within_reach(station):
         yield lambda _bench: None
         return
     supervisor = _Supervisor(station, log)

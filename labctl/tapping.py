@@ -64,8 +64,8 @@ def recorded(transcript: Transcript, station: Station) -> Iterator[Transcript]:
 
 
 def bench_of(station: Station) -> str:
-    """What tells the benches of one command apart: a digest of the station without names and addresses."""
-    told = station.model_dump(mode="json", exclude={"source", "name"})
+    """What tells the benches of one command apart: a digest of the station without names, addresses and arm."""
+    told = station.model_dump(mode="json", exclude={"source": True, "name": True, "laser": {"armed"}})
     for instrument in station.addresses:
         del told[instrument]["address"]
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]

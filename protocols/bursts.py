@@ -77,7 +77,7 @@ def measure_bursts(
     Raises:
         InstrumentError: a frame is missing, or came at the wrong time.
     """
-    bench.awg.load(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
+    bench.load_drive(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
     bench.awg.play()
     late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
     bench.scope.configure(late, bench.wiring.trigger, tuple(part.leg.patching), 1)

@@ -107,14 +107,14 @@ class DynamicScene(Measurement[Images]):
         timebase = Timebase(self.sample_rate, self.sample_count(inputs), lead_s)
         dmd.load([patterns.block(_pictures(shot)) for shot in plan], 2 * len(plan))
         with bench.emitting(parts[0].leg.wavelength_nm):
-            bench.awg.load(drive, periods_per_trigger=math.inf)
+            bench.load_drive(drive, periods_per_trigger=math.inf)
             for part in parts:
                 bench.laser.tune(part.leg.wavelength_nm)
                 bench.patch_panel.connect(part.leg.patching)
                 bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.leg.patching), 1)
                 captures = [partial(self._capture, bench, dmd, shot, lead_s) for shot in plan]
                 known = part.scalings and _rescaled(part.scalings, self.averages)
-                scalings = lock_ranges(bench.scope, known, captures)
+                scalings = lock_ranges(bench, known, captures)
                 yield LegStarted(part.leg, _rescaled(scalings, 1 / self.averages))
                 for shot in part.shots:
                     yield Record(part.leg, shot, _summed([captures[shot.index]() for _ in range(self.averages)]))

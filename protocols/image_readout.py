@@ -110,11 +110,11 @@ class ImageReadout(Measurement[Images]):
                 leg = part.leg
                 bench.laser.tune(leg.wavelength_nm)
                 bench.patch_panel.connect(leg.patching)
-                bench.awg.load(drive)
+                bench.load_drive(drive)
                 bench.awg.play()
                 bench.scope.configure(timebase, bench.wiring.trigger, tuple(leg.patching), self.averages)
                 captures = [partial(show_and_capture, bench, patterns[shot]) for shot in probes]
-                yield LegStarted(leg, lock_ranges(bench.scope, part.scalings, captures))
+                yield LegStarted(leg, lock_ranges(bench, part.scalings, captures))
                 if self.timing == "burst":
                     yield from measure_bursts(bench, dmd, memory, part, drive, timebase)
                 else:

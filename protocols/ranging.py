@@ -5,7 +5,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.bench import Bench
 from instruments.interfaces import Oscilloscope
+from instruments.limits import Limits
 from instruments.readback import confirm
 from instruments.values import Frames, Scaling, Vertical
 
@@ -22,7 +24,7 @@ SAME_SCALE = 1e-3
 Capture = Callable[[], Frames]
 
 
-def find_ranges(scope: Oscilloscope, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
+def find_ranges(scope: Oscilloscope, limits: Limits, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
     """Set each channel so that the traces of all `probes` fill its screen with some headroom.
 
     Starts at the coarsest range and narrows it on the first probe, since a trace of a few codes says little about its
@@ -30,6 +32,9 @@ def find_ranges(scope: Oscilloscope, probes: Sequence[Capture]) -> tuple[Scaling
 
     Returns:
         What a code of each channel now means.
+
+    Raises:
+        OverLimit: a detector gives more than it may.
     """
     verticals = [Vertical(scope.vertical_scale.high, 0.0)] * len(scope.channels)
     for _ in range(STEPS):
@@ -50,27 +55,37 @@ def find_ranges(scope: Oscilloscope, probes: Sequence[Capture]) -> tuple[Scaling
             Vertical(min(2 * old.scale_v_per_div, scope.vertical_scale.high), old.offset_v) if wider else old
             for old, wider in zip(verticals, clipped, strict=True)
         ]
+    widest = scope.vertical_scale.high * DIVISIONS / 2
+    for channel, pair in zip(scope.channels, np.nan_to_num(ends, nan=widest), strict=True):
+        limits.check_detector(channel, float(max(pair, key=abs)))
     _apply(scope, [_fit(scope, *pair, room=HEADROOM) for pair in np.nan_to_num(ends)])
     probes[0]()
     return scope.scalings()
 
 
-def lock_ranges(scope: Oscilloscope, known: Sequence[Scaling] | None, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
-    """The vertical ranges of a leg: those `known` from an earlier part of the run, or found from all `probes`."""
+def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
+    """The vertical ranges of a leg: those `known` from an earlier part of the run, or found from all `probes`.
+
+    Raises:
+        OverLimit: a detector gives more than it may.
+        InstrumentError: the oscilloscope does not come back to a range it had.
+    """
     if known is None:
-        return find_ranges(scope, probes)
-    set_ranges(scope, known, probes[0])
+        return find_ranges(bench.scope, bench.limits, probes)
+    set_ranges(bench.scope, bench.limits, known, probes[0])
     return tuple(known)
 
 
-def set_ranges(scope: Oscilloscope, scalings: Sequence[Scaling], probe: Capture) -> None:
+def set_ranges(scope: Oscilloscope, limits: Limits, scalings: Sequence[Scaling], probe: Capture) -> None:
     """Set each channel to the range in which its codes mean what `scalings` say, and see on a probe that they do.
 
     Raises:
+        OverLimit: a detector gives more than it may.
         InstrumentError: the oscilloscope does not come back to a range it had.
     """
     _apply(scope, [scope.vertical_for(scaling) for scaling in scalings])
-    probe()
+    frames = probe()
+    limits.check_traces(scope.channels, frames.codes, scalings)
     for channel, wanted, found in zip(scope.channels, scalings, scope.scalings(), strict=True):
         confirm(
             f"scope: CH{channel} volts per code", wanted.scale_v, found.scale_v, SAME_SCALE * wanted.scale_v, unit="V"

@@ -112,15 +112,15 @@ class SequenceReadout(Measurement[Sequences]):
         """Leg by leg one record of the whole waveform, cut into the frames of its sequences."""
         drive = self.drive(bench, inputs)
         with bench.emitting(parts[0].leg.wavelength_nm):
-            bench.awg.load(drive)
+            bench.load_drive(drive)
             bench.awg.play()
             first_leg = self.legs(bench)[0]
             self._turn_to(bench, first_leg, drive)
-            lock_ranges(bench.scope, None, [bench.scope.capture] * PROBES)
+            lock_ranges(bench, None, [bench.scope.capture] * PROBES)
             begins = self._first_symbol_sample(bench.scope.capture())
             for part in parts:
                 self._turn_to(bench, part.leg, drive)
-                yield LegStarted(part.leg, lock_ranges(bench.scope, part.scalings, [bench.scope.capture] * PROBES))
+                yield LegStarted(part.leg, lock_ranges(bench, part.scalings, [bench.scope.capture] * PROBES))
                 record = bench.scope.capture()
                 for places in stretches([shot.index for shot in part.shots], len(part.shots)):
                     yield BurstRecord(part.leg, places.start, self._frames(record, begins, places, inputs))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from labctl.commands.options import DataOption, StationOption
+from labctl.commands.options import ArmOption, DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.experiments import experiments
 from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError, one_line
@@ -33,6 +33,7 @@ def reproduce(
     out: Annotated[Path | None, typer.Option("--out", help="Folder for runs and report; must be new or empty.")] = None,
     data: DataOption = None,
     attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    armed: ArmOption = False,
     vary: Annotated[
         bool, typer.Option("--sensitivity", help="Instead, vary the simulated bench and see what the result rests on.")
     ] = False,
@@ -48,7 +49,7 @@ def reproduce(
     wanted = [] if not names or ALL in names else names
     chosen = experiments(wanted)
     folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(names or [ALL]))
-    plan = Plan(chosen, read_station(station), folder, quick, seeds, data, attended)
+    plan = Plan(chosen, read_station(station), folder, quick, seeds, data, attended, armed)
     problems = check(plan)
     if problems and (wanted or len(problems) == len(chosen)):
         raise next(iter(problems.values()))

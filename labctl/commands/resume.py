@@ -8,7 +8,7 @@ import typer
 
 from labctl import acquisition
 from labctl.acquisition import Resumption
-from labctl.commands.options import DataOption
+from labctl.commands.options import ArmOption, DataOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.commands.run import describe, print_outcome
 from labctl.failures import DONE, INTERRUPTED, WRONG_USE
@@ -24,10 +24,11 @@ def resume(
     ] = None,
     data: DataOption = None,
     attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    armed: ArmOption = False,
     as_json: JsonOption = False,
 ) -> int:
     """Go on with a run at its first missing shot, with the settings, seeds and station it was begun with."""
-    resumption = Resumption(run, None if station is None else read_station(station), data, attended)
+    resumption = Resumption(run, None if station is None else read_station(station), data, attended, armed)
     try:
         with interruptible() as interruption, progress_bar("resume") as progress:
             outcome = acquisition.resume(

@@ -8,7 +8,7 @@ import typer
 
 from labctl.acquisition import Acquisition, acquire
 from labctl.command_log import CommandLog
-from labctl.commands.options import DataOption, StationOption
+from labctl.commands.options import ArmOption, DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.engine import Outcome, new_directory
 from labctl.failures import DONE, INTERRUPTED
@@ -29,6 +29,7 @@ def run(
     out: Annotated[Path | None, typer.Option("--out", help="Run directory; must be new or empty.")] = None,
     data: DataOption = None,
     attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    armed: ArmOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; open nothing.")] = False,
     profile: Annotated[bool, typer.Option("--profile", help="Print where the time of a shot goes.")] = False,
     as_json: JsonOption = False,
@@ -39,7 +40,7 @@ def run(
     if station is None:
         found = found.cabled(projector=asked.projector)
     directory = out or new_directory(asked, datetime.now(UTC))
-    acquisition = Acquisition(asked, found, directory, data, attended, profile)
+    acquisition = Acquisition(asked, found, directory, data, attended, armed, profile)
     if dry_run:
         plan = _plan(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), plan.items()))

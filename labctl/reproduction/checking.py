@@ -18,7 +18,7 @@ from protocols.base import Measurement
 
 
 def check(plan: Plan) -> dict[str, Exception]:
-    """Find out what cannot be carried out: missing data, missing torch, wrong files, a bench that is not for it.
+    """Find out what cannot be carried out: missing data or torch, wrong files, a bench that is not for it or not armed.
 
     The instruments of a bench that others serve are asked who they are, in the dark.
 
@@ -33,7 +33,7 @@ def check(plan: Plan) -> dict[str, Exception]:
         raise UsageError(f"--out = {plan.folder}: is not empty: name a new folder")
     problems: dict[str, Exception] = {}
     with ExitStack() as stack:
-        benches = _Benches(plan.attended, stack)
+        benches = _Benches(plan, stack)
         for experiment in plan.experiments:
             try:
                 _check(experiment, plan, benches)
@@ -55,6 +55,7 @@ def _check(experiment: Experiment, plan: Plan, benches: "_Benches") -> None:
         _check_light_path(station, protocol)
         protocol.check_cabling(bench)
         check_laser(station, [leg.wavelength_nm for leg in protocol.legs(bench)])
+        bench.require_arm()
         benches.identify(station)
         protocol.check(bench, inputs)
 
@@ -83,8 +84,8 @@ def _check_light_path(station: Station, protocol: Measurement[Any]) -> None:
 class _Benches:
     """The benches that the runs would use, each opened when the first run asks for it and closed with `stack`."""
 
-    def __init__(self, attended: bool, stack: ExitStack) -> None:
-        self._attended = attended
+    def __init__(self, plan: Plan, stack: ExitStack) -> None:
+        self._plan = plan
         self._stack = stack
         self._opened: dict[str, Bench] = {}
         self._identified: set[str] = set()
@@ -94,7 +95,8 @@ class _Benches:
         key = station.model_dump_json()
         if key not in self._opened:
             log = self._stack.enter_context(CommandLog())
-            self._opened[key] = self._stack.enter_context(opened(station, log, attended=self._attended)).bench
+            found = opened(station, log, attended=self._plan.attended, armed=self._plan.armed)
+            self._opened[key] = self._stack.enter_context(found).bench
         return self._opened[key]
 
     def identify(self, station: Station) -> None:

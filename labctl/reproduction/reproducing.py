@@ -36,6 +36,7 @@ class Plan:
         seeds: How many seeds, in place of what the experiments say.
         data: Folder of data sets that is looked at first.
         attended: Whether somebody is at the bench.
+        armed: Whether light is allowed, whatever the station says.
     """
 
     experiments: tuple[Experiment, ...]
@@ -45,6 +46,7 @@ class Plan:
     seeds: int | None = None
     data: Path | None = None
     attended: bool = False
+    armed: bool = False
 
     def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
         """Seeds of an experiment: 1, 2, ..."""
@@ -91,6 +93,7 @@ class RunTask:
     directory: Path
     data: Path | None
     attended: bool = False
+    armed: bool = False
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,7 @@ def _tasks(plan: Plan) -> _Tasks:
             directories = {name: _directory(plan, protocol, seed) for name, protocol in protocols.items()}
             for name, directory in directories.items():
                 station = plan.station_for(protocols[name], seed)
-                run = RunTask(protocols[name], station, directory, plan.data, plan.attended)
+                run = RunTask(protocols[name], station, directory, plan.data, plan.attended, plan.armed)
                 tasks.runs.setdefault(directory, run)
             material = Material(directories, protocols, seed, plan.splits_of(experiment), plan.data)
             tasks.examinations.append(_Examination(experiment, seed, material))
@@ -179,7 +182,7 @@ def _acquired_in_turn(
     acquired: dict[Path, tuple[object, float]] = {}
     for directory, run in runs.items():
         began = time.perf_counter()
-        acquisition = Acquisition(run.protocol, run.station, directory, run.data, run.attended)
+        acquisition = Acquisition(run.protocol, run.station, directory, run.data, run.attended, run.armed)
         acquired[directory] = acquire(acquisition, interruption=interruption), time.perf_counter() - began
         if interruption.requested:
             raise Interrupted

@@ -2,18 +2,23 @@
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from typing import Any
 
+import numpy as np
 import pytest
 
 from instruments.bench import Bench, UnsafeBench
-from instruments.errors import InstrumentError, LinkError, OutOfRange
+from instruments.errors import InstrumentError, LinkError, NotConfigured, OutOfRange
 from instruments.interfaces import BYPASS_PORT, Instrument
+from instruments.limits import Limits, OverLimit
+from instruments.values import Drive, Scaling
 from instruments.vialux_alp import VialuxAlp
 from labctl.command_log import CommandLog
-from labctl.opening import opened
-from labctl.station import LaserSection, LimitsSection, PatchPanelSection, Station, StationError
+from labctl.opening import SIMULATED_LASER, opened
+from labctl.station import AwgSection, LaserSection, LimitsSection, PatchPanelSection, Station, StationError
 from sim_backends.bench import SimulatedBench
+from sim_backends.virtual import VirtualTlg220
 
 
 def test_light_only_inside_emitting(bench: Bench) -> None:
@@ -141,6 +146,10 @@ def test_a_bypassed_chip_has_one_fibre() -> None:
     [
         (Station(laser=LaserSection(power=0.05)), r"laser.power = 50 mW exceeds limits.optical_power = 30 mW"),
         (Station(limits=LimitsSection(rf_amplitude=0.3)), r"awg.amplitude = 0.5 V exceeds limits.rf_amplitude = 0.3 V"),
+        (
+            Station(awg=AwgSection(amplitude=0.6), limits=LimitsSection(rf_amplitude=1.0)),
+            r"awg.amplitude = 0.6 Vpp is outside 0.25..0.5 Vpp",
+        ),
         (Station(laser=LaserSection(driver="manual-laser")), r"manual-laser.*key switch is the only interlock"),
         (Station(laser=LaserSection(driver="nothing")), r"driver = 'nothing' is not installed: choose one of "),
         (Station(laser=LaserSection(address="TCPIP0::127.0.0.1::9::SOCKET")), r"commands\.\w+\.write = '<unknown>'"),
@@ -156,3 +165,66 @@ def test_an_address_that_does_not_answer(log: Any) -> None:
     station = Station(awg=Station().awg.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET", "timeout": 0.5}))
     with opened(station, log) as found, pytest.raises(InstrumentError, match=r"awg at TCPIP0::127.0.0.1::9::SOCKET"):
         found.bench.awg.identify()
+
+
+def test_a_bench_that_is_not_armed_says_nothing_to_its_laser(log: Any) -> None:
+    laser = LaserSection(address="TCPIP0::127.0.0.1::9::SOCKET", commands=SIMULATED_LASER)
+    with (
+        opened(Station(laser=laser), log) as found,
+        pytest.raises(NotConfigured, match=r"not armed.*--arm"),
+        found.bench.emitting(1550.0),
+    ):
+        pass
+    assert not log.messages
+    for station, armed in (
+        (Station(laser=laser), True),
+        (Station(laser=laser.model_copy(update={"armed": True})), False),
+    ):
+        with opened(station, log, armed=armed) as found:
+            found.bench.require_arm()
+
+
+@pytest.mark.parametrize(("phrase", "lit"), [("_set_power", False), ("_output_on", True)])
+def test_a_laser_that_gives_a_little_more_than_the_limit(
+    phrase: str, lit: bool, bench: Bench, log: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """2 % more is inside the tolerance for what was asked, since lasers round; a limit is a limit."""
+    told = getattr(VirtualTlg220, phrase)
+
+    def more(laser: Any, *words: Any) -> Any:
+        reply = told(laser, *words)
+        laser._power_w *= 1.02
+        return reply
+
+    monkeypatch.setattr(VirtualTlg220, phrase, more)
+    message = r"laser: gives 30\.\d+ mW, above limits.optical_power = 30 mW"
+    with pytest.raises(OverLimit, match=message), bench.emitting(1550.0):
+        pass
+    assert ("OUTPUT ON" in log.sent_to("laser")) is lit
+    assert bench.laser.settings()["emitting"] == 0
+
+
+def test_a_drive_above_the_limit_is_not_sent(log: Any) -> None:
+    station = Station(awg=AwgSection(amplitude=0.4), limits=LimitsSection(rf_amplitude=0.4))
+    drive = Drive("d", np.zeros(2500, np.float32), 25e9, 0.5)
+    with opened(station, log) as found, pytest.raises(OverLimit, match=r"awg: amplitude 0.5 V is above limits"):
+        found.bench.load_drive(drive)
+    assert not log.messages
+
+
+@pytest.mark.parametrize(("answered", "told"), [(0.5, False), (0.5009, False), (0.5015, True), (float("nan"), True)])
+def test_an_amplitude_that_was_read_back(answered: float, told: bool) -> None:
+    limits = Limits(0.03, 0.5, 1.5)
+    with pytest.raises(OverLimit) if told else nullcontext():
+        limits.check_amplitude(answered)
+
+
+def test_traces_are_compared_in_volts_on_either_side() -> None:
+    limits = Limits(0.03, 0.5, 0.1)
+    codes = np.zeros((3, 2, 50), np.int8)
+    codes[1, 1, 7] = -90
+    limits.check_traces((1, 4), codes, (Scaling(1e-3, 0.0), Scaling(1e-3, 0.0)))
+    with pytest.raises(OverLimit, match=r"scope: CH4 shows -0.11 V, above limits.detector = 0.1 V"):
+        limits.check_traces((1, 4), codes, (Scaling(1e-3, 0.0), Scaling(1e-3, -0.02)))
+    with pytest.raises(OverLimit, match=r"CH1 shows 0.2 V"):
+        limits.check_traces((1, 4), codes, (Scaling(1e-3, 0.2), Scaling(1e-3, 0.0)))

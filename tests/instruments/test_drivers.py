@@ -9,7 +9,7 @@ from instruments.bench import Bench
 from instruments.errors import InstrumentError, LinkError, NoTrigger, OutOfRange
 from instruments.interfaces import BYPASS_PORT
 from instruments.tektronix_dpo72504dx import Dpo72504dx
-from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
+from instruments.values import Drive, EdgeTrigger, Loaded, Timebase, Vertical
 from instruments.visa import VisaLink, tektronix_event_queue
 from sim_backends.bench import SimulatedBench
 
@@ -36,7 +36,7 @@ def test_every_instrument_passes_its_self_test_in_the_dark(bench: Bench) -> None
 
 class TestAwg:
     def test_plays_what_was_loaded(self, bench: Bench) -> None:
-        assert bench.awg.load(drive()) == 25e9
+        assert bench.awg.load(drive()) == Loaded(25e9, drive().amplitude_vpp)
         bench.awg.play()
         settings = bench.awg.settings()
         assert (settings["waveform"], settings["output"], settings["dac_bits"]) == ("d", 1, 9)

@@ -94,7 +94,7 @@ class Stubborn:
         return line
 
 
-LIMITS = {"WLISt_WAVeform_LMINimum": "2400", "WLISt_WAVeform_LMAXimum": "5000000"}
+LIMITS = {"WLISt_WAVeform_LMINimum": "2400", "WLISt_WAVeform_LMAXimum": "5000000", "OUTPut1_PATH": "DIR"}
 
 
 Opened = Callable[..., Any]
@@ -138,10 +138,16 @@ def drive(samples: int = 2500) -> Drive:
     ],
 )
 def test_the_generator(query: str, near: str, far: str, message: str, opened: Opened) -> None:
-    rate = opened("awg", **LIMITS, **{query: near}).load(drive())
-    assert rate == (float(near) if query == "CLOCk_SRATe" else 25e9)
+    loaded = opened("awg", **LIMITS, **{query: near}).load(drive())
+    assert loaded.sample_rate == (float(near) if query == "CLOCk_SRATe" else 25e9)
+    assert loaded.amplitude_vpp == (float(near) if query == "SOURce1_VOLTage" else 0.5)
     with pytest.raises(InstrumentError, match=f"awg: {message}: choose a value"):
         opened("awg", **LIMITS, **{query: far}).load(drive())
+
+
+def test_amplitudes_hold_for_the_direct_path_of_the_generator(opened: Opened) -> None:
+    with pytest.raises(InstrumentError, match="awg: OUTPut1:PATH is DCA: amplitudes hold for the direct path only"):
+        opened("awg", **LIMITS | {"OUTPut1_PATH": "DCA"}).load(drive())
 
 
 @pytest.mark.parametrize(

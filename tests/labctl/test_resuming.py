@@ -53,7 +53,7 @@ def test_every_protocol_comes_back_from_a_manifest(protocol: Any) -> None:
         protocol_of_manifest(HERE, {"protocol": "image-readout"})
 
 
-def test_a_station_comes_back_and_may_change_its_addresses_and_durability() -> None:
+def test_a_station_comes_back_and_may_change_its_addresses_durability_and_arm() -> None:
     begun = Station.model_validate({"scope": {"channels": [1, 2]}, "sim": {"parameters": {"enob": 6.0}}})
     manifest = through_json({"station": begun.model_dump(mode="json")})
     assert station_of_manifest(HERE, manifest, None) == begun
@@ -61,6 +61,7 @@ def test_a_station_comes_back_and_may_change_its_addresses_and_durability() -> N
         update={
             "source": "bench.toml",
             "awg": begun.awg.model_copy(update={"address": "TCPIP0::1.2.3.4::INSTR"}),
+            "laser": begun.laser.model_copy(update={"armed": True}),
             "durability": begun.durability.model_copy(update={"shots": 1}),
         }
     )

@@ -72,6 +72,7 @@ def test_addresses_survive_the_file(tmp_path: Path) -> None:
     station = read_station(path)
     assert station.addresses == addresses
     assert str(station.laser.commands) == "simulated"
+    assert station.laser.armed
     assert not station.simulated
     with pytest.raises(StationError, match="name a new file"):
         write_addresses(path, addresses)

@@ -40,6 +40,7 @@ def station_file(folder: Path, *, without: str = "", **sections: str) -> Path:
     path = folder / "bench.toml"
     tables = dict.fromkeys(INSTRUMENTS, f'address = "{NOBODY}"\n')
     tables["laser"] += 'commands = "simulated"\n' if "commands" not in sections.get("laser", "") else ""
+    tables["laser"] += "armed = true\n"
     tables.pop(without, None)
     for name, lines in sections.items():
         tables[name] = tables.get(name, "") + lines + "\n"
