@@ -225,7 +225,7 @@ def safe_state(steps: dict[str, Callable[[], None]]) -> None:
     if failures:
         told = "; ".join(f"{name}: {error}" for name, error in failures.items())
         dark = "laser" in steps and "laser" not in failures
-        advice = "the laser is off" if dark else "switch the laser off by its key switch"
+        advice = "the laser is off" if dark else "the laser may still emit, switch it off by its key switch"
         raise UnsafeBench(f"the safe state is not confirmed ({told}): {advice}")
 
 

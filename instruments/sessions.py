@@ -15,11 +15,17 @@ import pyvisa
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
+from pyvisa_py.protocols.rpc import RPCError
+from pyvisa_py.protocols.vxi11 import Vxi11Error
 
 from instruments.blocks import length_digits, receive, send
 
-FAILURES = (VisaIOError, OSError, ValueError)
-"""What a session raises when its link breaks, or when what comes is not what was asked for."""
+FAILURES = (VisaIOError, OSError, ValueError, RuntimeError, AssertionError, EOFError, RPCError, Vxi11Error)
+"""What a session raises when its link breaks, or when what comes is not what was asked for.
+
+The last five are pyvisa-py's: of a HiSLIP session that the instrument has ended or whose frames are wrong, and of a
+VXI-11 link likewise.
+"""
 ENCODING = "latin-1"
 VISA_CHUNK = 1 << 20
 """Bytes asked for at once where there is no raw socket."""
@@ -77,13 +83,19 @@ class Session:
     def read(self) -> str:
         """Receive one message without its terminator.
 
-        Over a raw socket, the end of the connection ends the wait at once; pyvisa-py would wait on.
+        Over a raw socket, the end of the connection ends the wait at once; pyvisa-py would wait on. Other transports
+        mark the end of a message by themselves, but one that lacks its terminator as well was cut short.
+
+        Raises:
+            ValueError: it was.
         """
         with self._raw() as link:
             if link is not None:
                 return self._line(link).decode(ENCODING)
-        message: str = self._visa.read()
-        return message
+        message: str = self._visa.read_raw().decode(ENCODING)
+        if not message.endswith(self._read_eol):
+            raise ValueError(f"{message[:EXCERPT]!r} lacks its end")
+        return message.removesuffix(self._read_eol)
 
     @contextlib.contextmanager
     def waiting(self, timeout_s: float | None) -> Iterator[None]:
@@ -127,7 +139,7 @@ class Session:
 
     def close(self) -> None:
         """Close it, as well as that can still be done."""
-        with contextlib.suppress(VisaIOError, OSError):
+        with contextlib.suppress(*FAILURES):
             self._visa.close()
 
     def _require_silence(self) -> None:
@@ -180,7 +192,10 @@ class Session:
         self._visa.read_termination = None
 
         def take(count: int, received: Received) -> bytearray:
-            data = bytearray(self._visa.read_bytes(count, chunk_size=VISA_CHUNK))
+            # Without `break_on_termchar`, pyvisa would ask for ever for what a message that has ended does not have.
+            data = bytearray(self._visa.read_bytes(count, chunk_size=VISA_CHUNK, break_on_termchar=True))
+            if len(data) < count:
+                raise ValueError(f"the message ends {count - len(data)} bytes too early")
             received(memoryview(data))
             return data
 

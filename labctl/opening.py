@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
@@ -26,6 +26,7 @@ from labctl.tapping import recorded
 
 if TYPE_CHECKING:  # a bench of real instruments does without
     from sim_backends.bench import SimulatedBench
+    from sim_backends.faults.specification import Listed
     from sim_backends.parameters import Parameters
 
 SIMULATED_LASER = Path(str(files("sim_backends") / "virtual" / "tlg220.toml"))
@@ -69,18 +70,43 @@ def opened(
         yield OpenBench(bench, simulation)
 
 
-def simulated_bench(station: Station, *, host: str = "127.0.0.1", port_base: int | None = None) -> "SimulatedBench":
-    """The simulated bench of `station`, not started; its laser speaks the station's command table if it names one."""
-    from sim_backends.bench import SimulatedBench
+def simulated_bench(
+    station: Station, *, host: str = "127.0.0.1", port_base: int | None = None, faults: Sequence[str] = ()
+) -> "SimulatedBench":
+    """The simulated bench of `station`, not started; its laser speaks the station's command table if it names one.
 
+    `faults` befall its instruments, each as `sim_backends.faults.specification` reads it.
+
+    Raises:
+        StationError: there is no such fault.
+    """
+    from sim_backends.faults.bench import FaultyBench
+    from sim_backends.faults.specification import FaultError, read_fault
+
+    try:
+        befalling = [read_fault(fault) for fault in faults]
+    except FaultError as error:
+        raise StationError(f"--fault {error}") from None
     table = station.laser.commands
     laser_table = None
     if table is not None and str(table) != SIMULATED:
         CommandTable.read(table)
         laser_table = read_toml(table)
-    return SimulatedBench(
-        _parameters(station), twin_seed=station.sim.twin_seed, host=host, port_base=port_base, laser_table=laser_table
+    return FaultyBench(
+        befalling,
+        _parameters(station),
+        twin_seed=station.sim.twin_seed,
+        host=host,
+        port_base=port_base,
+        laser_table=laser_table,
     )
+
+
+def known_faults() -> "list[Listed]":
+    """The faults that a simulated bench can be asked for."""
+    from sim_backends.faults.specification import listed
+
+    return listed()
 
 
 def laser_commands(station: Station) -> Path | None:

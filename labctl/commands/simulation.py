@@ -12,11 +12,12 @@ from labctl.commands.output import JsonOption, errors, say, show, table
 from labctl.commands.serving import serving
 from labctl.failures import DONE, UsageError
 from labctl.interruption import on_stop_signal
-from labctl.opening import simulated_bench
+from labctl.opening import known_faults, simulated_bench
 from labctl.station import read_station, write_addresses
 
 POLL_S = 0.5
 LOOPBACK = "127.0.0.1"
+LIST = "list"
 TRANSPORTS = ("socket", "hislip", "vxi11")
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
@@ -44,9 +45,19 @@ def serve(
     host: Annotated[
         str, typer.Option("--host", help="Address of this machine to listen on; the default is this machine alone.")
     ] = LOOPBACK,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            help="Let an instrument fail, as INSTRUMENT:FAULT[@MESSAGE][,nth=N][,times=N][,byte=N]; may be repeated. "
+            "'list' says which faults there are.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Serve every instrument until Ctrl-C or SIGTERM; on loopback, unless --host names another address."""
+    if fault == [LIST]:
+        return _list_faults(as_json)
     if not _is_loopback(host):
         errors.print(f"labctl: anyone who reaches {host} can drive these instruments: nobody is asked who they are")
     asked = read_station(station)
@@ -57,7 +68,9 @@ def serve(
     stop = threading.Event()
     with (
         on_stop_signal(stop.set),
-        serving(simulated_bench(asked, host=host, port_base=port_base), "--host, --port-base") as bench,
+        serving(
+            simulated_bench(asked, host=host, port_base=port_base, faults=fault or ()), "--host, --port-base"
+        ) as bench,
     ):
         if save_station is not None:
             write_addresses(save_station, {name: found["socket"] for name, found in bench.resources.items()}, asked)
@@ -74,6 +87,19 @@ def serve(
             say("serving; Ctrl-C ends")
         while bench.running and not stop.wait(POLL_S):
             pass
+    return DONE
+
+
+def _list_faults(as_json: bool) -> int:
+    faults = known_faults()
+    show(
+        {"faults": [one._asdict() for one in faults]},
+        as_json,
+        lambda: table(
+            ("fault", "instruments", "strikes at", "what happens"),
+            ((one.name, ", ".join(one.instruments), one.at, one.told) for one in faults),
+        ),
+    )
     return DONE
 
 

@@ -16,6 +16,9 @@ MEMORY_FULL, DEVICE_REMOVED, NOT_READY = b"1007", b"1012", b"1002"
 class Arrival(Enum):
     """What becomes of the message that a fault strikes."""
 
+    CUT = auto()
+    """It never reaches the instrument, since the link ends inside its block."""
+
     HEARD = auto()
     """It is executed."""
     IGNORED = auto()
@@ -26,10 +29,14 @@ class Arrival(Enum):
 
 @dataclass(frozen=True)
 class Moment:
-    """The message at which a fault strikes: the `count`th with this header; 0: before the first connection."""
+    """The message at which a fault strikes: the `count`th with this header, and `times` - 1 more of them.
 
-    header: str
+    Headers are long or short (`CURVe?`, `CURV?`); an empty one is any message. `count` 0: before the first connection.
+    """
+
+    header: str = ""
     count: int = 1
+    times: int = 1
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,10 @@ def _queue(*codes: int) -> Callable[[VirtualInstrument], None]:
     return report
 
 
+def _clear(instrument: VirtualInstrument) -> None:
+    instrument.clear()
+
+
 def _darken(instrument: VirtualInstrument) -> None:
     instrument.world.emit(None)
 
@@ -76,18 +87,23 @@ WIRE: dict[str, Fault] = {
     "unheard": Fault("the link ends before the instrument has heard the message", arrives=Arrival.LOST),
     "no end": Fault("the reply lacks its line feed", reply=distortions.without_end),
     "late": Fault("the reply comes when the next one is due", reply=distortions.late),
-    "always late": Fault("so do all later ones", reply=distortions.late, lasting=True),
+    "always late": Fault(
+        "every reply from then on comes when the next one is due", reply=distortions.late, lasting=True
+    ),
     "no reply": Fault("the reply does not come", reply=silent),
     "dead": Fault("no reply comes any more", reply=silent, lasting=True),
     "twice": Fault("the reply comes twice", reply=distortions.twice),
     "empty": Fault("only the reply's line feed comes", reply=distortions.empty),
     "garbage": Fault("bytes that no instrument says", reply=distortions.garbage),
-    "only garbage": Fault("such bytes as every later reply", reply=distortions.garbage, lasting=True),
+    "only garbage": Fault(
+        "every reply from then on is bytes that no instrument says", reply=distortions.garbage, lasting=True
+    ),
     "not ASCII": Fault("the upper bit of every byte is set", reply=distortions.not_ascii),
     "CR LF in quotes": Fault("a quoted text with CR LF inside", reply=distortions.quoted_lines),
     "with header": Fault("the reply comes with a header", reply=distortions.with_header),
     "single bytes": Fault("every byte in a packet of its own", reply=distortions.single_bytes, lasting=True),
     "buffer's edge": Fault("the reply ends where a buffer ends", reply=distortions.to_the_edge),
+    "cleared": Fault("somebody clears the device, the reply is dropped", reply=silent, happens=_clear),
     "power blink": Fault(
         "the link ends, the settings are those of power-on",
         arrives=Arrival.LOST,
@@ -114,7 +130,8 @@ TRACE: dict[str, Fault] = {
 """What may befall the block in which the oscilloscope sends a trace."""
 
 UPLOAD: dict[str, Fault] = {
-    "lost before a block": Fault("the link ends before the block is there", arrives=Arrival.LOST),
+    "lost inside a block": Fault("the link ends inside the block", arrives=Arrival.CUT),
+    "lost before a block": Fault("the link ends behind the block, nobody has heard it", arrives=Arrival.LOST),
     "lost after a block": Fault("the link ends when the block is there", reply=lost_after),
     "block ignored": Fault("the block never gets there, what was in memory stays", arrives=Arrival.IGNORED),
     "block refused": Fault(
@@ -174,3 +191,53 @@ DMD: dict[str, Fault] = {
     "USB gone": Fault("1012, the device was removed, from then on", reply=instead(DEVICE_REMOVED), lasting=True),
     "USB blinks": Fault("1012 once", reply=instead(DEVICE_REMOVED)),
 }
+
+FRAMES: dict[str, Fault] = {
+    "number of before": Fault(
+        "HiSLIP, VXI-11: the answer has the number of an earlier message", reply=distortions.wrong_number
+    ),
+    "number ahead": Fault(
+        "HiSLIP, VXI-11: the answer has the number of a message to come", reply=distortions.number_ahead
+    ),
+    "frame longer": Fault(
+        "HiSLIP, VXI-11: fewer bytes than the frame's length says", reply=distortions.announced_longer
+    ),
+    "frame shorter": Fault(
+        "HiSLIP, VXI-11: more bytes than the frame's length says", reply=distortions.announced_shorter
+    ),
+    "in fragments": Fault("HiSLIP, VXI-11: each reply in three frames", reply=distortions.in_fragments, lasting=True),
+}
+"""What may befall the frames of replies; the numbers of messages are HiSLIP's message ids and VXI-11's xids."""
+
+HISLIP: dict[str, Fault] = {
+    "fatal error": Fault(
+        "HiSLIP: FatalError in place of the reply, the session ends", reply=distortions.transport_error(0)
+    ),
+}
+"""What may befall a HiSLIP session."""
+
+VXI11: dict[str, Fault] = {
+    "error 4": Fault("VXI-11: device_read fails, invalid link", reply=distortions.transport_error(4)),
+    "error 15": Fault("VXI-11: device_read fails, timeout", reply=distortions.transport_error(15)),
+    "error 17": Fault("VXI-11: device_read fails, I/O error", reply=distortions.transport_error(17)),
+}
+"""What may befall a VXI-11 link."""
+
+_EVERY: tuple[tuple[Mapping[str, Fault], Moment], ...] = (
+    (START, Moment("", 0)),
+    (WIRE | FRAMES | HISLIP, Moment()),
+)
+_TEKTRONIX = (*_EVERY, (QUEUE | VXI11, Moment()))
+BEFALL: dict[str, tuple[tuple[Mapping[str, Fault], Moment], ...]] = {
+    "awg": (*_TEKTRONIX, (UPLOAD, Moment("WLISt:WAVeform:DATA")), (AWG, Moment("AWGControl:RUN"))),
+    "scope": (
+        *_TEKTRONIX,
+        (TRACE, Moment("CURVe?")),
+        (SCOPE, Moment("ACQuire:STATE")),
+        (BURST, Moment("HORizontal:FASTframe:COUNt")),
+    ),
+    "laser": (*_EVERY, (QUEUE, Moment()), (LASER, Moment())),
+    "dmd": (*_EVERY, (DMD, Moment()), (UPLOAD, Moment("ALP:SEQPUT"))),
+    "patch_panel": (*_EVERY, (QUEUE, Moment())),
+}
+"""What may befall which instrument, and when it strikes if nobody says otherwise."""

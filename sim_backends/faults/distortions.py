@@ -1,9 +1,8 @@
 """What becomes of a reply on its way: pure functions of its bytes, the line feed at its end included."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from sim_backends.servers.channel import Chunk
+from sim_backends.servers.disturbed import Disturbed
 
 BUFFER = 20 * 1024
 """Bytes that VISA clients commonly ask for at once."""
@@ -11,133 +10,165 @@ GARBAGE = b"\x00\x80\xfe\xff#\x07;:garbage,\xc3\x28"
 SURPLUS = b"\x01\x02\x03"
 
 
-@dataclass(frozen=True)
-class Reply:
-    """What comes in place of a reply: `pieces`, each in a packet of its own, and then perhaps the end of the link.
-
-    `held` is late: it comes ahead of the next reply on the same link, if there is one.
-    """
-
-    pieces: tuple[Chunk, ...] = ()
-    held: bytes = b""
-    hangs_up: bool = False
+Distortion = Callable[[bytes], Disturbed]
 
 
-Distortion = Callable[[bytes], Reply]
-
-
-def intact(reply: bytes) -> Reply:
+def intact(reply: bytes) -> Disturbed:
     """Nothing happens to it."""
-    return Reply((reply,))
+    return Disturbed(reply)
 
 
 def instead(text: bytes) -> Distortion:
     """Another reply comes in its place."""
-    return lambda _reply: Reply((text + b"\n",))
+    return lambda _reply: Disturbed(text + b"\n")
 
 
-def lost_before(_reply: bytes) -> Reply:
+def lost_before(reply: bytes) -> Disturbed:
     """The link ends before its first byte."""
-    return Reply(hangs_up=True)
+    return Disturbed(reply, ends_after=0)
 
 
-def lost_inside(reply: bytes) -> Reply:
+def lost_inside(reply: bytes) -> Disturbed:
     """The link ends in its middle."""
-    return Reply((reply[: len(reply) // 2],), hangs_up=True)
+    return Disturbed(reply, ends_after=len(reply) // 2)
 
 
-def lost_after(reply: bytes) -> Reply:
+def lost_after(reply: bytes) -> Disturbed:
     """The link ends behind its last byte."""
-    return Reply((reply,), hangs_up=True)
+    return Disturbed(reply, ends_after=len(reply))
 
 
-def without_end(reply: bytes) -> Reply:
-    """Its line feed is missing."""
-    return Reply((reply[:-1],))
+def without_end(reply: bytes) -> Disturbed:
+    """Its line feed is missing, and so is the transport's own mark of its end."""
+    return Disturbed(reply[:-1], ends=False)
 
 
-def late(reply: bytes) -> Reply:
+def late(reply: bytes) -> Disturbed:
     """It comes when the next one is due, ahead of it."""
-    return Reply(held=reply)
+    return Disturbed(reply, late=True)
 
 
-def silent(_reply: bytes) -> Reply:
+def silent(_reply: bytes) -> Disturbed:
     """It does not come."""
-    return Reply()
+    return Disturbed()
 
 
-def twice(reply: bytes) -> Reply:
+def twice(reply: bytes) -> Disturbed:
     """It comes twice."""
-    return Reply((reply + reply,))
+    return Disturbed(reply + reply)
 
 
-def empty(_reply: bytes) -> Reply:
+def empty(_reply: bytes) -> Disturbed:
     """Only its line feed comes."""
-    return Reply((b"\n",))
+    return Disturbed(b"\n")
 
 
-def garbage(_reply: bytes) -> Reply:
+def garbage(_reply: bytes) -> Disturbed:
     """Bytes come that no instrument says."""
-    return Reply((GARBAGE + b"\n",))
+    return Disturbed(GARBAGE + b"\n")
 
 
-def not_ascii(reply: bytes) -> Reply:
+def not_ascii(reply: bytes) -> Disturbed:
     """The upper bit of every byte but the last is set."""
-    return Reply((bytes(byte | 0x80 for byte in reply[:-1]) + b"\n",))
+    return Disturbed(bytes(byte | 0x80 for byte in reply[:-1]) + b"\n")
 
 
-def quoted_lines(_reply: bytes) -> Reply:
+def quoted_lines(_reply: bytes) -> Disturbed:
     """A quoted text with CR LF inside comes in its place, as error texts of some models have it."""
-    return Reply((b'-300,"Device-specific error;\r\nsee the screen"\n',))
+    return Disturbed(b'-300,"Device-specific error;\r\nsee the screen"\n')
 
 
-def with_header(reply: bytes) -> Reply:
+def with_header(reply: bytes) -> Disturbed:
     """A header comes with it, as after somebody switched headers on at the instrument."""
-    return Reply((b":HEADER " + reply,))
+    return Disturbed(b":HEADER " + reply)
 
 
-def single_bytes(reply: bytes) -> Reply:
+def single_bytes(reply: bytes) -> Disturbed:
     """Each byte comes in a packet of its own."""
-    return Reply(tuple(bytes((byte,)) for byte in reply))
+    return Disturbed(reply, packet=1)
 
 
-def to_the_edge(reply: bytes) -> Reply:
+def to_the_edge(reply: bytes) -> Disturbed:
     """It fills a buffer of the client to the last byte: text is padded with spaces; a block's last byte comes alone."""
     if reply.startswith(b"#"):
-        return Reply((reply[:-1], reply[-1:]))
-    return Reply((reply[:-1].ljust(BUFFER - 1) + b"\n",))
+        return Disturbed(reply, packet=len(reply) - 1)
+    return Disturbed(reply[:-1].ljust(BUFFER - 1) + b"\n")
 
 
-def longer_block(reply: bytes) -> Reply:
+def longer_block(reply: bytes) -> Disturbed:
     """More bytes come than the block's header says."""
-    return Reply((reply[:-1] + SURPLUS + b"\n",))
+    return Disturbed(reply[:-1] + SURPLUS + b"\n")
 
 
-def shorter_block(reply: bytes) -> Reply:
+def shorter_block(reply: bytes) -> Disturbed:
     """Fewer bytes come than the block's header says."""
-    return Reply((reply[: -1 - len(SURPLUS)] + b"\n",))
+    return Disturbed(reply[: -1 - len(SURPLUS)] + b"\n")
 
 
-def ten_digits(reply: bytes) -> Reply:
+def ten_digits(reply: bytes) -> Disturbed:
     """The block's header is `#A`: its length in ten digits."""
-    begin = 2 + int(reply[1:2])
-    return Reply((b"#A%010d" % int(reply[2:begin]) + reply[begin:],))
+    begin = _data_begin(reply)
+    return Disturbed(b"#A%010d" % int(reply[2:begin]) + reply[begin:]) if begin else Disturbed(reply)
 
 
-def clipped(reply: bytes) -> Reply:
+def clipped(reply: bytes) -> Disturbed:
     """Every other sample of a block of bytes lies at the upper end of the digitiser."""
-    begin = 2 + int(reply[1:2])
+    begin = _data_begin(reply)
+    if begin is None:
+        return Disturbed(reply)
     samples = bytearray(reply[begin:-1])
     samples[::2] = b"\x7f" * len(samples[::2])
-    return Reply((reply[:begin] + bytes(samples) + b"\n",))
+    return Disturbed(reply[:begin] + bytes(samples) + b"\n")
 
 
-def without_last_stamp(reply: bytes) -> Reply:
+def without_last_stamp(reply: bytes) -> Disturbed:
     """The last frame is missing in a list of frame numbers and time stamps."""
-    return Reply((b",".join(reply[:-1].split(b",")[:-2]) + b"\n",))
+    return Disturbed(b",".join(reply[:-1].split(b",")[:-2]) + b"\n")
 
 
-def stamps_swapped(reply: bytes) -> Reply:
+def stamps_swapped(reply: bytes) -> Disturbed:
     """The second and the third frame have changed places in a list of frame numbers and time stamps."""
-    one, first, two, second, three, third, *rest = reply[:-1].split(b",")
-    return Reply((b",".join((one, first, two, third, three, second, *rest)) + b"\n",))
+    items = reply[:-1].split(b",")
+    if len(items) >= 6:
+        items[3], items[5] = items[5], items[3]
+    return Disturbed(b",".join(items) + b"\n")
+
+
+def wrong_number(reply: bytes) -> Disturbed:
+    """The transport says that it answers a message that was sent before."""
+    return Disturbed(reply, numbered=-2)
+
+
+def number_ahead(reply: bytes) -> Disturbed:
+    """The transport says that it answers a message that was not sent yet."""
+    return Disturbed(reply, numbered=2)
+
+
+def announced_longer(reply: bytes) -> Disturbed:
+    """The transport announces more bytes than come."""
+    return Disturbed(reply, announced=len(SURPLUS) + 1)
+
+
+def announced_shorter(reply: bytes) -> Disturbed:
+    """The transport announces fewer bytes than come."""
+    return Disturbed(reply, announced=-4)
+
+
+def in_fragments(reply: bytes) -> Disturbed:
+    """The transport cuts it into three frames."""
+    return Disturbed(reply, fragments=3)
+
+
+def transport_error(code: int) -> Distortion:
+    """The transport's own error comes in its place."""
+    return lambda reply: Disturbed(reply, error=code)
+
+
+def ending_after(count: int) -> Distortion:
+    """The link ends behind its first `count` bytes."""
+    return lambda reply: Disturbed(reply, ends_after=min(count, len(reply)))
+
+
+def _data_begin(reply: bytes) -> int | None:
+    """Where the data of a definite-length block begin; None: it is none."""
+    return 2 + int(reply[1:2]) if reply[:1] == b"#" and reply[1:2].isdigit() and reply[1:2] != b"0" else None

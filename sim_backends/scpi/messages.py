@@ -62,6 +62,11 @@ class MessageReader:
         self._block: memoryview | None = None  # the block under way, with some room behind it
         self._length = self._filled = 0
 
+    @property
+    def begun(self) -> bytes:
+        """The text before the block that is under way; empty while none is."""
+        return b"" if self._block is None else self._pieces[0]
+
     def buffer(self) -> memoryview:
         """Where the next bytes belong; never empty."""
         if self._block is not None:

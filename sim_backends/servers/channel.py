@@ -51,6 +51,8 @@ class Channel:
 
     def receive(self, room: memoryview) -> int | None:
         """Receive into `room`; returns how many bytes came: 0 at the end of the stream, None if none are there yet."""
+        if self._broken:
+            return 0
         if _QUICK_ACKNOWLEDGE is not None:
             self._connection.setsockopt(socket.IPPROTO_TCP, _QUICK_ACKNOWLEDGE, 1)
         try:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from sim_backends.scpi.messages import Message, MessageReader
 from sim_backends.servers.channel import Chunk
+from sim_backends.servers.disturbed import Disturbed
 
 if TYPE_CHECKING:
     from sim_backends.servers.loop import Loop
 
 MOST_WAITING = 256  # messages of one client; more are left on its side of the wire
 
-Execution = Generator[list[Chunk] | None, None, list[Chunk]]
+Execution = Generator[list[Chunk] | None, None, list[Chunk] | Disturbed]
 
 
 class Instrument(Protocol):
@@ -25,6 +26,9 @@ class Instrument(Protocol):
         A reply without end comes in parts: each is yielded, [] while there is none. It ends when the client says
         something.
         """
+
+    def listens(self, begun: bytes) -> bool:
+        """Whether it goes on to receive a message that has begun with `begun` and is inside a block."""
 
     def clear(self) -> None:
         """Drop pending output and blocked execution (device clear)."""
@@ -59,6 +63,13 @@ class Client(ABC):
         for message in messages:
             self.waiting.append(Request(self.loop.count_arrival(), message, message.queries, tag))
 
+    def take(self, count: int) -> list[Message]:
+        """The messages that `count` more bytes in the reader's buffer complete."""
+        messages = self.reader.received(count)
+        if self.reader.begun and not self.instrument.listens(self.reader.begun):
+            self.hang_up()
+        return messages
+
     def abandon(self) -> None:
         """Forget what is waiting and what is blocked."""
         self.waiting.clear()
@@ -83,6 +94,14 @@ class Client(ABC):
     @abstractmethod
     def reply(self, chunks: list[Chunk], tag: int) -> None:
         """Send the reply to the request that came with `tag`."""
+
+    @abstractmethod
+    def disturb(self, disturbed: Disturbed, tag: int) -> None:
+        """Send what a fault has made of the reply to the request that came with `tag`."""
+
+    @abstractmethod
+    def hang_up(self) -> None:
+        """End the connection at once: what was not sent is dropped; what was heard is still executed."""
 
     @abstractmethod
     def resume(self) -> None:

@@ -6,6 +6,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from sim_backends.servers.channel import Channel, Chunk
+from sim_backends.servers.disturbed import Disturbed, fragments
 
 HEADER = struct.Struct("!2sBBIQ")  # "HS", kind, control code, parameter, bytes of payload
 LONGEST_PAYLOAD = 4096  # bytes, of all messages but Data and DataEnd; what is longer is cut
@@ -65,7 +66,7 @@ def header(kind: Kind, control: int = 0, parameter: int = 0, length: int = 0) ->
     return HEADER.pack(b"HS", kind, control, parameter, length)
 
 
-def fatal_error(code: Fatal, reason: str) -> list[Chunk]:
+def fatal_error(code: int, reason: str) -> list[Chunk]:
     """A FatalError: the session ends."""
     text = reason.encode()
     return [header(Kind.FATAL_ERROR, code, 0, len(text)), text]
@@ -158,3 +159,23 @@ def data_frames(chunks: list[Chunk], message_id: int, largest: int) -> list[Chun
             length -= len(pieces[-1])
         if not left:
             return pieces
+
+
+def disturbed_frames(disturbed: Disturbed, message_id: int) -> bytes:
+    """What of a reply's messages comes; empty if nothing does."""
+    if not disturbed.data or disturbed.ends_after == 0:
+        return b""
+    payloads = fragments(disturbed.data, disturbed.fragments)
+    frames = [
+        header(
+            Kind.DATA_END if disturbed.ends and place == len(payloads) else Kind.DATA,
+            0,
+            (message_id + disturbed.numbered) % 2**32,
+            max(0, len(payload) + disturbed.announced),
+        )
+        + payload
+        for place, payload in enumerate(payloads, 1)
+    ]
+    missing = 0 if disturbed.ends_after is None else len(disturbed.data) - disturbed.ends_after
+    whole = b"".join(frames)
+    return whole[: len(whole) - max(0, missing)]

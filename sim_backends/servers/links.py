@@ -8,6 +8,7 @@ from typing import NamedTuple
 from sim_backends.scpi.messages import Message, Unit
 from sim_backends.servers.channel import Chunk
 from sim_backends.servers.clients import Client, Instrument
+from sim_backends.servers.disturbed import INTACT, Disturbed
 from sim_backends.servers.locks import LockAnswer, Locks
 from sim_backends.servers.loop import Loop
 
@@ -31,11 +32,14 @@ class DeviceError(IntEnum):
 
 
 class Read(NamedTuple):
-    """A device_read: the most bytes it takes, the byte it ends at (None: any), and how it is answered."""
+    """A device_read: the most bytes it takes, the byte it ends at (None: any), and how it is answered.
+
+    It is answered with an error, the reason why it ended, the data, and how the answer is disturbed on its way.
+    """
 
     size: int
     ends_at: int | None
-    answer: Callable[[DeviceError, int, list[Chunk]], None]
+    answer: Callable[[int, int, list[Chunk], Disturbed], None]
 
 
 class Link(Client):
@@ -71,6 +75,8 @@ class Link(Client):
         self._output: deque[memoryview] = deque()  # of one reply
         self._read: Read | None = None
         self._ended = False
+        self._late = b""
+        self._disturbed = INTACT  # what becomes of the answer to the next read
 
     @property
     def sending(self) -> bool:
@@ -83,13 +89,13 @@ class Link(Client):
 
     def write(self, data: memoryview, *, last: bool) -> None:
         """Take the next bytes of a program message; `last` ends it."""
-        while len(data):
+        while len(data) and not self._ended:
             room = self.reader.buffer()
             count = min(len(room), len(data))
             room[:count] = data[:count]
-            self.deliver(self.reader.received(count))
+            self.deliver(self.take(count))
             data = data[count:]
-        if last:
+        if last and not self._ended:
             self.deliver(self.reader.end())
 
     def trigger(self) -> None:
@@ -135,6 +141,18 @@ class Link(Client):
             self._output.extend(memoryview(chunk).cast("B") for chunk in (*chunks, b"\n") if len(chunk))
             self._transfer()
 
+    def disturb(self, disturbed: Disturbed, tag: int) -> None:
+        """Keep what a fault has made of a reply for the next reads."""
+        if disturbed.late:
+            self._late += disturbed.data
+        elif disturbed.ends_after == 0:
+            self.hang_up()
+        elif disturbed.data and not self._ended:
+            late, self._late = self._late, b""
+            self._output.append(memoryview(late + disturbed.data))
+            self._disturbed = disturbed
+            self._transfer()
+
     def resume(self) -> None:
         """Read on; a read that waits for a message without reply is given up."""
         if not self._ended:
@@ -150,6 +168,10 @@ class Link(Client):
         self._locks.forget(self)
         self.loop.leave(self)
 
+    def hang_up(self) -> None:
+        """End the connection at once, and every link on it."""
+        self._hang_up()
+
     def close(self) -> None:
         """Close the connection, unless only this link has ended and others live on it."""
         if not self._ended:
@@ -159,6 +181,11 @@ class Link(Client):
         if not (self._read and self._output):
             return
         read, self._read = self._read, None
+        disturbed, self._disturbed = self._disturbed, INTACT
+        if disturbed.error is not None:
+            self._output.clear()
+            read.answer(disturbed.error, 0, [], INTACT)
+            return
         data: list[Chunk] = []
         left = read.size
         reason = 0
@@ -173,8 +200,10 @@ class Link(Client):
             data.append(piece)
             left -= len(piece)
         reason |= 0 if left else COUNT_REACHED
-        reason |= 0 if self._output else END_REACHED
-        read.answer(DeviceError.NONE, reason, data)
+        reason |= 0 if self._output or not disturbed.ends else END_REACHED
+        read.answer(DeviceError.NONE, reason, data, disturbed)
+        if disturbed.hangs_up:
+            self.hang_up()
 
     def _give_up(self) -> None:
         if self._read and not (self.waiting or self.blocked):
@@ -183,7 +212,7 @@ class Link(Client):
     def _fail_read(self, error: DeviceError) -> None:
         read, self._read = self._read, None
         if read:
-            read.answer(error, 0, [])
+            read.answer(error, 0, [], INTACT)
 
 
 def _find(view: memoryview, byte: int) -> int:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from sim_backends.servers.clients import Client
+from sim_backends.servers.disturbed import Disturbed
 
 logger = logging.getLogger(__name__)
 
@@ -23,6 +24,7 @@ class Loop:
     def __init__(self) -> None:
         self.selector = selectors.DefaultSelector()
         self._clients: list[Client] = []
+        self._listeners: dict[int, socket.socket] = {}
         self._leaving: list[Client] = []
         self._later: list[Callable[[], None]] = []
         self._numbers = self._arrivals = 0
@@ -45,7 +47,21 @@ class Loop:
             raise OSError(error.errno, reason) from error
         listener.settimeout(0)
         self.selector.register(listener, selectors.EVENT_READ, lambda _events: self._accept(listener, accept))
-        return int(listener.getsockname()[1])
+        port = int(listener.getsockname()[1])
+        self._listeners[port] = listener
+        return port
+
+    @property
+    def ports(self) -> tuple[int, ...]:
+        """The ports that are listened to, those that refuse included."""
+        return tuple(self._listeners)
+
+    def refuse(self, port: int) -> None:
+        """Refuse new connections to `port` from now on; the port is kept."""
+        listener = self._listeners[port]
+        with suppress(KeyError):  # it does so already
+            self.selector.unregister(listener)
+            listener.shutdown(socket.SHUT_RDWR)
 
     @property
     def running(self) -> bool:
@@ -179,7 +195,11 @@ class Loop:
             client.part = next(execution)
         except StopIteration as end:
             client.blocked = client.part = None
-            if end.value:
+            if isinstance(end.value, Disturbed):
+                if end.value.hangs_up:
+                    client.waiting.clear()  # it was sent after the message at which the link ends
+                client.disturb(end.value, tag)
+            elif end.value:
                 client.reply(end.value, tag)
             client.resume()
             return True
@@ -215,4 +235,6 @@ class Loop:
         for watched in list((self.selector.get_map() or {}).values()):
             if isinstance(watched.fileobj, socket.socket):  # a listener, the alarm, a connection without a client yet
                 watched.fileobj.close()
+        for listener in self._listeners.values():  # those that refuse are not watched
+            listener.close()
         self.selector.close()

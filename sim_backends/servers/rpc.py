@@ -8,6 +8,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from sim_backends.servers.channel import Channel, Chunk
+from sim_backends.servers.disturbed import INTACT, Disturbed, fragments, pieces
 
 _MARK = struct.Struct("!I")
 _LAST_FRAGMENT = 0x8000_0000
@@ -169,9 +170,14 @@ class RpcConnection:
         self._records = RecordReader(largest=largest, complete=self._record, rubbish=self.end)
         self.channel = Channel(selector, connection, readable=self._readable, lost=self.end)
 
-    def succeed(self, call: Call, results: list[Chunk]) -> None:
-        """Answer `call` with `results`, XDR."""
-        self._answer(call.number, Accepted.SUCCESS, results)
+    def succeed(self, call: Call, results: list[Chunk], disturbed: Disturbed = INTACT) -> None:
+        """Answer `call` with `results`, XDR, as far as `disturbed` lets it come."""
+        if disturbed is INTACT:
+            self._answer(call.number, Accepted.SUCCESS, results)
+        else:
+            head = _REPLY_HEAD.pack((call.number + disturbed.numbered) % 2**32, _REPLY, 0, 0, 0, Accepted.SUCCESS)
+            for piece in pieces(_disturbed_record(b"".join((head, *map(bytes, results))), disturbed), disturbed.packet):
+                self.channel.send((piece,))
 
     def end(self) -> None:
         """Give up the connection; nothing is read or sent any more."""
@@ -228,3 +234,13 @@ class RpcConnection:
     def _send(self, head: bytes, results: list[Chunk]) -> None:
         length = len(head) + sum(map(len, results))
         self.channel.send([_MARK.pack(_LAST_FRAGMENT | length), head, *results])
+
+
+def _disturbed_record(record: bytes, disturbed: Disturbed) -> bytes:
+    """What of a record comes, with its marks."""
+    parts = fragments(record, disturbed.fragments)
+    flags = [0] * (len(parts) - 1) + [_LAST_FRAGMENT]
+    marks = [_MARK.pack(flag | len(part) + disturbed.announced) for flag, part in zip(flags, parts, strict=True)]
+    whole = b"".join(mark + part for mark, part in zip(marks, parts, strict=True))
+    missing = 0 if disturbed.ends_after is None else len(disturbed.data) - disturbed.ends_after
+    return whole[: len(whole) - max(0, missing)]

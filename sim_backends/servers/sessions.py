@@ -9,7 +9,8 @@ from collections.abc import Callable
 from sim_backends.scpi.messages import Message, Unit
 from sim_backends.servers.channel import Channel, Chunk
 from sim_backends.servers.clients import MOST_WAITING, Client, Instrument
-from sim_backends.servers.frames import Fatal, Frame, Kind, data_frames, fatal_error, header
+from sim_backends.servers.disturbed import Disturbed, pieces
+from sim_backends.servers.frames import Fatal, Frame, Kind, data_frames, disturbed_frames, fatal_error, header
 from sim_backends.servers.locks import Locks
 from sim_backends.servers.loop import Loop
 
@@ -52,6 +53,7 @@ class Session(Client):
         self._clearing = False
         self._available = False  # a reply was sent and not yet read to its end
         self._ended = False
+        self._late = b""
 
     def synchronous_handlers(self) -> dict[int, Callable[[Frame, bytes], None]]:
         """What to do with the messages of the synchronous connection."""
@@ -91,6 +93,28 @@ class Session(Client):
         self._available = True
         self._channel.send(data_frames([*chunks, b"\n"], tag, self._largest))
 
+    def disturb(self, disturbed: Disturbed, tag: int) -> None:
+        """Send what a fault has made of a reply."""
+        self._available = True
+        if disturbed.error is not None:
+            self._channel.send(fatal_error(disturbed.error, "injected"))
+            self.end()
+            return
+        frames = disturbed_frames(disturbed, tag)
+        if disturbed.late:
+            self._late += frames
+            return
+        late, self._late = self._late, b""
+        for piece in (late, *pieces(frames, disturbed.packet)):
+            self._channel.send((piece,))
+        if disturbed.hangs_up:
+            self.hang_up()
+
+    def hang_up(self) -> None:
+        """End both connections at once."""
+        self._channel.close()
+        self.end()
+
     def resume(self) -> None:
         """Read on, unless too much is waiting."""
         self._channel.read(wanted=not self._ended and len(self.waiting) < MOST_WAITING)
@@ -118,13 +142,13 @@ class Session(Client):
 
     def data(self, frame: Frame, count: int) -> None:
         """`count` bytes of a program message came into `data_room()`."""
-        self._deliver(self.reader.received(count), frame)
+        self._deliver(self.take(count), frame)
 
     def _data_complete(self, frame: Frame, _payload: bytes) -> None:
         if self.asynchronous is None:
             self._channel.send(fatal_error(Fatal.CHANNELS_NOT_ESTABLISHED, "the asynchronous channel is missing"))
             self.end()
-        elif not self._clearing:
+        elif not (self._clearing or self._ended):
             self._note_delivery(frame)
             if frame.kind == Kind.DATA_END:
                 self._deliver(self.reader.end(), frame)

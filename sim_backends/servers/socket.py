@@ -4,6 +4,7 @@ import socket
 
 from sim_backends.servers.channel import Channel, Chunk
 from sim_backends.servers.clients import MOST_WAITING, Client, Instrument
+from sim_backends.servers.disturbed import Disturbed, pieces
 from sim_backends.servers.loop import Loop
 
 
@@ -23,6 +24,7 @@ class SocketClient(Client):
         super().__init__(loop, instrument)
         self._channel = Channel(loop.selector, connection, readable=self._readable, lost=self._end)
         self._ended = False
+        self._late = b""
 
     @property
     def sending(self) -> bool:
@@ -32,6 +34,22 @@ class SocketClient(Client):
     def reply(self, chunks: list[Chunk], tag: int) -> None:
         """Send `chunks` and a newline."""
         self._channel.send((*chunks, b"\n"))
+
+    def disturb(self, disturbed: Disturbed, tag: int) -> None:
+        """Send what a fault has made of a reply."""
+        if disturbed.late:
+            self._late += disturbed.data
+            return
+        late, self._late = self._late, b""
+        for piece in (late, *pieces(disturbed.data[: disturbed.ends_after], disturbed.packet)):
+            self._channel.send((piece,))
+        if disturbed.hangs_up:
+            self.hang_up()
+
+    def hang_up(self) -> None:
+        """End the connection at once."""
+        self._channel.close()
+        self._end()
 
     def resume(self) -> None:
         """Read on, unless too much is waiting."""
@@ -44,7 +62,7 @@ class SocketClient(Client):
     def _readable(self) -> None:
         count = self._channel.receive(self.reader.buffer())
         if count:
-            self.deliver(self.reader.received(count))
+            self.deliver(self.take(count))
             if len(self.waiting) >= MOST_WAITING:
                 self._channel.read(wanted=False)
         elif count == 0:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from sim_backends.servers.channel import Chunk
 from sim_backends.servers.clients import MOST_WAITING, Instrument
+from sim_backends.servers.disturbed import Disturbed
 from sim_backends.servers.links import DeviceError, Link, Read
 from sim_backends.servers.locks import Locks
 from sim_backends.servers.loop import Loop
@@ -80,7 +81,7 @@ class Vxi11Server:
             self.locks,
             pace=core.pace,
             transmitting=lambda: core.rpc.channel.sending,
-            hang_up=core.rpc.channel.close,
+            hang_up=core.rpc.end,
         )
         self.links[self._last] = link
         return self._last, link
@@ -191,8 +192,8 @@ class CoreConnection:
             self._fail(call, DeviceError.LOCKED)
             return
 
-        def answer(error: DeviceError, reason: int, data: list[Chunk]) -> None:
-            self._answer(call, error, unsigned(reason), *opaque(data))
+        def answer(error: int, reason: int, data: list[Chunk], disturbed: Disturbed) -> None:
+            self.rpc.succeed(call, [unsigned(error, reason), *opaque(data)], disturbed)
 
         ends_at = terminator & 0xFF if flags & TERMINATOR_SET else None
         link.read(Read(min(size, LARGEST_READ), ends_at, answer))

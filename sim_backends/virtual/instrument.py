@@ -100,6 +100,10 @@ class VirtualInstrument:
                 reply.extend(chunks(part))
         return reply
 
+    def listens(self, begun: bytes) -> bool:
+        """Whether it receives the rest of a message that has begun with `begun`: always."""
+        return True
+
     def clear(self) -> None:
         """Device clear: forget a pending `*OPC`; status and settings stay, messages under way are their owner's."""
         self._completion_asked = False

@@ -6,31 +6,52 @@ It writes `docs/reference/faults.md` of the checkout it runs in; the tests compa
 import logging
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
 
-from tests.faults.matrix import PHASES, Case, Ended, carried_out, cases, outcome, undisturbed
+from labctl.lost_links import ATTEMPTS, PAUSE_S
+from tests.faults.matrix import (
+    CLIPPED,
+    ENDED,
+    LEFT,
+    NO_HARM,
+    PHASES,
+    RECOVERED,
+    UNCONFIRMED,
+    Case,
+    Ended,
+    carried_out,
+    cases,
+    outcome,
+    undisturbed,
+)
 
 DOCUMENT = Path("docs/reference/faults.md")
 NOTHING = "-"
 
-_INTRODUCTION = """\
+_INTRODUCTION = f"""\
 # Faults
 
 What a run makes of faults of its instruments. Each case is a small acquisition on a simulated bench, over real
 sockets, in which one fault befalls one instrument at a message of the phase named, once unless it says otherwise.
+`labctl sim serve --fault` lets [any client meet the same faults](../how-to/break-the-bench-on-purpose.md).
 
 | outcome | meaning |
 | --- | --- |
-| no harm | The run ends well, and its frames are those of a run without the fault. |
-| goes on | So it does, after all instruments were reached again and what was missing was measured anew. |
-| clipped | The run ends well and says how many records touch the end of the range. |
-| ends | Exit status 1, one line that names the instrument; what was acknowledged is kept, the safe state is reached. |
-| ends, unconfirmed | So it does, but the instrument cannot be reached: its safe state is told not to be confirmed. |
+| {NO_HARM} | The run ends well, and its frames are those of a run without the fault. |
+| {RECOVERED} | So it does, after all instruments were reached again and what was missing was measured anew. |
+| {CLIPPED} | The run ends well and says how many records touch the end of the range. |
+| {ENDED} | Exit status 1, one line that names the instrument; acknowledged shots are kept, the safe state is reached. |
+| {UNCONFIRMED} | So it does, but the instrument does not confirm it, and the line says so. |
+| {LEFT} | As before, but the instrument hears nothing: it stays as it was, all others are safe. |
 
-In every case laser, AWG and DMD of the simulated world are dark at the end, but for the one that cannot be reached.
-Nothing is said to the patch panel at the end of a run.
+The safe state is looked up in the simulated world, not in a driver: laser dark, AWG off, DMD blank, oscilloscope
+stopped. A laser that is left as it was still emits: the line says so and names its key switch. Over each lost link an
+instrument is told once more through a new connection. After a lost link the bench is reached again at most {ATTEMPTS}
+times in a row without a new record between, {PAUSE_S:g} s apart; `commands.log` has a line for each. Nothing is said to
+the patch panel at the end of a run.
 
 This document is generated: `python -m tests.faults.document`.
 """
@@ -39,8 +60,8 @@ This document is generated: `python -m tests.faults.document`.
 def document(outcomes: Mapping[str, str]) -> str:
     """The whole document; `outcomes` by the identifiers of the cases."""
     whole = list(cases())
-    parts = [_INTRODUCTION, f"{len(whole)} cases.\n"]
-    for role, of_role in groupby(sorted(whole, key=lambda case: case.role), key=lambda case: case.role):
+    parts = [_INTRODUCTION, _counts([outcomes[case.identifier] for case in whole])]
+    for role, of_role in groupby(sorted(whole, key=lambda case: case.place), key=lambda case: case.place):
         heads = f"| {role}: fault | {' | '.join(PHASES)} |\n| --- |{' --- |' * len(PHASES)}"
         rows = [
             f"| {name}: {told} | {' | '.join(_cells(group, outcomes))} |"
@@ -62,7 +83,7 @@ def documented(text: str) -> dict[str, str]:
             name, *row = line.strip("| ").split(" | ")
             cells |= {(role, name, phase): cell for phase, cell in zip(PHASES, row, strict=True)}
     for case in cases():
-        cell = cells.get((case.role, f"{case.name}: {case.fault.told}", case.phase))
+        cell = cells.get((case.place, f"{case.name}: {case.fault.told}", case.phase))
         if cell is not None:
             found[case.identifier] = cell
     return found
@@ -86,6 +107,11 @@ def _outcomes() -> Iterator[tuple[str, str]]:
             found = outcome(case, carried_out(case, Path(folder)), expected[case.options])
         sys.stderr.write(f"{case.identifier}: {found}\n")
         yield case.identifier, found
+
+
+def _counts(found: list[str]) -> str:
+    told = "; ".join(f"{name}: {count}" for name, count in Counter(found).most_common())
+    return f"{len(found)} cases. {told[0].upper()}{told[1:]}.\n"
 
 
 def _rows(of_role: list[Case]) -> dict[tuple[str, str], list[Case]]:

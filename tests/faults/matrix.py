@@ -15,23 +15,27 @@ from numpy.typing import NDArray
 from labctl.main import main as labctl
 from labctl.runs import open_run
 from labctl.station import SIMULATED_STATION, Station, write_addresses
-from sim_backends.faults.bench import FaultyBench
+from sim_backends.faults.bench import Befalling, FaultyBench
 from sim_backends.faults.catalogue import (
     AWG,
     BURST,
     DMD,
+    FRAMES,
+    HISLIP,
     LASER,
     QUEUE,
     SCOPE,
     START,
     TRACE,
     UPLOAD,
+    VXI11,
     WIRE,
     Fault,
     Moment,
 )
 from sim_backends.optics.mirrors import SIDE
 from sim_backends.parameters import Parameters
+from sim_backends.virtual.dpo72504dx import VirtualDpo72504dx
 from sim_backends.virtual.laser_table import default_table
 from sim_backends.world import World
 
@@ -48,11 +52,13 @@ BOUNDS = {
 }
 """Waits that no station file sets, made short, and fewer attempts."""
 
-NO_HARM, RECOVERED, CLIPPED, ENDED, UNCONFIRMED = "no harm", "goes on", "clipped", "ends", "ends, unconfirmed"
+NO_HARM, RECOVERED, CLIPPED = "no harm", "goes on", "clipped"
+ENDED, UNCONFIRMED, LEFT = "ends", "ends, unconfirmed", "ends, left as it was"
+TRANSPORTS = {"hislip": "HiSLIP", "vxi11": "VXI-11"}
 PHASES = ("connecting", "preparing", "acquiring", "finishing")
 WITHOUT_QUEUE = ("dmd",)
 ANSWERS_FIRST = ("dmd",)
-"""Instruments that must answer before they can be made safe; laser and AWG are told blindly."""
+"""Instruments that must answer before they can be made safe; the others are told blindly."""
 MOMENTS: dict[str, dict[str, Moment]] = {
     "laser": {
         "connecting": Moment("*IDN?"),
@@ -103,11 +109,23 @@ SPECIAL: tuple[tuple[str, str, Mapping[str, Fault], Moment, tuple[str, ...]], ..
 )
 """What strikes elsewhere, or one instrument only: role, phase, faults, when they strike, how the run is asked."""
 
-LIGHTS_OUT: dict[str, Callable[[World], bool]] = {
-    "laser": lambda world: world._emission is None,
-    "awg": lambda world: world._playback is None,
-    "dmd": lambda world: np.array_equal(world._pictures.latched(world.clock.now), _blank(world)),
+FRAMED: dict[str, Mapping[str, Fault]] = {"hislip": WIRE | FRAMES | HISLIP, "vxi11": WIRE | FRAMES | VXI11}
+"""What strikes an instrument at its other addresses: the faults that live in the transport."""
+FRAMED_MOMENTS: tuple[tuple[str, str, Mapping[str, Fault], Moment], ...] = (
+    ("awg", "connecting", START, Moment("", 0)),
+    ("awg", "acquiring", UPLOAD, Moment("WLISt:WAVeform:DATA")),
+    ("scope", "connecting", START, Moment("", 0)),
+    ("scope", "acquiring", TRACE, Moment("CURVe?", 11)),
+)
+FRAMED_PHASES = ("preparing", "acquiring")
+
+SAFE: dict[str, Callable[[FaultyBench], bool]] = {
+    "laser": lambda bench: bench.world._emission is None,
+    "awg": lambda bench: bench.world._playback is None,
+    "dmd": lambda bench: np.array_equal(bench.world._pictures.latched(bench.world.clock.now), _blank(bench.world)),
+    "scope": lambda bench: not _scope(bench)._running,
 }
+"""The safe state, in the simulated world."""
 
 
 class Case(NamedTuple):
@@ -119,6 +137,12 @@ class Case(NamedTuple):
     fault: Fault
     moment: Moment
     options: tuple[str, ...]
+    transport: str = "socket"
+
+    @property
+    def place(self) -> str:
+        """The instrument, and the transport unless it is the raw socket."""
+        return self.role if self.transport == "socket" else f"{self.role} over {TRANSPORTS[self.transport]}"
 
     @property
     def common(self) -> bool:
@@ -128,7 +152,7 @@ class Case(NamedTuple):
     @property
     def identifier(self) -> str:
         """Its name in test reports and in the document."""
-        return f"{self.role}-{self.phase}-{self.name.replace(' ', '_')}"
+        return f"{self.place}-{self.phase}-{self.name}".replace(" ", "_")
 
 
 def cases() -> Iterator[Case]:
@@ -141,6 +165,14 @@ def cases() -> Iterator[Case]:
     for role, phase, faults, moment, options in SPECIAL:
         for name, fault in faults.items():
             yield Case(role, phase, name, fault, moment, options)
+    for transport, framed in FRAMED.items():
+        for role in ("awg", "scope"):
+            for name, fault in framed.items():
+                for phase in FRAMED_PHASES:
+                    yield Case(role, phase, name, fault, MOMENTS[role][phase], (), transport)
+        for role, phase, faults, moment in FRAMED_MOMENTS:
+            for name, fault in faults.items():
+                yield Case(role, phase, name, fault, moment, (), transport)
 
 
 @dataclass(frozen=True)
@@ -174,16 +206,23 @@ def carried_out(case: Case, folder: Path) -> Ended:
     table["transport"]["timeout_s"] = TIMEOUT_S
     table["commands"]["is_settled"] |= {"timeout_s": TIMEOUT_S, "poll_s": 0.01}
     written, errors = io.StringIO(), io.StringIO()
-    bench = FaultyBench(case.role, case.fault, case.moment, SMALL, laser_table=table)
+    bench = FaultyBench([Befalling(case.role, case.fault, case.moment)], SMALL, laser_table=table)
     with bench, short_waits(), contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
         try:
             labctl(
-                (*RUN, *case.options, "--station", str(_station(bench, table, folder)), "--out", str(folder / "run"))
+                (
+                    *RUN,
+                    *case.options,
+                    "--station",
+                    str(_station(bench, case, table, folder)),
+                    "--out",
+                    str(folder / "run"),
+                )
             )
         except SystemExit as ended:
             status = int(str(ended.code))
     # The loop has ended: what was sent has been executed.
-    lit = tuple(name for name, dark in LIGHTS_OUT.items() if not dark(bench.world))
+    lit = tuple(name for name, is_safe in SAFE.items() if not is_safe(bench))
     return Ended(status, json.loads(written.getvalue()), errors.getvalue(), _kept(folder / "run"), lit, bench.struck)
 
 
@@ -212,11 +251,15 @@ def outcome(case: Case, ended: Ended, expected: Ended) -> str:
     assert case.role in error, f"the instrument is not named: {error}"
     assert "\n" not in error, f"more than one line: {error}"
     notes = " ".join(map(str, ended.result.get("notes", ())))
-    excused = {case.role} if case.fault.refuses or case.role in ANSWERS_FIRST else set()
+    unreachable = case.fault.refuses or (case.role in ANSWERS_FIRST and case.fault.lasting)
+    excused = {case.role} if unreachable else set()
     assert set(ended.lit) <= excused, f"{ended.lit} is not in the safe state: {error} {notes}"
     unconfirmed = "the safe state is not confirmed" in error + notes
     assert unconfirmed or not ended.lit, f"{ended.lit} is not in the safe state, and nobody was told: {error} {notes}"
+    assert "laser" not in ended.lit or "may still emit, switch it off by its key switch" in error + notes
     assert np.array_equal(ended.frames, expected.frames[: len(ended.frames)]), "frames were kept that are wrong"
+    if ended.lit:
+        return LEFT
     return UNCONFIRMED if unconfirmed else ENDED
 
 
@@ -228,14 +271,15 @@ def _kept(run: Path) -> NDArray[np.int8]:
         return np.asarray(stored.frames[: stored.done[0]])
 
 
-def _station(bench: FaultyBench, table: Mapping[str, object], folder: Path) -> Path:
+def _station(bench: FaultyBench, case: Case, table: Mapping[str, object], folder: Path) -> Path:
     """A station file of `bench` with short timeouts."""
     commands, station = folder / "laser.toml", folder / "station.toml"
     commands.write_text(_toml(table))
     sections = {name: {"timeout": f"{TIMEOUT_S} s"} for name in ("awg", "scope", "dmd", "patch_panel")}
     sections["laser"] = {"commands": str(commands)}
     hasty = Station.model_validate(SIMULATED_STATION.model_dump(exclude_defaults=True) | sections)
-    write_addresses(station, {role: found["socket"] for role, found in bench.resources.items()}, hasty)
+    addresses = {role: found["socket"] for role, found in bench.resources.items()}
+    write_addresses(station, addresses | {case.role: bench.resources[case.role][case.transport]}, hasty)
     return station
 
 
@@ -244,6 +288,12 @@ def _toml(table: Mapping[str, object], path: str = "") -> str:
     own = [f"{key} = {json.dumps(value)}" for key, value in table.items() if not isinstance(value, dict)]
     inner = [_toml(value, f"{path}{key}.") for key, value in table.items() if isinstance(value, dict)]
     return "\n".join(([f"[{path[:-1]}]"] if path and own else []) + own + inner)
+
+
+def _scope(bench: FaultyBench) -> VirtualDpo72504dx:
+    scope = bench._instruments["scope"]
+    assert isinstance(scope, VirtualDpo72504dx)
+    return scope
 
 
 def _blank(world: World) -> NDArray[np.float32]:

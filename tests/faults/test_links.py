@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from instruments.errors import InstrumentError, LinkError
 from instruments.visa import VisaLink, tektronix_event_queue
-from sim_backends.faults.bench import FaultyBench
-from sim_backends.faults.catalogue import QUEUE, START, TRACE, UPLOAD, WIRE, Fault, Moment
+from sim_backends.faults.bench import Befalling, FaultyBench
+from sim_backends.faults.catalogue import FRAMES, QUEUE, START, TRACE, UPLOAD, WIRE, Fault, Moment
 from tests.faults.matrix import SMALL
 
 Through = Callable[..., VisaLink]
@@ -21,9 +22,11 @@ def through(log: Any) -> Iterator[Through]:
     """A link to an instrument that a fault befalls."""
     with ExitStack() as stack:
 
-        def connect(fault: Fault, moment: str, role: str = "awg", count: int = 1) -> VisaLink:
-            bench = stack.enter_context(FaultyBench(role, fault, Moment(moment, count), SMALL))
-            link = VisaLink(bench.resources[role]["socket"], name=role, timeout_s=0.3, transcript=log)
+        def connect(
+            fault: Fault, moment: str, role: str = "awg", count: int = 1, transport: str = "socket"
+        ) -> VisaLink:
+            bench = stack.enter_context(FaultyBench([Befalling(role, fault, Moment(moment, count))], SMALL))
+            link = VisaLink(bench.resources[role][transport], name=role, timeout_s=0.3, transcript=log)
             stack.callback(link.close)
             return link
 
@@ -100,6 +103,49 @@ def test_a_block_is_as_long_as_its_header_says(name: str, through: Through) -> N
         with pytest.raises(LinkError, match=r"goes on with|did not answer in time"):
             link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4"))
     assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4")), samples)
+
+
+@pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")  # pyvisa-py's, of a session that it cannot open
+@pytest.mark.parametrize("transport", ["hislip", "vxi11"])
+@pytest.mark.parametrize(
+    "fault",
+    ["refused", "lost before", "lost inside", "no end", "empty", "frame longer", "frame shorter", "number ahead"],
+)
+def test_whatever_breaks_a_session_is_an_error_of_the_link(fault: str, transport: str, through: Through) -> None:
+    link = through((WIRE | FRAMES)[fault], "*IDN?", transport=transport)
+    with pytest.raises(LinkError, match="awg at TCPIP"):
+        link.query("*IDN?")
+    if fault != "refused":
+        assert link.query("CLOCk:SOURce?") == "INT"
+
+
+@pytest.mark.parametrize("transport", ["hislip", "vxi11"])
+@pytest.mark.parametrize("fault", [TRACE["block shorter"], WIRE["empty"], WIRE["garbage"]])
+def test_a_message_that_ends_inside_a_block_ends_the_wait_for_it(
+    fault: Fault, transport: str, through: Through
+) -> None:
+    link = through(fault, "WLISt:WAVeform:DATA?", transport=transport)
+    samples = np.linspace(-1, 1, 2400, dtype="<f4")
+    link.write('WLISt:WAVeform:NEW "w",2400')
+    link.write_block('WLISt:WAVeform:DATA "w",', samples)
+    with pytest.raises((LinkError, InstrumentError)):
+        link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4"))
+    assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4")), samples)
+
+
+@pytest.mark.parametrize("transport", ["socket", "hislip", "vxi11"])
+def test_a_link_that_ends_inside_a_block_leaves_what_was_in_memory(transport: str, through: Through) -> None:
+    link = through(UPLOAD["lost inside a block"], "WLISt:WAVeform:DATA", transport=transport)
+    samples = np.ones(1_000_000, np.float32)
+    link.write('WLISt:WAVeform:NEW "w",1000000')
+    with pytest.raises(LinkError):
+        _upload(link, samples)
+    assert not link.read_block('WLISt:WAVeform:DATA? "w",0,2400', np.dtype("<f4")).any()
+
+
+def _upload(link: VisaLink, samples: NDArray[np.float32]) -> None:
+    link.write_block('WLISt:WAVeform:DATA "w",', samples)
+    link.query("*OPC?")
 
 
 def test_a_block_that_is_lost_leaves_what_was_in_memory(through: Through) -> None:

@@ -1,24 +1,34 @@
 """Every fault, at every instrument, in every phase: the run goes on or ends as documented, and it ends dark."""
 
+import gc
 from pathlib import Path
 
 import pytest
 
+from sim_backends.faults.catalogue import FRAMES, HISLIP, VXI11
 from tests.faults.document import DOCUMENT, document, documented
 from tests.faults.matrix import MOMENTS, Case, Ended, carried_out, cases, outcome, undisturbed
 
 WRITTEN = (Path(__file__).parents[2] / DOCUMENT).read_text(encoding="utf-8")
 DOCUMENTED = documented(WRITTEN)
+FRAMED_ONCE = (*FRAMES, *HISLIP, *VXI11, "refused", "lost inside", "no end", "empty", "lost inside a block")
 
 
 def _chosen() -> list[object]:
-    """All cases. A fixed subset has every fault with every instrument, every fault in every phase and every instrument
-    in every phase; the other ones belong to the whole matrix only."""
+    """All cases. A fixed subset has every fault with every instrument, every fault in every phase, every instrument in
+    every phase, and once each fault that only HiSLIP and VXI-11 know; the others belong to the whole matrix only.
+    """
     whole = list(cases())
     faults = list(dict.fromkeys(case.name for case in whole))
     roles = list(MOMENTS)
+    framed = {
+        name: [case for case in whole if case.name == name and case.transport != "socket"] for name in FRAMED_ONCE
+    }
 
     def is_short(case: Case) -> bool:
+        if case.transport != "socket":
+            ways = framed.get(case.name)
+            return ways is not None and ways[faults.index(case.name) % len(ways)] is case
         phases = list(MOMENTS[case.role])
         turn = faults.index(case.name) + roles.index(case.role)
         return not case.common or case.phase == phases[turn % len(phases)]
@@ -32,9 +42,12 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], 
     return {options: undisturbed(tmp_path_factory.mktemp("undisturbed"), options) for options in ways}
 
 
+@pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")  # pyvisa-py's, of a session that it cannot open
 @pytest.mark.parametrize("case", _chosen())
 def test_fault(case: Case, expected: dict[tuple[str, ...], Ended], tmp_path: Path) -> None:
     ended = carried_out(case, tmp_path)
+    if case.transport != "socket":
+        gc.collect()  # here, where those warnings are ignored
     assert outcome(case, ended, expected[case.options]) == DOCUMENTED[case.identifier]
 
 

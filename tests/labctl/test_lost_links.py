@@ -62,4 +62,4 @@ def test_a_bench_that_is_gone_ends_the_run_with_what_happened_and_how_it_is_left
     with pytest.raises(LinkError, match="scope at nowhere") as failure:
         recovery.after(lost, 7)
     (note,) = failure.value.__notes__
-    assert "switch the laser off by its key switch" in note
+    assert "the laser may still emit, switch it off by its key switch" in note

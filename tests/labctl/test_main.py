@@ -367,7 +367,8 @@ class TestFailureAfterFailure:
 
         monkeypatch.setattr(Dpo72504dx, "wait", fail)
         status, out, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run", "--json")
-        unsafe = "the safe state is not confirmed (laser: laser: does not obey): switch the laser off by its key switch"
+        advice = "the laser may still emit, switch it off by its key switch"
+        unsafe = f"the safe state is not confirmed (laser: laser: does not obey): {advice}"
         assert status == 1
         assert told.splitlines() == [
             "labctl: scope: on fire",

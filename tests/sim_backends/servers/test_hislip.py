@@ -35,6 +35,9 @@ class Echo:
     def status_byte(self) -> int:
         return 0x50
 
+    def listens(self, begun: bytes) -> bool:
+        return True
+
 
 class Peer:
     """One connection of a client that says exactly what it is told to."""

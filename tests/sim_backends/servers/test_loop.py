@@ -57,6 +57,9 @@ class Toy:
     def status_byte(self) -> int:
         return 0
 
+    def listens(self, begun: bytes) -> bool:
+        return True
+
 
 class Wire:
     """A client of a raw socket."""

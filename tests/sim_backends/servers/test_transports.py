@@ -56,6 +56,9 @@ class Memory:
     def status_byte(self) -> int:
         return 4
 
+    def listens(self, begun: bytes) -> bool:
+        return True
+
 
 class Server:
     def __init__(self) -> None:

@@ -40,6 +40,9 @@ class Echo:
     def status_byte(self) -> int:
         return 0
 
+    def listens(self, begun: bytes) -> bool:
+        return True
+
 
 class Server:
     def __init__(self) -> None:
