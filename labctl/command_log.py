@@ -8,6 +8,7 @@ import contextlib
 import io
 import logging
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -31,6 +32,7 @@ class CommandLog:
         self._clock = clock
         self._lines: TextIO = io.StringIO()
         self._ended = False
+        self._guard = threading.RLock()  # what is said of the disk may come from the thread that stores a burst
 
     def __call__(self, instrument: str, direction: str, message: str) -> None:
         """Log one message; line ends inside it are escaped, so that one message is one line."""
@@ -59,7 +61,7 @@ class CommandLog:
 
     def _write(self, lines: str) -> None:
         if not self._ended:
-            with self._ending_if_full():
+            with self._guard, self._ending_if_full():
                 self._lines.write(lines)
 
     @contextlib.contextmanager

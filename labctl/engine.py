@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from labctl.provenance import git_revision, versions
 from labctl.resuming import refuse_changed_instruments, refuse_other_plan
 from labctl.runs import Durability, PlayedDrive, RunShape, RunWriter, ShotColumns, run_name
 from labctl.runs.durable import not_written
+from labctl.runs.room import needed
 from labctl.station import Station
 from labctl.stopwatch import Stopwatch
 from protocols.base import Inputs, Leg, Measurement, Shot
@@ -86,9 +88,15 @@ def carry_out(
     started = datetime.now(UTC)
     manifest = _manifest(request, bench, started)
     directory = directory or new_directory(request.protocol, started)
-    with RunWriter.create(directory, manifest, *plan, durability_of(request.station)) as writer:
+    durability, seconds = durability_of(request.station), _seconds_a_shot(request, bench)
+    with RunWriter.create(directory, manifest, *plan, durability, seconds_a_shot=seconds) as writer:
         _keep(log, writer.paths.commands)
         return _measure(request, bench, log, writer, interruption=interruption, progress=progress, stopwatch=stopwatch)
+
+
+def bytes_needed(request: Request, bench: Bench) -> int:
+    """What the run writes at most; nothing is sent to the bench."""
+    return needed(*_planned(request, bench), durability_of(request.station), _seconds_a_shot(request, bench))
 
 
 def go_on(
@@ -150,6 +158,7 @@ def _measure(
 ) -> Outcome:
     """Measure what `writer` lacks and finish the run."""
     before = writer.complete
+    writer.room.tell = partial(log, "run", "!")
     clock = time.perf_counter(), bench.now()
     measuring = Measuring(
         request.protocol,
@@ -177,11 +186,21 @@ def _measure(
 
 def _plan(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:
     """Size, shots and drive of the whole run, if this bench can carry it out."""
+    request.protocol.check_cabling(bench)
+    request.protocol.check(bench, request.inputs)
+    return _planned(request, bench)
+
+
+def _planned(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:
     protocol, inputs = request.protocol, request.inputs
     shots, legs = protocol.shots(inputs), protocol.legs(bench)
-    protocol.check_cabling(bench)
-    protocol.check(bench, inputs)
     return _shape(request, legs, shots), _columns(shots, legs), _played(protocol.drive(bench, inputs))
+
+
+def _seconds_a_shot(request: Request, bench: Bench) -> float:
+    """On one pass, on real instruments."""
+    shots, legs = len(request.protocol.shots(request.inputs)), len(request.protocol.legs(bench))
+    return request.protocol.duration_s(bench, shots) / (shots * legs)
 
 
 def _shape(request: Request, legs: Sequence[Leg], shots: Sequence[Shot]) -> RunShape:

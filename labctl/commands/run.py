@@ -10,7 +10,7 @@ from labctl.acquisition import Acquisition, acquire
 from labctl.command_log import CommandLog
 from labctl.commands.options import ArmOption, DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
-from labctl.engine import Outcome, new_directory
+from labctl.engine import Outcome, Request, bytes_needed, new_directory
 from labctl.failures import DONE, INTERRUPTED
 from labctl.inputs import inputs_for
 from labctl.interruption import interruptible
@@ -68,6 +68,7 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
             "ports": [list(leg.patching.values()) for leg in legs],
             "samples": protocol.sample_count(inputs),
             "estimated_seconds_on_a_real_bench": protocol.duration_s(bench, len(shots)),
+            "bytes_needed": bytes_needed(Request(protocol, inputs, acquisition.station), bench),
         }
 
 

@@ -19,7 +19,9 @@ and ends, data.h5 is made again. The axes are HDF5 dimension scales, so that xar
 
 import io
 import json
+from dataclasses import replace
 from io import FileIO
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -27,10 +29,10 @@ import numpy as np
 
 from labctl.runs.durable import replacing, write_all
 from labctl.runs.journal import Entry
-from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, Manifest
+from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, Manifest, RunPaths
 from labctl.runs.plan import write_drive
 from labctl.runs.shards import Shard, Shards
-from labctl.runs.shots import SHOTS_DTYPE, MeasuredBurst, PlayedDrive
+from labctl.runs.shots import SHOTS_DTYPE, MeasuredBurst, PlayedDrive, RunShape
 
 AXES = {
     "frames": ("shot", "port", "sample"),
@@ -103,6 +105,18 @@ def shard_in_data_file(file: h5py.File, shards: Shards, entry: Entry) -> bytes:
         file["epoch"][rows, entry.pass_index],
     )
     return Shard.of_burst(entry.pass_index, burst, file["scale"][ports], file["offset"][ports]).encode(shape)
+
+
+def data_file_headers(shape: RunShape) -> int:
+    """Bytes of data.h5 beside what it holds of each shot and beside the manifest, with one sample a frame and a drive of none."""
+    shape = replace(shape, shots=1, samples=1)
+    drive = PlayedDrive(np.zeros(0, np.float32), np.zeros(0, np.bool_), 1.0)
+    nothing = Shards(RunPaths(Path()), shape, np.zeros(1, SHOTS_DTYPE), ())
+    with h5py.File("data", "w", driver="core", backing_store=False, libver=LIBVER) as file:
+        _create(file, nothing, 1, None)  # HDF5 gives a data set its place when it is written to
+        _describe(file, nothing, Manifest({}), drive, complete=False)
+        file.flush()
+        return len(file.id.get_file_image())
 
 
 def _create(file: h5py.File, shards: Shards, count: int, compression: str | None) -> None:

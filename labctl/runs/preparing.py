@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -10,8 +9,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from labctl.runs.durable import not_written, replace_file, sync_folder
-from labctl.runs.layout import FORMAT_VERSION, Manifest, RunError, RunExists, RunPaths
+from labctl.runs.layout import FORMAT_VERSION, Manifest, RunExists, RunPaths
 from labctl.runs.plan import encode_plan
+from labctl.runs.room import require, samples_of, shots_a_shard, sizes_of
 from labctl.runs.shots import Durability, PlayedDrive, RunShape, ShotColumns
 
 
@@ -22,6 +22,7 @@ def prepare(
     plan: ShotColumns,
     drive: PlayedDrive | None,
     durability: Durability,
+    seconds_a_shot: float,
 ) -> tuple[Manifest, NDArray[Any]]:
     """Make the directory, its folder of shards, plan.h5 and manifest.json; returns the manifest and planned `/shots`.
 
@@ -46,23 +47,18 @@ def prepare(
         indent=2,
         allow_nan=False,
     )
-    _claim(paths, shape)
+    sizes = sizes_of(shape, samples_of(drive))
+    require(paths.directory, sizes.whole_run(len(image), shots_a_shard(shape, durability, seconds_a_shot)))
+    _claim(paths)
     replace_file(paths.plan, image)
     replace_file(paths.manifest, text.encode())
     return Manifest.parse(text, paths.manifest), shots
 
 
-def _claim(paths: RunPaths, shape: RunShape) -> None:
-    """Make the run directory and its folder of shards, if the disk has room for shards and data.h5."""
+def _claim(paths: RunPaths) -> None:
+    """Make the run directory and its folder of shards."""
     directory = paths.directory
     try:
-        needed = 2 * shape.shots * len(shape.ports) * shape.samples * shape.dtype.itemsize
-        disk = next(folder for folder in (directory, *directory.absolute().parents) if folder.exists())
-        if (free := shutil.disk_usage(disk).free) < needed:
-            raise RunError(
-                f"{directory}: the run needs {needed / 1e9:.3g} GB and the disk has {free / 1e9:.3g} GB left; "
-                "make room or pick another --out"
-            )
         directory.mkdir(parents=True, exist_ok=True)
         if any(directory.iterdir()):
             raise RunExists(f"{directory}: exists and is not empty; pick another --out, or `labctl resume {directory}`")

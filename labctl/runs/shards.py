@@ -83,6 +83,21 @@ class Shard:
         rows["flags"] = np.where(burst.clipped.any(axis=1), int(ShotFlag.CLIPPED), 0)
         return cls(pass_index, burst.first, scale, offset, burst.codes, burst.trigger_offset_s, burst.clipped, rows)
 
+    @classmethod
+    def empty(cls, shape: RunShape, pass_index: int) -> "Shard":
+        """Of no shots: its bytes are what every shard of the pass has beside its rows."""
+        ports = len(shape.passes[pass_index])
+        return cls(
+            pass_index=pass_index,
+            first=0,
+            scale=np.zeros(ports),
+            offset=np.zeros(ports),
+            frames=np.zeros((0, ports, shape.samples), shape.dtype),
+            trigger_offset_s=np.zeros((0, ports)),
+            clipped=np.zeros((0, ports), np.bool_),
+            rows=np.zeros(0, ROWS_DTYPE),
+        )
+
     def encode(self, shape: RunShape) -> bytes:
         """The bytes of the file."""
         with h5py.File("shard", "w", driver="core", backing_store=False, libver=LIBVER) as file:

@@ -19,6 +19,7 @@ from labctl.runs.plan import read_plan
 from labctl.runs.preparing import prepare
 from labctl.runs.reading import data_file_evidence
 from labctl.runs.recovering import recover
+from labctl.runs.room import Room, require, samples_of, shots_a_shard, sizes_of
 from labctl.runs.shards import Shard, Shards
 from labctl.runs.shots import Durability, Measured, MeasuredBurst, PlayedDrive, RunShape, ShotColumns
 
@@ -50,6 +51,8 @@ class RunWriter:
     the journal, when `Durability` says so, when the pass changes and when the next planned shot of the pass is there
     already. The age limit is kept by a timer, so that it holds while the bench waits for an instrument or a person.
 
+    `room` watches the free space of the disk.
+
     As a context manager: at the end of the block the open shard is closed and data.h5 is made, however the block ends.
     """
 
@@ -61,6 +64,7 @@ class RunWriter:
         durability: Durability,
         journal: JournalFile,
         *,
+        seconds_a_shot: float = 0.0,
         next_shard: int = 0,
         recovered: tuple[str, ...] = (),
         timer: TimerFactory = wall_timer,
@@ -73,6 +77,8 @@ class RunWriter:
         self._drive = drive
         self._durability = durability
         self._journal = journal
+        expected = shots_a_shard(self._shape, durability, seconds_a_shot)
+        self.room = Room(shards.paths.directory, sizes_of(self._shape, samples_of(drive)), expected)
         self._next_shard = next_shard
         self._new_timer = timer
         self._timer: Timer | None = None
@@ -95,25 +101,27 @@ class RunWriter:
         drive: PlayedDrive | None = None,
         durability: Durability | None = None,
         *,
+        seconds_a_shot: float = 0.0,
         timer: TimerFactory = wall_timer,
     ) -> Self:
         """Begin a run in `directory`, which must be new or empty.
 
         `manifest` is anything JSON can hold. The catalogue shows its keys `protocol` (a name, or a map with `name`),
         `started` (ISO 8601, UTC), `seed` and `twin_seed` (or a map `seeds` of both). Added are `format_version`,
-        `shape`, `durability` and `plan_sha256`.
+        `shape`, `durability` and `plan_sha256`. `seconds_a_shot` is how long a shot is expected to take on one pass.
 
         Raises:
             RunExists: the directory holds something.
-            RunError: it cannot be written.
+            RunError: it cannot be written, or the disk has too little room for all of it; nothing was made then.
             ValueError, TypeError: `plan` has another number of shots than `shape`, or `manifest` is not JSON.
         """
         durability = durability or Durability()
         paths = RunPaths(directory)
-        checked, shots = prepare(paths, manifest, shape, plan, drive, durability)
+        checked, shots = prepare(paths, manifest, shape, plan, drive, durability, seconds_a_shot)
         journal = JournalFile(paths.journal)
         sync_folder(directory)
-        return cls(checked, Shards(paths, shape, shots, ()), drive, durability, journal, timer=timer)
+        shards = Shards(paths, shape, shots, ())
+        return cls(checked, shards, drive, durability, journal, seconds_a_shot=seconds_a_shot, timer=timer)
 
     @classmethod
     def resume(cls, directory: Path, durability: Durability | None = None, *, timer: TimerFactory = wall_timer) -> Self:
@@ -123,7 +131,8 @@ class RunWriter:
         not reach the journal is taken in, a damaged one is set aside and its shots are missing again.
 
         Raises:
-            RunError: no run, a run that another process is writing, a damaged manifest or plan.
+            RunError: no run, a run that another process is writing, a damaged manifest or plan, or too little room on
+                the disk for what is still to come.
         """
         paths = RunPaths(directory)
         manifest = Manifest.read(paths)
@@ -132,7 +141,7 @@ class RunWriter:
         try:
             shards = Shards(paths, manifest.shape, plan, read_journal(paths.journal).entries)
             recovered, next_shard = recover(shards, journal)
-            return cls(
+            writer = cls(
                 manifest,
                 shards,
                 drive,
@@ -142,6 +151,8 @@ class RunWriter:
                 recovered=recovered,
                 timer=timer,
             )
+            require(directory, writer.room.to_come(shards, data_file=not writer._has_data_file()))
+            return writer
         except BaseException:
             journal.close()
             raise
@@ -375,7 +386,9 @@ class RunWriter:
             sha256=hashlib.sha256(image).hexdigest(),
         )
         try:
-            replace_file(self.paths.shard(self._next_shard), image)
+            path = self.paths.shard(self._next_shard)
+            self.room.before(path, len(image), self._shards)
+            replace_file(path, image)
             self._journal.append(entry)
         except RunError as error:
             self._failure = error
