@@ -31,6 +31,8 @@ VISA_CHUNK = 1 << 20
 """Bytes asked for at once where there is no raw socket."""
 TEXT_CHUNK = 1 << 16
 """Bytes of text asked for at once."""
+LONGEST_TEXT = 1 << 26
+"""Bytes of a reply: the time stamps of a million frames have 40 MB."""
 CLOSED = "the instrument closed the connection"
 EXCERPT = 40
 """Bytes of a wrong reply that a message shows."""
@@ -59,7 +61,7 @@ class Session:
             Exception: it cannot be opened; pyvisa-py raises the bare class.
         """
         self._timeout_s = self._patience_s = timeout_s
-        self._read_eol = read_eol
+        self._write_eol, self._read_eol = write_eol, read_eol
         self._received = bytearray()  # behind the message that was read last
         opened = _resource_manager(resource).open_resource(
             resource,
@@ -78,24 +80,31 @@ class Session:
     def write(self, message: str) -> None:
         """Send one message and its terminator."""
         self._require_silence()
-        self._visa.write(message)
+        with self._raw() as link:
+            if link is None:
+                self._visa.write(message)
+            else:  # pyvisa-py would wait for ever where nobody reads
+                link.sendall(f"{message}{self._write_eol}".encode(ENCODING))
 
     def read(self) -> str:
-        """Receive one message without its terminator.
+        """Receive one message without its terminator, all of it within one wait.
 
-        Over a raw socket, the end of the connection ends the wait at once; pyvisa-py would wait on. Other transports
-        mark the end of a message by themselves, but one that lacks its terminator as well was cut short.
+        A message that opens a quotation and does not close it goes on after the terminator. Over a raw socket, the end
+        of the connection ends the wait at once; pyvisa-py would wait on. Other transports mark the end of a message by
+        themselves, but one that lacks its terminator as well was cut short.
 
         Raises:
-            ValueError: it was.
+            OSError, VisaIOError: it does not end in time, or not at all.
+            ValueError: it is longer than any instrument's, or was cut short.
         """
+        deadline = time.monotonic() + self._patience_s
         with self._raw() as link:
-            if link is not None:
-                return self._line(link).decode(ENCODING)
-        message: str = self._visa.read_raw().decode(ENCODING)
-        if not message.endswith(self._read_eol):
-            raise ValueError(f"{message[:EXCERPT]!r} lacks its end")
-        return message.removesuffix(self._read_eol)
+            message = self._line(link, deadline)
+            while message.count(b'"') % 2:
+                _left_s(deadline)  # lines that have come already are no waits
+                _require_bounded(message)
+                message += b"\n" + self._line(link, deadline)
+        return message.decode(ENCODING)
 
     @contextlib.contextmanager
     def waiting(self, timeout_s: float | None) -> Iterator[None]:
@@ -120,7 +129,7 @@ class Session:
                 self._visa.write_raw(b"".join((head, payload, tail)))
             else:
                 link.sendall(head)
-                send(link, payload, sent)
+                send(link, payload, sent, timeout_s=self._timeout_s)
                 link.sendall(tail)
 
     def receive_block(self, received: Received) -> Block:
@@ -161,19 +170,18 @@ class Session:
         if waiting:
             raise ValueError(f"{waiting[:EXCERPT]!r} came unasked")
 
-    def _line(self, link: socket.socket) -> bytes:
-        """The bytes before the next terminator.
-
-        Raises:
-            OSError: it does not come in time, or not at all.
-        """
-        end = self._read_eol.encode(ENCODING)
-        deadline = time.monotonic() + self._patience_s
-        while (length := self._received.find(end)) < 0:
-            left_s = deadline - time.monotonic()
-            if left_s <= 0:
-                raise TimeoutError
-            link.settimeout(left_s)
+    def _line(self, link: socket.socket | None, deadline: float) -> bytes:
+        """The bytes before the next terminator."""
+        end, searched = self._read_eol.encode(ENCODING), 0
+        if link is None:
+            message = self._visa_line(deadline)
+            if not message.endswith(end):
+                raise ValueError(f"{message[:EXCERPT].decode(ENCODING)!r} lacks its end")
+            return message.removesuffix(end)
+        while (length := self._received.find(end, searched)) < 0:
+            _require_bounded(self._received)
+            searched = max(0, len(self._received) - len(end) + 1)
+            link.settimeout(_left_s(deadline))
             piece = link.recv(TEXT_CHUNK)
             if not piece:
                 raise ConnectionResetError(CLOSED)
@@ -182,11 +190,23 @@ class Session:
         del self._received[: length + len(end)]
         return line
 
+    def _visa_line(self, deadline: float) -> bytes:
+        """One message, piece by piece: pyvisa gives each of them a whole wait, and there may be no last one."""
+        line = bytearray()
+        with self._visa.ignore_warning(StatusCode.success_device_not_present, StatusCode.success_max_count_read):
+            while True:
+                piece, status = self._visa.visalib.read(self._visa.session, TEXT_CHUNK)
+                line += piece
+                if status != StatusCode.success_max_count_read:
+                    return bytes(line)
+                _require_bounded(line)
+                _left_s(deadline)
+
     @contextlib.contextmanager
     def _receiving(self) -> Iterator[Take]:
         with self._raw() as link:
             if link is not None:
-                yield lambda count, received: receive(link, count, received)
+                yield lambda count, received: receive(link, count, received, timeout_s=self._timeout_s)
                 return
         termination = self._visa.read_termination
         self._visa.read_termination = None
@@ -220,6 +240,22 @@ class Session:
 def came_late(error: BaseException) -> bool:
     """Whether a failure of a session is that nothing came in time."""
     return isinstance(error, TimeoutError) or getattr(error, "error_code", None) == StatusCode.error_timeout
+
+
+def _left_s(deadline: float) -> float:
+    """Seconds until then.
+
+    Raises:
+        TimeoutError: there are none.
+    """
+    if (left_s := deadline - time.monotonic()) <= 0:
+        raise TimeoutError
+    return left_s
+
+
+def _require_bounded(text: bytes | bytearray) -> None:
+    if len(text) > LONGEST_TEXT:
+        raise ValueError(f"more than {LONGEST_TEXT} bytes came, which begin with {bytes(text[:EXCERPT])!r}")
 
 
 def _resource_manager(resource: str) -> pyvisa.ResourceManager:

@@ -98,8 +98,6 @@ class VisaLink:
             self._log(">", command)
             session.write(command)
             reply = session.read()
-            while reply.count('"') % 2:
-                reply += "\n" + session.read()
             self._log("<", reply)
             return _text(reply)
 

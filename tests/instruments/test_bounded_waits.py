@@ -1,0 +1,156 @@
+"""Peers that never come to an end, or never listen: every wait ends, by the clock of the link or by the length."""
+
+import contextlib
+import itertools
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.blocks import LEAST_RATE, PIECE
+from instruments.errors import LinkError
+from instruments.visa import NoAnswer, VisaLink, scpi_error_queue
+
+TIMEOUT_S = 0.3
+Peer = Callable[..., VisaLink]
+
+
+class EndlessPeer:
+    """Reads one line, says `first` once and `again`, if anything, until the connection ends; `deaf` does not read."""
+
+    def __init__(self, first: bytes, again: bytes, *, deaf: bool = False) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.address = f"TCPIP0::127.0.0.1::{self._listener.getsockname()[1]}::SOCKET"
+        self._said = first, again
+        self._deaf = deaf
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ended.set()
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        self._listener.close()
+
+    def _serve(self) -> None:
+        try:
+            client, _ = self._listener.accept()
+        except OSError:
+            return
+        with client:
+            if self._deaf:
+                self._ended.wait()
+                return
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            client.recv(1 << 16)
+            first, again = self._said
+            with contextlib.suppress(OSError):  # hung up, which is what ends it
+                client.sendall(first)
+                while again:
+                    client.sendall(again)
+            self._ended.wait()
+
+
+@pytest.fixture
+def peer(log: Any) -> Iterator[Peer]:
+    opened: list[EndlessPeer | VisaLink] = []
+
+    def connect(first: bytes, again: bytes, **options: bool) -> VisaLink:
+        endless = EndlessPeer(first, again, **options)
+        link = VisaLink(endless.address, name="peer", timeout_s=TIMEOUT_S, transcript=log)
+        opened.extend((link, endless))
+        return link
+
+    yield connect
+    for found in opened:
+        found.close()
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], Iterator[float]]:
+    """A clock that is later by so many seconds whenever somebody looks at it."""
+
+    def install(step_s: float) -> Iterator[float]:
+        ticks = itertools.count(0.0, step_s)
+        for module in ("sessions", "blocks"):
+            monkeypatch.setattr(f"instruments.{module}.time.monotonic", lambda: next(ticks))
+        return ticks
+
+    return install
+
+
+@pytest.mark.parametrize("dripped", [b"1", b'1"', b'""\n', b"1;"])
+def test_a_line_that_drips_in_for_ever_is_one_wait(dripped: bytes, peer: Peer, looks: Any) -> None:
+    link = peer(b'"', dripped)
+    ticks = looks(0.01)
+    with pytest.raises(NoAnswer, match=r"peer at TCPIP0.* did not answer in time \(at '\*IDN\?'\)"):
+        link.query("*IDN?")
+    assert next(ticks) < 2 * TIMEOUT_S, "each byte came in time, the line did not"
+
+
+def test_a_longer_wait_is_one_wait_too(peer: Peer, looks: Any) -> None:
+    link = peer(b"", b"1")
+    ticks = looks(0.01)
+    with pytest.raises(NoAnswer):
+        link.query("*OPC?", timeout_s=5 * TIMEOUT_S)
+    assert 5 * TIMEOUT_S < next(ticks) < 6 * TIMEOUT_S
+
+
+def test_a_text_without_an_end_is_given_up_by_its_length(
+    peer: Peer, looks: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("instruments.sessions.LONGEST_TEXT", 1 << 20)
+    link = peer(b"", bytes(range(48, 58)) * 5000)
+    looks(0.0)
+    with pytest.raises(
+        LinkError, match=r"cannot be understood \(more than 1048576 bytes came, which begin with b'0123"
+    ):
+        link.query("*IDN?")
+
+
+def test_an_error_queue_without_an_end_is_not_read_for_ever(peer: Peer) -> None:
+    """Unasked answers are noticed at the second question."""
+    link = peer(b'-100,"Command error"\n', b'-100,"Command error"\n')
+    with pytest.raises(LinkError, match="came unasked"):
+        scpi_error_queue(link)
+
+
+def test_a_block_that_drips_in_for_ever_is_given_up_within_its_first_piece(peer: Peer, looks: Any) -> None:
+    link = peer(b"#9100000000", b"1")
+    ticks = looks(0.05)
+    with pytest.raises(NoAnswer, match=r"did not answer in time \(at 'CURVe\?'\)"):
+        link.read_block("CURVe?", np.dtype(np.int8))
+    assert next(ticks) < 2 * (TIMEOUT_S + PIECE / LEAST_RATE)
+
+
+def test_a_long_block_has_a_wait_for_each_of_its_pieces(peer: Peer, looks: Any) -> None:
+    """So slowly that it takes many timeouts in all."""
+    pieces = 20
+    link = peer(b"#8%08d" % (pieces * PIECE) + bytes(pieces * PIECE) + b"\n", b"")
+    ticks = looks(0.9 * TIMEOUT_S / 4)
+    assert link.read_block("CURVe?", np.dtype(np.int8)).size == pieces * PIECE
+    assert next(ticks) > 3 * TIMEOUT_S
+
+
+def test_a_block_longer_than_any_is_not_waited_for(peer: Peer) -> None:
+    link = peer(b"#F999999999999999", b"1")
+    with pytest.raises(LinkError, match=r"cannot be understood \(a block of 999999999999999 bytes is announced"):
+        link.read_block("CURVe?", np.dtype(np.int8))
+
+
+def test_a_peer_that_does_not_read_is_not_written_to_for_ever(peer: Peer) -> None:
+    link = peer(b"", b"", deaf=True)
+    longer_than_all_buffers = "X" * (1 << 25)
+    with pytest.raises(NoAnswer, match=r"peer at .* did not answer in time \(at 'X{100}'\)"):
+        link.write(f"{'X' * 100},{longer_than_all_buffers}")
+
+
+def test_a_peer_that_does_not_read_gets_no_block_either(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("instruments.blocks.LEAST_RATE", 10 * PIECE)
+    link = peer(b"", b"", deaf=True)
+    with pytest.raises(NoAnswer, match=r"did not answer in time \(at 'DATA '\)"):
+        link.write_block("DATA ", np.zeros(1 << 25, np.int8))
