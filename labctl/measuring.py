@@ -15,6 +15,7 @@ from labctl.interruption import Interruption
 from labctl.lost_links import Recovery
 from labctl.references import REPEATS, refuse_changed_light, to_repeat
 from labctl.runs import MeasuredBurst, RunError, RunWriter
+from labctl.runs.layout import noted_on
 from labctl.stopwatch import STORAGE_BESIDE, Stopwatch
 from protocols.base import BurstRecord, Events, Inputs, LegStarted, Measurement, Part, Record
 
@@ -69,7 +70,8 @@ class Measuring:
         a reference image that it has on disk is measured first and compared.
 
         Raises:
-            InstrumentError: an instrument failed, gave the same trace twice, or the light is not what it was.
+            InstrumentError: an instrument failed, gave the same trace twice, or the light is not what it was; a disk
+                that refused thereafter is a note to it.
             RunError: the disk is full or refuses.
         """
         with Storage(self._writer, self._stopwatch) as storage:
@@ -78,17 +80,26 @@ class Measuring:
                     known = self._known(parts[0])
                     measured = parts if known is None else [known, *parts]
                     events = self._protocol.acquire(self._bench, self._inputs, measured)
-                    with ending_with(events.close):
+                    with ending_with(self._darken), ending_with(events.close):
                         if known is not None:
                             self._compare(events, known)
                         self._keep(events, storage)
                     return
                 except InstrumentError as error:
-                    storage.sync()
+                    try:
+                        storage.sync()
+                    except RunError as failure:  # nothing more can be kept: no reason to light the bench again
+                        error.add_note(str(failure))
+                        raise error from None
                     recovery.after(error, self._done)
                     self.recovered += 1
                 if self._interruption.requested:
                     return
+
+    def _darken(self) -> None:
+        """A protocol that keeps hold of another one's generator may have left it, and the light, as they were."""
+        if self._bench.lit:
+            self._bench.make_safe()
 
     def _missing(self) -> list[Part]:
         """What the run still lacks on disk, with the ranges of the legs that have some."""
@@ -182,11 +193,8 @@ class Storage:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self._finish()
-        except RunError as failure:
-            if error is None:
-                raise
-            error.add_note(str(failure))
+            with noted_on(error):
+                self._finish()
         finally:
             self._thread.shutdown()
 

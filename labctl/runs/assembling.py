@@ -108,7 +108,7 @@ def shard_in_data_file(file: h5py.File, shards: Shards, entry: Entry) -> bytes:
 
 
 def data_file_headers(shape: RunShape) -> int:
-    """Bytes of data.h5 beside what it holds of each shot and beside the manifest, with one sample a frame and a drive of none."""
+    """Bytes of data.h5 beside what it holds of each shot and the manifest; frames and drive are as short as can be."""
     shape = replace(shape, shots=1, samples=1)
     drive = PlayedDrive(np.zeros(0, np.float32), np.zeros(0, np.bool_), 1.0)
     nothing = Shards(RunPaths(Path()), shape, np.zeros(1, SHOTS_DTYPE), ())

@@ -14,7 +14,8 @@ runs/20261121T091500Z-image-readout-1a2b3c4d/
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
@@ -36,6 +37,18 @@ class RunError(Exception):
 
 class RunExists(RunError):
     """The directory asked for already holds something; nothing in it was touched."""
+
+
+@contextmanager
+def noted_on(error: BaseException | None) -> Iterator[None]:
+    """A `RunError` inside the block becomes a note to `error`, which came first; without one it is raised."""
+    try:
+        yield
+    except RunError as failure:
+        if error is None:
+            raise
+        if failure is not error:
+            error.add_note(str(failure))
 
 
 @dataclass(frozen=True)

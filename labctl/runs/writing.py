@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from labctl.runs.assembling import write_data_file
 from labctl.runs.durable import replace_file, sync_folder
 from labctl.runs.journal import Entry, JournalFile, read_journal
-from labctl.runs.layout import Manifest, RunError, RunPaths
+from labctl.runs.layout import Manifest, RunError, RunPaths, noted_on
 from labctl.runs.plan import read_plan
 from labctl.runs.preparing import prepare
 from labctl.runs.reading import data_file_evidence
@@ -317,13 +317,8 @@ class RunWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
+        with noted_on(error):
             self.finish()
-        except RunError as failure:
-            if error is None:
-                raise
-            if failure is not error:
-                error.add_note(str(failure))
 
     def _check(self, pass_index: int, measured: Measured) -> None:
         ports = len(self._shape.passes[pass_index])

@@ -10,7 +10,11 @@ from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import NoTrigger
 from instruments.tektronix_awg70002a import Awg70002a
 from labctl.acquisition import Acquisition, Resumption, acquire, resume
+from labctl.command_log import CommandLog
+from labctl.engine import Request, bytes_needed
+from labctl.inputs import inputs_for
 from labctl.interruption import Interruption
+from labctl.opening import opened
 from labctl.runs import open_run
 from labctl.station import Station, WiringSection
 from protocols.dynamic_scene import DynamicScene
@@ -102,6 +106,23 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, record
     with open_run(tmp_path / "whole") as whole, open_run(tmp_path / "run") as resumed:
         assert resumed.digest() == whole.digest()
         assert resumed.manifest["seeds"] == whole.manifest["seeds"]
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [
+        ImageReadout(images=20, window=0.4e-9),
+        bursts(window=0.8e-9),
+        DynamicScene(images=40, scenes=2, averages=3, ports=(2,), switch_after=0.5e-6, window=0.8e-6),
+    ],
+)
+def test_a_run_takes_no_more_room_than_was_asked_for(protocol: Any, tmp_path: Path) -> None:
+    with CommandLog() as log, opened(BURSTS, log) as found:
+        allowed = bytes_needed(Request(protocol, inputs_for(protocol, None), BURSTS), found.bench)
+    acquire(Acquisition(protocol, BURSTS, tmp_path / "run"))
+    files = [path.stat() for path in (tmp_path / "run").rglob("*") if path.is_file()]
+    taken = sum(max(file.st_size, 512 * file.st_blocks) for file in files)
+    assert taken <= allowed
 
 
 def near_what_was_asked(number: Callable[[Tlg220, str], float]) -> Callable[[Tlg220, str], float]:

@@ -196,6 +196,7 @@ class TestRun:
         assert status == 0
         assert (plan["images"], plan["shots"], plan["passes"]) == (40, 44, 2)
         assert plan["estimated_seconds_on_a_real_bench"] > 1
+        assert plan["bytes_needed"] > 10**5
         assert not list(tmp_path.iterdir())
 
     def test_a_profile_accounts_for_the_time(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

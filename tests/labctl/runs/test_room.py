@@ -28,7 +28,7 @@ def zeros(shape: RunShape, pass_index: int, first: int, count: int) -> MeasuredB
         first,
         np.zeros((count, ports, shape.samples), shape.dtype),
         np.zeros((count, ports)),
-        np.arange(count) * 1.0,
+        np.arange(count, dtype=np.float64),
         np.zeros((count, ports), np.bool_),
     )
 
