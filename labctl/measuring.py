@@ -20,7 +20,8 @@ from labctl.stopwatch import STORAGE_BESIDE, Stopwatch
 from protocols.base import BurstRecord, Events, Inputs, LegStarted, Measurement, Part, Record
 
 Progress = Callable[[int, int], None]
-"""Called after every record with the number of records so far and in all."""
+"""Called with the number of records that are done and of all. Done is a single shot that the writer has, which puts it
+on disk within the durability of the run, and a burst that is on disk."""
 
 
 class Measuring:
@@ -56,7 +57,7 @@ class Measuring:
         self._stopwatch = stopwatch
         self._whole = protocol.parts(bench, inputs)
         self._total = sum(len(part.shots) for part in self._whole)
-        self._done = sum(writer.done)
+        self._begun_with = self._done = sum(writer.done)
         time_s, epoch = writer.latest() or (0.0, -1)
         self._began = bench.now() - time_s
         first = next((part.leg.index for part in self._missing()), 0)
@@ -91,6 +92,7 @@ class Measuring:
                     except RunError as failure:  # nothing more can be kept: no reason to light the bench again
                         error.add_note(str(failure))
                         raise error from None
+                    self._report(storage)
                     recovery.after(error, self._done)
                     self.recovered += 1
                 if self._interruption.requested:
@@ -134,25 +136,40 @@ class Measuring:
 
     def _keep(self, events: Events, storage: "Storage") -> None:
         previous: Codes | None = None
+        scalings: tuple[Scaling, ...] = ()
         for event in events:
             if isinstance(event, LegStarted):
                 self._start(event)
-                channels, scalings = tuple(event.leg.patching), event.scalings
-                previous = None
-                continue
-            self._bench.laser.require_emission()  # what was measured in the dark is not kept
-            # Light that was off and on again is another epoch, as is another leg.
-            epoch = self._epochs + event.leg.index + self.recovered
-            burst = _measured(event, self._bench.now() - self._began, epoch)
-            _refuse_stale(previous, burst)
-            self._bench.limits.check_traces(channels, burst.codes, scalings)
-            previous = burst.codes[-1]
-            storage.keep(event, burst)
-            self.clipped += int(np.count_nonzero(burst.clipped.any(axis=1)))
-            self._done += len(burst.codes)
-            self._progress(self._done, self._total)
+                storage.wait()
+                previous, scalings = None, event.scalings
+            else:
+                previous = self._take(event, scalings, previous, storage)
+            self._report(storage)
             if self._interruption.requested:
                 break
+        storage.wait()
+        self._report(storage)
+
+    def _take(
+        self, event: Record | BurstRecord, scalings: tuple[Scaling, ...], previous: Codes | None, storage: "Storage"
+    ) -> Codes:
+        """Check and store a record; returns its last shot, for the next one to differ from."""
+        self._bench.laser.require_emission()  # what was measured in the dark is not kept
+        # Light that was off and on again is another epoch, as is another leg.
+        epoch = self._epochs + event.leg.index + self.recovered
+        burst = _measured(event, self._bench.now() - self._began, epoch)
+        _refuse_stale(previous, burst)
+        self._bench.limits.check_traces(tuple(event.leg.patching), burst.codes, scalings)
+        storage.keep(event, burst)
+        self.clipped += int(np.count_nonzero(burst.clipped.any(axis=1)))
+        last: Codes = burst.codes[-1]
+        return last
+
+    def _report(self, storage: "Storage") -> None:
+        done = self._begun_with + storage.kept
+        if done > self._done:
+            self._done = done
+            self._progress(done, self._total)
 
     def _start(self, event: LegStarted) -> None:
         """A leg has its ranges for good from its first part on."""
@@ -164,27 +181,40 @@ class Measuring:
 
 
 class Storage:
-    """Stores records; a burst in a thread of its own, while the bench measures the next one."""
+    """Stores records; a burst in a thread of its own, while the bench measures the next one.
+
+    Attributes:
+        kept: how many records are done, see `Progress`.
+    """
 
     def __init__(self, writer: RunWriter, stopwatch: Stopwatch) -> None:
+        """Store into `writer`."""
+        self.kept = 0
         self._writer = writer
         self._stopwatch = stopwatch
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="storage")
-        self._stored: Future[None] | None = None
+        self._stored: Future[int] | None = None
 
     def keep(self, event: Record | BurstRecord, burst: MeasuredBurst) -> None:
         """Store a single shot now, or wait until the last burst is stored and begin with this one."""
         if isinstance(event, Record):
             with self._stopwatch.step("storage"):
                 self._writer.append(event.leg.index, burst.shot(0))
+            self.kept += 1
             return
-        self._finish()
+        self.wait()
         self._stored = self._thread.submit(self._store, event.leg.index, burst)
 
     def sync(self) -> None:
         """Return when everything that was kept so far is on disk."""
-        self._finish()
+        self.wait()
         self._writer.sync()
+
+    def wait(self) -> None:
+        """Return when the burst that is being stored, if there is one, is on disk."""
+        stored, self._stored = self._stored, None
+        if stored is not None:
+            self.kept += stored.result()
 
     def __enter__(self) -> Self:
         return self
@@ -194,18 +224,14 @@ class Storage:
     ) -> None:
         try:
             with noted_on(error):
-                self._finish()
+                self.wait()
         finally:
             self._thread.shutdown()
 
-    def _store(self, leg: int, burst: MeasuredBurst) -> None:
+    def _store(self, leg: int, burst: MeasuredBurst) -> int:
         with self._stopwatch.beside(STORAGE_BESIDE):
             self._writer.append_burst(leg, burst)
-
-    def _finish(self) -> None:
-        stored, self._stored = self._stored, None
-        if stored is not None:
-            stored.result()
+        return len(burst.codes)
 
 
 def _refuse_stale(previous: Codes | None, burst: MeasuredBurst) -> None:

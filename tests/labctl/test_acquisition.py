@@ -16,6 +16,7 @@ from labctl.inputs import inputs_for
 from labctl.interruption import Interruption
 from labctl.opening import opened
 from labctl.runs import open_run
+from labctl.runs.journal import read_journal
 from labctl.station import Station, WiringSection
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
@@ -70,6 +71,19 @@ def test_uploads_are_told_while_they_last(tmp_path: Path) -> None:
     acquire(Acquisition(bursts(ports=(2,)), BURSTS, tmp_path / "run"), uploading=lambda *upload: told.append(upload))
     assert told[0] == ("DMD patterns", SHOTS, SHOTS)
     assert set(told[1:]) == {("waveform", PERIOD_SAMPLES, PERIOD_SAMPLES), ("waveform", BURST_SAMPLES, BURST_SAMPLES)}
+
+
+def test_a_burst_is_reported_as_done_once_it_is_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("protocols.bursts.LONGEST_BURST", 8)
+    reported: list[int] = []
+
+    def compare(done: int, _total: int) -> None:
+        reported.append(done)
+        stored = read_journal(tmp_path / "run" / "journal.jsonl").entries
+        assert done <= sum(entry.count for entry in stored)
+
+    acquire(Acquisition(bursts(), BURSTS, tmp_path / "run"), progress=compare)
+    assert reported == [8, 16, SHOTS, SHOTS + 8, SHOTS + 16, 2 * SHOTS]
 
 
 def test_the_manifest_has_the_light_as_the_laser_settled_on_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
