@@ -49,6 +49,14 @@ def write_all(file: FileIO, data: bytes | memoryview) -> None:
         rest = rest[file.write(rest) :]
 
 
+def make_folder(folder: Path) -> None:
+    """Make `folder` and those above it that are not there yet, so that all of their names outlive the power."""
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for one in new or [folder]:
+        sync_folder(one.parent)
+
+
 def sync_folder(folder: Path) -> None:
     """Make renames in `folder` durable. Windows has no such call and needs none."""
     if os.name == "nt":

@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from labctl.runs.durable import not_written, replace_file, sync_folder
+from labctl.runs.durable import make_folder, not_written, replace_file, sync_folder
 from labctl.runs.layout import FORMAT_VERSION, Manifest, RunExists, RunPaths
 from labctl.runs.plan import encode_plan
 from labctl.runs.room import require, samples_of, shots_a_shard, sizes_of
@@ -24,7 +24,9 @@ def prepare(
     durability: Durability,
     seconds_a_shot: float,
 ) -> tuple[Manifest, NDArray[Any]]:
-    """Make the directory, its folder of shards, plan.h5 and manifest.json; returns the manifest and planned `/shots`.
+    """Make the directory, its folder of shards, plan.h5, an empty journal and, last, manifest.json.
+
+    Returns the manifest and the planned `/shots`.
 
     Raises:
         RunExists: the directory holds something; nothing in it was touched.
@@ -51,6 +53,7 @@ def prepare(
     require(paths.directory, sizes.whole_run(len(image), shots_a_shard(shape, durability, seconds_a_shot)))
     _claim(paths)
     replace_file(paths.plan, image)
+    replace_file(paths.journal, b"")  # before the manifest: what has that is a run, and one without journal is damaged
     replace_file(paths.manifest, text.encode())
     return Manifest.parse(text, paths.manifest), shots
 
@@ -59,12 +62,11 @@ def _claim(paths: RunPaths) -> None:
     """Make the run directory and its folder of shards."""
     directory = paths.directory
     try:
-        directory.mkdir(parents=True, exist_ok=True)
+        make_folder(directory)
         if any(directory.iterdir()):
             raise RunExists(f"{directory}: exists and is not empty; pick another --out, or `labctl resume {directory}`")
         paths.shards.mkdir()
         sync_folder(directory)
-        sync_folder(directory.parent)
     except (FileExistsError, NotADirectoryError) as error:
         raise RunExists(f"{directory}: is a file; pick another --out") from error
     except OSError as error:

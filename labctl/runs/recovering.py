@@ -3,6 +3,7 @@
 import hashlib
 import re
 from dataclasses import replace
+from pathlib import Path
 
 from labctl.runs.durable import not_written, sync_folder
 from labctl.runs.journal import Entry, JournalFile
@@ -20,19 +21,29 @@ def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]
     Raises:
         RunError: the disk is full or refuses.
     """
-    found = [*_discard_damaged(shards, journal), *_adopt_unnamed(shards, journal)]
     folder = shards.paths.shards
+    for with_new_names in (shards.paths.directory, folder):
+        _keep_names(with_new_names)
+    found = [*_discard_damaged(shards, journal), *_adopt_unnamed(shards, journal)]
     for half_written in [*folder.glob("*.tmp"), *shards.paths.directory.glob("*.tmp")]:
         half_written.unlink()
         found.append(f"{half_written.name}: half-written, removed")
     return tuple(found), max(_numbers(shards), default=-1) + 1
 
 
+def _keep_names(folder: Path) -> None:
+    """A killed process may have renamed a file that the journal is about to name, and not made the name durable."""
+    try:
+        sync_folder(folder)
+    except OSError as error:
+        raise not_written(folder, error) from error
+
+
 def _discard_damaged(shards: Shards, journal: JournalFile) -> list[str]:
     found = []
     for number, entry in sorted(shards.entries.items()):
         try:
-            shards.read(number)
+            shards.image(number)
         except RunError as error:
             path = shards.paths.shard(number)
             try:

@@ -278,6 +278,22 @@ class Shards:
         row = len(self.shape.ports) * self.shape.samples * self.shape.dtype.itemsize
         return max(1, BLOCK_BYTES // row)
 
+    def image(self, number: int) -> bytes:
+        """The bytes of one shard.
+
+        Raises:
+            RunError: it is missing, or not the one that the journal names.
+        """
+        path = self.paths.shard(number)
+        try:
+            with path.open("rb") as file:
+                image = file.read(MOST_BYTES + 1)
+        except OSError as error:
+            raise RunError(f"{path}: cannot be read: {error.strerror}") from error
+        if hashlib.sha256(image).hexdigest() != self.entries[number].sha256:
+            raise RunError(f"{path}: damaged: its sha256 is not the journal's")
+        return image
+
     def read(self, number: int) -> Shard:
         """Read one shard.
 
@@ -286,14 +302,7 @@ class Shards:
         """
         entry = self.entries[number]
         path = self.paths.shard(number)
-        try:
-            with path.open("rb") as file:
-                image = file.read(MOST_BYTES + 1)
-        except OSError as error:
-            raise RunError(f"{path}: cannot be read: {error.strerror}") from error
-        if hashlib.sha256(image).hexdigest() != entry.sha256:
-            raise RunError(f"{path}: damaged: its sha256 is not the journal's")
-        shard = Shard.decode(image, self.shape, str(path))
+        shard = Shard.decode(self.image(number), self.shape, str(path))
         if (shard.pass_index, shard.first, len(shard.rows)) != (entry.pass_index, entry.first, entry.count):
             raise RunError(f"{path}: holds other shots than the journal says")
         return shard
