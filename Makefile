@@ -9,6 +9,7 @@ DOCS := $(VENV)/.docs
 INTEROP := .venv-interop
 AUDIT := $(VENV)/audit
 MINUTES ?= 60
+TRIALS ?= 300
 PACKAGES := labctl instruments protocols sim_backends
 SOURCES := $(PACKAGES) tests benchmarks docs
 
@@ -17,7 +18,7 @@ ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: demo test test-full docs interop fuzz audit check format lock clean
+.PHONY: demo test test-full test-kill docs interop fuzz audit check format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
@@ -27,6 +28,10 @@ test: check
 
 test-full: check
 	$(BIN)/pytest --numprocesses 2 --cov --cov-report=term-missing:skip-covered
+
+# SIGKILL at random moments of runs and of what resumes them; SEED=n repeats the moments of an earlier session.
+test-kill: $(INSTALLED)
+	$(BIN)/python -m tests.kills.run --trials $(TRIALS) $(if $(SEED),--seed $(SEED))
 
 # Drivers nobody here wrote, in an environment of their own, against `labctl sim serve`.
 interop: $(INSTALLED) $(INTEROP)/.installed
