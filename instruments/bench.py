@@ -1,6 +1,6 @@
 """The bench: five opened instruments with their wiring and limits, and the safe state they must always end in."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
@@ -35,7 +35,16 @@ class Light:
 
 
 class UnsafeBench(InstrumentError):
-    """The safe state could not be confirmed; the message names every instrument that did not obey."""
+    """The safe state could not be confirmed; the message names every instrument that did not obey.
+
+    Attributes:
+        disobeyed: those instruments, by their names in the bench; none where there was no light.
+    """
+
+    def __init__(self, message: str, disobeyed: Iterable[str] = ()) -> None:
+        """Of the instruments `disobeyed`."""
+        super().__init__(message)
+        self.disobeyed = frozenset(disobeyed)
 
 
 @dataclass
@@ -45,8 +54,8 @@ class Bench:
     `armed` says that a person has allowed light. `source` is the file that describes it, for messages. `now` gives the
     time of the bench in seconds: the wall clock of a real bench, the virtual clock of a simulated one. `undisturbed`
     keeps what would stop the program out of the way into the safe state. `before_light` is called whenever light is
-    about to be switched on, and may refuse it by an `InstrumentError`. `lit` says that it was, and that the way into
-    the safe state was not gone to its end since.
+    about to be switched on, and may refuse it by an `InstrumentError`. `lit` says that it was, and that the laser
+    was not seen to be dark since.
     """
 
     awg: Awg
@@ -167,8 +176,8 @@ class Bench:
         with self.undisturbed():
             try:
                 safe_state({name: instrument.make_safe for name, instrument in self.instruments.items()})
-            except UnsafeBench:
-                self.lit = False
+            except UnsafeBench as error:
+                self.lit = self.lit and "laser" in error.disobeyed
                 raise
             self.lit = False
 
@@ -226,7 +235,7 @@ def safe_state(steps: dict[str, Callable[[], None]]) -> None:
         told = "; ".join(f"{name}: {error}" for name, error in failures.items())
         dark = "laser" in steps and "laser" not in failures
         advice = "the laser is off" if dark else "the laser may still emit, switch it off by its key switch"
-        raise UnsafeBench(f"the safe state is not confirmed ({told}): {advice}")
+        raise UnsafeBench(f"the safe state is not confirmed ({told}): {advice}", failures)
 
 
 def _over_a_new_link(step: Callable[[], None]) -> None:

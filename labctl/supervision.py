@@ -13,7 +13,7 @@ from labctl.command_log import CommandLog
 from labctl.opening import laser_commands
 from labctl.replaying import replayed
 from labctl.station import Station
-from labctl.supervisor import READY, Task, within_reach
+from labctl.supervisor import READY, TRYING, Task, within_reach
 
 COMMAND = (sys.executable, "-P", "-m", "labctl.supervisor")
 """`-P`: nothing is imported from the folder that the run is started in."""
@@ -65,12 +65,16 @@ class _Supervisor:
         bench.before_light = self._before_light
 
     def end(self) -> None:
-        """End it; first let it make the bench safe if that was not seen to here."""
+        """End it; first let it make the bench safe if that was not seen to here.
+
+        A laser that it cannot reach either it goes on trying to reach, and nobody waits for that.
+        """
         if self._bench is None or not self._bench.lit:
             self._process.kill()
         self._orders.close()
-        self._process.wait()
         self._starting.shutdown()
+        if self._replies.readline() != TRYING:
+            self._process.wait()
         self._replies.close()
 
     def _before_light(self) -> None:

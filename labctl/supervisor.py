@@ -3,10 +3,10 @@
 It is started before any light and holds no connection. It hears of the end of its parent by the end of its standard
 input, whose other end only the parent holds: whatever ends a process closes it, and no polling is needed. Only then
 are connections opened, so that instruments that take one client are free. A parent that ends well ends its supervisor
-first.
+first. A laser that cannot be reached is tried again and again: a cable that is plugged in later finds it lit.
 
 Standard input: a `Task` in JSON, one line; later, a line with the path of the run's log in JSON.
-Standard output: `READY`, once everything that the safe state needs is loaded.
+Standard output: `READY`, once everything that the safe state needs is loaded; `TRYING`, if the laser is out of reach.
 """
 
 import json
@@ -28,11 +28,17 @@ from labctl.command_log import CommandLog
 from labctl.drivers import Opening, driver
 from labctl.station import BY_HAND, SIMULATED, Station
 
-READY = b"ready\n"
+READY, TRYING = b"ready\n", b"trying\n"
+AGAIN_S, ATTEMPTS = 1.0, 600
+"""How long to wait before a laser that could not be reached is tried again, and how often."""
 ORDER = {"laser": "laser off", "awg": "AWG output off", "dmd": "DMD blank", "scope": "oscilloscope stopped"}
 """The safe state in its order: what is reached with each instrument."""
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
+
+
+Opener = Callable[[Any, Opening], Any]
+"""Opens an instrument from its section of the station."""
 
 
 class Task(BaseModel):
@@ -54,7 +60,7 @@ def within_reach(station: Station) -> tuple[str, ...]:
     )
 
 
-def supervise(orders: BinaryIO, ready: Callable[[], None]) -> None:
+def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[float], None] = time.sleep) -> None:
     """Wait for the end of the parent, make the bench safe, and tell it in the run's log and on standard error."""
     first = orders.readline()
     if not first.endswith(b"\n"):
@@ -62,19 +68,27 @@ def supervise(orders: BinaryIO, ready: Callable[[], None]) -> None:
     task = Task.model_validate_json(first)
     names = within_reach(task.station)
     drivers = {name: driver(getattr(task.station, name).driver) for name in names}
-    ready()
+    say(READY)
     path = None
     for order in orders:
         path = Path(json.loads(order))
     log = CommandLog(started=task.log_started)
     began = time.monotonic()
-    told = _make_safe(task, drivers, log)
-    log("run", "!", f"{told} ({time.monotonic() - began:.2f} s)")
-    with suppress(OSError):
-        os.write(STANDARD_ERROR, f"labctl: the run {told}\n".encode())
-    if path is not None:
-        with suppress(OSError), log:
-            log.keep_in(path)
+
+    def tell(what: str) -> None:
+        log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
+        with suppress(OSError):
+            os.write(STANDARD_ERROR, f"labctl: the run {what}\n".encode())
+
+    with log:
+        unsafe = _make_safe(task, drivers, log)
+        tell(_told(task, drivers, unsafe))
+        if path is not None:
+            with suppress(OSError):
+                log.keep_in(path)
+        if unsafe is not None and "laser" in unsafe.disobeyed:
+            say(TRYING)
+            tell(_darkened_later(task, drivers["laser"], log, pause))
 
 
 def main() -> None:
@@ -83,14 +97,16 @@ def main() -> None:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
 
-    def ready() -> None:
+    def say(word: bytes) -> None:
         with suppress(BrokenPipeError):  # the parent is gone already
-            os.write(STANDARD_OUTPUT, READY)
+            os.write(STANDARD_OUTPUT, word)
 
-    supervise(sys.stdin.buffer, ready)
+    supervise(sys.stdin.buffer, say)
 
 
-def _make_safe(task: Task, drivers: dict[str, Callable[[Any, Opening], Any]], log: CommandLog) -> str:
+def _make_safe(task: Task, drivers: dict[str, Opener], log: CommandLog) -> UnsafeBench | None:
+    """Take every instrument that has a driver into the safe state; what went wrong, if anything did."""
+
     def step(name: str) -> Callable[[], None]:
         def make_safe() -> None:
             section = getattr(task.station, name)
@@ -104,11 +120,29 @@ def _make_safe(task: Task, drivers: dict[str, Callable[[Any, Opening], Any]], lo
     try:
         safe_state({name: step(name) for name in drivers})
     except UnsafeBench as error:
-        return f"ended without making the bench safe, and the supervisor could not: {error}"
+        return error
+    return None
+
+
+def _told(task: Task, drivers: dict[str, Opener], unsafe: UnsafeBench | None) -> str:
+    if unsafe is not None:
+        again = (
+            f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min" if "laser" in unsafe.disobeyed else ""
+        )
+        return f"ended without making the bench safe, and the supervisor could not: {unsafe}{again}"
     reached = ", ".join(ORDER[name] for name in drivers)
     by_hand = task.station.laser.driver in BY_HAND
     laser = "; the laser is set by hand: switch it off by its key switch" if by_hand else ""
     return f"ended without making the bench safe, the supervisor did: {reached}{laser}"
+
+
+def _darkened_later(task: Task, opener: Opener, log: CommandLog, pause: Callable[[float], None]) -> str:
+    """Try to reach the laser until it is dark, or for long enough; returns how that ended."""
+    for _ in range(ATTEMPTS):
+        pause(AGAIN_S)
+        if _make_safe(task, {"laser": opener}, log) is None:
+            return f"ended without making the bench safe, the supervisor did at last: {ORDER['laser']}"
+    return "ended without making the bench safe: the laser could not be reached, switch it off by its key switch"
 
 
 def _nobody(request: str) -> NoReturn:

@@ -114,7 +114,7 @@ def test_a_text_without_an_end_is_given_up_by_its_length(
 
 def test_an_error_queue_without_an_end_is_not_read_for_ever(peer: Peer) -> None:
     """Unasked answers are noticed at the second question."""
-    link = peer(b'-100,"Command error"\n', b'-100,"Command error"\n')
+    link = peer(2 * b'-100,"Command error"\n', b'-100,"Command error"\n')
     with pytest.raises(LinkError, match="came unasked"):
         scpi_error_queue(link)
 

@@ -219,6 +219,27 @@ def test_a_safe_state_that_was_cut_short_is_left_to_the_supervisor(
     assert "the supervisor did: laser off" in capfd.readouterr().err
 
 
+def test_a_laser_whose_cable_is_out_goes_dark_when_it_is_in_again(served: Served, laser: Asked, tmp_path: Path) -> None:
+    address = served[0]["laser"]["socket"]
+    with Hanging(address) as cable:
+        addressed(served, tmp_path / "station.toml", "laser", cable)
+        station = read_station(tmp_path / "station.toml")
+        with CommandLog() as log, supervised(station, log) as watch, opened(station, log) as found:
+            watch(found.bench)
+            supervisor = found.bench.before_light.__self__  # type: ignore[attr-defined]
+            found.bench.before_light()
+            found.bench.lit = True
+            found.bench.laser.emit()
+            cable.hangs.set()
+            cable.__exit__()
+            with pytest.raises(UnsafeBench, match="may still emit"):
+                found.bench.make_safe()
+    assert laser.ask("OUTPUT?") == "1", "nobody can reach it, and nobody waits for that"
+    with Hanging(address, port=cable.port):
+        supervisor._process.wait()
+    assert laser.ask("OUTPUT?") == "0"
+
+
 def addressed(served: Served, station: Path, name: str, hanging: "Hanging") -> None:
     """A station file in which one instrument may hang, and is not waited for long."""
     addresses = {role: found["socket"] for role, found in served[0].items()}
@@ -233,13 +254,14 @@ class Hanging:
     `after` is how many bytes of answers come before it hangs by itself. With `hears` it takes commands even then.
     """
 
-    def __init__(self, address: str, *, hears: bool = False) -> None:
+    def __init__(self, address: str, *, hears: bool = False, port: int = 0) -> None:
         self.hangs = threading.Event()
         self.after: int | None = None
         self._hears = hears
         self._port = int(address.split("::")[2])
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.address = f"TCPIP0::127.0.0.1::{self._listener.getsockname()[1]}::SOCKET"
+        self._listener = socket.create_server(("127.0.0.1", port))
+        self.port = self._listener.getsockname()[1]
+        self.address = f"TCPIP0::127.0.0.1::{self.port}::SOCKET"
         threading.Thread(target=self._serve, daemon=True).start()
 
     def __enter__(self) -> Self:
