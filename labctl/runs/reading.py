@@ -19,6 +19,7 @@ from labctl.runs.shards import Block, Shards
 from labctl.runs.shots import KINDS, PlayedDrive
 
 MOST_BYTES = 1 << 32  # of data.h5 without its frames, which are read piece by piece
+PIECE_BYTES = 1 << 26  # of frames put together from shards at a time: about the largest shard
 
 
 class Frames(Protocol):
@@ -46,6 +47,9 @@ class Source(Protocol):
 
     def column(self, name: str) -> NDArray[Any]:
         """A whole column of `/shots` length: trigger_offset_s, clipped, epoch, measured_at_s or shots."""
+
+    def planned(self) -> NDArray[Any]:
+        """The table of `/shots` as far as the plan fixes it."""
 
     def scales(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Scale and offset per port."""
@@ -115,10 +119,12 @@ class Run:
 
         `index` is the place in the plan. `epoch` and `time_s` are of the pass that completed the shot.
         """
-        stored = self.source.column("shots")
-        text = f"U{max(map(len, KINDS))}"
-        kinds = [(name, text if name == "kind" else stored.dtype[name]) for name in stored.dtype.names or ()]
-        return stored.astype(np.dtype(kinds))
+        return _with_text(self.source.column("shots"))
+
+    @cached_property
+    def planned(self) -> NDArray[Any]:
+        """`shots` as far as the plan fixes them, read without the shards; epoch, time_s and flags say nothing."""
+        return _with_text(self.source.planned())
 
     @cached_property
     def trigger_offset_s(self) -> NDArray[np.float64]:
@@ -168,6 +174,13 @@ class Run:
     @cached_property
     def _scales(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self.source.scales()
+
+
+def _with_text(stored: NDArray[Any]) -> NDArray[Any]:
+    """A table of shots whose kinds are text."""
+    text = f"U{max(map(len, KINDS))}"
+    kinds = [(name, text if name == "kind" else stored.dtype[name]) for name in stored.dtype.names or ()]
+    return stored.astype(np.dtype(kinds))
 
 
 def open_run(path: Path | str) -> Run:
@@ -258,6 +271,9 @@ class _FileSource:
         except HDF5_ERRORS as error:
             raise damaged(self._path, error) from error
 
+    def planned(self) -> NDArray[Any]:
+        return self.column("shots")
+
     def scales(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self.column("scale"), self.column("offset")
 
@@ -277,6 +293,9 @@ class _ShardSource:
         if self._columns is None:
             self._columns = _without_frames(self._shards)
         return self._columns[name]
+
+    def planned(self) -> NDArray[Any]:
+        return self._shards.planned
 
     def scales(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self._shards.all_scales()
@@ -308,8 +327,23 @@ class _ShardFrames:
         if chosen is Ellipsis:
             chosen, rest = slice(None), [Ellipsis, *rest]
         indices = self._complete[chosen]
-        frames = self._shards.block(np.atleast_1d(indices))["frames"]
-        return frames[(0 if np.ndim(indices) == 0 else slice(None), *rest)]
+        if np.ndim(indices) == 0:
+            return np.asarray(self._read(np.atleast_1d(indices), tuple(rest))[0])
+        return self._read(indices, tuple(rest))
+
+    def _read(self, indices: NDArray[np.int64], rest: tuple[Any, ...]) -> NDArray[Any]:
+        """Some shots, piece by piece: beside the result there is one piece of whole shots in memory."""
+        row = len(self._shards.shape.ports) * self._shards.shape.samples * self.dtype.itemsize
+        step = max(1, PIECE_BYTES // row)
+        first: NDArray[Any] = self._shards.block(indices[:step])["frames"][(slice(None), *rest)]
+        if len(indices) <= step:
+            return first
+        frames = np.empty((len(indices), *first.shape[1:]), self.dtype)
+        frames[:step] = first
+        for start in range(step, len(indices), step):
+            piece = self._shards.block(indices[start : start + step])["frames"]
+            frames[start : start + step] = piece[(slice(None), *rest)]
+        return frames
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[:], dtype)

@@ -237,6 +237,11 @@ class Shards:
         """Indices of the shots that all passes have, ascending."""
         return np.flatnonzero((self._owner >= 0).all(axis=0)).astype(np.int64)
 
+    @property
+    def planned(self) -> NDArray[Any]:
+        """`/shots` of the complete shots as the plan has them; epoch, time and flags are still zero."""
+        return self._plan[self.complete].astype(SHOTS_DTYPE)
+
     def missing(self, pass_index: int) -> NDArray[np.int64]:
         """Indices of the shots that a pass lacks, ascending."""
         return np.flatnonzero(self._owner[pass_index] < 0).astype(np.int64)
