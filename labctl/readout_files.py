@@ -17,6 +17,7 @@ from labctl.analysis.evaluation import (
     shuffled_labels,
     validate,
     window_key,
+    windows_to_try,
 )
 from labctl.analysis.models import load_metadata, load_model, save_model
 from labctl.analysis.readouts import softmax_readout
@@ -133,7 +134,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         records.traces,
         records.labels,
         records.groups,
-        windows_s=_windows(records),
+        windows_s=windows_to_try(records.traces.shape[2], records.sample_interval_s),
         window=readout[0],
         splits=SPLITS,
         seed=trained.seed,
@@ -204,10 +205,3 @@ def _controls(run: Run, records: Records, seed: int) -> dict[str, dict[str, Any]
             "at_chance": checked.at_chance,
         }
     return found
-
-
-def _windows(records: Records) -> list[float]:
-    """Acquisition times from two samples to the whole record, doubling."""
-    samples = records.traces.shape[2]
-    counts = [count for count in (2, 4, 6, 8, 10, 14, 20, 25, 50, 100, 250, 500) if count < samples] + [samples]
-    return [count * records.sample_interval_s for count in counts]

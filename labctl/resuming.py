@@ -1,8 +1,6 @@
 """Going on with a run in another process: what it was begun with, from its manifest, and what must not have changed."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from fnmatch import fnmatchcase
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +9,7 @@ from pydantic import ValidationError
 
 from labctl.protocol_files import protocol_from
 from labctl.runs import PlayedDrive, RunError, RunPaths, RunShape, ShotColumns
+from labctl.runs.comparing import Difference, differences
 from labctl.runs.plan import read_plan
 from labctl.station import Station, describe
 from protocols.base import Inputs, Measurement
@@ -32,17 +31,6 @@ SENT_ANEW = {
 """Settings that every run sends before its first record and reads back: what they are meanwhile says nothing."""
 MAY_CHANGE = ("source", "durability.*", "*.address", "laser.armed")
 """Of the station: where the instruments are reached, how much may be lost, and whether light is allowed."""
-SAME = 1e-6
-"""Numbers that an instrument reports again may differ by so much of themselves."""
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A setting that is not what it was; None for one that is not there."""
-
-    setting: str
-    then: object
-    now: object
 
 
 class SettingsChanged(RunError):
@@ -99,7 +87,7 @@ def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Sta
     if given is None:
         return begun
     then, now = (station.model_dump(mode="json") for station in (begun, given))
-    _refuse(directory, _differences("station", then, now, ignored=MAY_CHANGE))
+    _refuse(directory, differences(then, now, of="station", ignored=MAY_CHANGE))
     return given
 
 
@@ -150,36 +138,10 @@ def refuse_changed_instruments(directory: Path, manifest: Mapping[str, Any], now
     found: list[Difference] = []
     for name in now:
         ignored = tuple(f"settings.{setting}" for setting in SENT_ANEW.get(name, ()))
-        found += _differences(name, then.get(name, {}), now[name], ignored=ignored)
+        found += differences(then.get(name, {}), now[name], of=name, ignored=ignored)
     _refuse(directory, found)
 
 
-def _differences(
-    of: str, then: Mapping[str, Any], now: Mapping[str, Any], *, ignored: tuple[str, ...]
-) -> list[Difference]:
-    """Every setting `of` something that differs, but for those whose names match a pattern."""
-    before, after = _flat(then), _flat(now)
-    return [
-        Difference(f"{of} {name}", before.get(name), after.get(name))
-        for name in sorted(before.keys() | after.keys())
-        if not any(fnmatchcase(name, pattern) for pattern in ignored) and not _same(before.get(name), after.get(name))
-    ]
-
-
-def _refuse(directory: Path, found: list[Difference]) -> None:
+def _refuse(directory: Path, found: Sequence[Difference]) -> None:
     if found:
         raise SettingsChanged(directory, tuple(found))
-
-
-def _same(then: object, now: object) -> bool:
-    numbers = (int, float)
-    if isinstance(then, numbers) and isinstance(now, numbers):
-        return abs(then - now) <= SAME * max(abs(then), abs(now))
-    return then == now
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
-    flat: dict[str, object] = {}
-    for key, value in values.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat

@@ -144,6 +144,12 @@ def accuracy_against_window(
     return tuple(table)
 
 
+def windows_to_try(samples: int, sample_interval_s: float) -> list[float]:
+    """Acquisition times, s, from two samples to a whole record of so many, about doubling."""
+    counts = [count for count in (2, 4, 6, 8, 10, 14, 20, 25, 50, 100, 250, 500) if count < samples] + [samples]
+    return [count * sample_interval_s for count in counts]
+
+
 def window_key(window_s: float) -> str:
     """The acquisition time as the text that keys results: nanoseconds with at least one decimal ("0.08", "1.0")."""
     return repr(round(window_s * 1e9, 6))

@@ -7,9 +7,9 @@ import typer
 
 from instruments.units import quantity
 from labctl.commands.output import JsonOption, say, show, table
+from labctl.commands.ranges import ports_of
 from labctl.failures import DONE, UsageError
 from labctl.readout_files import evaluate_readout, train_readout
-from protocols.settings import parse_ports
 
 
 def train(
@@ -26,7 +26,7 @@ def train(
     """Train a readout on nine tenths of a run's images; the rest is kept for `labctl evaluate`."""
     if readout != "softmax":
         raise UsageError(f"--readout {readout}: unknown readout: choose softmax")
-    trained = train_readout(run, window_s=_seconds(window), ports=_ports(ports), seed=seed, out=out)
+    trained = train_readout(run, window_s=_seconds(window), ports=ports_of(ports), seed=seed, out=out)
     show(trained, as_json, lambda: _print_training(trained))
     return DONE
 
@@ -47,16 +47,6 @@ def _seconds(text: str) -> float:
         return quantity(text, "s")
     except ValueError as error:
         raise UsageError(f"--window: {error}") from None
-
-
-def _ports(text: str | None) -> tuple[int, ...] | None:
-    if text is None:
-        return None
-    try:
-        parsed = parse_ports(text)
-    except ValueError as error:
-        raise UsageError(f"--ports: {error}") from None
-    return parsed if isinstance(parsed, tuple) else None
 
 
 def _print_training(trained: dict[str, Any]) -> None:

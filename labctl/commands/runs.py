@@ -1,108 +1,94 @@
-"""`labctl runs`: what has been measured. `labctl show`: one run, model or file in words."""
+"""`labctl runs`: what has been measured."""
 
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, get_args
 
-import numpy as np
 import typer
 
-from labctl.commands.output import JsonOption, say, table
-from labctl.commands.output import show as output
+from labctl.commands.output import JsonOption, say, show, table
 from labctl.failures import DONE, UsageError
-from labctl.runs import RunPaths, list_runs, open_run
+from labctl.runs import RunRow, list_runs
+from labctl.runs.catalogue import ORDERS, Choice, State
+
+STATES = get_args(State)
 
 
 def runs(
     folder: Annotated[Path, typer.Argument(help="Folder of run directories.")] = Path("runs"),
+    protocol: Annotated[str | None, typer.Option("--protocol", help="Only runs of this protocol.")] = None,
+    since: Annotated[
+        str | None, typer.Option("--since", help="Only runs begun since, in UTC: 2026-11-21 or 2026-11-21T09:15.")
+    ] = None,
+    state: Annotated[str | None, typer.Option("--state", help=f"Only runs that are {', '.join(STATES)}.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Only runs with this seed.")] = None,
+    limit: Annotated[int | None, typer.Option("--limit", min=1, help="Only the last so many.")] = None,
+    sort: Annotated[str, typer.Option("--sort", help=f"By {', '.join(ORDERS)}; the last is the largest.")] = "started",
     as_json: JsonOption = False,
 ) -> int:
-    """List the runs in a folder."""
-    rows = list_runs(folder)
-    listed = [
-        {
-            "run": str(row.path),
-            "protocol": row.protocol,
-            "started": row.started,
-            "seed": row.seed,
-            "twin_seed": row.twin_seed,
-            "shots": row.shots,
-            "planned": row.planned,
-            "complete": row.complete,
-            "problem": row.problem,
-        }
-        for row in rows
-    ]
-    output(
-        {"runs": listed},
-        as_json,
-        lambda: (
-            table(
-                ("run", "protocol", "started", "shots", ""),
+    """List the runs in a folder, the newest last."""
+    if sort not in ORDERS:
+        raise UsageError(f"--sort {sort}: choose one of {', '.join(ORDERS)}")
+    choice = Choice(protocol, _time(since), _state(state), seed, limit)
+    there = list_runs(folder)
+    rows = choice.of(there, sort)
+    show({"runs": [_listed(row) for row in rows]}, as_json, lambda: _print(folder, there, rows))
+    return DONE
+
+
+def _time(text: str | None) -> datetime | None:
+    if text is None:
+        return None
+    try:
+        found = datetime.fromisoformat(text)
+    except ValueError:
+        raise UsageError(f"--since {text}: is no date: write it like 2026-11-21 or 2026-11-21T09:15") from None
+    return found if found.tzinfo else found.replace(tzinfo=UTC)
+
+
+def _state(text: str | None) -> State | None:
+    for state in STATES:
+        if text == state:
+            found: State = state
+            return found
+    if text is not None:
+        raise UsageError(f"--state {text}: choose one of {', '.join(STATES)}")
+    return None
+
+
+def _listed(row: RunRow) -> dict[str, object]:
+    return {
+        "run": str(row.path),
+        "protocol": row.protocol,
+        "started": row.started,
+        "seed": row.seed,
+        "twin_seed": row.twin_seed,
+        "shots": row.shots,
+        "planned": row.planned,
+        "complete": row.complete,
+        "state": row.state,
+        "problem": row.problem,
+    }
+
+
+def _print(folder: Path, there: list[RunRow], rows: list[RunRow]) -> None:
+    if not there:
+        say(f"{folder}: no runs yet")
+    elif not rows:
+        say(f"{folder}: none of its {len(there)} runs is of that kind")
+    else:
+        table(
+            ("run", "protocol", "started", "seed", "twin", "shots", ""),
+            (
                 (
-                    (
-                        row.name,
-                        row.protocol,
-                        row.started,
-                        f"{row.shots}/{row.planned}",
-                        row.problem or _state(row.complete),
-                    )
-                    for row in rows
-                ),
-            )
-            if rows
-            else say(f"{folder}: no runs yet")
-        ),
-    )
-    return DONE
-
-
-def show(
-    path: Annotated[Path, typer.Argument(help="Run directory, data.h5 or model file.")],
-    as_json: JsonOption = False,
-) -> int:
-    """Say what a run or a file holds."""
-    if not path.exists():
-        raise UsageError(f"{path}: no such file or directory: name a run directory, a data.h5 or a model file")
-    is_run = path.is_dir() or path.name == RunPaths(path.parent).data.name
-    found = _run(path) if is_run else _model(path)
-    output(found, as_json, lambda: table(("what", "value"), _flat(found)))
-    return DONE
-
-
-def _run(path: Path) -> dict[str, Any]:
-    with open_run(path) as run:
-        shots = run.shots
-        kinds, counts = np.unique(shots["kind"], return_counts=True)
-        manifest = run.manifest
-        return {
-            "run": str(path),
-            "complete": run.complete,
-            "shots": len(run.frames),
-            "kinds": {str(kind): int(count) for kind, count in zip(kinds, counts, strict=True)},
-            "ports": list(run.ports),
-            "samples": run.shape.samples,
-            "sample_interval_s": run.shape.sample_interval_s,
-            "clipped_shots": int(np.count_nonzero(np.any(run.clipped, axis=1))),
-            "frames_sha256": run.digest(),
-            "protocol": manifest.get("protocol"),
-            "started": manifest.get("started"),
-            "seeds": manifest.get("seeds"),
-            "instruments": manifest.get("instruments"),
-        }
-
-
-def _model(path: Path) -> dict[str, Any]:
-    from labctl.analysis.models import load_metadata  # here, since it brings scikit-learn
-
-    return {"model": str(path)} | load_metadata(path)
-
-
-def _state(complete: bool) -> str:
-    return "complete" if complete else "incomplete"
-
-
-def _flat(values: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    rows: list[tuple[str, str]] = []
-    for key, value in values.items():
-        rows.extend(_flat(value, f"{prefix}{key}.") if isinstance(value, dict) else [(f"{prefix}{key}", str(value))])
-    return rows
+                    row.name,
+                    row.protocol,
+                    row.started,
+                    "" if row.seed is None else row.seed,
+                    "" if row.twin_seed is None else row.twin_seed,
+                    f"{row.shots}/{row.planned}",
+                    row.problem or row.state,
+                )
+                for row in rows
+            ),
+        )

@@ -177,12 +177,19 @@ def images_figure(images: NDArray[Any], titles: Sequence[str], *, columns: int =
 
 def save_figure(figure: Figure, stem: Path) -> tuple[Path, Path]:
     """Save as `<stem>.png` and `<stem>.svg` (text as text, no date); returns both paths. The layout is final then."""
-    png, svg = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".svg")
+    png, svg = save_png(figure, stem), stem.with_name(stem.name + ".svg")
+    with mpl.rc_context(STYLE):
+        FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None, "Creator": None})
+    return png, svg
+
+
+def save_png(figure: Figure, stem: Path) -> Path:
+    """Save as `<stem>.png` and return its path. The layout is final then."""
+    png = stem.with_name(stem.name + ".png")
     with mpl.rc_context(STYLE):
         _settle(figure)
         FigureCanvasAgg(figure).print_figure(png, dpi=PIXELS_PER_INCH, metadata={"Software": None})
-        FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None, "Creator": None})
-    return png, svg
+    return png
 
 
 def _settle(figure: Figure) -> None:

@@ -1,0 +1,33 @@
+"""Numbers and ranges as they are typed: "0-19", "2-6"."""
+
+from labctl.failures import UsageError
+from protocols.settings import parse_ports
+
+
+def shots_of(text: str | None) -> tuple[int, int] | None:
+    """First and last shot of "7" or "0-19"; None for None.
+
+    Raises:
+        UsageError: it is no range.
+    """
+    if text is None:
+        return None
+    first, _, last = text.strip().partition("-")
+    if not (first.isdecimal() and (last or first).isdecimal()) or int(last or first) < int(first):
+        raise UsageError(f"--shots {text}: is no range of shots: write it like 0-19 or 7")
+    return int(first), int(last or first)
+
+
+def ports_of(text: str | None) -> tuple[int, ...] | None:
+    """The ports of "2-6" or "2,3"; None for None.
+
+    Raises:
+        UsageError: it is no list of ports.
+    """
+    if text is None:
+        return None
+    try:
+        parsed = parse_ports(text)
+    except ValueError as error:
+        raise UsageError(f"--ports: {error}") from None
+    return parsed if isinstance(parsed, tuple) else None

@@ -1,0 +1,62 @@
+"""How two runs, or what one was begun with and what is there now, differ in their settings."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+SAME = 1e-6
+"""Numbers that an instrument reports again may differ by so much of themselves."""
+FOLLOWS = ("started", "plan_sha256", "inputs_sha256", "images_sha256", "protocol.digest", "format_version")
+"""Of a manifest: what is another in every run, or what follows from the settings that are listed."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A setting that is not what it was; None for one that is not there.
+
+    When two runs are compared, `then` is of the first and `now` of the second.
+    """
+
+    setting: str
+    then: object
+    now: object
+
+
+def differences(
+    then: Mapping[str, Any], now: Mapping[str, Any], *, of: str = "", ignored: tuple[str, ...] = ()
+) -> tuple[Difference, ...]:
+    """Every setting of two nested mappings that differs, by name, such as `station.sim.twin_seed`.
+
+    Args:
+        then: One mapping; lists are compared as a whole.
+        now: The other.
+        of: What the settings are of: a word before each name.
+        ignored: Patterns (as of file names) of the settings that do not count.
+    """
+    before, after = _flat(then), _flat(now)
+    return tuple(
+        Difference(f"{of} {name}".lstrip(), before.get(name), after.get(name))
+        for name in sorted(before.keys() | after.keys())
+        if not any(fnmatchcase(name, pattern) for pattern in ignored) and not _same(before.get(name), after.get(name))
+    )
+
+
+def settings_that_differ(one: Mapping[str, Any], other: Mapping[str, Any]) -> tuple[Difference, ...]:
+    """What differs between the manifests of two runs: protocol, station, instruments, versions, seeds and the rest."""
+    return differences(one, other, ignored=FOLLOWS)
+
+
+def _same(then: object, now: object) -> bool:
+    if isinstance(then, float) or isinstance(now, float):
+        if not isinstance(then, int | float) or not isinstance(now, int | float):
+            return False
+        return abs(then - now) <= SAME * max(abs(then), abs(now))
+    return then == now
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+    flat: dict[str, object] = {}
+    for key, value in values.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat
