@@ -17,17 +17,15 @@ than planned, tells them apart by `/shots.index` and has `complete` false; the s
 and ends, data.h5 is made again. The axes are HDF5 dimension scales, so that xarray knows them.
 """
 
-import io
 import json
 from dataclasses import replace
-from io import FileIO
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
-from labctl.runs.durable import replacing, write_all
+from labctl.runs.durable import replacing
+from labctl.runs.hdf5_target import Hdf5Target
 from labctl.runs.journal import Entry
 from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, Manifest, RunPaths
 from labctl.runs.plan import write_drive
@@ -67,7 +65,7 @@ def write_data_file(
         return 0
     path = shards.paths.data
     with replacing(path) as raw:
-        target = _Target(raw)
+        target = Hdf5Target(raw)
         try:
             with h5py.File(target, "w", libver=LIBVER) as file:
                 _create(file, shards, count, compression)
@@ -168,54 +166,3 @@ def _describe(
     file.attrs["complete"] = complete
     file.attrs["shots_planned"] = np.int64(shape.shots)
     file.attrs["evidence"] = shards.evidence
-
-
-class _Target(io.RawIOBase):
-    """Where HDF5 writes data.h5.
-
-    HDF5 cannot close a file whose disk is full, and takes the whole interpreter down with it at exit. So the first
-    failure is kept, HDF5 is told that all went well, and `check` raises the failure afterwards.
-    """
-
-    def __init__(self, file: FileIO) -> None:
-        super().__init__()
-        self._file = file
-        self._failure: OSError | None = None
-
-    def check(self) -> None:
-        """Raise the first failure, if there was one."""
-        if self._failure is not None:
-            raise self._failure
-
-    def write(self, data: Any, /) -> int:
-        """Write all of `data`, or note why not."""
-        if self._failure is None:
-            try:
-                write_all(self._file, data)
-            except OSError as error:
-                self._failure = error
-        return len(data)
-
-    def truncate(self, size: int | None = None, /) -> int:
-        """Set the length, or note why not."""
-        if self._failure is None:
-            try:
-                self._file.truncate(size)
-            except OSError as error:
-                self._failure = error
-        return size or 0
-
-    def readinto(self, buffer: Any, /) -> int:
-        """Read back what was written."""
-        return self._file.readinto(buffer)
-
-    def seek(self, offset: int, whence: int = 0, /) -> int:
-        """Go to a position."""
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        """The position."""
-        return self._file.tell()
-
-    def flush(self) -> None:
-        """Nothing is kept back."""
