@@ -27,7 +27,7 @@ def write(content: Content, path: Path) -> None:
     """
     named = {one.name: one for one in content.variables}
     trace = next(one for one in content.variables if one.dims == TRACE)
-    columns = {
+    columns: dict[tuple[str, ...], list[Variable]] = {
         dims: [one for one in content.variables if one.dims == dims]
         for dims in (("shot",), ("port",), ("shot", "port"), ("shot", "pass"))
     }

@@ -1,6 +1,7 @@
 """zarr, a folder of compressed chunks, in the version of the format that every reader knows (2), named for xarray."""
 
 from pathlib import Path
+from typing import Any
 
 import zarr
 
@@ -17,13 +18,14 @@ def write(content: Content, path: Path) -> None:
     group = zarr.open_group(path, mode="w", zarr_format=2)
     for variable in content.variables:
         shape = content.shape(variable)
+        attributes: dict[str, Any] = {"_ARRAY_DIMENSIONS": list(variable.dims), **variable.described}
         array = group.create_array(
             variable.name,
             shape=shape,
             chunks=(content.rows(variable), *shape[1:]) if "shot" in variable.dims else shape,
             dtype=variable.dtype,
             fill_value=None,  # readers take a value here for "missing", and 0 is a code like any other
-            attributes={"_ARRAY_DIMENSIONS": list(variable.dims), **variable.described},
+            attributes=attributes,
         )
         for start, block in content.blocks(variable):
             array[start : start + len(block)] = block
