@@ -170,8 +170,8 @@ def _same_image(runs: tuple[Run, Run], columns: Columns) -> SameImage:
     if source[0] is None or source[0] != source[1]:
         raise AnalysisError("the runs did not show images of one data set, made binary in one way")
     shots = [np.flatnonzero(run.planned["kind"] == "image") for run in runs]
-    indices = [run.planned["dataset_index"][places] for run, places in zip(runs, shots, strict=True)]
-    common, *places = np.intersect1d(*indices, return_indices=True)
+    one, other = (run.planned["dataset_index"][at] for run, at in zip(runs, shots, strict=True))
+    common, *places = np.intersect1d(one, other, return_indices=True)
     if not common.size:
         raise AnalysisError("the runs have no image in common")
     labels = runs[0].planned["label"][shots[0][places[0]]]

@@ -176,7 +176,10 @@ def _draw(run: Run, part: Part, look: Look, folder: Path, before: str) -> Drawn:
         add("images", _images(run, part))
     except (DatasetError, ProtocolError, RunError) as error:
         left_out.append(f"images are left out: {error}")
-    add("codes", codes_figure(look.codes.first_code, look.codes.counts[few], look.clipped[few], ports=look.ports[few]))
+    add(
+        "codes",
+        codes_figure(look.codes.first_code, look.codes.counts[few], look.clipped[few].tolist(), ports=look.ports[few]),
+    )
     if look.drift is not None and look.drift_s is not None:
         found = (look.drift_s[:, few], look.drift.level[:, few], look.drift.correlation[:, few])
         add("drift", drift_figure(*found, ports=look.ports[few]))

@@ -104,7 +104,7 @@ def two_ways(tmp_path_factory: pytest.TempPathFactory, write_whole: Callable[...
         yield (one, other), {"frames": plain.frames[:], "volts": plain.volts()}
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.tuples(axis(7), axis(5), axis(16)), st.sampled_from(["frames", "volts"]))
 def test_every_index_gives_what_numpy_would(two_ways: Any, key: tuple[Any, ...], name: str) -> None:
     runs, values = two_ways
