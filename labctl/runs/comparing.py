@@ -55,8 +55,14 @@ def _same(then: object, now: object) -> bool:
     return then == now
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+def _flat(values: Mapping[str, Any]) -> dict[str, object]:
     flat: dict[str, object] = {}
-    for key, value in values.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    left: list[tuple[str, Mapping[str, Any]]] = [("", values)]
+    while left:
+        prefix, found = left.pop()
+        for key, value in found.items():
+            if isinstance(value, dict):
+                left.append((f"{prefix}{key}.", value))
+            else:
+                flat[f"{prefix}{key}"] = value
     return flat
