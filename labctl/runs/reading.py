@@ -16,7 +16,7 @@ from labctl.runs.journal import read_journal
 from labctl.runs.layout import HDF5_ERRORS, Manifest, RunError, RunPaths, check_version
 from labctl.runs.plan import read_drive, read_plan
 from labctl.runs.shards import Block, Shards
-from labctl.runs.shots import KINDS, PlayedDrive
+from labctl.runs.shots import KINDS, PlayedDrive, in_this_version
 
 MOST_BYTES = 1 << 32  # of data.h5 without its frames, which are read piece by piece
 PIECE_BYTES = 1 << 26  # of frames put together from shards at a time: about the largest shard
@@ -119,12 +119,12 @@ class Run:
 
         `index` is the place in the plan. `epoch` and `time_s` are of the pass that completed the shot.
         """
-        return _with_text(self.source.column("shots"))
+        return self._table(self.source.column("shots"))
 
     @cached_property
     def planned(self) -> NDArray[Any]:
         """`shots` as far as the plan fixes them, read without the shards; epoch, time_s and flags say nothing."""
-        return _with_text(self.source.planned())
+        return self._table(self.source.planned())
 
     @cached_property
     def trigger_offset_s(self) -> NDArray[np.float64]:
@@ -171,16 +171,23 @@ class Run:
     ) -> None:
         self.close()
 
+    def _table(self, stored: NDArray[Any]) -> NDArray[Any]:
+        try:
+            return _with_text(stored)
+        except HDF5_ERRORS as error:
+            raise damaged(self.path, error) from error
+
     @cached_property
     def _scales(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return self.source.scales()
 
 
 def _with_text(stored: NDArray[Any]) -> NDArray[Any]:
-    """A table of shots whose kinds are text."""
+    """A table of shots with the columns of this version, their kinds as text."""
     text = f"U{max(map(len, KINDS))}"
-    kinds = [(name, text if name == "kind" else stored.dtype[name]) for name in stored.dtype.names or ()]
-    return stored.astype(np.dtype(kinds))
+    table = in_this_version(stored)
+    kinds = [(name, text if name == "kind" else table.dtype[name]) for name in table.dtype.names or ()]
+    return table.astype(np.dtype(kinds))
 
 
 def open_run(path: Path | str) -> Run:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from labctl.plain_hdf5 import check_plain
 from labctl.runs.journal import Entry
 from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, RunError, RunPaths, check_version
-from labctl.runs.shots import SHOTS_DTYPE, Measured, MeasuredBurst, RunShape, ShotFlag
+from labctl.runs.shots import Measured, MeasuredBurst, RunShape, ShotFlag, in_this_version
 
 ROWS_DTYPE = np.dtype([("shot", "<i8"), ("time_s", "<f8"), ("epoch", "<i4"), ("flags", "<i4")])
 MOST_BYTES = 1 << 30  # of one shard, as a file and unpacked: a burst of 1000 shots, 14 ports, 2500 samples has 35 MB
@@ -179,13 +179,12 @@ class Shards:
                 f"{paths.manifest}: a shot of {shot} bytes or {len(shape.passes)} passes: no such run is read"
             )
         try:
-            plan[:0].astype(SHOTS_DTYPE)
+            self._plan = in_this_version(plan)
         except (TypeError, ValueError) as error:
             raise RunError(f"{paths.plan}: its shots are not planned ones ({error}); restore a copy") from None
         self.paths = paths
         self.shape = shape
         self.entries: dict[int, Entry] = {}
-        self._plan = plan
         self._owner = np.full((len(shape.passes), shape.shots), -1, np.int64)
         self._done = np.zeros(len(shape.passes), np.int64)
         self.completed = 0  # how many shots all passes have
@@ -240,7 +239,8 @@ class Shards:
     @property
     def planned(self) -> NDArray[Any]:
         """`/shots` of the complete shots as the plan has them; epoch, time and flags are still zero."""
-        return self._plan[self.complete].astype(SHOTS_DTYPE)
+        planned: NDArray[Any] = self._plan[self.complete]
+        return planned
 
     def missing(self, pass_index: int) -> NDArray[np.int64]:
         """Indices of the shots that a pass lacks, ascending."""
@@ -349,7 +349,7 @@ class Shards:
         clipped = np.zeros((count, ports), np.bool_)
         epoch = np.zeros((count, passes), "<i4")
         measured_at = np.zeros((count, passes))
-        shots = self._plan[indices].astype(SHOTS_DTYPE)
+        shots = self._plan[indices]
         for pass_index in range(passes):
             columns = self.shape.columns(pass_index)
             owners = self._owner[pass_index, indices]

@@ -38,6 +38,23 @@ PLAN_COLUMNS = (
     "next_label",
 )
 
+SINCE_1_1 = ("next_dataset_index", "next_label")
+
+
+def in_this_version(table: NDArray[Any]) -> NDArray[Any]:
+    """A table of shots of any 1.x with the columns of this version: -1 in those that came later than it.
+
+    Raises:
+        ValueError, TypeError: it is no table of shots.
+    """
+    names = table.dtype.names or ()
+    if missing := [name for name in SHOTS_DTYPE.names or () if name not in (*names, *SINCE_1_1)]:
+        raise ValueError(f"without {missing[0]}")
+    found = np.zeros(table.shape, SHOTS_DTYPE)
+    for name in SHOTS_DTYPE.names or ():
+        found[name] = table[name] if name in names else -1
+    return found
+
 
 class ShotFlag(IntFlag):
     """Bits of the column `flags` of `/shots`."""
