@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from labctl.commands.output import JsonOption, progress_bar, say, show
-from labctl.commands.ranges import shots_of
-from labctl.commands.show import ShotsOption
+from labctl.commands.ranges import ShotsOption, shots_of
 from labctl.exports import FORMATS, Content, write
 from labctl.failures import DONE, UsageError
 from labctl.runs import open_run

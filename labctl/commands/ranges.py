@@ -1,7 +1,15 @@
 """Numbers and ranges as they are typed: "0-19", "2-6"."""
 
+from typing import Annotated
+
+import typer
+
 from labctl.failures import UsageError
 from protocols.settings import parse_ports
+
+ShotsOption = Annotated[
+    str | None, typer.Option("--shots", help='Shots by their number in the plan, such as "0-19" or "7".')
+]
 
 
 def shots_of(text: str | None) -> tuple[int, int] | None:

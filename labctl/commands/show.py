@@ -8,15 +8,11 @@ import typer
 
 from labctl.commands.output import JsonOption, say, table
 from labctl.commands.output import show as output
-from labctl.commands.ranges import ports_of, shots_of
+from labctl.commands.ranges import ShotsOption, ports_of, shots_of
 from labctl.failures import DONE, UsageError
 from labctl.file_kinds import is_run, summary_of
 from labctl.looking import Look, draw, look_at, part_of
 from labctl.runs import Run, open_run
-
-ShotsOption = Annotated[
-    str | None, typer.Option("--shots", help='Shots by their number in the plan, such as "0-19" or "7".')
-]
 
 
 def show(

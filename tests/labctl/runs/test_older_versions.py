@@ -19,7 +19,7 @@ def make_older(run: Path, without: tuple[str, ...]) -> None:
     paths = RunPaths(run)
     manifest = json.loads(paths.manifest.read_text())
     planned, drive = read_plan(paths, manifest["plan_sha256"])
-    kept = [name for name in planned.dtype.names if name not in without]
+    kept = [name for name in planned.dtype.names or () if name not in without]
     image = encode_plan(planned[kept].astype([(name, planned.dtype[name]) for name in kept]), drive)
     paths.plan.write_bytes(image)
     manifest |= {"format_version": "1.0", "plan_sha256": hashlib.sha256(image).hexdigest()}
