@@ -40,9 +40,9 @@ interop: $(INSTALLED) $(INTEROP)/.installed
 
 # The documents as a site; a warning, a link that leads nowhere and an example that prints something else are errors.
 docs: $(INSTALLED) $(DOCS)
-	$(BIN)/sphinx-build --quiet --fail-on-warning --builder html docs build/docs/html
-	$(BIN)/sphinx-build --quiet --fail-on-warning --builder doctest docs build/docs/doctest
-	$(BIN)/sphinx-build --quiet --fail-on-warning --builder linkcheck docs build/docs/linkcheck
+	$(BIN)/sphinx-build --quiet --fail-on-warning --doctree-dir build/docs/doctrees --builder html docs build/docs/html
+	$(BIN)/sphinx-build --quiet --fail-on-warning --doctree-dir build/docs/doctrees --builder doctest docs build/docs/doctest
+	$(BIN)/sphinx-build --quiet --fail-on-warning --doctree-dir build/docs/doctrees --builder linkcheck docs build/docs/linkcheck
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES)

@@ -1,9 +1,12 @@
 """How the documents are built: `make docs`."""
 
+import os
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+# The notebook calls the `labctl` of the environment that builds the documents.
+os.environ["PATH"] = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
 
 project = "labctl"
 author = "The labctl developers"
@@ -12,7 +15,7 @@ extensions = [
     "figures",
     "mathml",
     "parameter_table",
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
     "sphinx.ext.napoleon",
@@ -24,6 +27,9 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 napoleon_use_ivar = True
 linkcheck_ignore = [r"https?://.*"]  # only what lies here: the build works offline
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "labctl"

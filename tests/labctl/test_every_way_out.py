@@ -18,7 +18,7 @@ from labctl.station import DurabilitySection, SimSection, Station
 from protocols.base import Events, Images, Part
 from protocols.image_readout import ImageReadout
 from sim_backends.bench import SimulatedBench
-from tests.faults.matrix import LIGHTS_OUT
+from tests.faults.matrix import SAFE
 
 STATION = Station(
     sim=SimSection(parameters={"simulated_modes_limit": 20, "chip_modes": 50}),
@@ -47,8 +47,7 @@ def simulation(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Simulat
     monkeypatch.setattr(opening, "simulated_bench", keep)
     yield lambda: made[-1]
     (bench,) = made
-    assert not [name for name, dark in LIGHTS_OUT.items() if not dark(bench.world)]
-    assert not bench._instruments["scope"].acquiring  # type: ignore[attr-defined]
+    assert not [name for name, is_safe in SAFE.items() if not is_safe(bench)]
 
 
 def run(directory: Path, protocol: ImageReadout | None = None, **options: Any) -> None:
