@@ -7,7 +7,9 @@ from typing import Any
 
 from labctl.command_log import CommandLog
 from labctl.engine import Outcome, Request, carry_out, durability_of, go_on
+from labctl.events import EventLog
 from labctl.inputs import inputs_for
+from labctl.instrument_states import tell_states
 from labctl.interruption import Interruption
 from labctl.measuring import Progress
 from labctl.opening import opened
@@ -24,6 +26,15 @@ from protocols.base import Measurement
 
 def _no_progress(_done: int, _total: int) -> None:
     pass
+
+
+def _both(first: Uploading | None, second: Uploading) -> Uploading:
+    def told(what: str, done: int, total: int) -> None:
+        if first is not None:
+            first(what, done, total)
+        second(what, done, total)
+
+    return told
 
 
 @dataclass(frozen=True)
@@ -65,6 +76,7 @@ def acquire(
     inputs = inputs_for(protocol, acquisition.data)
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
+        events = stack.enter_context(EventLog())
         watch = stack.enter_context(supervised(station, log))
         open_bench = stack.enter_context(opened(station, log, attended=acquisition.attended, armed=acquisition.armed))
         watch(open_bench.bench)
@@ -72,8 +84,8 @@ def acquire(
         open_bench.bench.require_arm()
         simulation = open_bench.simulation
         stopwatch = Stopwatch((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
-        if uploading is not None:
-            tell_uploads(open_bench.bench, uploading)
+        tell_uploads(open_bench.bench, _both(uploading, events.uploading))
+        tell_states(open_bench.bench, events)
         if acquisition.profile:
             stopwatch.watch(open_bench.bench)
         outcome = carry_out(
@@ -83,6 +95,7 @@ def acquire(
             directory=acquisition.directory,
             interruption=interruption or Interruption(),
             progress=progress,
+            events=events,
             stopwatch=stopwatch,
         )
         return Acquired(outcome, stopwatch.budget(outcome.shots) if acquisition.profile else {})
@@ -136,13 +149,14 @@ def resume(
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
         log = stack.enter_context(CommandLog())
+        events = stack.enter_context(EventLog())
         watch = stack.enter_context(supervised(station, log))
         open_bench = stack.enter_context(opened(station, log, attended=resumption.attended, armed=resumption.armed))
         watch(open_bench.bench)
         check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
         open_bench.bench.require_arm()
-        if uploading is not None:
-            tell_uploads(open_bench.bench, uploading)
+        tell_uploads(open_bench.bench, _both(uploading, events.uploading))
+        tell_states(open_bench.bench, events)
         return go_on(
             Request(protocol, inputs, station),
             open_bench.bench,
@@ -150,5 +164,6 @@ def resume(
             writer=writer,
             interruption=interruption or Interruption(),
             progress=progress,
+            events=events,
             stopwatch=Stopwatch(lambda: 0.0),
         )

@@ -5,6 +5,8 @@ and, in `measuring`, storage, progress, interruption and lost links. Light and s
 `acquire`.
 """
 
+import os
+import platform
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +20,9 @@ import numpy as np
 from instruments.bench import Bench
 from instruments.values import Drive
 from labctl.command_log import CommandLog
-from labctl.interruption import Interruption
+from labctl.control import controlled
+from labctl.events import EventLog
+from labctl.interruption import Interruption, heeds_signals
 from labctl.lost_links import Recovery
 from labctl.measuring import Measuring, Progress
 from labctl.provenance import git_revision, versions
@@ -71,6 +75,7 @@ def carry_out(
     directory: Path | None,
     interruption: Interruption,
     progress: Progress,
+    events: EventLog,
     stopwatch: Stopwatch,
 ) -> Outcome:
     """Run the protocol on `bench`; the run directory is `directory`, or a new one under `runs/`.
@@ -91,7 +96,17 @@ def carry_out(
     durability, seconds = durability_of(request.station), _seconds_a_shot(request, bench)
     with RunWriter.create(directory, manifest, *plan, durability, seconds_a_shot=seconds) as writer:
         _keep(log, writer.paths.commands)
-        return _measure(request, bench, log, writer, interruption=interruption, progress=progress, stopwatch=stopwatch)
+        _tell_start("run started", events, request, writer)
+        return _measure(
+            request,
+            bench,
+            log,
+            writer,
+            interruption=interruption,
+            progress=progress,
+            events=events,
+            stopwatch=stopwatch,
+        )
 
 
 def bytes_needed(request: Request, bench: Bench) -> int:
@@ -107,6 +122,7 @@ def go_on(
     writer: RunWriter,
     interruption: Interruption,
     progress: Progress,
+    events: EventLog,
     stopwatch: Stopwatch,
 ) -> Outcome:
     """Measure what the run that `writer` has opened again still lacks, on `bench`.
@@ -126,7 +142,34 @@ def go_on(
     _, instruments = _light_and_instruments(request, bench)
     refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments)
     _keep(log, writer.paths.commands)
-    return _measure(request, bench, log, writer, interruption=interruption, progress=progress, stopwatch=stopwatch)
+    _tell_start("run resumed", events, request, writer)
+    return _measure(
+        request,
+        bench,
+        log,
+        writer,
+        interruption=interruption,
+        progress=progress,
+        events=events,
+        stopwatch=stopwatch,
+    )
+
+
+def _tell_start(event: str, events: EventLog, request: Request, writer: RunWriter) -> None:
+    shape = writer.manifest["shape"]
+    events(
+        event,
+        protocol=request.protocol.name,
+        shots=shape["shots"],
+        records=shape["shots"] * len(shape["passes"]),
+        done=sum(writer.done),
+        station=request.station.source,
+        simulated=request.station.simulated,
+        process=os.getpid(),
+        heeds_signals=heeds_signals(),
+        host=platform.node(),
+    )
+    events.keep_in(writer.paths.events)
 
 
 def _keep(log: CommandLog, path: Path) -> None:
@@ -154,25 +197,28 @@ def _measure(
     *,
     interruption: Interruption,
     progress: Progress,
+    events: EventLog,
     stopwatch: Stopwatch,
 ) -> Outcome:
     """Measure what `writer` lacks and finish the run."""
     before = writer.complete
     writer.room.tell = partial(log, "run", "!")
     clock = time.perf_counter(), bench.now()
-    measuring = Measuring(
-        request.protocol,
-        request.inputs,
-        bench,
-        writer,
-        interruption=interruption,
-        progress=progress,
-        stopwatch=stopwatch,
-    )
-    measuring.measure(Recovery(bench, log))
+    with controlled(writer.paths.directory, interruption) as control:
+        measuring = Measuring(
+            request.protocol,
+            request.inputs,
+            bench,
+            writer,
+            control=control,
+            progress=progress,
+            events=events,
+            stopwatch=stopwatch,
+        )
+        measuring.measure(Recovery(bench, log, events))
     writer.sync()
     seconds, bench_seconds = time.perf_counter() - clock[0], bench.now() - clock[1]
-    return Outcome(
+    outcome = Outcome(
         directory=writer.paths.directory,
         complete=writer.finish(),
         shots=writer.complete,
@@ -182,6 +228,12 @@ def _measure(
         seconds=seconds,
         bench_seconds=bench_seconds,
     )
+    told = {"shots": outcome.shots, "clipped": outcome.clipped, "recovered": outcome.recovered, "seconds": seconds}
+    if outcome.complete:
+        events("finished", **told)
+    else:
+        events("stopped", at_once=False, **told)
+    return outcome
 
 
 def _plan(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:

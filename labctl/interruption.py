@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -22,9 +23,10 @@ STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
 
 @dataclass
 class Interruption:
-    """Whether somebody has asked the run to stop."""
+    """Whether somebody has asked the run to stop; `wait` passes seconds while it is paused."""
 
     requested: bool = False
+    wait: Callable[[float], None] = time.sleep
 
 
 class StoppedBySignal(KeyboardInterrupt):
@@ -99,6 +101,11 @@ def stops_deferred() -> Iterator[None]:
             _raise_again(pending)
         raise
     _raise_again(pending)
+
+
+def heeds_signals() -> bool:
+    """Whether SIGTERM ends this process in good order."""
+    return callable(signal.getsignal(signal.SIGTERM))
 
 
 def _raise_again(pending: list[int]) -> None:

@@ -9,6 +9,7 @@ import time
 from instruments.bench import Bench, UnsafeBench
 from instruments.errors import InstrumentError, LinkError
 from labctl.command_log import CommandLog
+from labctl.events import EventLog
 
 ATTEMPTS = 3
 """So often in a row, without a record between, the bench is tried again."""
@@ -21,10 +22,11 @@ _logger = logging.getLogger(__name__)
 class Recovery:
     """Brings a bench back after a lost link, and writes into the run's log that it did."""
 
-    def __init__(self, bench: Bench, log: CommandLog) -> None:
+    def __init__(self, bench: Bench, log: CommandLog, events: EventLog) -> None:
         """Watch over `bench`; `log` gets a line with the direction `!` for every attempt and its outcome."""
         self._bench = bench
         self._log = log
+        self._events = events
         self._attempts = 0
         self._records = 0
 
@@ -41,17 +43,25 @@ class Recovery:
             self._attempts, self._records = 0, records
         while self._attempts < ATTEMPTS:
             self._attempts += 1
-            self._tell(f"lost link after {records} records, attempt {self._attempts} of {ATTEMPTS} to go on: {error}")
+            self._tell(
+                "link lost",
+                f"lost link after {records} records, attempt {self._attempts} of {ATTEMPTS} to go on: {error}",
+            )
             time.sleep(PAUSE_S)
             try:
                 self._bench.make_safe()
             except UnsafeBench as failure:
                 error.__notes__ = [str(failure)]  # what was noted when the link broke is no longer how things stand
             else:
-                self._tell("all instruments answer and the bench is in the safe state: measuring what is missing")
+                self._tell(
+                    "link recovered",
+                    "all instruments answer and the bench is in the safe state: measuring what is missing",
+                )
                 return
         raise error
 
-    def _tell(self, message: str) -> None:
+    def _tell(self, event: str, message: str) -> None:
+        self._events(event, text=message)
+        self._events.interrupted()
         self._log("run", "!", message)
         _logger.warning("%s", message)

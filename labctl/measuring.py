@@ -1,5 +1,6 @@
 """Measuring a run: what a protocol yields is checked and stored, and what a run still lacks is measured anew."""
 
+import logging
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
@@ -11,17 +12,21 @@ import numpy as np
 from instruments.bench import Bench, ending_with
 from instruments.errors import InstrumentError
 from instruments.values import Codes, Scaling
-from labctl.interruption import Interruption
+from labctl.control import Control
+from labctl.events import EventLog
 from labctl.lost_links import Recovery
 from labctl.references import REPEATS, refuse_changed_light, to_repeat
 from labctl.runs import MeasuredBurst, RunError, RunWriter
 from labctl.runs.layout import noted_on
+from labctl.shown_images import shown_images
 from labctl.stopwatch import STORAGE_BESIDE, Stopwatch
-from protocols.base import BurstRecord, Events, Inputs, LegStarted, Measurement, Part, Record
+from protocols.base import BurstRecord, Events, Inputs, LegStarted, Measurement, Part, Record, Shot
 
 Progress = Callable[[int, int], None]
 """Called with the number of records that are done and of all. Done is a single shot that the writer has, which puts it
 on disk within the durability of the run, and a burst that is on disk."""
+
+_logger = logging.getLogger(__name__)
 
 
 class Measuring:
@@ -39,8 +44,9 @@ class Measuring:
         bench: Bench,
         writer: RunWriter,
         *,
-        interruption: Interruption,
+        control: Control,
         progress: Progress,
+        events: EventLog,
         stopwatch: Stopwatch,
     ) -> None:
         """Measure what `protocol` asks for on `bench` into `writer`; nothing is sent yet.
@@ -48,12 +54,16 @@ class Measuring:
         A run that has some shots on disk goes on: its times after the last of them, its epochs too.
         """
         self.clipped = self.recovered = 0
+        self._darkened = 0  # how often light was off and on again inside this process
         self._protocol = protocol
         self._inputs = inputs
         self._bench = bench
         self._writer = writer
-        self._interruption = interruption
+        self._control = control
         self._progress = progress
+        self._events = events
+        self._shown = shown_images(inputs)
+        self._last: Record | BurstRecord | None = None
         self._stopwatch = stopwatch
         self._whole = protocol.parts(bench, inputs)
         self._total = sum(len(part.shots) for part in self._whole)
@@ -64,11 +74,12 @@ class Measuring:
         self._epochs = epoch + 1 - first
 
     def measure(self, recovery: Recovery) -> None:
-        """Store every missing record until there is none, or until interrupted.
+        """Store every missing record until there is none, or until stopped.
 
         A lost link ends the light; once `recovery` has the bench back, the records that are still missing are measured
-        in the vertical ranges that their legs have already. Whenever a run goes on, by itself or because it is resumed,
-        a reference image that it has on disk is measured first and compared.
+        in the vertical ranges that their legs have already. A pause is such a loss that somebody asked for. Whenever a
+        run goes on, by itself or because it is resumed, a reference image that it has on disk is measured first and
+        compared.
 
         Raises:
             InstrumentError: an instrument failed, gave the same trace twice, or the light is not what it was; a disk
@@ -77,6 +88,10 @@ class Measuring:
         """
         with Storage(self._writer, self._stopwatch) as storage:
             while parts := self._missing():
+                if self._control.paused:
+                    self._wait()
+                    if self._control.stopped:
+                        return
                 try:
                     known = self._known(parts[0])
                     measured = parts if known is None else [known, *parts]
@@ -84,8 +99,10 @@ class Measuring:
                     with ending_with(self._darken), ending_with(events.close):
                         if known is not None:
                             self._compare(events, known)
-                        self._keep(events, storage)
-                    return
+                        held = self._keep(events, storage)
+                    if not held:
+                        return
+                    storage.sync()
                 except InstrumentError as error:
                     try:
                         storage.sync()
@@ -95,7 +112,8 @@ class Measuring:
                     self._report(storage)
                     recovery.after(error, self._done)
                     self.recovered += 1
-                if self._interruption.requested:
+                self._darkened += 1
+                if self._control.stopped:
                     return
 
     def _darken(self) -> None:
@@ -134,9 +152,11 @@ class Measuring:
         earlier, latest = (self._writer.codes(leg, one.index) for one in (first, shot))
         refuse_changed_light(shot, earlier, latest, again)
 
-    def _keep(self, events: Events, storage: "Storage") -> None:
+    def _keep(self, events: Events, storage: "Storage") -> bool:
+        """Store what comes; True if that ended because it is to."""
         previous: Codes | None = None
         scalings: tuple[Scaling, ...] = ()
+        held = False
         for event in events:
             if isinstance(event, LegStarted):
                 self._start(event)
@@ -144,11 +164,13 @@ class Measuring:
                 previous, scalings = None, event.scalings
             else:
                 previous = self._take(event, scalings, previous, storage)
+                self._last = event
             self._report(storage)
-            if self._interruption.requested:
+            if held := self._control.holds:
                 break
         storage.wait()
         self._report(storage)
+        return held
 
     def _take(
         self, event: Record | BurstRecord, scalings: tuple[Scaling, ...], previous: Codes | None, storage: "Storage"
@@ -156,12 +178,12 @@ class Measuring:
         """Check and store a record; returns its last shot, for the next one to differ from."""
         self._bench.laser.require_emission()  # what was measured in the dark is not kept
         # Light that was off and on again is another epoch, as is another leg.
-        epoch = self._epochs + event.leg.index + self.recovered
+        epoch = self._epochs + event.leg.index + self._darkened
         burst = _measured(event, self._bench.now() - self._began, epoch)
         _refuse_stale(previous, burst)
         self._bench.limits.check_traces(tuple(event.leg.patching), burst.codes, scalings)
         storage.keep(event, burst)
-        self.clipped += int(np.count_nonzero(burst.clipped.any(axis=1)))
+        self._count_clipped(burst)
         last: Codes = burst.codes[-1]
         return last
 
@@ -170,10 +192,50 @@ class Measuring:
         if done > self._done:
             self._done = done
             self._progress(done, self._total)
+            self._events.progress(done, self._total, self._last_shot)
+
+    def _count_clipped(self, burst: MeasuredBurst) -> None:
+        clipped = int(np.count_nonzero(burst.clipped.any(axis=1)))
+        if clipped and not self.clipped:
+            self._events("warning", text="records touch the end of the vertical range: their peaks are cut off")
+        self.clipped += clipped
+
+    def _wait(self) -> None:
+        self._events("paused", done=self._done, total=self._total)
+        self._events.interrupted()
+        _logger.warning("paused in the dark after %s of %s records: waiting to go on", self._done, self._total)
+        self._control.wait()
+        if not self._control.stopped:
+            self._events("going on")
+            _logger.warning("going on")
+
+    def _last_shot(self) -> dict[str, Any]:
+        """What is told of the shot that was measured last, with the image that the DMD shows."""
+        event = self._last
+        if event is None:
+            return {}
+        last = event.shot if isinstance(event, Record) else self._last_of(event)
+        return {
+            "leg": event.leg.index,
+            "shot": last.index,
+            "kind": str(last.kind),
+            "dataset_index": last.dataset_index,
+            "label": last.label,
+        } | self._shown(last)
+
+    def _last_of(self, event: BurstRecord) -> Shot:
+        return self._whole[event.leg.index].shots[event.first + len(event.burst.codes) - 1]
 
     def _start(self, event: LegStarted) -> None:
         """A leg has its ranges for good from its first part on."""
         index, scalings = event.leg.index, event.scalings
+        self._events(
+            "leg started",
+            leg=index,
+            legs=len(self._whole),
+            wavelength_nm=event.leg.wavelength_nm,
+            ports=list(event.leg.patching.values()),
+        )
         if self._writer.locked_scales(index) is None:
             self._writer.scales(index, [one.scale_v for one in scalings], [one.offset_v for one in scalings])
         else:

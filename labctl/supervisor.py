@@ -26,6 +26,7 @@ from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
 from labctl.command_log import CommandLog
 from labctl.drivers import Opening, driver
+from labctl.events import EVENTS, EventLog
 from labctl.station import BY_HAND, SIMULATED, Station
 
 READY, TRYING = b"ready\n", b"trying\n"
@@ -33,6 +34,9 @@ AGAIN_S, ATTEMPTS = 1.0, 600
 """How long to wait before a laser that could not be reached is tried again, and how often."""
 ORDER = {"laser": "laser off", "awg": "AWG output off", "dmd": "DMD blank", "scope": "oscilloscope stopped"}
 """The safe state in its order: what is reached with each instrument."""
+UNSAFE = "ended without making the bench safe"
+AT_LAST = f"{UNSAFE}, the supervisor did at last: {ORDER['laser']}"
+NEVER = f"{UNSAFE}: the laser could not be reached, switch it off by its key switch"
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
 
@@ -75,20 +79,24 @@ def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[f
     log = CommandLog(started=task.log_started)
     began = time.monotonic()
 
-    def tell(what: str) -> None:
+    def tell(what: str, *, safe: bool) -> None:
         log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
+        events("safe state", reached=safe, by="supervisor", text=f"the run {what}")
         with suppress(OSError):
             os.write(STANDARD_ERROR, f"labctl: the run {what}\n".encode())
 
-    with log:
+    with log, EventLog() as events:
         unsafe = _make_safe(task, drivers, log)
-        tell(_told(task, drivers, unsafe))
+        by_hand = task.station.laser.driver in BY_HAND
+        tell(_told(drivers, unsafe, by_hand=by_hand), safe=unsafe is None and not by_hand)
         if path is not None:
+            events.keep_in(path.with_name(EVENTS))
             with suppress(OSError):
                 log.keep_in(path)
         if unsafe is not None and "laser" in unsafe.disobeyed:
             say(TRYING)
-            tell(_darkened_later(task, drivers["laser"], log, pause))
+            dark = _darkened_later(task, drivers["laser"], log, pause)
+            tell(AT_LAST if dark else NEVER, safe=dark and unsafe.disobeyed == {"laser"})
 
 
 def main() -> None:
@@ -124,25 +132,23 @@ def _make_safe(task: Task, drivers: dict[str, Opener], log: CommandLog) -> Unsaf
     return None
 
 
-def _told(task: Task, drivers: dict[str, Opener], unsafe: UnsafeBench | None) -> str:
+def _told(drivers: dict[str, Opener], unsafe: UnsafeBench | None, *, by_hand: bool) -> str:
     if unsafe is not None:
-        again = (
-            f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min" if "laser" in unsafe.disobeyed else ""
-        )
-        return f"ended without making the bench safe, and the supervisor could not: {unsafe}{again}"
+        told = f"{UNSAFE}, and the supervisor could not: {unsafe}"
+        again = f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min"
+        return told + again if "laser" in unsafe.disobeyed else told
     reached = ", ".join(ORDER[name] for name in drivers)
-    by_hand = task.station.laser.driver in BY_HAND
     laser = "; the laser is set by hand: switch it off by its key switch" if by_hand else ""
-    return f"ended without making the bench safe, the supervisor did: {reached}{laser}"
+    return f"{UNSAFE}, the supervisor did: {reached}{laser}"
 
 
-def _darkened_later(task: Task, opener: Opener, log: CommandLog, pause: Callable[[float], None]) -> str:
-    """Try to reach the laser until it is dark, or for long enough; returns how that ended."""
+def _darkened_later(task: Task, opener: Opener, log: CommandLog, pause: Callable[[float], None]) -> bool:
+    """Try to reach the laser until it is dark, or for long enough; whether it is."""
     for _ in range(ATTEMPTS):
         pause(AGAIN_S)
         if _make_safe(task, {"laser": opener}, log) is None:
-            return f"ended without making the bench safe, the supervisor did at last: {ORDER['laser']}"
-    return "ended without making the bench safe: the laser could not be reached, switch it off by its key switch"
+            return True
+    return False
 
 
 def _nobody(request: str) -> NoReturn:

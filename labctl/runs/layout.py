@@ -7,6 +7,7 @@ runs/20261121T091500Z-image-readout-1a2b3c4d/
   journal.jsonl     one checksummed line per closed shard, only ever appended to; the state of the run follows from it
   shards/000000.h5  a contiguous range of shots of one pass; never rewritten
   data.h5           all complete shots as one file, written at the end; what people open
+  events.jsonl      what the run was doing, for whoever watches it: `labctl.events`
   commands.log  figures/  report.html
 ```
 """
@@ -86,6 +87,11 @@ class RunPaths:
     def commands(self) -> Path:
         """Every message to every instrument."""
         return self.directory / "commands.log"
+
+    @property
+    def events(self) -> Path:
+        """What the run was doing."""
+        return self.directory / "events.jsonl"
 
     @property
     def figures(self) -> Path:

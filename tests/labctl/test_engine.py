@@ -10,6 +10,7 @@ from instruments.errors import InstrumentError
 from instruments.values import Frames
 from labctl.command_log import CommandLog
 from labctl.engine import Request, carry_out
+from labctl.events import EventLog
 from labctl.inputs import images_for
 from labctl.interruption import Interruption
 from labctl.opening import OpenBench, ask_operator
@@ -23,12 +24,13 @@ PROTOCOL = ImageReadout(images=40)
 
 def run(open_bench: OpenBench, directory: Path, **changes: Any) -> Any:
     options: dict[str, Any] = {"interruption": Interruption(), "progress": lambda _done, _total: None} | changes
-    with CommandLog() as log:
+    with CommandLog() as log, EventLog() as events:
         return carry_out(
             Request(PROTOCOL, images_for(PROTOCOL), Station()),
             open_bench.bench,
             log,
             directory=directory,
+            events=events,
             stopwatch=Stopwatch(lambda: 0.0),
             **options,
         )

@@ -9,6 +9,7 @@ import pytest
 from instruments.bench import UnsafeBench
 from instruments.errors import InstrumentError, LinkError
 from labctl.command_log import CommandLog
+from labctl.events import EventLog
 from labctl.lost_links import ATTEMPTS, Recovery
 from labctl.opening import OpenBench
 
@@ -25,7 +26,7 @@ def run_log(tmp_path: Path) -> Iterator[CommandLog]:
 @pytest.fixture
 def recovery(open_bench: OpenBench, run_log: CommandLog, monkeypatch: pytest.MonkeyPatch) -> Recovery:
     monkeypatch.setattr("labctl.lost_links.PAUSE_S", 0.0)
-    return Recovery(open_bench.bench, run_log)
+    return Recovery(open_bench.bench, run_log, EventLog())
 
 
 def lines(run_log: CommandLog, tmp_path: Path) -> list[str]:

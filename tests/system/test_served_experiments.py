@@ -19,6 +19,7 @@ from instruments.interfaces import PatchPanel, TunableLaser
 from labctl.acquisition import Acquisition, acquire
 from labctl.command_log import CommandLog
 from labctl.engine import Request, carry_out
+from labctl.events import EventLog
 from labctl.experiments import experiments
 from labctl.interruption import Interruption
 from labctl.main import main
@@ -205,7 +206,7 @@ def test_a_sequence_on_a_served_bench_has_the_frames_of_its_twin(straight: Path,
     protocol = SequenceReadout(ports=(2, 3), averages=2, wavelengths=(1550.0, 1551.0))
     digests = []
     for name, where in (("near", twin_in_process(tmp_path, projector=False)), ("far", straight)):
-        with CommandLog() as log, opened(read_station(where), log) as found:
+        with CommandLog() as log, EventLog() as events, opened(read_station(where), log) as found:
             outcome = carry_out(
                 Request(protocol, inputs, read_station(where)),
                 found.bench,
@@ -213,6 +214,7 @@ def test_a_sequence_on_a_served_bench_has_the_frames_of_its_twin(straight: Path,
                 directory=tmp_path / name,
                 interruption=Interruption(),
                 progress=lambda _done, _total: None,
+                events=events,
                 stopwatch=Stopwatch(lambda: 0.0),
             )
         digests.append(frames(outcome.directory))

@@ -1,0 +1,48 @@
+"""`labctl pause`, `labctl go-on`, `labctl stop`: ask a run that another process carries out."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from labctl.asking import Word, ask, stop_at_once
+from labctl.commands.output import JsonOption, say, show
+from labctl.failures import DONE, UsageError
+from labctl.runs import RunPaths
+from labctl.runs.writers import writer_of
+
+Run = Annotated[Path, typer.Argument(help="Directory of a running run.")]
+
+
+def pause(run: Run, as_json: JsonOption = False) -> int:
+    """Have a running run go dark after this record and wait."""
+    return _ask(run, Word.PAUSE, "goes dark after this record and waits for labctl go-on", as_json)
+
+
+def go_on(run: Run, as_json: JsonOption = False) -> int:
+    """End a pause."""
+    return _ask(run, Word.GO_ON, "goes on", as_json)
+
+
+def stop(
+    run: Run,
+    now: Annotated[bool, typer.Option("--now", help="Do not wait for the end of the record.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """End a running run in the safe state; labctl resume goes on with it."""
+    return _ask(run, Word.STOP_NOW if now else Word.STOP, "ends in the safe state", as_json)
+
+
+def _ask(run: Path, word: Word, what: str, as_json: bool) -> int:
+    writer = writer_of(RunPaths(run))
+    if writer is None:
+        raise UsageError(f"{run}: no process of this machine is writing this run: nothing to {word}")
+    try:
+        if word is Word.STOP_NOW:
+            stop_at_once(run, writer.process if writer.heeds_signals else None)
+        else:
+            ask(run, word)
+    except OSError as error:
+        raise UsageError(f"{run}: cannot be asked ({error.strerror}): ask as the user who runs it") from None
+    show({"run": str(run), "asked": str(word), "process": writer.process}, as_json, lambda: say(f"{run}: {what}"))
+    return DONE

@@ -1,0 +1,73 @@
+"""Which process writes a run: asked before a run is signalled, or shown as running."""
+
+import os
+import platform
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from labctl.events import Event, EventReader
+from labctl.runs.layout import RunPaths
+
+_PROCESSES = Path("/proc")
+
+
+@dataclass(frozen=True)
+class Writer:
+    """A process of this machine; `heeds_signals`: SIGTERM brings its bench into the safe state."""
+
+    process: int
+    heeds_signals: bool
+
+
+STARTS = ("run started", "run resumed")
+"""The events that say which process writes the run from then on."""
+
+
+def writer_of(paths: RunPaths) -> Writer | None:
+    """The process that writes a run, as far as its events tell; None where there is none or it has ended."""
+    reader, found = EventReader(paths.events), None
+    while events := reader.read():
+        found = next((event for event in reversed(events) if event.name in STARTS), found)
+    return None if found is None else writer_named(found, paths)
+
+
+def writer_named(started: Event, paths: RunPaths) -> Writer | None:
+    """The process that told one of `STARTS`, if it still writes the run."""
+    process = started.fields.get("process")
+    if not isinstance(process, int) or started.fields.get("host") != platform.node() or not _writes(process, paths):
+        return None
+    return Writer(process, started.fields.get("heeds_signals") is True)
+
+
+def _writes(process: int, paths: RunPaths) -> bool:
+    """Whether a process of this machine writes the run.
+
+    Linux tells by the open journal, so that no other process that got the same number is taken for it. Other systems
+    tell only whether there is such a process; Windows not even that, and it is taken to be there.
+    """
+    if process <= 0 or sys.platform == "win32":
+        return process > 0
+    if _PROCESSES.is_dir():
+        return _holds(process, paths.journal)
+    try:
+        os.kill(process, 0)
+    except OSError:
+        return False
+    return True
+
+
+def _holds(process: int, journal: Path) -> bool:
+    try:
+        wanted = os.stat(journal)
+        descriptors = list((_PROCESSES / str(process) / "fd").iterdir())
+    except OSError:
+        return False
+    return any(_same(descriptor, wanted) for descriptor in descriptors)
+
+
+def _same(descriptor: Path, wanted: os.stat_result) -> bool:
+    try:
+        return os.path.samestat(os.stat(descriptor), wanted)
+    except OSError:  # closed meanwhile
+        return False
