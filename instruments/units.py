@@ -4,7 +4,7 @@ import re
 from functools import cache
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ/]*)\s*")
 _SIGNIFICANT_DIGITS = 12
@@ -13,6 +13,16 @@ _SIGNIFICANT_DIGITS = 12
 _TRADE_UNITS = {
     "Hz": (re.compile(r"([kMG]?)(?:S/s|Sa/s)"), r"\1Hz"),
     "V": (re.compile(r"(m?V)pp"), r"\1"),
+}
+
+# How each unit is usually written, for editors: more than these is understood, and another kind of unit never meant.
+_PREFIX = "[fpnuµmkMGT]?"
+_USUAL = {
+    "s": f"({_PREFIX}s|min|h)",
+    "Hz": f"{_PREFIX}(Hz|S/s|Sa/s)",
+    "V": f"{_PREFIX}(V|Vpp)",
+    "W": f"({_PREFIX}W|dBm)",
+    "nm": f"{_PREFIX}m",
 }
 
 
@@ -52,7 +62,8 @@ def _in(unit: str) -> BeforeValidator:
     def parse(value: object) -> object:
         return quantity(value, unit) if isinstance(value, str) else value
 
-    return BeforeValidator(parse)
+    text = Field(pattern=rf"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*{_USUAL[unit]}\s*$")
+    return BeforeValidator(parse, json_schema_input_type=Annotated[str, text] | float)
 
 
 Seconds = Annotated[float, _in("s")]

@@ -47,7 +47,11 @@ def _address(text: str) -> str:
 
 
 Text = Annotated[str, Field(max_length=200), AfterValidator(_one_line)]
-Address = Annotated[Text, AfterValidator(_address)]
+Address = Annotated[Text, AfterValidator(_address), Field(description='VISA resource, or "simulated".')]
+Driver = Annotated[Text, Field(description="Which driver: an entry point of the group labctl.instruments.")]
+Channel = Annotated[int, Field(ge=1, le=4)]
+_Auxiliary = Annotated[str, Field(pattern="^([Aa][Uu][Xx]|[Aa][Uu][Xx][Ii][Ll][Ii][Aa][Rr][Yy])$")]
+Timeout = Annotated[Seconds, Field(gt=0, description="Bound on every reply.")]
 
 
 def _by_source(value: object) -> object:
@@ -57,23 +61,32 @@ def _by_source(value: object) -> object:
 class AwgSection(Section):
     """The arbitrary waveform generator."""
 
-    driver: Text = "tektronix-awg70002a"
+    driver: Driver = "tektronix-awg70002a"
     address: Address = SIMULATED
-    channel: Literal[1, 2] = 1
-    amplitude: Volts = 0.5
-    timeout: Annotated[Seconds, Field(gt=0)] = 5.0
+    channel: Annotated[Literal[1, 2], Field(description="Channel that plays the drive.")] = 1
+    amplitude: Annotated[Volts, Field(description="Of the drive, peak to peak.")] = 0.5
+    timeout: Timeout = 5.0
 
 
 class ScopeSection(Section):
     """The oscilloscope and what triggers it."""
 
-    driver: Text = "tektronix-dpo72504dx"
+    driver: Driver = "tektronix-dpo72504dx"
     address: Address = SIMULATED
-    channels: Annotated[tuple[Annotated[int, Field(ge=1, le=4)], ...], Field(min_length=1)] = (1, 2, 3, 4)
-    trigger_source: Annotated[Literal["AUX"] | Annotated[int, Field(ge=1, le=4)], BeforeValidator(_by_source)] = "AUX"
-    trigger_level: Volts = 0.5
-    trigger_slope: Literal["rise", "fall"] = "rise"
-    timeout: Annotated[Seconds, Field(gt=0)] = 10.0
+    channels: Annotated[tuple[Channel, ...], Field(min_length=1, description="Channels that carry detectors.")] = (
+        1,
+        2,
+        3,
+        4,
+    )
+    trigger_source: Annotated[
+        Literal["AUX"] | Channel,
+        BeforeValidator(_by_source, json_schema_input_type=_Auxiliary | Channel),
+        Field(description="AUX or a channel."),
+    ] = "AUX"
+    trigger_level: Annotated[Volts, Field(description="Level that triggers.")] = 0.5
+    trigger_slope: Annotated[Literal["rise", "fall"], Field(description="Edge that triggers.")] = "rise"
+    timeout: Timeout = 10.0
 
 
 class LaserSection(Section):
@@ -83,22 +96,26 @@ class LaserSection(Section):
     `armed` allows light.
     """
 
-    driver: Text = "alnair-tlg-220"
+    driver: Driver = "alnair-tlg-220"
     address: Address = SIMULATED
-    commands: Path | None = None
-    armed: bool = False
-    power: Watts = 0.03
-    wavelength: Nanometres = 1550.0
+    commands: Annotated[
+        Path | None, Field(description="File with the laser's commands; without it the driver's own table.")
+    ] = None
+    armed: Annotated[bool, Field(description="Light may be switched on.")] = False
+    power: Annotated[Watts, Field(description="Optical output power.")] = 0.03
+    wavelength: Annotated[Nanometres, Field(description="For the record: every protocol sets its own.")] = 1550.0
 
 
 class DmdSection(Section):
     """The micromirror device. `version` and `library` name the vendor's ALP library on a real bench."""
 
-    driver: Text = "vialux-alp"
-    address: Address = SIMULATED
-    version: Text = "4.3"
-    library: Text | None = None
-    timeout: Annotated[Seconds, Field(gt=0)] = 5.0
+    driver: Driver = "vialux-alp"
+    address: Annotated[Address, Field(description='VISA resource, "usb", or "simulated".')] = SIMULATED
+    version: Annotated[Text, Field(description="Version of the vendor's ALP library.")] = "4.3"
+    library: Annotated[
+        Text | None, Field(description="Folder of the vendor's ALP library; without it the system's.")
+    ] = None
+    timeout: Timeout = 5.0
 
 
 class PatchPanelSection(Section):
@@ -107,19 +124,23 @@ class PatchPanelSection(Section):
     With `bypass` the fibre that would enter the chip is wired to the oscilloscope instead, and every run measures that.
     """
 
-    driver: Text = "scpi-fibre-switch"
+    driver: Driver = "scpi-fibre-switch"
     address: Address = SIMULATED
-    ports: Ports = tuple(port for port in range(15) if port != 10)
-    bypass: bool = False
-    timeout: Annotated[Seconds, Field(gt=0)] = 5.0
+    ports: Annotated[Ports, Field(description="Waveguides that have a fibre; 0 is the fibre before the chip.")] = tuple(
+        port for port in range(15) if port != 10
+    )
+    bypass: Annotated[bool, Field(description="The fibre that would enter the chip is wired to the first channel.")] = (
+        False
+    )
+    timeout: Timeout = 5.0
 
 
 class LimitsSection(Section):
     """What must never be exceeded."""
 
-    optical_power: Watts = 0.03
-    rf_amplitude: Volts = 0.5
-    detector: Annotated[Volts, Field(gt=0)] = 1.5
+    optical_power: Annotated[Watts, Field(description="What laser.power may not exceed.")] = 0.03
+    rf_amplitude: Annotated[Volts, Field(description="What awg.amplitude may not exceed.")] = 0.5
+    detector: Annotated[Volts, Field(gt=0, description="What a detector may show at most.")] = 1.5
 
 
 class WiringSection(Section):
@@ -129,15 +150,17 @@ class WiringSection(Section):
     multimode fibre and by the DMD; without it, from the modulator straight into the chip, as for time series.
     """
 
-    burst: bool = False
-    projector: bool = True
+    burst: Annotated[bool, Field(description="DMD frame sync to AWG trigger, AWG marker to oscilloscope.")] = False
+    projector: Annotated[
+        bool, Field(description="Fibre and DMD are in the light's way; false: straight into the chip.")
+    ] = True
 
 
 class DurabilitySection(Section):
     """How much a killed process may lose: so many shots, or so many seconds."""
 
-    shots: PositiveInt = 20
-    seconds: Annotated[float, Field(gt=0)] = 1.0
+    shots: Annotated[PositiveInt, Field(description="How many shots a killed process may lose.")] = 20
+    seconds: Annotated[float, Field(gt=0, description="How many seconds of measuring it may lose.")] = 1.0
 
 
 class SimSection(Section):
@@ -146,8 +169,10 @@ class SimSection(Section):
     `parameters` are physical parameters that differ from their defaults, for studies of what a result depends on.
     """
 
-    twin_seed: int = 1
-    parameters: dict[str, float | int | bool | str] = {}
+    twin_seed: Annotated[int, Field(description="Which fibre, chip and noise.")] = 1
+    parameters: Annotated[
+        dict[str, float | int | bool | str], Field(description="Physical parameters that differ from their defaults.")
+    ] = {}
 
 
 class Station(Section):

@@ -3,7 +3,7 @@
 from itertools import product
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, PositiveInt
 
 from instruments.bench import Bench
 from instruments.units import Nanometres
@@ -34,10 +34,24 @@ def parse_list(value: object) -> object:
     return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
 
 
-Ports = Annotated[tuple[Annotated[int, Field(ge=0, le=14)], ...], BeforeValidator(parse_ports), Field(min_length=1)]
-Wavelengths = Annotated[tuple[Nanometres, ...], BeforeValidator(parse_list), Field(min_length=1)]
-Classes = Annotated[tuple[int, ...], BeforeValidator(parse_list)]
-Binarisation = Annotated[str, BeforeValidator(lambda value: str(value) if isinstance(value, int) else value)]
+Port = Annotated[int, Field(ge=0, le=14)]
+_Ranges = Annotated[str, Field(pattern=r"^\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?(,\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?)*$")]
+_Counts = Annotated[str, Field(pattern=r"^\s*\d+\s*(,\s*\d+\s*)*$")]
+Ports = Annotated[
+    tuple[Port, ...],
+    BeforeValidator(parse_ports, json_schema_input_type=_Ranges | Port | tuple[Port, ...]),
+    Field(min_length=1),
+]
+Wavelengths = Annotated[
+    tuple[Nanometres, ...],
+    BeforeValidator(parse_list, json_schema_input_type=str | tuple[Nanometres, ...]),
+    Field(min_length=1),
+]
+Classes = Annotated[tuple[int, ...], BeforeValidator(parse_list, json_schema_input_type=_Counts | tuple[int, ...])]
+Binarisation = Annotated[
+    str,
+    BeforeValidator(lambda value: str(value) if isinstance(value, int) else value, json_schema_input_type=str | int),
+]
 
 
 def parse_counts(value: object) -> int | tuple[int, ...]:
@@ -55,7 +69,10 @@ def parse_counts(value: object) -> int | tuple[int, ...]:
     return counts if several else counts[0]
 
 
-ImageCount = Annotated[int | tuple[int, ...], BeforeValidator(parse_counts)]
+ImageCount = Annotated[
+    int | tuple[int, ...],
+    BeforeValidator(parse_counts, json_schema_input_type=_Counts | PositiveInt | tuple[PositiveInt, ...]),
+]
 """How many images in all, or how many of each class."""
 
 

@@ -21,6 +21,7 @@ COMMANDS = {
     "replay": "labctl.commands.recording:replay",
     "data": "labctl.commands.data:app",
     "sim": "labctl.commands.simulation:app",
+    "schema": "labctl.commands.schema:schema",
     "doctor": "labctl.commands.doctor:doctor",
 }
 """Name -> where it is, in the order of `labctl --help`: a function, or `app` for a module of commands.
