@@ -17,7 +17,7 @@ from instruments.interfaces import TunableLaser
 from instruments.readback import confirm
 from instruments.toml_files import TomlError, one_line, read_toml
 from instruments.transcripts import Transcript
-from instruments.values import Identity, Range
+from instruments.values import Examination, Identity, Range
 from instruments.visa import MAX_ERRORS_READ, VisaLink
 
 UNKNOWN = "<unknown>"
@@ -182,6 +182,12 @@ class Tlg220(TunableLaser):
     def identify(self) -> Identity:
         """What the `identify` command answers."""
         return Identity.parse(self._ask("identify")["text"])
+
+    def examine(self) -> Examination:
+        """The error queue, and the limits of the table."""
+        settable = {name: self._command(f"set_{name}") for name in ("wavelength", "power")}
+        limits = {name: Range(command.min, command.max, command.unit) for name, command in settable.items()}
+        return Examination(errors=tuple(self._link.errors()), limits=limits)
 
     def self_test(self) -> None:
         """Ask for the error queue: the table knows no other test that needs no light."""

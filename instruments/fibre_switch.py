@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from instruments.errors import InstrumentError, OutOfRange
 from instruments.interfaces import PatchPanel
-from instruments.values import Identity
+from instruments.values import Examination, Identity
 from instruments.visa import VisaLink
 
 
@@ -19,6 +19,10 @@ class ScpiFibreSwitch(PatchPanel):
     def identify(self) -> Identity:
         """`*IDN?`."""
         return Identity.parse(self._link.query("*IDN?"))
+
+    def examine(self) -> Examination:
+        """The error queue."""
+        return Examination(errors=tuple(self._link.errors()))
 
     def self_test(self) -> None:
         """Read the error queue; the switch moves no light by itself."""

@@ -14,6 +14,7 @@ from instruments.values import (
     Burst,
     Drive,
     EdgeTrigger,
+    Examination,
     Frames,
     Identity,
     Loaded,
@@ -46,6 +47,14 @@ class Instrument(ABC):
         Raises:
             InstrumentError: it reports a fault.
         """
+
+    def examine(self) -> Examination:
+        """Ask for options and errors, and empty the error queue; an instrument that has neither is asked nothing.
+
+        Raises:
+            LinkError: it does not answer.
+        """
+        return Examination()
 
     @abstractmethod
     def settings(self) -> dict[str, str | float]:

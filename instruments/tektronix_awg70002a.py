@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from instruments.errors import InstrumentError
 from instruments.interfaces import Awg
 from instruments.readback import confirm
-from instruments.values import Drive, Identity, Loaded, Progress, Range
+from instruments.values import Drive, Examination, Identity, Loaded, Progress, Range
 from instruments.visa import VisaLink
 
 SLOW_S = 30.0
@@ -65,6 +65,11 @@ class Awg70002a(Awg):
     def identify(self) -> Identity:
         """`*IDN?`."""
         return Identity.parse(self._link.query("*IDN?"))
+
+    def examine(self) -> Examination:
+        """`*OPT?` and the error queue."""
+        limits = {"sample rate": self.SAMPLE_RATE, "amplitude": self.amplitude}
+        return Examination(self._link.query("*OPT?"), tuple(self._link.errors()), limits)
 
     def self_test(self) -> None:
         """`*TST?`: 0 means passed."""

@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from instruments.errors import InstrumentError, NoTrigger
 from instruments.interfaces import Oscilloscope
 from instruments.readback import confirm
-from instruments.values import Burst, EdgeTrigger, Frames, Identity, Range, Scaling, Timebase, Vertical
+from instruments.values import (
+    Burst,
+    EdgeTrigger,
+    Examination,
+    Frames,
+    Identity,
+    Range,
+    Scaling,
+    Timebase,
+    Vertical,
+)
 from instruments.visa import NoAnswer, VisaLink
 
 TRIGGER_WAIT_S = 10.0
@@ -53,6 +63,11 @@ class Dpo72504dx(Oscilloscope):
     def identify(self) -> Identity:
         """`*IDN?`."""
         return Identity.parse(self._link.query("*IDN?"))
+
+    def examine(self) -> Examination:
+        """`*OPT?` and the event queue."""
+        limits = {"sample rate": self.SAMPLE_RATE, "vertical scale": self.vertical_scale, "averages": self.AVERAGES}
+        return Examination(self._link.query("*OPT?"), tuple(self._link.errors()), limits)
 
     def self_test(self) -> None:
         """`*TST?`: 0 means passed."""

@@ -1,7 +1,7 @@
 """What passes between a protocol and an instrument: settings on the way there, traces on the way back."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -51,6 +51,18 @@ class Range:
                 f"choose a value inside"
             )
         return value
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What an instrument tells of its state: installed options, and the error queue as it was.
+
+    `limits` are those that its driver keeps it in.
+    """
+
+    options: str = ""
+    errors: tuple[str, ...] = ()
+    limits: Mapping[str, Range] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

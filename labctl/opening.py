@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from instruments.alnair_tlg220 import DEFAULT_TABLE, CommandTable
 from instruments.bench import Bench, Wiring, ending_with
 from instruments.errors import InstrumentError, NotConfigured
+from instruments.interfaces import Awg, Instrument
 from instruments.limits import Levels, Limits
 from instruments.toml_files import read_toml
 from instruments.transcripts import Transcript
@@ -58,16 +59,42 @@ def opened(
         RecordingError: the bench was to be recorded, and the recording cannot be written.
         OutOfRange: a level above its limit.
     """
-    with ExitStack() as stack:
-        transcript = stack.enter_context(recorded(transcript, station))
-        station = redirected(station)
-        simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
+    with _reached(station, transcript, attended=attended) as reach:
         try:
-            bench = _bench(station, transcript, simulation, attended=attended, armed=armed or _armed(station))
+            bench = _bench(reach, armed=armed or _armed(reach.station))
         except (NotConfigured, StationError) as error:
             raise StationError(f"{station.source}: {error}") from None
-        stack.enter_context(ending_with(bench.close))
-        yield OpenBench(bench, simulation)
+        with ending_with(bench.close):
+            yield OpenBench(bench, reach.simulation)
+
+
+@contextmanager
+def opened_one_by_one(
+    station: Station, transcript: Transcript, *, attended: bool = False
+) -> Iterator[dict[str, Instrument | InstrumentError]]:
+    """The instruments of `station` by name, each opened whatever becomes of another: one that cannot be is its error.
+
+    To look at a bench; it is no `Bench`, so there is no way to light. Released at the end like one.
+
+    Raises:
+        StationError: a driver that does not exist.
+        OutOfRange: a level above its limit.
+    """
+    _limits(station).check_levels(_levels(station), station.source)
+    with ExitStack() as stack:
+        reach = stack.enter_context(_reached(station, transcript, attended=attended))
+        found: dict[str, Instrument | InstrumentError] = {}
+        for name in ("laser", "awg", "dmd", "scope", "patch_panel"):
+            try:
+                found[name] = instrument = reach.open(name)
+                stack.enter_context(ending_with(instrument.close))
+                if isinstance(instrument, Awg):
+                    instrument.amplitude.check(f"{station.source}: awg.amplitude", station.awg.amplitude)
+            except InstrumentError as error:
+                found[name] = error
+            except StationError as error:
+                raise StationError(f"{station.source}: {error}") from None
+        yield found
 
 
 def simulated_bench(
@@ -135,33 +162,61 @@ def _armed(station: Station) -> bool:
     return station.laser.armed or not shines
 
 
-def _bench(
-    station: Station, transcript: Transcript, simulation: "SimulatedBench | None", *, attended: bool, armed: bool
-) -> Bench:
-    def instrument(name: str) -> Any:
-        section = getattr(station, name)
+@dataclass(frozen=True)
+class _Reach:
+    """A station whose instruments can be opened: with the addresses of a replay, the simulated bench running."""
+
+    station: Station
+    transcript: Transcript
+    simulation: "SimulatedBench | None"
+    attended: bool
+
+    def open(self, name: str) -> Any:
+        """The instrument called `name`; no message is sent."""
+        section = getattr(self.station, name)
         address = section.address
-        if simulation is not None and address == SIMULATED:
-            address = simulation.resources[name]["socket"]
+        if self.simulation is not None and address == SIMULATED:
+            address = self.simulation.resources[name]["socket"]
             if isinstance(section, LaserSection) and section.commands is None:
                 section = section.model_copy(update={"commands": SIMULATED})
-        return driver(section.driver)(section, Opening(address, transcript, ask_operator, attended, SIMULATED_LASER))
+        opening = Opening(address, self.transcript, ask_operator, self.attended, SIMULATED_LASER)
+        return driver(section.driver)(section, opening)
 
-    laser = instrument("laser")
-    if not (laser.switches_itself or attended):
+
+@contextmanager
+def _reached(station: Station, transcript: Transcript, *, attended: bool) -> Iterator[_Reach]:
+    with ExitStack() as stack:
+        transcript = stack.enter_context(recorded(transcript, station))
+        station = redirected(station)
+        simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
+        yield _Reach(station, transcript, simulation, attended)
+
+
+def _levels(station: Station) -> Levels:
+    return Levels(station.laser.power, station.awg.amplitude)
+
+
+def _limits(station: Station) -> Limits:
+    return Limits(station.limits.optical_power, station.limits.rf_amplitude, station.limits.detector)
+
+
+def _bench(reach: _Reach, *, armed: bool) -> Bench:
+    station, simulation = reach.station, reach.simulation
+    laser = reach.open("laser")
+    if not (laser.switches_itself or reach.attended):
         raise NotConfigured(
             f"laser.driver = {station.laser.driver!r}: software cannot switch this laser off, its key switch is "
             f"the only interlock: stay at the bench and repeat with --attended"
         )
     trigger = station.scope
     return Bench(
-        awg=instrument("awg"),
-        scope=instrument("scope"),
+        awg=reach.open("awg"),
+        scope=reach.open("scope"),
         laser=laser,
-        dmd=instrument("dmd"),
-        patch_panel=instrument("patch_panel"),
-        levels=Levels(station.laser.power, station.awg.amplitude),
-        limits=Limits(station.limits.optical_power, station.limits.rf_amplitude, station.limits.detector),
+        dmd=reach.open("dmd"),
+        patch_panel=reach.open("patch_panel"),
+        levels=_levels(station),
+        limits=_limits(station),
         wiring=Wiring(
             trigger=EdgeTrigger(trigger.trigger_source, trigger.trigger_level, trigger.trigger_slope == "rise"),
             channels=station.scope.channels,

@@ -1,16 +1,16 @@
 """`labctl check`: is every instrument of the station there and well?"""
 
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
 
-from instruments.errors import InstrumentError
-from instruments.interfaces import Instrument
+from labctl.checking import as_json as in_json
+from labctl.checking import check_bench
 from labctl.command_log import CommandLog
 from labctl.commands.options import StationOption
-from labctl.commands.output import JsonOption, show, table
+from labctl.commands.output import JsonOption, say, show, table
 from labctl.failures import DONE, FELL_SHORT
-from labctl.opening import opened
 from labctl.station import read_station
 
 
@@ -20,28 +20,40 @@ def check(
     as_json: JsonOption = False,
 ) -> int:
     """Connect, identify and self-test every instrument; no light is switched on."""
-    with CommandLog() as log, opened(read_station(station), log, attended=attended) as open_bench:
-        findings = {name: _check(instrument) for name, instrument in open_bench.bench.instruments.items()}
+    with CommandLog() as log:
+        checked = check_bench(read_station(station), log, attended=attended)
+    findings = {name: in_json(finding) for name, finding in checked.items()}
     well = all(finding["ok"] for finding in findings.values())
-    show(
-        {"ok": well, "instruments": findings},
-        as_json,
-        lambda: table(
-            ("instrument", "", "identity", "finding"),
-            (
-                (name, "ok" if found["ok"] else "FAILS", found["identity"], found["problem"] or "self-test passed")
-                for name, found in findings.items()
-            ),
-        ),
-    )
+    show({"ok": well, "instruments": findings}, as_json, lambda: _print(findings))
     return DONE if well else FELL_SHORT
 
 
-def _check(instrument: Instrument) -> dict[str, Any]:
-    identity = ""
-    try:
-        identity = " ".join(part for part in vars(instrument.identify()).values() if part)
-        instrument.self_test()
-    except InstrumentError as error:
-        return {"ok": False, "identity": identity, "problem": str(error)}
-    return {"ok": True, "identity": identity, "problem": ""}
+def _print(findings: dict[str, dict[str, Any]]) -> None:
+    table(
+        ("instrument", "", "address", "identity", "serial", "firmware", "options"),
+        (
+            (
+                name,
+                "ok" if found["ok"] else "FAILS",
+                found["address"],
+                f"{found['manufacturer']} {found['model']}".strip(),
+                found["serial"],
+                found["firmware"],
+                found["options"],
+            )
+            for name, found in findings.items()
+        ),
+    )
+    say("")
+    table(
+        ("instrument", "kept within", "", ""), (row for name, found in findings.items() for row in _limits(name, found))
+    )
+    say("")
+    for name, found in findings.items():
+        say(found["problem"] or f"{name}: self-test passed, no errors queued")
+
+
+def _limits(name: str, found: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    for what, limit in found["limits"].items():
+        low, high = ("" if bound is None else f"{bound:g}" for bound in (limit["low"], limit["high"]))
+        yield name, what, f"{low} to {high}", limit["unit"]
