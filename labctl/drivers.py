@@ -4,6 +4,7 @@ Each is an entry point of the group `labctl.instruments`: a function of the sect
 `Opening` that returns the instrument. A driver of another package plugs in the same way.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -25,6 +26,15 @@ from labctl.station import AwgSection, DmdSection, LaserSection, PatchPanelSecti
 GROUP = "labctl.instruments"
 USB = "usb"
 """The address of a DMD on the vendor's own USB library instead of the network."""
+
+RECOGNISED = (
+    ("awg", "tektronix-awg70002a", re.compile(r"TEKTRONIX AWG70\d{3}", re.IGNORECASE)),
+    ("scope", "tektronix-dpo72504dx", re.compile(r"TEKTRONIX (DPO|DSA|MSO)7\d{4}", re.IGNORECASE)),
+    ("laser", "alnair-tlg-220", re.compile(r"Alnair.*TLG-?2\d0", re.IGNORECASE)),
+    ("dmd", "vialux-alp", re.compile(r"ViALUX ALP", re.IGNORECASE)),
+    ("patch_panel", "scpi-fibre-switch", re.compile(r"switch", re.IGNORECASE)),
+)
+"""Instrument, its driver, and what maker and model of such a one read like."""
 
 
 @dataclass(frozen=True)

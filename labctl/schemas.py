@@ -56,13 +56,23 @@ def write_schemas(folder: Path) -> list[Path]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return [_written(folder / f"{name}.schema.json", schema_of(name)) for name in names()]
+        return [write_schema(folder / file_name(name), name) for name in names()]
     except OSError as error:
         raise UsageError(f"{folder}: cannot be written ({error.strerror}): name another folder") from None
 
 
-def _written(path: Path, schema: Schema) -> Path:
-    path.write_text(json.dumps(schema, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+def file_name(name: str) -> str:
+    """What the file with the schema of `name` is called."""
+    return f"{name}.schema.json"
+
+
+def write_schema(path: Path, name: str) -> Path:
+    """Write the schema of `name` to `path`, and return that.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path.write_text(json.dumps(schema_of(name), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return path
 
 

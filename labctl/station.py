@@ -277,10 +277,10 @@ def write_addresses(path: Path, addresses: Mapping[str, str], station: Station =
     table = station.laser.commands or Path(SIMULATED)
     commands = SIMULATED if str(table) == SIMULATED else str(table.absolute())
     whole["laser"] = whole.get("laser", {}) | {"commands": commands, "armed": True}
-    lines = [f"{key} = {_toml(value)}" for key, value in whole.items() if not isinstance(value, dict)]
+    lines = [f"{key} = {toml(value)}" for key, value in whole.items() if not isinstance(value, dict)]
     for section, values in whole.items():
         if isinstance(values, dict):
-            lines += ["", f"[{section}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
+            lines += ["", f"[{section}]", *(f"{key} = {toml(value)}" for key, value in values.items())]
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write("\n".join(lines).lstrip() + "\n")
@@ -288,8 +288,8 @@ def write_addresses(path: Path, addresses: Mapping[str, str], station: Station =
         raise StationError(f"{path}: cannot be written ({error.strerror}): name a new file") from None
 
 
-def _toml(value: object) -> str:
+def toml(value: object) -> str:
     """A value of a station file as TOML; JSON writes text, numbers, truth and lists in the same way."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(part)}" for key, part in value.items()) + " }"
+        return "{ " + ", ".join(f"{key} = {toml(part)}" for key, part in value.items()) + " }"
     return json.dumps(value, ensure_ascii=False)

@@ -3,6 +3,7 @@
 COMMANDS = {
     "demo": "labctl.commands.demo:demo",
     "reproduce": "labctl.commands.reproduce:reproduce",
+    "init": "labctl.commands.init:init",
     "check": "labctl.commands.bench:check",
     "run": "labctl.commands.run:run",
     "resume": "labctl.commands.resume:resume",

@@ -1,0 +1,173 @@
+"""`labctl init`: a station file to begin with, from what answers and what is said."""
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic import ValidationError
+
+from instruments.units import quantity
+from labctl.commands.output import JsonOption, say, show, table
+from labctl.drafting import draft
+from labctl.drivers import USB
+from labctl.failures import DONE, UsageError
+from labctl.schemas import STATION, file_name, write_schema
+from labctl.searching import SERIAL, Answer, answers_at, visible_addresses
+from labctl.station import SIMULATED, LaserSection, Station, StationError, describe
+
+MANUAL = "manual"
+BY_HAND = {"laser": "manual-laser", "patch_panel": "manual-patch-panel"}
+PLACES = {
+    "awg": "arbitrary waveform generator",
+    "scope": "oscilloscope",
+    "laser": f"laser, or '{MANUAL}'",
+    "dmd": f"DMD, or '{USB}'",
+    "patch_panel": f"patch panel, or '{MANUAL}'",
+}
+EVERY_PORT = "0-9,11-14"
+ABSENT = 'Not found, so it is simulated: write its VISA address, such as "TCPIP0::192.0.2.10::inst0::INSTR".'
+GAPS = "Its command set is not public: enter its commands in a table, try each, and name the file by commands."
+
+
+def init(
+    file: Annotated[Path, typer.Argument(help="Station file to write; must be new.")] = Path("bench.toml"),
+    addresses: Annotated[
+        list[str] | None, typer.Option("--address", help="VISA address to ask who is there; may be repeated.")
+    ] = None,
+    awg: Annotated[str | None, typer.Option("--awg", help="Its VISA address.")] = None,
+    scope: Annotated[str | None, typer.Option("--scope", help="Its VISA address.")] = None,
+    laser: Annotated[str | None, typer.Option("--laser", help="Its VISA address, or manual.")] = None,
+    dmd: Annotated[str | None, typer.Option("--dmd", help="Its VISA address, or usb.")] = None,
+    patch_panel: Annotated[str | None, typer.Option("--patch-panel", help="Its VISA address, or manual.")] = None,
+    name: Annotated[str | None, typer.Option("--name", help="What the bench is called.")] = None,
+    laser_commands: Annotated[Path | None, typer.Option("--laser-commands", help="Command table of the laser.")] = None,
+    ports: Annotated[str | None, typer.Option("--ports", help='Ports that have a fibre, such as "2-6".')] = None,
+    optical_power: Annotated[
+        str | None, typer.Option("--optical-power", help='What must never be exceeded, such as "30 mW".')
+    ] = None,
+    burst: Annotated[bool, typer.Option("--burst", help="DMD, AWG and oscilloscope are wired for bursts.")] = False,
+    search: Annotated[bool, typer.Option("--search/--no-search", help="Ask every address that VISA lists.")] = True,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: options and defaults only.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Write a station file from what answers and what you say; no light is switched on.
+
+    Every address is asked who is there (*IDN?), serial ports only where you name them. Without a terminal nothing is
+    asked of you.
+    """
+    if file.exists():
+        raise StationError(f"{file}: exists: name a new file")
+    asking = sys.stdin.isatty() and not yes
+    said = {"awg": awg, "scope": scope, "laser": laser, "dmd": dmd, "patch_panel": patch_panel}
+    named = [*(addresses or []), *(place for place in said.values() if place and "::" in place)]
+    listed = visible_addresses() if search else ()
+    answers = list(answers_at([*named, *(place for place in listed if not place.startswith(SERIAL))]))
+    proposed = {answer.instrument: answer.address for answer in reversed(answers)}
+    places = {
+        role: _asked(asking, f"Address of the {told}", said[role], proposed.get(role, SIMULATED))
+        for role, told in PLACES.items()
+    }
+    values, remarks = _instruments(places, [*answers, *answers_at(_unasked(places, named, listed))])
+    if laser_commands is not None:
+        values["laser"]["commands"] = str(laser_commands)
+    if (wired := _asked(asking, "Ports that have a fibre", ports, EVERY_PORT)) != EVERY_PORT:
+        values["patch_panel"]["ports"] = wired
+    bound = _asked(asking, "Optical power that must never be exceeded", optical_power, "30 mW")
+    values["limits"] = {"optical_power": bound, "rf_amplitude": "0.5 V"}
+    values["laser"] |= _power_below(bound)
+    wired_for_bursts = burst or (asking and typer.confirm("Wired for hardware-timed bursts?", default=False, err=True))
+    values["wiring"] = {"burst": wired_for_bursts}
+    called = _asked(asking, "Name of the bench", name, file.stem)
+    schema = file.with_name(file_name(STATION))
+    _write(file, draft(values, remarks, name=called, schema=schema.name), schema)
+    result = {
+        "station": str(file),
+        "schema": str(schema),
+        "instruments": {role: values[role] for role in PLACES},
+        "others": [
+            {"address": answer.address, "identity": answer.who}
+            for answer in answers
+            if answer.address not in places.values()
+        ],
+        "not_asked": [place for place in listed if place.startswith(SERIAL) and place not in named],
+        "next": f"labctl check --station {file}",
+    }
+    show(result, as_json, lambda: _print(result))
+    return DONE
+
+
+def _asked(asking: bool, question: str, said: str | None, default: str) -> str:
+    if said is not None:
+        return said
+    return str(typer.prompt(question, default=default, err=True)) if asking else default
+
+
+def _unasked(places: dict[str, str], named: list[str], listed: tuple[str, ...]) -> list[str]:
+    """Addresses that were typed in answer to a question."""
+    return [place for place in places.values() if "::" in place and place not in (*named, *listed)]
+
+
+def _instruments(
+    places: dict[str, str], answers: list[Answer]
+) -> tuple[dict[str, dict[str, Any]], dict[str, tuple[str, ...]]]:
+    """Driver and address of each, and what is to be known of it."""
+    values: dict[str, dict[str, Any]] = {}
+    remarks: dict[str, tuple[str, ...]] = {}
+    by_address = {answer.address: answer for answer in answers}
+    for role, place in places.items():
+        answer = by_address.get(place)
+        if place == MANUAL:
+            if role not in BY_HAND:
+                raise UsageError(f"--{role} {MANUAL}: this instrument is not set by hand: give its VISA address")
+            values[role] = {"driver": BY_HAND[role]}
+            continue
+        usual = Station.model_fields[role].default.driver
+        values[role] = {"driver": answer.driver if answer and answer.instrument == role else usual, "address": place}
+        if answer is not None:
+            remarks[role] = (f"Answered here: {' '.join(answer.who.split())}.",)
+        elif place == SIMULATED:
+            remarks[role] = (ABSENT,)
+        elif place != USB:
+            remarks[role] = ("Did not answer when this file was written.",)
+    if values["laser"].get("address", SIMULATED) != SIMULATED:
+        simulated = "(simulated)" in " ".join(remarks["laser"])
+        values["laser"] |= {"commands": SIMULATED} if simulated else {}
+        remarks["laser"] += () if simulated else (GAPS,)
+    return values, remarks
+
+
+def _power_below(bound: str) -> dict[str, str]:
+    """The laser's power where its default would exceed the limit."""
+    try:
+        return {"power": bound} if quantity(bound, "W") < LaserSection().power else {}
+    except ValueError as error:
+        raise UsageError(f"--optical-power: {error}") from None
+
+
+def _write(file: Path, text: str, schema: Path) -> None:
+    try:
+        Station.model_validate(tomllib.loads(text))
+    except ValidationError as error:
+        raise UsageError(f"{file} would be wrong: {describe(error)}") from None
+    try:
+        with file.open("x", encoding="utf-8") as opened:
+            opened.write(text)
+        if not schema.exists():
+            write_schema(schema, STATION)
+    except OSError as error:
+        raise StationError(f"{error.filename}: cannot be written ({error.strerror}): name a new file") from None
+
+
+def _print(result: dict[str, Any]) -> None:
+    say(f"{result['station']}: written, with {result['schema']} for your editor")
+    table(
+        ("instrument", "driver", "address"),
+        ((role, found["driver"], found.get("address", "by hand")) for role, found in result["instruments"].items()),
+    )
+    for other in result["others"]:
+        say(f"{other['address']} answers too: {other['identity']}")
+    for port in result["not_asked"]:
+        say(f"{port} was not asked who is there: name it by --address if an instrument is")
+    say(f"next: {result['next']}")
