@@ -5,9 +5,11 @@ Each is an entry point of the group `labctl.instruments`: a function of the sect
 """
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -58,11 +60,17 @@ def driver(name: str) -> Callable[[Any, Opening], Any]:
     Raises:
         StationError: no installed package offers it.
     """
-    found = {point.name: point for point in entry_points(group=GROUP)}
+    found = _installed(tuple(sys.path))
     if name not in found:
         raise StationError(f"driver = {name!r} is not installed: choose one of {', '.join(sorted(found))}")
     opens: Callable[[Any, Opening], Any] = found[name].load()
     return opens
+
+
+@cache
+def _installed(_search_path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Looked up once for each search path: that reads a file of every package, and a bench has five drivers."""
+    return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def tektronix_awg70002a(section: AwgSection, opening: Opening) -> Awg:

@@ -29,10 +29,10 @@ class Unloaded(TyperCommand):
 
     def load(self) -> TyperCommand | TyperGroup:
         """The command itself, its module imported."""
-        found = pkgutil.resolve_name(self._place)
-        app = found if isinstance(found, Typer) else Typer(add_completion=False, **PLAIN)
-        if app is not found:
-            app.command(self.name)(found)
+        app = pkgutil.resolve_name(self._place)
+        if not isinstance(app, Typer):
+            function, app = app, Typer(add_completion=False, **PLAIN)
+            app.command(self.name)(function)
         return cast(TyperCommand | TyperGroup, get_command(app))
 
 

@@ -50,6 +50,7 @@ Text = Annotated[str, Field(max_length=200), AfterValidator(_one_line)]
 Address = Annotated[Text, AfterValidator(_address), Field(description='VISA resource, or "simulated".')]
 Driver = Annotated[Text, Field(description="Which driver: an entry point of the group labctl.instruments.")]
 Channel = Annotated[int, Field(ge=1, le=4)]
+Channels = Annotated[tuple[Channel, ...], Field(min_length=1, description="Channels that carry detectors.")]
 _Auxiliary = Annotated[str, Field(pattern="^([Aa][Uu][Xx]|[Aa][Uu][Xx][Ii][Ll][Ii][Aa][Rr][Yy])$")]
 Timeout = Annotated[Seconds, Field(gt=0, description="Bound on every reply.")]
 
@@ -73,12 +74,7 @@ class ScopeSection(Section):
 
     driver: Driver = "tektronix-dpo72504dx"
     address: Address = SIMULATED
-    channels: Annotated[tuple[Channel, ...], Field(min_length=1, description="Channels that carry detectors.")] = (
-        1,
-        2,
-        3,
-        4,
-    )
+    channels: Channels = (1, 2, 3, 4)
     trigger_source: Annotated[
         Literal["AUX"] | Channel,
         BeforeValidator(_by_source, json_schema_input_type=_Auxiliary | Channel),

@@ -9,7 +9,7 @@ import typer
 from pydantic import ValidationError
 
 from instruments.units import quantity
-from labctl.commands.output import JsonOption, say, show, table
+from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.drafting import draft
 from labctl.drivers import USB
 from labctl.failures import DONE, UsageError
@@ -62,8 +62,9 @@ def init(
     asking = sys.stdin.isatty() and not yes
     said = {"awg": awg, "scope": scope, "laser": laser, "dmd": dmd, "patch_panel": patch_panel}
     named = [*(addresses or []), *(place for place in said.values() if place and "::" in place)]
-    listed = visible_addresses() if search else ()
-    answers = list(answers_at([*named, *(place for place in listed if not place.startswith(SERIAL))]))
+    with progress_bar("asking who is there"):
+        listed = visible_addresses() if search else ()
+        answers = list(answers_at([*named, *(place for place in listed if not place.startswith(SERIAL))]))
     proposed = {answer.instrument: answer.address for answer in reversed(answers)}
     places = {
         role: _asked(asking, f"Address of the {told}", said[role], proposed.get(role, SIMULATED))
