@@ -17,7 +17,7 @@ from labctl.runs import RunError, RunWriter, open_run, verify_run
 from labctl.station import DurabilitySection, SimSection, Station
 from protocols.base import Events, Images, Part
 from protocols.image_readout import ImageReadout
-from sim_backends.bench import SimulatedBench
+from sim_backends.faults.bench import FaultyBench
 from tests.faults.matrix import SAFE
 
 STATION = Station(
@@ -35,12 +35,12 @@ KINDS = (ZeroDivisionError, MemoryError, SystemExit, KeyboardInterrupt, Unforese
 
 
 @pytest.fixture(autouse=True)
-def simulation(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], SimulatedBench]]:
+def simulation(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], FaultyBench]]:
     """The bench that the last run was on, which has ended by then: what was sent to it has been executed."""
-    made: list[SimulatedBench] = []
+    made: list[FaultyBench] = []
     build = opening.simulated_bench
 
-    def keep(*arguments: Any, **options: Any) -> SimulatedBench:
+    def keep(*arguments: Any, **options: Any) -> FaultyBench:
         made.append(build(*arguments, **options))
         return made[-1]
 
