@@ -27,6 +27,7 @@ from labctl.tapping import recorded
 
 if TYPE_CHECKING:  # a bench of real instruments does without
     from sim_backends.bench import SimulatedBench
+    from sim_backends.faults.bench import FaultyBench
     from sim_backends.faults.specification import Listed
     from sim_backends.parameters import Parameters
 
@@ -99,7 +100,7 @@ def opened_one_by_one(
 
 def simulated_bench(
     station: Station, *, host: str = "127.0.0.1", port_base: int | None = None, faults: Sequence[str] = ()
-) -> "SimulatedBench":
+) -> "FaultyBench":
     """The simulated bench of `station`, not started; its laser speaks the station's command table if it names one.
 
     `faults` befall its instruments, each as `sim_backends.faults.specification` reads it.
