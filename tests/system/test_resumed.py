@@ -64,8 +64,8 @@ def killed(command: list[str], directory: Path, shards: int) -> None:
 
 
 def until_shards(process: subprocess.Popen[Any], directory: Path, shards: int) -> None:
-    journal = directory / "journal.jsonl"
-    while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n") >= shards):
+    journal, manifest = directory / "journal.jsonl", directory / "manifest.json"
+    while process.poll() is None and not (manifest.exists() and journal.read_bytes().count(b"\n") >= shards):
         pass
 
 

@@ -179,14 +179,14 @@ def test_an_operator_patches_and_switches_at_the_terminal(
         assert frames(acquired.outcome.directory) == frames(done["runs"][list(experiment.protocols).index(name)])
 
 
-def test_interrupted_it_ends_with_the_shot_and_begins_no_other_run(station: Path, tmp_path: Path) -> None:
+def test_interrupted_before_its_first_shot_it_ends_there_and_begins_no_other_run(station: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(STILL, encoding="utf-8")
     plan = Plan(experiments(["mine"], folder=tmp_path), read_station(station), tmp_path / "out")
     with pytest.raises(Interrupted):
         reproduce(plan, interruption=Interruption(requested=True), progress=lambda _done, _total: None)
     (begun,) = (tmp_path / "out").iterdir()
     with open_run(begun) as stored:
-        assert sum(stored.done) == 1
+        assert sum(stored.done) == 0
     with CommandLog() as log, opened(read_station(station), log) as found:
         assert found.bench.laser.settings()["emitting"] == 0
 

@@ -41,7 +41,7 @@ def test_a_killed_writer_loses_at_most_what_the_durability_allows(
         if last and last[0][2] == all_done and number % 4:
             continue  # data.h5 alone is written in dozens of small steps
         directory = tmp_path / str(number)
-        if not (directory / "journal.jsonl").exists():
+        if not (directory / "manifest.json").exists():
             assert not last
             with pytest.raises(RunError):
                 open_run(directory)
