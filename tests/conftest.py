@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import pytest
 
 from instruments.bench import Bench
-from labctl import supervision
 from labctl.opening import OpenBench, opened
 from labctl.station import Station
 from sim_backends.bench import SimulatedBench
+from tests.supervisors import none_left
 
 
 class MessageLog:
@@ -25,20 +25,9 @@ class MessageLog:
 
 
 @pytest.fixture(autouse=True)
-def no_supervisor_outlives_its_test(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """One that goes on trying to reach a laser would find another test's instrument at its address."""
-    supervisors: list[supervision._Supervisor] = []
-    begin = supervision._Supervisor.__init__
-
-    def kept(self: supervision._Supervisor, *arguments: object) -> None:
-        begin(self, *arguments)  # type: ignore[arg-type]
-        supervisors.append(self)
-
-    monkeypatch.setattr(supervision._Supervisor, "__init__", kept)
-    yield
-    for supervisor in supervisors:
-        supervisor._process.kill()
-        supervisor._process.wait()
+def no_supervisor_outlives_its_test() -> Iterator[None]:
+    with none_left():
+        yield
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ from tests.faults.matrix import (
     outcome,
     undisturbed,
 )
+from tests.supervisors import none_left
 
 DOCUMENT = Path("docs/reference/faults.md")
 NOTHING = "-"
@@ -103,7 +104,7 @@ def _outcomes() -> Iterator[tuple[str, str]]:
         if case.options not in expected:
             with tempfile.TemporaryDirectory() as folder:
                 expected[case.options] = undisturbed(Path(folder), case.options)
-        with tempfile.TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory() as folder, none_left():
             found = outcome(case, carried_out(case, Path(folder)), expected[case.options])
         sys.stderr.write(f"{case.identifier}: {found}\n")
         yield case.identifier, found
