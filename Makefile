@@ -18,7 +18,7 @@ ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: demo test test-full test-kill docs interop fuzz audit check format lock clean
+.PHONY: demo test test-full test-kill docs interop fuzz audit screenshots check format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
@@ -50,6 +50,10 @@ fuzz: $(INSTALLED)
 # Known vulnerabilities of what the lock files pin; "Error 3" means that it could not be checked.
 audit: $(INSTALLED)
 	$(BIN)/python -m tests.audit $(AUDIT) requirements.lock requirements-imaging.lock requirements-docs.lock requirements-interop.lock
+
+# The pictures of the dashboard in docs/, taken by a real browser.
+screenshots: $(INSTALLED)
+	$(BIN)/python -m tests.dashboard.screenshots docs
 
 check: $(INSTALLED) $(IMAGING)
 	$(BIN)/ruff format --check --quiet $(SOURCES)

@@ -18,6 +18,7 @@ COMMANDS = {
     "train": "labctl.commands.readout:train",
     "evaluate": "labctl.commands.evaluate:evaluate",
     "report": "labctl.commands.report:report",
+    "dashboard": "labctl.commands.dashboard:dashboard",
     "record": "labctl.commands.recording:record",
     "replay": "labctl.commands.recording:replay",
     "data": "labctl.commands.data:app",

@@ -111,13 +111,18 @@ def list_runs(folder: Path | str) -> list[RunRow]:
 
     A run that cannot be read is a row with its `problem`; what is no run directory is left out.
     """
-    folder = Path(folder)
+    return [run_row(RunPaths(path)) for path in run_directories(Path(folder))]
+
+
+def run_directories(folder: Path) -> list[Path]:
+    """The run directories in `folder`, by name; none if there is no such folder."""
     if not folder.is_dir():
         return []
-    return [_row(RunPaths(path)) for path in sorted(folder.iterdir()) if RunPaths(path).manifest.is_file()]
+    return [path for path in sorted(folder.iterdir()) if RunPaths(path).manifest.is_file()]
 
 
-def _row(paths: RunPaths) -> RunRow:
+def run_row(paths: RunPaths) -> RunRow:
+    """One run as the catalogue has it; one that cannot be read has its `problem`."""
     try:
         manifest = Manifest.read(paths)
         shots = sum(entry.shots for entry in read_journal(paths.journal).entries)

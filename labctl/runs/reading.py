@@ -214,6 +214,11 @@ def open_run(path: Path | str) -> Run:
     return Run(path, manifest, drive, shards.done, _ShardSource(shards))
 
 
+def run_of_shards(path: Path, manifest: Manifest, shards: Shards) -> Run:
+    """The shots of some shards of the run in `path`, with a manifest of their shape; without the drive."""
+    return Run(path, manifest, None, shards.done, _ShardSource(shards))
+
+
 def _require_own_files(paths: RunPaths) -> None:
     """Refuse a run whose figures, report or readouts would be written somewhere else."""
     for folder in (paths.directory, paths.figures, paths.directory / "models"):

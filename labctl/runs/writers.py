@@ -35,21 +35,26 @@ def writer_of(paths: RunPaths) -> Writer | None:
 def writer_named(started: Event, paths: RunPaths) -> Writer | None:
     """The process that told one of `STARTS`, if it still writes the run."""
     process = started.fields.get("process")
-    if not isinstance(process, int) or started.fields.get("host") != platform.node() or not _writes(process, paths):
+    if not isinstance(process, int) or is_elsewhere(started) or not _writes(process, paths):
         return None
     return Writer(process, started.fields.get("heeds_signals") is True)
+
+
+def is_elsewhere(started: Event) -> bool:
+    """Whether another machine carries the run out: nothing here can tell if it still does."""
+    return started.fields.get("host") != platform.node()
 
 
 def _writes(process: int, paths: RunPaths) -> bool:
     """Whether a process of this machine writes the run.
 
-    Linux tells by the open journal, so that no other process that got the same number is taken for it. Other systems
-    tell only whether there is such a process; Windows not even that, and it is taken to be there.
+    Linux tells by its events, which it has open to its end, so that no other process that got the same number is taken
+    for it. Other systems tell only whether there is such a process; Windows not even that, and it is taken to be there.
     """
     if process <= 0 or sys.platform == "win32":
         return process > 0
     if _PROCESSES.is_dir():
-        return _holds(process, paths.journal)
+        return _holds(process, paths.events)
     try:
         os.kill(process, 0)
     except OSError:
@@ -57,9 +62,9 @@ def _writes(process: int, paths: RunPaths) -> bool:
     return True
 
 
-def _holds(process: int, journal: Path) -> bool:
+def _holds(process: int, events: Path) -> bool:
     try:
-        wanted = os.stat(journal)
+        wanted = os.stat(events)
         descriptors = list((_PROCESSES / str(process) / "fd").iterdir())
     except OSError:
         return False

@@ -8,6 +8,7 @@ import pytest
 
 from labctl.acquisition import Acquisition, acquire
 from labctl.asking import Word, ask
+from labctl.control import Control, controlled
 from labctl.events import EventReader
 from labctl.interruption import Interruption, StoppedBySignal
 from labctl.runs import open_run
@@ -16,6 +17,7 @@ from protocols.image_readout import ImageReadout
 
 BURSTS = Station(wiring=WiringSection(burst=True))
 SOFTWARE = ImageReadout(images=10, reference_every=3, window=0.8e-9)
+ONE_LEG = ImageReadout(images=5, reference_every=3, window=0.8e-9, ports=(2,))
 BURST = ImageReadout(images=20, timing="burst", window=0.8e-9)
 
 
@@ -39,7 +41,9 @@ def frames(directory: Path) -> str:
         return run.digest()
 
 
-@pytest.mark.parametrize(("protocol", "records"), [(SOFTWARE, 3), (SOFTWARE, 25), (BURST, 22)])
+@pytest.mark.parametrize(
+    ("protocol", "records"), [pytest.param(SOFTWARE, 3, marks=pytest.mark.full), (SOFTWARE, 25), (BURST, 22)]
+)
 def test_a_paused_run_is_dark_and_goes_on_to_the_same_frames(protocol: Any, records: int, tmp_path: Path) -> None:
     run = tmp_path / "run"
     waited: list[str] = []
@@ -68,7 +72,7 @@ def test_a_pause_after_the_last_record_is_none(tmp_path: Path) -> None:
         raise AssertionError
 
     acquired = acquire(
-        Acquisition(SOFTWARE, BURSTS, tmp_path / "run"),
+        Acquisition(ONE_LEG, BURSTS, tmp_path / "run"),
         interruption=Interruption(wait=never),
         progress=lambda done, total: ask(tmp_path / "run", Word.PAUSE) if done == total else None,
     )
@@ -83,35 +87,44 @@ def test_ctrl_c_ends_a_paused_run(tmp_path: Path) -> None:
 
     interruption.wait = ctrl_c
     acquired = acquire(
-        Acquisition(SOFTWARE, BURSTS, tmp_path / "run"),
+        Acquisition(ONE_LEG, BURSTS, tmp_path / "run"),
         interruption=interruption,
         progress=asking(tmp_path / "run", at_3=Word.PAUSE),
     )
     assert not acquired.outcome.complete
     with open_run(tmp_path / "run") as stored:
-        assert stored.done == (3, 0)
+        assert stored.done == (3,)
     assert "going on" not in told(tmp_path / "run")
 
 
 def test_stop_finishes_the_record(tmp_path: Path) -> None:
     acquired = acquire(
-        Acquisition(SOFTWARE, BURSTS, tmp_path / "run"), progress=asking(tmp_path / "run", at_4=Word.STOP)
+        Acquisition(ONE_LEG, BURSTS, tmp_path / "run"), progress=asking(tmp_path / "run", at_4=Word.STOP)
     )
     assert not acquired.outcome.complete
     with open_run(tmp_path / "run") as stored:
-        assert stored.done == (4, 0)
+        assert stored.done == (4,)
 
 
 def test_stop_now_ends_in_the_safe_state(tmp_path: Path) -> None:
     with pytest.raises(StoppedBySignal):
-        acquire(Acquisition(SOFTWARE, BURSTS, tmp_path / "run"), progress=asking(tmp_path / "run", at_4=Word.STOP_NOW))
+        acquire(Acquisition(ONE_LEG, BURSTS, tmp_path / "run"), progress=asking(tmp_path / "run", at_4=Word.STOP_NOW))
     assert told(tmp_path / "run")[-2:] == ["safe state", "stopped"]
 
 
-@pytest.mark.parametrize("content", [b"", b"dance", b"\xff\xfe", b"pause" * 1000])
-def test_what_is_no_word_is_not_heeded(content: bytes, tmp_path: Path) -> None:
-    def write(done: int, _total: int) -> None:
-        if done == 3:
-            (tmp_path / "run" / "control").write_bytes(content)
+@pytest.mark.parametrize("content", [None, b"", b"dance", b"\xff\xfe", b"pause" * 1000, b"go on\n"])
+def test_what_is_no_word_holds_nothing(content: bytes | None, tmp_path: Path) -> None:
+    if content is not None:
+        (tmp_path / "control").write_bytes(content)
+    control = Control(tmp_path / "control", Interruption())
+    assert (control.holds, control.paused, control.stopped) == (False, False, False)
 
-    assert acquire(Acquisition(SOFTWARE, BURSTS, tmp_path / "run"), progress=write).outcome.complete
+
+def test_a_word_from_an_earlier_time_means_nothing(tmp_path: Path) -> None:
+    ask(tmp_path, Word.STOP)
+    with controlled(tmp_path, Interruption()) as control:
+        assert not control.holds
+        ask(tmp_path, Word.STOP)
+        assert control.holds
+        assert control.stopped
+    assert list(tmp_path.iterdir()) == []

@@ -13,8 +13,8 @@ from labctl.interruption import Interruption, StoppedBySignal
 from labctl.station import Station
 from protocols.image_readout import ImageReadout
 
-PROTOCOL = ImageReadout(images=10, reference_every=5, window=0.8e-9)
-RECORDS = 28
+PROTOCOL = ImageReadout(images=5, reference_every=5, window=0.8e-9)
+RECORDS = 14
 
 
 class Clock:

@@ -15,6 +15,7 @@ import pytest
 
 from instruments.bench import Bench
 from labctl.command_log import CommandLog
+from labctl.events import EventReader
 from labctl.opening import SIMULATED_LASER, opened
 from labctl.station import SIMULATED_STATION, Station
 from labctl.supervision import supervised
@@ -55,6 +56,8 @@ def test_a_parent_that_ended_leaves_a_safe_bench_and_a_line_in_the_log(
     done = "the supervisor did: laser off, AWG output off, DMD blank, oscilloscope stopped"
     assert f" ! run ended without making the bench safe, {done} (" in lines[-1]
     assert capfd.readouterr().err == f"labctl: the run ended without making the bench safe, {done}\n"
+    (told,) = EventReader(tmp_path / "events.jsonl").read()
+    assert (told.name, told.fields["reached"], told.fields["by"]) == ("safe state", True, "supervisor")
 
 
 def test_a_laser_set_by_hand_is_left_to_a_person(station: Station, capfd: pytest.CaptureFixture[str]) -> None:

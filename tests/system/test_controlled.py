@@ -61,6 +61,7 @@ def labctl(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int,
     return int(str(ended.value.code)), json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.full
 def test_pause_go_on_and_stop_now(
     running: tuple[subprocess.Popen[bytes], Path],
     emitting: Callable[[], bool],

@@ -1,0 +1,54 @@
+"""`labctl dashboard`: a local web page about running and past runs."""
+
+import sys
+import webbrowser
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from labctl.commands.output import JsonOption, say, show
+from labctl.failures import DONE, UsageError
+
+if TYPE_CHECKING:
+    from labctl.dashboard.serving import Served
+
+PORT = 8050
+
+
+def dashboard(
+    runs: Annotated[Path, typer.Option("--runs", help="Folder of run directories.")] = Path("runs"),
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="TCP port; 0 for any free one.")] = PORT,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to listen at; default: this machine only.")
+    ] = "127.0.0.1",
+    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Show running and past runs in a browser: watch, pause, stop, compare; Ctrl-C ends it, and no run with it."""
+    if find_spec("nicegui") is None:
+        raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
+    from labctl.dashboard.guard import is_loopback
+    from labctl.dashboard.serving import PortTaken, serve
+
+    if not is_loopback(host):
+        sys.stderr.write(
+            f"labctl: --host {host}: other machines reach this page, and its address travels unencrypted: whoever "
+            f"reads it can stop and start runs; leave --host out unless that network is yours\n"
+        )
+
+    def ready(served: "Served") -> None:
+        told = {"url": served.url, "host": served.host, "port": served.port, "runs": str(runs)}
+        show(told, as_json, lambda: say(f"{served.url}\nCtrl-C ends the dashboard; runs go on without it"))
+        sys.stdout.flush()
+        if not no_open:
+            webbrowser.open(served.url)
+
+    try:
+        serve(runs, host, port, ready)
+    except PortTaken as error:
+        raise UsageError(f"{error}: name another --port, or the --host of this machine") from None
+    except KeyboardInterrupt:
+        pass
+    return DONE

@@ -1,0 +1,270 @@
+"""The pages: the list of runs, one run, two runs beside each other.
+
+A page asks for what is new a few times a second while it is open, and sends to the browser only what has changed.
+"""
+
+from collections.abc import Callable, Iterable
+from html import escape
+from pathlib import Path
+from urllib.parse import quote
+
+from nicegui import ui
+
+from labctl.asking import Word, ask, stop_at_once
+from labctl.dashboard import starting, words
+from labctl.dashboard.state import ENDED, Phase
+from labctl.dashboard.watching import WatchedRun, Watching
+from labctl.runs import RunPaths
+from labctl.runs.comparing import settings_that_differ
+from labctl.runs.writers import Writer, writer_of
+
+REFRESH_S = 0.4
+STYLE = (Path(__file__).parent / "style.css").read_text(encoding="utf-8")
+REMEMBERED = """<script>
+document.documentElement.style.colorScheme = localStorage.getItem("labctl-scheme") || "light dark";
+</script>"""
+
+
+class Region:
+    """A part of a page that is drawn anew where its content has changed."""
+
+    def __init__(self, name: str, content: Callable[[], str]) -> None:
+        """Show what `content` says, which is HTML of this program's own making."""
+        self._content = content
+        self._element = ui.html(content(), sanitize=False).classes(f"{name}-region")
+
+    def refresh(self) -> None:
+        """Draw it anew if it says something else now."""
+        content = self._content()
+        if content != self._element.content:
+            self._element.set_content(content)
+
+
+def _refresh(regions: Iterable[Region]) -> None:
+    for region in regions:
+        region.refresh()
+
+
+def _frame(title: str) -> None:
+    ui.page_title(title)
+    ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
+    with ui.element("header"):
+        ui.html('<a class="home" href="/">labctl</a>', sanitize=False)
+        ui.html(f"<h1>{escape(title)}</h1>", sanitize=False)
+        ui.button("Colours", on_click=_next_colours, color=None).classes("colours").props("flat")
+
+
+def _next_colours() -> None:
+    """As the system has them, dark, light, and round again; remembered by the browser."""
+    ui.run_javascript(
+        "const schemes = ['light dark', 'dark', 'light'], style = document.documentElement.style;"
+        "style.colorScheme = schemes[(schemes.indexOf(style.colorScheme) + 1) % 3];"
+        "localStorage.setItem('labctl-scheme', style.colorScheme)"
+    )
+
+
+def _heading(text: str) -> None:
+    ui.html(f"<h2>{escape(text)}</h2>", sanitize=False)
+
+
+def show_list(watching: Watching) -> None:
+    """All runs, those that are running first, and the form that starts one."""
+    _frame(f"Runs in {watching.folder}")
+
+    def live() -> str:
+        found = [(name, watched) for name in watching.running() if (watched := watching.run(name)) is not None]
+        for _, watched in found:
+            watched.look()
+        return words.live(found)
+
+    with ui.element("main").classes("list"):
+        with ui.element("section"):
+            _heading("Running")
+            regions = [Region("live", live)]
+        with ui.element("section"):
+            _heading("Runs")
+            wanted = ui.input("Filter", placeholder="words, such as: image incomplete").classes("filter")
+            regions.append(
+                Region("all", lambda: words.run_list(watching.rows(), watching.running(), wanted.value or ""))
+            )
+            wanted.on_value_change(regions[-1].refresh)
+        with ui.element("section"), ui.expansion("Start a run").classes("begin"):
+            _show_form(watching)
+    ui.timer(REFRESH_S, lambda: _refresh(regions))
+
+
+def _show_form(watching: Watching) -> None:
+    with ui.element("div").classes("form"):
+        names = starting.protocols()
+        usual = starting.USUAL if starting.USUAL in names else names[0]
+        protocol = ui.select(names, value=usual, label="Protocol").classes("protocol")
+        station = ui.input("Station file", placeholder="empty: the simulated bench").classes("station")
+        settings = ui.textarea("Settings", placeholder="images=400\nwindow=1 ns").props("rows=3").classes("settings")
+        attended = ui.checkbox("somebody stands at the laser's key switch (--attended)")
+        with ui.element("div").classes("arm"):
+            armed = ui.switch("Armed: light may be switched on").classes("armed")
+            button = ui.button("Start", color=None).classes("start")
+            button.bind_enabled_from(armed, "value")
+        told = ui.label().classes("told")
+
+    def begin() -> None:
+        asked = starting.Asked(
+            str(protocol.value), settings.value or "", (station.value or "").strip(), bool(attended.value)
+        )
+        directory = starting.new_directory(watching.folder, asked)
+        try:
+            started = starting.start(asked, directory)
+        except (OSError, ValueError) as error:
+            told.set_text(str(error))
+            return
+        armed.set_value(False)
+        told.set_text(starting.in_words(asked, directory))
+
+        def follow() -> None:
+            watching.forget_list()
+            if watching.run(directory.name) is not None:
+                waiting.cancel()
+                ui.navigate.to(f"/run/{directory.name}")
+            elif failure := started.failure():
+                waiting.cancel()
+                told.set_text(failure)
+
+        waiting = ui.timer(REFRESH_S, follow)
+
+    button.on_click(begin)
+
+
+def show_run(watching: Watching, name: str) -> None:
+    """One run, live while it is running."""
+    watched = watching.run(name)
+    if watched is None:
+        show_missing(watching, name)
+        return
+    watched.look()
+    _frame(name)
+    with ui.element("main").classes("run"):
+        with ui.element("section").classes("top"):
+            regions = [
+                Region("emission", lambda: words.emission(watched.state)),
+                Region("progress", lambda: words.progress(watched.state, watched.records)),
+            ]
+            buttons = Buttons(watched)
+        with ui.element("section").classes("traces"):
+            _heading("Last shot with light")
+            regions.append(Region("ports", lambda: words.traces(watched.latest, watched.sample_interval_s)))
+        with ui.element("section").classes("dmd"):
+            _heading("On the DMD")
+            regions.append(Region("picture", lambda: words.image(watched.state)))
+        with ui.element("section"):
+            _heading("Instruments")
+            regions.append(Region("instruments", lambda: words.instruments(watched.state)))
+        with ui.element("section"):
+            _heading("Accuracy as it grows")
+            regions.append(Region("accuracy", lambda: words.accuracy(watched.curve())))
+        with ui.element("section").classes("wide"):
+            _heading("Log, UTC")
+            regions.append(Region("log", lambda: words.log(watched.state, watched.problem)))
+        with ui.element("section").classes("wide"):
+            _show_next(watching, name, watched)
+
+    def refresh() -> None:
+        watched.look()
+        _refresh(regions)
+        buttons.refresh()
+
+    ui.timer(REFRESH_S, refresh)
+
+
+class Buttons:
+    """Pause, go on, stop, and stop now: there while the run is running."""
+
+    def __init__(self, watched: WatchedRun) -> None:
+        """Buttons for one run."""
+        self._watched = watched
+        self._row = ui.element("div").classes("buttons")
+        with self._row:
+            self._pause = ui.button("Pause", on_click=self._toggle, color=None).classes("pause")
+            ui.button("Stop", on_click=lambda: self._ask(Word.STOP), color=None).classes("stop")
+            ui.button("Stop now", on_click=lambda: self._ask(Word.STOP_NOW), color=None).classes("stop-now")
+            self._told = ui.label().classes("told")
+        self._asked_in: Phase | None = None
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show what can be asked now."""
+        phase = self._watched.state.phase
+        self._row.set_visibility(phase not in ENDED and phase is not Phase.UNKNOWN)
+        self._pause.set_text("Go on" if phase is Phase.PAUSED else "Pause")
+        if self._asked_in is not None and phase is not self._asked_in:
+            self._asked_in = None
+            self._told.set_text("")
+
+    def _toggle(self) -> None:
+        self._ask(Word.GO_ON if self._watched.state.phase is Phase.PAUSED else Word.PAUSE)
+
+    def _ask(self, word: Word) -> None:
+        directory = self._watched.directory
+        try:
+            if word is Word.STOP_NOW:
+                stop_at_once(directory, _to_signal(writer_of(RunPaths(directory))))
+            else:
+                ask(directory, word)
+        except OSError as error:
+            self._told.set_text(f"cannot be asked: {error.strerror}")
+            return
+        self._asked_in = self._watched.state.phase
+        self._told.set_text(f"asked to {word}")
+
+
+def _to_signal(writer: Writer | None) -> int | None:
+    return writer.process if writer is not None and writer.heeds_signals else None
+
+
+def _show_next(watching: Watching, name: str, watched: WatchedRun) -> None:
+    """What can be done with a run: its report, and another run beside it."""
+    report = RunPaths(watched.directory).report
+    if report.is_file():
+        ui.link("Open the report", f"/report/{quote(name, safe='')}", new_tab=True).classes("report")
+    others = [row.name for row in watching.rows() if row.name != name]
+    if others:
+        other = ui.select(others, label="Compare with", with_input=True).classes("compare")
+        other.on_value_change(
+            lambda event: ui.navigate.to(f"/compare/{quote(name, safe='')}/{quote(event.value, safe='')}")
+        )
+
+
+def show_comparison(watching: Watching, one: str, other: str) -> None:
+    """Two runs: settings that differ, last traces and accuracy curves over each other."""
+    first, second = watching.run(one), watching.run(other)
+    if first is None or second is None:
+        show_missing(watching, one if first is None else other)
+        return
+    for watched in (first, second):
+        watched.look()
+    _frame("Two runs")
+    with ui.element("main").classes("comparison"):
+        with ui.element("section").classes("wide"):
+            _heading("Settings that differ")
+            found = settings_that_differ(first.manifest, second.manifest)
+            ui.html(words.differing(found, one, other), sanitize=False)
+        with ui.element("section").classes("wide traces"):
+            _heading("Last shots with light")
+            regions = [Region("ports", lambda: words.traces(first.latest, first.sample_interval_s, second.latest))]
+        with ui.element("section").classes("wide"):
+            _heading("Accuracy as it grows")
+            regions.append(Region("accuracy", lambda: words.accuracy(first.curve(), second.curve())))
+
+    def refresh() -> None:
+        for watched in (first, second):
+            watched.look()
+        _refresh(regions)
+
+    ui.timer(REFRESH_S, refresh)
+
+
+def show_missing(watching: Watching, name: str) -> None:
+    """There is no such run."""
+    _frame("No such run")
+    with ui.element("main"):
+        ui.label(f"{watching.folder} has no run {name}.")
+        ui.link("All runs", "/")

@@ -1,0 +1,287 @@
+"""What a run is doing, folded from its events. Pure: events in, a state out.
+
+Events come from files, and a run directory may be a stranger's: a field that is not what it should be counts as absent.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+from labctl.events import Event
+from labctl.runs.writers import STARTS
+
+LINES = 200
+"""Of the log that are kept."""
+LONGEST_TEXT = 500
+
+
+class Phase(StrEnum):
+    """How far a run is, in the words of the page."""
+
+    UNKNOWN = "no events"
+    PREPARING = "preparing"
+    MEASURING = "measuring"
+    PAUSED = "paused"
+    FINISHED = "finished"
+    STOPPED = "stopped"
+    FAILED = "failed"
+    LOST = "killed"
+
+
+ENDED = (Phase.FINISHED, Phase.STOPPED, Phase.FAILED, Phase.LOST)
+
+
+class Emission(StrEnum):
+    """Whether the laser emits, as far as can be told."""
+
+    ON = "on"
+    OFF = "off"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """One line of the log: UTC time, what was told, and whether it asks for attention."""
+
+    time: str
+    text: str
+    alarming: bool = False
+
+
+@dataclass(frozen=True)
+class Image:
+    """A binary image: `bits` is base64, a bit a pixel, row by row, the most significant first."""
+
+    rows: int
+    columns: int
+    bits: str
+
+
+@dataclass(frozen=True)
+class RunState:
+    """A run as its events tell it. None: was not told (yet)."""
+
+    phase: Phase = Phase.UNKNOWN
+    emission: Emission = Emission.UNKNOWN
+    started: Event | None = None
+    simulated: bool = False
+    station: str = ""
+    protocol: str = ""
+    wavelength_nm: float | None = None
+    power_w: float | None = None
+    drive: bool | None = None
+    scope: str = ""
+    patching: tuple[tuple[str, str], ...] = ()
+    leg: int | None = None
+    legs: int | None = None
+    done: int = 0
+    total: int = 0
+    rate_per_s: float | None = None
+    remaining_s: float | None = None
+    shot: int | None = None
+    kind: str = ""
+    label: int | None = None
+    dataset_index: int | None = None
+    image: Image | None = None
+    uploading: str = ""
+    last_told: str = ""
+    log: tuple[LogLine, ...] = ()
+
+    def without_writer(self) -> "RunState":
+        """This state, if no process writes the run any more: one that has not told its end was killed.
+
+        Whether it left light on nobody can tell, unless the supervisor told that it made the bench safe.
+        """
+        if self.phase in ENDED or self.phase is Phase.UNKNOWN:
+            return self
+        emission = Emission.UNKNOWN if self.emission is Emission.ON else self.emission
+        return replace(self, phase=Phase.LOST, emission=emission, rate_per_s=None, remaining_s=None)
+
+
+def advanced(state: RunState, event: Event) -> RunState:
+    """The state after an event; an event that nobody knows changes nothing."""
+    change = _CHANGES.get(event.name)
+    if change is None:
+        return state
+    changed = replace(change(state, event.fields), last_told=event.time)
+    if event.name in STARTS:
+        changed = replace(changed, started=event)
+    words = _WORDS.get(event.name)
+    if words is None:
+        return changed
+    line = LogLine(event.time, _cut(words(event.fields)), _is_alarming(event))
+    return replace(changed, log=(*changed.log, line)[-LINES:])
+
+
+def _started(_state: RunState, fields: Mapping[str, Any]) -> RunState:
+    return RunState(
+        phase=Phase.PREPARING,
+        emission=Emission.OFF,
+        protocol=_text(fields, "protocol"),
+        station=_text(fields, "station"),
+        simulated=fields.get("simulated") is True,
+        total=int(_number(fields, "records") or 0),
+        done=int(_number(fields, "done") or 0),
+        wavelength_nm=_state.wavelength_nm,
+        power_w=_state.power_w,
+        log=_state.log,
+    )
+
+
+def _emission(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    return replace(state, emission=Emission.ON if fields.get("on") is not False else Emission.OFF)
+
+
+def _patched(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    ports = fields.get("ports")
+    pairs = ports.items() if isinstance(ports, dict) else ()
+    return replace(state, patching=tuple((_cut(str(channel)), _cut(str(port))) for channel, port in pairs))
+
+
+def _scope(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    rate, samples = _number(fields, "sample_rate"), _number(fields, "samples")
+    return replace(state, scope=f"{samples:.0f} samples at {rate / 1e9:g} GS/s" if rate and samples else "")
+
+
+def _leg(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    leg, legs = _number(fields, "leg"), _number(fields, "legs")
+    return replace(
+        state,
+        phase=Phase.MEASURING,
+        uploading="",
+        leg=None if leg is None else int(leg),
+        legs=None if legs is None else int(legs),
+    )
+
+
+def _progress(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    numbers = {name: _number(fields, name) for name in ("shot", "label", "dataset_index")}
+    return replace(
+        state,
+        phase=Phase.MEASURING,
+        uploading="",
+        done=int(_number(fields, "done") or 0),
+        total=int(_number(fields, "total") or 0),
+        rate_per_s=_number(fields, "rate_per_s"),
+        remaining_s=_number(fields, "remaining_s"),
+        kind=_text(fields, "kind"),
+        image=_image(fields.get("image")),
+        **{name: None if value is None else int(value) for name, value in numbers.items()},  # type: ignore[arg-type]
+    )
+
+
+def _uploading(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    done, total = _number(fields, "done") or 0, _number(fields, "total") or 0
+    part = f"{100 * done / total:.0f} %" if total else ""
+    return replace(state, uploading="" if done >= total else f"uploading {_text(fields, 'what')} {part}")
+
+
+def _paused(state: RunState, _fields: Mapping[str, Any]) -> RunState:
+    return replace(state, phase=Phase.PAUSED, rate_per_s=None, remaining_s=None)
+
+
+def _going_on(state: RunState, _fields: Mapping[str, Any]) -> RunState:
+    return replace(state, phase=Phase.PREPARING)
+
+
+def _safe(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    if fields.get("reached") is not True:
+        off = state.emission is Emission.OFF
+        return replace(state, emission=Emission.OFF if off else Emission.UNKNOWN)
+    return replace(state, emission=Emission.OFF, drive=False, image=None, rate_per_s=None, remaining_s=None)
+
+
+def _ended(phase: Phase) -> Callable[[RunState, Mapping[str, Any]], RunState]:
+    def ended(state: RunState, _fields: Mapping[str, Any]) -> RunState:
+        return replace(state, phase=phase, rate_per_s=None, remaining_s=None, uploading="")
+
+    return ended
+
+
+def _unchanged(state: RunState, _fields: Mapping[str, Any]) -> RunState:
+    return state
+
+
+_CHANGES: dict[str, Callable[[RunState, Mapping[str, Any]], RunState]] = {
+    **dict.fromkeys(STARTS, _started),
+    "uploading": _uploading,
+    "tuned": lambda state, fields: replace(state, wavelength_nm=_number(fields, "wavelength_nm")),
+    "power set": lambda state, fields: replace(state, power_w=_number(fields, "power_w")),
+    "emission": _emission,
+    "drive": lambda state, fields: replace(state, drive=fields.get("on") is True),
+    "patched": _patched,
+    "scope set": _scope,
+    "leg started": _leg,
+    "progress": _progress,
+    "warning": _unchanged,
+    "link lost": _unchanged,
+    "link recovered": _unchanged,
+    "paused": _paused,
+    "going on": _going_on,
+    "safe state": _safe,
+    "finished": _ended(Phase.FINISHED),
+    "stopped": _ended(Phase.STOPPED),
+    "failed": _ended(Phase.FAILED),
+}
+
+_WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "run started": lambda fields: f"{_text(fields, 'protocol')} started, {_count(fields, 'records')} records",
+    "run resumed": lambda fields: f"{_text(fields, 'protocol')} resumed at {_count(fields, 'done')} records",
+    "emission": lambda fields: "laser on" if fields.get("on") is not False else "laser off",
+    "leg started": lambda fields: (
+        f"leg {_count(fields, 'leg', 1)} of {_count(fields, 'legs')}: {_number(fields, 'wavelength_nm')} nm, "
+        f"ports {_list(fields, 'ports')}"
+    ),
+    "warning": lambda fields: _text(fields, "text"),
+    "link lost": lambda fields: _text(fields, "text"),
+    "link recovered": lambda fields: _text(fields, "text"),
+    "paused": lambda _fields: "paused in the dark",
+    "going on": lambda _fields: "going on",
+    "safe state": lambda fields: (
+        _text(fields, "text") or ("safe state reached" if fields.get("reached") is True else "safe state NOT confirmed")
+    ),
+    "finished": lambda fields: f"finished: {_count(fields, 'shots')} shots",
+    "stopped": lambda fields: "stopped at once" if fields.get("at_once") is True else "stopped",
+    "failed": lambda fields: f"failed: {_text(fields, 'error')}",
+}
+
+
+def _is_alarming(event: Event) -> bool:
+    return event.name in ("warning", "link lost", "failed") or (
+        event.name == "safe state" and (event.fields.get("reached") is not True or "text" in event.fields)
+    )
+
+
+def _number(fields: Mapping[str, Any], name: str) -> float | None:
+    value = fields.get(name)
+    usable = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e15
+    return float(value) if usable else None  # type: ignore[arg-type]
+
+
+def _count(fields: Mapping[str, Any], name: str, first: int = 0) -> str:
+    value = _number(fields, name)
+    return "?" if value is None else f"{value + first:.0f}"
+
+
+def _text(fields: Mapping[str, Any], name: str) -> str:
+    value = fields.get(name, "")
+    return _cut(value) if isinstance(value, str) else ""
+
+
+def _list(fields: Mapping[str, Any], name: str) -> str:
+    value = fields.get(name)
+    return _cut(", ".join(map(str, value))) if isinstance(value, list) else "?"
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]}..."
+
+
+def _image(value: object) -> Image | None:
+    if not isinstance(value, dict):
+        return None
+    rows, columns, bits = value.get("rows"), value.get("columns"), value.get("bits")
+    if not (isinstance(rows, int) and isinstance(columns, int) and isinstance(bits, str)):
+        return None
+    return Image(rows, columns, bits) if 0 < rows <= 256 and 0 < columns <= 256 else None

@@ -1,0 +1,85 @@
+"""A dashboard in a process of its own, and a real browser to look at it with."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+WIDE, NARROW = (1280, 900), (390, 844)
+PATIENCE_MS = 120_000
+FLAGS = [
+    "--no-sandbox",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-sync",
+    "--no-first-run",
+]
+
+
+def chromium() -> str | None:
+    """Where Chromium is installed; None if it is not."""
+    return next((found for name in NAMES if (found := shutil.which(name)) is not None), None)
+
+
+@dataclass(frozen=True)
+class Dashboard:
+    """A dashboard that is served: the address it printed, and the same without the token."""
+
+    address: str
+
+    @property
+    def base(self) -> str:
+        """Scheme, host and port."""
+        return self.address.partition("/?")[0]
+
+    @property
+    def port(self) -> int:
+        """TCP port."""
+        return int(self.base.rpartition(":")[2])
+
+
+@contextmanager
+def dashboard(runs: Path) -> Iterator[Dashboard]:
+    """`labctl dashboard` for the runs in a folder."""
+    command = [*LABCTL, "dashboard", "--runs", runs.name, "--port", "0", "--no-open", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=runs.parent) as process:
+        assert process.stdout is not None
+        yield Dashboard(json.loads(process.stdout.readline())["url"])
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0
+
+
+@contextmanager
+def browser(executable: str) -> Iterator[Browser]:
+    """Chromium, without a window and without a network."""
+    expect.set_options(timeout=PATIENCE_MS)
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=executable, args=FLAGS, timeout=PATIENCE_MS)
+        yield started
+        started.close()
+
+
+def opened(browser: Browser, size: tuple[int, int] = WIDE, *, dark: bool = False) -> Page:
+    """A page of a user of its own, who waits as long as a busy machine takes."""
+    context = browser.new_context(
+        viewport={"width": size[0], "height": size[1]}, color_scheme="dark" if dark else "light"
+    )
+    context.set_default_timeout(PATIENCE_MS)
+    return context.new_page()
+
+
+def scrolls_sideways(page: Page) -> bool:
+    """Whether the page is wider than its window."""
+    return bool(page.evaluate("document.documentElement.scrollWidth > window.innerWidth"))

@@ -1,0 +1,109 @@
+"""What a run is doing, folded from its events."""
+
+from typing import Any
+
+import pytest
+
+from labctl.dashboard import words
+from labctl.dashboard.drawing import picture
+from labctl.dashboard.state import LINES, Emission, Image, Phase, RunState, advanced
+from labctl.events import Event
+
+HOSTILE = "<script>alert(1)</script>"
+
+
+def after(*events: tuple[str, dict[str, Any]]) -> RunState:
+    state = RunState()
+    for name, fields in events:
+        state = advanced(state, Event("2026-11-21T09:15:00.125Z", name, fields))
+    return state
+
+
+STARTED = ("run started", {"protocol": "image-readout", "records": 440, "station": "here", "process": 1})
+LIT = ("emission", {"on": True})
+
+
+@pytest.mark.parametrize(
+    ("events", "phase", "emission"),
+    [
+        ((), Phase.UNKNOWN, Emission.UNKNOWN),
+        ((STARTED,), Phase.PREPARING, Emission.OFF),
+        ((STARTED, LIT), Phase.PREPARING, Emission.ON),
+        ((STARTED, LIT, ("leg started", {"leg": 0, "legs": 2})), Phase.MEASURING, Emission.ON),
+        ((STARTED, LIT, ("emission", {"on": False})), Phase.PREPARING, Emission.OFF),
+        ((STARTED, LIT, ("emission", {})), Phase.PREPARING, Emission.ON),
+        ((STARTED, LIT, ("safe state", {"reached": True}), ("paused", {})), Phase.PAUSED, Emission.OFF),
+        ((STARTED, LIT, ("safe state", {"reached": False, "text": "laser"})), Phase.PREPARING, Emission.UNKNOWN),
+        ((STARTED, LIT, ("safe state", {"reached": True}), ("finished", {})), Phase.FINISHED, Emission.OFF),
+        ((STARTED, ("failed", {"error": "no"})), Phase.FAILED, Emission.OFF),
+    ],
+)
+def test_phase_and_emission(events: Any, phase: Phase, emission: Emission) -> None:
+    state = after(*events)
+    assert (state.phase, state.emission) == (phase, emission)
+
+
+def test_a_killed_run_is_dark_only_if_somebody_says_so() -> None:
+    lost = after(STARTED, LIT).without_writer()
+    assert (lost.phase, lost.emission) == (Phase.LOST, Emission.UNKNOWN)
+    assert "LASER UNKNOWN" in words.emission(lost)
+    saved = after(
+        STARTED, LIT, ("safe state", {"reached": True, "by": "supervisor", "text": "made safe"})
+    ).without_writer()
+    assert (saved.phase, saved.emission) == (Phase.LOST, Emission.OFF)
+    assert after(STARTED, ("finished", {})).without_writer().phase is Phase.FINISHED
+
+
+@pytest.mark.parametrize("value", [None, "x", -1, 1e300, float("nan"), True, [], {}, HOSTILE])
+def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
+    names = ("done", "total", "rate_per_s", "remaining_s", "shot", "kind", "label", "dataset_index", "image", "leg")
+    every = dict.fromkeys(names, value) | {"ports": value, "sample_rate": value, "samples": value, "text": value}
+    every |= {"wavelength_nm": value, "power_w": value, "on": value, "reached": value, "what": value, "error": value}
+    kinds = (
+        "run started",
+        "uploading",
+        "tuned",
+        "power set",
+        "emission",
+        "drive",
+        "patched",
+        "scope set",
+        "leg started",
+        "progress",
+        "warning",
+        "link lost",
+        "paused",
+        "safe state",
+        "finished",
+        "stopped",
+        "failed",
+        "unheard of",
+    )
+    state = after(*((name, every) for name in kinds))
+    shown = words.emission(state) + words.progress(state, (0, 0)) + words.instruments(state) + words.log(state)
+    assert "<script" not in shown
+    assert words.image(state)
+
+
+def test_text_of_a_run_is_escaped() -> None:
+    state = after(
+        ("run started", {"protocol": HOSTILE, "station": HOSTILE, "records": 3}),
+        ("patched", {"ports": {HOSTILE: HOSTILE}}),
+        ("warning", {"text": HOSTILE}),
+        ("progress", {"kind": HOSTILE, "image": {"rows": 1, "columns": 1, "bits": HOSTILE}}),
+    )
+    shown = words.progress(state, (0, 0)) + words.instruments(state) + words.log(state, HOSTILE) + words.image(state)
+    assert "<script" not in shown
+    assert shown.count("&lt;script&gt;") >= 4
+
+
+def test_the_log_is_bounded_and_its_last_line_comes_first() -> None:
+    state = after(*(("warning", {"text": f"number {n}"}) for n in range(LINES + 5)))
+    assert len(state.log) == LINES
+    assert words.log(state).index(f"number {LINES + 4}") < words.log(state).index(f"number {LINES}")
+
+
+def test_an_image_is_drawn_as_its_pixels() -> None:
+    drawn = picture(Image(2, 4, "tA=="))  # 1011 0100
+    assert 'd="M0 0h1v1h-1zM2 0h2v1h-2zM1 1h1v1h-1z"' in drawn
+    assert picture(Image(2, 400, "tA==")) == ""

@@ -1,0 +1,208 @@
+"""The dashboard in a real browser: a run is started, watched, paused and stopped from the page, and it is dark."""
+
+import re
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the dashboard needs the extra `dashboard`")
+pytest.importorskip("playwright", reason="a browser is driven by playwright")
+
+from playwright.sync_api import Browser, Page, expect
+
+from labctl.runs import open_run
+from tests.dashboard.browser import (
+    NARROW,
+    Dashboard,
+    browser,
+    chromium,
+    dashboard,
+    opened,
+    scrolls_sideways,
+)
+
+Served = tuple[dict[str, Any], Path]
+
+CHROMIUM = chromium()
+SOCKET_IO = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture(scope="module")
+def shown(runs: Path) -> Iterator[Dashboard]:
+    with dashboard(runs) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def window() -> Iterator[Browser]:
+    assert CHROMIUM is not None
+    with browser(CHROMIUM) as started:
+        yield started
+
+
+@pytest.fixture
+def page(window: Browser, shown: Dashboard) -> Iterator[Page]:
+    """The page at the address that was printed; nothing is fetched from anywhere else, and no script fails."""
+    page = opened(window)
+    wrong: list[str] = []
+    page.on(
+        "request", lambda request: None if request.url.startswith((shown.base, "data:")) else wrong.append(request.url)
+    )
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.goto(shown.address)
+    expect(page.locator(".all-region")).to_be_visible()
+    assert page.url == f"{shown.base}/", "the token stays in no address"
+    yield page
+    page.context.close()
+    assert wrong == []
+
+
+@pytest.fixture
+def emitting(served: Served) -> Iterator[Callable[[], bool]]:
+    """The laser's own word, over a connection of our own."""
+    _, host, port, _ = served[0]["laser"]["socket"].split("::")
+    with socket.create_connection((host, int(port)), timeout=10) as link, link.makefile("rb") as lines:
+
+        def ask() -> bool:
+            link.sendall(b"OUTPUT?\n")
+            return lines.readline().strip() == b"1"
+
+        yield ask
+
+
+def start(page: Page, station: Path) -> None:
+    """Start a long run on the served bench by the form, and wait until it is measuring."""
+    page.get_by_text("Start a run").click()
+    page.get_by_label("Station file").fill(str(station))
+    page.get_by_label("Settings").fill("images=1000\nwindow=0.8 ns")
+    button = page.get_by_role("button", name="Start", exact=True)
+    expect(button).to_be_disabled()
+    page.get_by_role("switch").click()
+    button.click()
+    page.wait_for_url("**/run/*")
+    says(page, ".emission-region", "LASER ON")
+    says(page, ".progress-region", r"[1-9]\d* of 2200 records")
+
+
+def says(page: Page, region: str, pattern: str) -> None:
+    expect(page.locator(region)).to_contain_text(re.compile(pattern))
+
+
+def test_a_run_is_started_watched_paused_and_stopped(
+    page: Page, served: Served, runs: Path, emitting: Callable[[], bool]
+) -> None:
+    start(page, served[1])
+    assert emitting()
+    expect(page.locator(".ports-region figure")).to_have_count(4)
+    expect(page.locator(".picture-region svg")).to_be_visible()
+    says(page, ".instruments-region", "1 ← port 2, 2 ← port 3")
+    page.get_by_role("button", name="Pause").click()
+    says(page, ".progress-region", "paused")
+    says(page, ".emission-region", "LASER OFF")
+    assert not emitting()
+    page.get_by_role("button", name="Go on").click()
+    says(page, ".emission-region", "LASER ON")
+    page.get_by_role("button", name="Stop", exact=True).click()
+    says(page, ".progress-region", "stopped")
+    says(page, ".emission-region", "LASER OFF")
+    assert not emitting()
+    expect(page.locator(".buttons")).to_be_hidden()
+    page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    assert not scrolls_sideways(page)
+    (run,) = runs.iterdir()
+    with open_run(run) as stored:
+        assert 0 < stored.done[0] < stored.shape.shots
+
+
+def test_stop_now_brings_the_safe_state(page: Page, served: Served, emitting: Callable[[], bool]) -> None:
+    start(page, served[1])
+    page.get_by_role("button", name="Stop now").click()
+    says(page, ".progress-region", "stopped")
+    says(page, ".emission-region", "LASER OFF")
+    says(page, ".log-region", "stopped at once.*safe state reached")
+    assert not emitting()
+
+
+def test_runs_are_listed_filtered_and_compared(page: Page, runs: Path) -> None:
+    """Of the tests before: two runs that were stopped."""
+    page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    rows = page.locator("a.run")
+    expect(rows).to_have_count(2)
+    page.get_by_label("Filter").fill("image complete")
+    expect(rows).to_have_count(0)
+    page.get_by_label("Filter").fill("image incomplete")
+    expect(rows).to_have_count(2)
+    assert not scrolls_sideways(page)
+    rows.first.click()
+    one, other = sorted((run.name for run in runs.iterdir()), reverse=True)
+    page.get_by_label("Compare with").click()
+    page.get_by_role("option", name=other).click()
+    page.wait_for_url(f"**/compare/{one}/{other}")
+    expect(page.locator(".ports-region polyline.b").first).to_be_attached()
+    assert not scrolls_sideways(page)
+
+
+def test_a_report_is_shown_without_its_scripts(page: Page, shown: Dashboard, runs: Path) -> None:
+    name = sorted(run.name for run in runs.iterdir())[0]
+    (runs / name / "report.html").write_text("<h1>Report</h1><script>document.title = 'stolen'</script>")
+    page.goto(f"{shown.base}/run/{name}")
+    with page.expect_popup() as opening:
+        page.get_by_text("Open the report").click()
+    expect(opening.value.locator("h1")).to_have_text("Report")
+    assert opening.value.title() != "stolen"
+    for path in ("/report/nothing", "/report/..%2f..%2fetc", "/run/nothing"):
+        assert "nothing" in path or page.request.get(f"{shown.base}{path}").status == 404
+    page.goto(f"{shown.base}/run/nothing")
+    expect(page.get_by_text("has no run nothing")).to_be_visible()
+
+
+@pytest.mark.parametrize("path", ["/", "/?token=wrong", "/run/x", "/report/x", SOCKET_IO])
+def test_without_the_token_nothing_is_shown(window: Browser, shown: Dashboard, path: str) -> None:
+    page = opened(window)
+    answer = page.goto(f"{shown.base}{path}")
+    assert answer is not None
+    assert answer.status == 403
+    page.context.close()
+
+
+def test_another_page_reaches_nothing_even_with_the_cookie(page: Page, shown: Dashboard) -> None:
+    """A page of another origin in the same browser; and who says that he is one, with the cookie in hand."""
+    other = page.context.new_page()
+    other.goto("data:text/html,<title>other</title>")
+    address = f"ws://127.0.0.1:{shown.port}{SOCKET_IO}"
+    opens = """address => new Promise(done => {
+        const socket = new WebSocket(address);
+        socket.onopen = () => done("opened");
+        socket.onerror = () => done("refused");
+    })"""
+    assert other.evaluate(opens, address) == "refused"
+    assert page.evaluate(opens, address) == "opened"
+    (cookie,) = page.context.cookies(shown.base)
+    held = f"{cookie['name']}={cookie['value']}"
+    for host, origin, expected in (
+        (f"127.0.0.1:{shown.port}", shown.base, b"101"),
+        (f"127.0.0.1:{shown.port}", "http://evil.example", b"403"),
+        (f"evil.example:{shown.port}", f"http://evil.example:{shown.port}", b"403"),
+    ):
+        assert handshake(shown.port, host, origin, held) == expected
+
+
+def handshake(port: int, host: str, origin: str, cookie: str) -> bytes:
+    """Status of an answer to a websocket's first request."""
+    request = (
+        f"GET {SOCKET_IO} HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nCookie: {cookie}\r\nConnection: Upgrade\r\n"
+        "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    )
+    with socket.create_connection(("127.0.0.1", port), timeout=30) as link, link.makefile("rb") as lines:
+        link.sendall(request.encode())
+        return lines.readline().split()[1]
