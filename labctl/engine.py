@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -202,7 +201,12 @@ def _measure(
 ) -> Outcome:
     """Measure what `writer` lacks and finish the run."""
     before = writer.complete
-    writer.room.tell = partial(log, "run", "!")
+
+    def tell_room(line: str) -> None:
+        log("run", "!", line)
+        events("warning", text=line)
+
+    writer.room.tell = tell_room
     clock = time.perf_counter(), bench.now()
     with controlled(writer.paths.directory, interruption) as control:
         measuring = Measuring(

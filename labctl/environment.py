@@ -18,6 +18,7 @@ OK, MISSING, BROKEN = "ok", "missing", "broken"
 EXTRAS = {
     "alp": "ViALUX DMDs on USB",
     "data": "runs as xarray Datasets, and their export as netCDF and zarr",
+    "dashboard": "runs in a browser: labctl dashboard",
     "dlpc900": "TI DLPC900 DMDs on USB",
     "imaging": "image reconstruction by networks: experiments fig6 and s6",
     "serial": "instruments at serial ports, such as the laser",

@@ -102,14 +102,17 @@ def _show_form(watching: Watching) -> None:
         settings = ui.textarea("Settings", placeholder="images=400\nwindow=1 ns").props("rows=3").classes("settings")
         attended = ui.checkbox("somebody stands at the laser's key switch (--attended)")
         with ui.element("div").classes("arm"):
-            armed = ui.switch("Armed: light may be switched on").classes("armed")
+            armed = ui.switch("light may be switched on (--arm)").classes("armed")
             button = ui.button("Start", color=None).classes("start")
-            button.bind_enabled_from(armed, "value")
         told = ui.label().classes("told")
 
     def begin() -> None:
         asked = starting.Asked(
-            str(protocol.value), settings.value or "", (station.value or "").strip(), bool(attended.value)
+            str(protocol.value),
+            settings.value or "",
+            (station.value or "").strip(),
+            armed=bool(armed.value),
+            attended=bool(attended.value),
         )
         directory = starting.new_directory(watching.folder, asked)
         try:

@@ -26,6 +26,7 @@ class Asked:
     protocol: str
     settings: str = ""
     station: str = ""
+    armed: bool = False
     attended: bool = False
 
 
@@ -55,8 +56,8 @@ def arguments(asked: Asked, directory: Path) -> list[str]:
     """What is typed after `labctl` for it."""
     settings = [line.strip() for line in asked.settings.splitlines() if line.strip()]
     station = [f"--station={asked.station}"] if asked.station else []
-    attended = ["--attended"] if asked.attended else []
-    return ["run", asked.protocol, *(f"--set={one}" for one in settings), *station, *attended, f"--out={directory}"]
+    allowed = [word for word, said in (("--arm", asked.armed), ("--attended", asked.attended)) if said]
+    return ["run", asked.protocol, *(f"--set={one}" for one in settings), *station, *allowed, f"--out={directory}"]
 
 
 def in_words(asked: Asked, directory: Path) -> str:

@@ -16,6 +16,7 @@ LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 WIDE, NARROW = (1280, 900), (390, 844)
 PATIENCE_MS = 120_000
+SOON_MS = 20_000
 FLAGS = [
     "--no-sandbox",
     "--disable-background-networking",
@@ -80,6 +81,12 @@ def opened(browser: Browser, size: tuple[int, int] = WIDE, *, dark: bool = False
     return context.new_page()
 
 
-def scrolls_sideways(page: Page) -> bool:
-    """Whether the page is wider than its window."""
-    return bool(page.evaluate("document.documentElement.scrollWidth > window.innerWidth"))
+def narrow(page: Page) -> None:
+    """Make the window as wide as a telephone; the page must come to fit into it."""
+    page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    fits(page)
+
+
+def fits(page: Page) -> None:
+    """Wait until the page is no wider than its window, which it is at once but for what is still being drawn."""
+    page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth", timeout=SOON_MS)

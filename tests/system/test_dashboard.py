@@ -14,15 +14,7 @@ pytest.importorskip("playwright", reason="a browser is driven by playwright")
 from playwright.sync_api import Browser, Page, expect
 
 from labctl.runs import open_run
-from tests.dashboard.browser import (
-    NARROW,
-    Dashboard,
-    browser,
-    chromium,
-    dashboard,
-    opened,
-    scrolls_sideways,
-)
+from tests.dashboard.browser import Dashboard, browser, chromium, dashboard, fits, narrow, opened
 
 Served = tuple[dict[str, Any], Path]
 
@@ -80,15 +72,21 @@ def emitting(served: Served) -> Iterator[Callable[[], bool]]:
         yield ask
 
 
+@pytest.fixture
+def unarmed(served: Served, tmp_path: Path) -> Path:
+    """A station file of the served bench that allows no light."""
+    path = tmp_path / "unarmed.toml"
+    path.write_text(served[1].read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
+    return path
+
+
 def start(page: Page, station: Path) -> None:
     """Start a long run on the served bench by the form, and wait until it is measuring."""
     page.get_by_text("Start a run").click()
     page.get_by_label("Station file").fill(str(station))
     page.get_by_label("Settings").fill("images=1000\nwindow=0.8 ns")
-    button = page.get_by_role("button", name="Start", exact=True)
-    expect(button).to_be_disabled()
     page.get_by_role("switch").click()
-    button.click()
+    page.get_by_role("button", name="Start", exact=True).click()
     page.wait_for_url("**/run/*")
     says(page, ".emission-region", "LASER ON")
     says(page, ".progress-region", r"[1-9]\d* of 2200 records")
@@ -99,9 +97,9 @@ def says(page: Page, region: str, pattern: str) -> None:
 
 
 def test_a_run_is_started_watched_paused_and_stopped(
-    page: Page, served: Served, runs: Path, emitting: Callable[[], bool]
+    page: Page, unarmed: Path, runs: Path, emitting: Callable[[], bool]
 ) -> None:
-    start(page, served[1])
+    start(page, unarmed)
     assert emitting()
     expect(page.locator(".ports-region figure")).to_have_count(4)
     expect(page.locator(".picture-region svg")).to_be_visible()
@@ -117,15 +115,22 @@ def test_a_run_is_started_watched_paused_and_stopped(
     says(page, ".emission-region", "LASER OFF")
     assert not emitting()
     expect(page.locator(".buttons")).to_be_hidden()
-    page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
-    assert not scrolls_sideways(page)
+    narrow(page)
     (run,) = runs.iterdir()
     with open_run(run) as stored:
         assert 0 < stored.done[0] < stored.shape.shots
 
 
-def test_stop_now_brings_the_safe_state(page: Page, served: Served, emitting: Callable[[], bool]) -> None:
-    start(page, served[1])
+def test_what_nobody_allows_is_refused_and_told(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
+    page.get_by_text("Start a run").click()
+    page.get_by_label("Station file").fill(str(unarmed))
+    page.get_by_role("button", name="Start", exact=True).click()
+    says(page, ".form .told", "the laser is not armed, no light is switched on")
+    assert not emitting()
+
+
+def test_stop_now_brings_the_safe_state(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
+    start(page, unarmed)
     page.get_by_role("button", name="Stop now").click()
     says(page, ".progress-region", "stopped")
     says(page, ".emission-region", "LASER OFF")
@@ -135,21 +140,21 @@ def test_stop_now_brings_the_safe_state(page: Page, served: Served, emitting: Ca
 
 def test_runs_are_listed_filtered_and_compared(page: Page, runs: Path) -> None:
     """Of the tests before: two runs that were stopped."""
-    page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    narrow(page)
     rows = page.locator("a.run")
     expect(rows).to_have_count(2)
     page.get_by_label("Filter").fill("image complete")
     expect(rows).to_have_count(0)
     page.get_by_label("Filter").fill("image incomplete")
     expect(rows).to_have_count(2)
-    assert not scrolls_sideways(page)
+    fits(page)
     rows.first.click()
     one, other = sorted((run.name for run in runs.iterdir()), reverse=True)
     page.get_by_label("Compare with").click()
     page.get_by_role("option", name=other).click()
     page.wait_for_url(f"**/compare/{one}/{other}")
     expect(page.locator(".ports-region polyline.b").first).to_be_attached()
-    assert not scrolls_sideways(page)
+    fits(page)
 
 
 def test_a_report_is_shown_without_its_scripts(page: Page, shown: Dashboard, runs: Path) -> None:

@@ -73,13 +73,14 @@ def test_runs_are_found_by_their_names_only(run: Path) -> None:
 
 
 def test_the_command_that_is_started_is_one_that_labctl_takes(tmp_path: Path) -> None:
-    asked = Asked("image-readout", " images=4 \n\nwindow=1 ns\n", "no such.toml", attended=True)
+    asked = Asked("image-readout", " images=4 \n\nwindow=1 ns\n", "no such.toml", armed=True, attended=True)
     assert starting.arguments(asked, tmp_path / "run") == [
         "run",
         "image-readout",
         "--set=images=4",
         "--set=window=1 ns",
         "--station=no such.toml",
+        "--arm",
         "--attended",
         f"--out={tmp_path / 'run'}",
     ]
