@@ -137,9 +137,7 @@ def log(state: RunState, problem: str = "") -> str:
 
 def row_state(row: RunRow, running: bool) -> str:
     """How far a run of the list is, in a word."""
-    if row.problem:
-        return "damaged"
-    return "running" if running else "complete" if row.complete else "incomplete"
+    return "running" if running else row.state
 
 
 def run_list(rows: Sequence[RunRow], running: Sequence[str], wanted: str) -> str:

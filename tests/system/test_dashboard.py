@@ -13,7 +13,10 @@ pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
 from playwright.sync_api import Browser, Page, expect
 
+from labctl.acquisition import Acquisition, acquire
 from labctl.runs import open_run
+from labctl.station import Station
+from protocols.image_readout import ImageReadout
 from tests.dashboard.browser import Dashboard, browser, chromium, dashboard, fits, narrow, opened
 
 Served = tuple[dict[str, Any], Path]
@@ -26,7 +29,11 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not instal
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("runs")
+    """A folder with two runs that are complete."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, seed in (("past-one", 1), ("past-other", 2)):
+        acquire(Acquisition(ImageReadout(images=5, window=0.8e-9, ports=(2,), seed=seed), Station(), folder / name))
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +123,7 @@ def test_a_run_is_started_watched_paused_and_stopped(
     assert not emitting()
     expect(page.locator(".buttons")).to_be_hidden()
     narrow(page)
-    (run,) = runs.iterdir()
-    with open_run(run) as stored:
+    with open_run(runs / page.url.rpartition("/")[2]) as stored:
         assert 0 < stored.done[0] < stored.shape.shots
 
 
@@ -138,35 +144,33 @@ def test_stop_now_brings_the_safe_state(page: Page, unarmed: Path, emitting: Cal
     assert not emitting()
 
 
-def test_runs_are_listed_filtered_and_compared(page: Page, runs: Path) -> None:
-    """Of the tests before: two runs that were stopped."""
+def test_runs_are_listed_filtered_and_compared(page: Page) -> None:
     narrow(page)
     rows = page.locator("a.run")
-    expect(rows).to_have_count(2)
-    page.get_by_label("Filter").fill("image complete")
+    page.get_by_label("Filter").fill("past incomplete")
     expect(rows).to_have_count(0)
-    page.get_by_label("Filter").fill("image incomplete")
+    page.get_by_label("Filter").fill("past complete")
     expect(rows).to_have_count(2)
     fits(page)
-    rows.first.click()
-    one, other = sorted((run.name for run in runs.iterdir()), reverse=True)
+    rows.filter(has_text="past-one").click()
     page.get_by_label("Compare with").click()
-    page.get_by_role("option", name=other).click()
-    page.wait_for_url(f"**/compare/{one}/{other}")
-    expect(page.locator(".ports-region polyline.b").first).to_be_attached()
+    page.get_by_role("option", name="past-other").click()
+    page.wait_for_url("**/compare/past-one/past-other")
+    expect(page.locator(".differing")).to_contain_text("protocol.settings.seed")
+    expect(page.locator(".ports-region polyline.b")).to_be_attached()
     fits(page)
 
 
 def test_a_report_is_shown_without_its_scripts(page: Page, shown: Dashboard, runs: Path) -> None:
-    name = sorted(run.name for run in runs.iterdir())[0]
-    (runs / name / "report.html").write_text("<h1>Report</h1><script>document.title = 'stolen'</script>")
-    page.goto(f"{shown.base}/run/{name}")
+    (runs / "past-one" / "report.html").write_text("<h1>Report</h1><script>document.title = 'stolen'</script>")
+    (runs / "past-other" / "report.html").symlink_to("/etc/hostname")
+    page.goto(f"{shown.base}/run/past-one")
     with page.expect_popup() as opening:
         page.get_by_text("Open the report").click()
     expect(opening.value.locator("h1")).to_have_text("Report")
     assert opening.value.title() != "stolen"
-    for path in ("/report/nothing", "/report/..%2f..%2fetc", "/run/nothing"):
-        assert "nothing" in path or page.request.get(f"{shown.base}{path}").status == 404
+    for name in ("past-other", "nothing", "..%2fpast-one"):
+        assert page.request.get(f"{shown.base}/report/{name}").status == 404
     page.goto(f"{shown.base}/run/nothing")
     expect(page.get_by_text("has no run nothing")).to_be_visible()
 
