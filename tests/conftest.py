@@ -1,14 +1,27 @@
 """A simulated bench behind real sockets, opened with the project's own drivers: what most tests stand on."""
 
+import os
 from collections.abc import Iterator
 
+# Tests run side by side and have one core each; BLAS threads without a core of their own wait for each other, busily.
+# Processes that tests start inherit it.
+os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+import hypothesis
 import pytest
+from threadpoolctl import threadpool_limits
 
 from instruments.bench import Bench
 from labctl.opening import OpenBench, opened
 from labctl.station import Station
 from sim_backends.bench import SimulatedBench
 from tests.supervisors import none_left
+
+threadpool_limits(1)  # of a library that a plugin has loaded before
+
+# How long an example takes depends on what else the machine does.
+hypothesis.settings.register_profile("labctl", deadline=None)
+hypothesis.settings.load_profile("labctl")
 
 
 class MessageLog:

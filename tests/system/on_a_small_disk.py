@@ -3,7 +3,6 @@
 Usage: `on_a_small_disk.py FOLDER STATION PROTOCOL...`. One line of JSON on standard output.
 """
 
-import contextlib
 import json
 import shutil
 import subprocess
@@ -15,6 +14,7 @@ from typing import Any
 
 from labctl.runs import RunError, RunWriter, open_run, verify_run
 from tests.labctl.runs.conftest import SMALL, begin, measure_missing
+from tests.system.waiting import until_stored
 
 LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
 SIZE = 1 << 21
@@ -37,9 +37,7 @@ def while_a_run_goes_on(folder: Path, station: str, protocol: list[str]) -> dict
     command = [*LABCTL, "run", *protocol, "--station", station, "--out", str(directory)]
     journal = directory / "journal.jsonl"
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
-        while process.poll() is None and not (journal.exists() and journal.stat().st_size):
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(1e-3)
+        until_stored(process, directory)
         acknowledged = journal.read_bytes().count(b"\n")
         fill(ballast)
         _, told = process.communicate()

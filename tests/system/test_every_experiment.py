@@ -78,17 +78,46 @@ def read(name: str) -> Content:
     return tomllib.loads((FOLDER / f"{name}.toml").read_text("utf-8"))
 
 
+def use(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the command find its experiments in `folder`, and work on one core: tests run side by side."""
+    monkeypatch.setattr("labctl.commands.reproduce.experiments", partial(experiments, folder=folder))
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+
+
+Everything = tuple[int, Entry, Path]
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> Everything:
+    """All experiments by one command, equal runs measured once: exit status, JSON, and where it wrote."""
+    folder = tmp_path_factory.mktemp("everything")
+    for experiment in experiments():
+        write(folder / "experiments", experiment.name, smaller(read(experiment.name)))
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        use(folder / "experiments", monkeypatch)
+        with pytest.raises(SystemExit) as ended:
+            main(["reproduce", "all", "--quick", "--json", "--out", str(folder / "out")])
+    whole = json.loads((folder / "out" / "report.json").read_text("utf-8"))
+    return int(ended.value.code or 0), whole, folder / "out"
+
+
+def brief() -> Content:
+    """Figure 3 from few images at two acquisition times, for what does not depend on the size of an experiment."""
+    content = read("fig3")
+    for run in content["runs"].values():
+        run["settings"] |= {"images": 40, "averages": 1}
+    content["settings"] |= {"windows": ["0.4 ns", "0.56 ns"], "numerical_windows": ["0.4 ns"], "learning_sizes": [20]}
+    content["must"] = [must for must in content["must"] if must["path"][-1] in ("0.4", "0.56")]
+    return content
+
+
 Reproduce = Callable[..., tuple[int, Entry, Path]]
 
 
 @pytest.fixture
 def reproduce(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Reproduce:
     """The command on an experiment's file written to a folder of its own: exit status, JSON, and where it wrote."""
-    own_folder = partial(experiments, folder=tmp_path / "experiments")
-    monkeypatch.setattr("labctl.commands.reproduce.experiments", own_folder)
-    # Tests run side by side: each has one core.
-    monkeypatch.setattr(os, "cpu_count", lambda: 1)
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    use(tmp_path / "experiments", monkeypatch)
 
     def carry_out(name: str, content: Content, *others: str, out: str = "out") -> tuple[int, Entry, Path]:
         write(tmp_path / "experiments", name, content)
@@ -155,8 +184,9 @@ def switch_seen(_content: Content, entry: Entry) -> None:
     assert entry["here"]["switch_by_correlation"]["share_within_1_us"] == 1.0
 
 
-def all_reached(_content: Content, entry: Entry) -> None:
-    """Nothing learns here, so that nothing is missing in the small form."""
+def all_reached(content: Content, entry: Entry) -> None:
+    """Nothing learns here: it is carried out as the house's file says."""
+    assert content == read(entry["name"])
     assert entry["passed"]
 
 
@@ -178,36 +208,44 @@ SEEN: Mapping[str, Callable[[Content, Entry], None]] = {
 
 
 @pytest.mark.parametrize("experiment", experiments(), ids=lambda experiment: experiment.name)
-def test_an_experiment_goes_from_its_file_to_figures_and_report(experiment: Experiment, reproduce: Reproduce) -> None:
+def test_an_experiment_goes_from_its_file_to_figures_and_report(experiment: Experiment, everything: Everything) -> None:
     require_data(experiment)
+    _, whole, out = everything
     content = smaller(read(experiment.name))
-    status, entry, out = reproduce(experiment.name, content)
+    (entry,) = [entry for entry in whole["experiments"] if entry["name"] == experiment.name]
 
-    assert status == (0 if entry["passed"] else 1)
     assert entry.keys() >= {"name", "paper", "here", "baseline", "seeds", "splits", "passed", "seconds"}
-    assert (entry["name"], entry["paper"]) == (experiment.name, experiment.paper)
+    assert entry["paper"] == experiment.paper
     assert (entry["seeds"], entry["splits"]) == (experiment.quick_twins, experiment.quick_splits)
     assert len(entry["must"]) == len(experiment.must)
     assert all(math.isfinite(must["here"]) for must in entry["must"])
     assert entry["passed"] == all(must["reached"] for must in entry["must"])
-    assert json.loads((out / "report.json").read_text("utf-8"))["experiments"][0]["here"] == entry["here"]
 
     drawn = list((out / "figures").glob(f"{experiment.name}-*.svg"))
-    page = (out / "report.html").read_text("utf-8")
     assert drawn
-    assert page.count("<figure") == len(drawn)
     for svg in drawn:
         assert svg.read_text("utf-8").endswith("</svg>\n")
         assert svg.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
-    assert escape(experiment.title) in page
-    assert not re.search(r"https?://(?!www\.w3\.org)", page), "it stands alone"
+    assert escape(experiment.title) in (out / "report.html").read_text("utf-8")
 
     if experiment.analysis in SEEN:
         SEEN[experiment.analysis](content, entry)
 
 
+def test_one_report_holds_every_figure(everything: Everything) -> None:
+    status, whole, out = everything
+    assert status == (0 if whole["passed"] else 1)
+    assert whole["passed"] == all(entry["passed"] for entry in whole["experiments"])
+    assert [entry["name"] for entry in whole["experiments"] if "skipped" not in entry] == [
+        name for name in (found.name for found in experiments()) if list((out / "figures").glob(f"{name}-*.svg"))
+    ]
+    page = (out / "report.html").read_text("utf-8")
+    assert page.count("<figure") == len(list((out / "figures").glob("*.svg")))
+    assert not re.search(r"https?://(?!www\.w3\.org)", page), "it stands alone"
+
+
 def test_the_same_seed_gives_the_same_frames_and_figures(reproduce: Reproduce) -> None:
-    content = smaller(read("fig3"))
+    content = brief()
     first, again = (reproduce("fig3", content, out=out)[1] for out in ("first", "again"))
     assert [open_run(run).digest() for run in first["runs"]] == [open_run(run).digest() for run in again["runs"]]
     assert (first["here"], first["baseline"]) == (again["here"], again["baseline"])
@@ -251,7 +289,7 @@ def test_figures_asked_for_in_vain_cost_nothing_that_was_measured(reproduce: Rep
 
 
 def test_an_analysis_that_fails_costs_no_other_experiment_its_results(reproduce: Reproduce, tmp_path: Path) -> None:
-    too_long = smaller(read("fig3"))
+    too_long = brief()
     too_long["settings"] |= {"windows": ["3 ns"], "confusion": []}
     write(tmp_path / "experiments", "too-long", too_long)
     status, whole, out = reproduce("fig2", smaller(read("fig2")), "too-long")

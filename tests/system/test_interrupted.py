@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from labctl.runs import open_run
+from tests.system.waiting import until_stored
 
 Served = tuple[dict[str, Any], Path]
 
@@ -21,9 +22,7 @@ def running(served: Served, labctl_command: tuple[str, ...], tmp_path: Path) -> 
     directory = tmp_path / "run"
     command = [*labctl_command, "run", "image-readout", "--station", str(served[1]), "--out", str(directory)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
-        journal = directory / "journal.jsonl"
-        while process.poll() is None and not (journal.exists() and journal.stat().st_size):
-            pass
+        until_stored(process, directory)
         yield process, directory
         process.kill()
 

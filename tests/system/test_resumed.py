@@ -20,6 +20,7 @@ from labctl.protocol_files import read_protocol
 from labctl.runs import RunWriter, open_run, verify_run
 from labctl.station import Station, read_station, write_addresses
 from sim_backends.bench import SimulatedBench
+from tests.system.waiting import until_stored
 
 resource = pytest.importorskip("resource")
 
@@ -58,15 +59,9 @@ def digests(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], s
 def killed(command: list[str], directory: Path, shards: int) -> None:
     """Carry out `command` until the run's journal has so many lines, then SIGKILL."""
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        until_shards(process, directory, shards)
+        until_stored(process, directory, shards)
         process.kill()
     assert process.returncode == -signal.SIGKILL, "it ended before it could be killed"
-
-
-def until_shards(process: subprocess.Popen[Any], directory: Path, shards: int) -> None:
-    journal, manifest = directory / "journal.jsonl", directory / "manifest.json"
-    while process.poll() is None and not (manifest.exists() and journal.read_bytes().count(b"\n") >= shards):
-        pass
 
 
 def few_shots_a_shard(path: Path, shots: int) -> Path:
@@ -135,7 +130,7 @@ def test_a_full_disk_keeps_what_was_stored_and_the_run_goes_on(
     station = few_shots_a_shard(tmp_path / "station.toml", 5)
     command = [*labctl_command, "run", *SOFTWARE, "--station", str(station), "--out", str(directory)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
-        until_shards(process, directory, 1)
+        until_stored(process, directory, 1)
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (5_000, resource.RLIM_INFINITY))
         _, told = process.communicate(timeout=60)
     assert process.returncode == 2
@@ -249,7 +244,7 @@ def test_a_stopped_run_names_the_command_that_goes_on(
     directory = tmp_path / "run"
     command = [*labctl_command, "run", *SOFTWARE, "--station", str(station), "--out", str(directory)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
-        until_shards(process, directory, 1)
+        until_stored(process, directory, 1)
         process.send_signal(number)
         told, _ = process.communicate(timeout=30)
     assert process.returncode == 130
