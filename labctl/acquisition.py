@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from labctl.calibration import newest
 from labctl.command_log import CommandLog
 from labctl.engine import Outcome, Request, carry_out, durability_of, go_on
 from labctl.events import EventLog
@@ -88,8 +89,9 @@ def acquire(
         tell_states(open_bench.bench, events)
         if acquisition.profile:
             stopwatch.watch(open_bench.bench)
+        calibrated = newest(station)
         outcome = carry_out(
-            Request(protocol, inputs, station),
+            Request(protocol, inputs, station, None if calibrated is None else calibrated.reference()),
             open_bench.bench,
             log,
             directory=acquisition.directory,

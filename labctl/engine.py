@@ -8,7 +8,7 @@ and, in `measuring`, storage, progress, interruption and lost links. Light and s
 import os
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -59,11 +59,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be run: the protocol, what it shows or plays, and the station it is for."""
+    """What is to be run: the protocol, what it shows or plays, its station, and a reference to its calibration."""
 
     protocol: Measurement[Any]
     inputs: Inputs
     station: Station
+    calibration: Mapping[str, Any] | None = None
 
 
 def carry_out(
@@ -295,6 +296,7 @@ def _manifest(request: Request, bench: Bench, started: datetime) -> dict[str, An
         "station": request.station.model_dump(mode="json"),
         "light": light,
         "instruments": instruments,
+        "calibration": request.calibration,
         "inputs_sha256": request.inputs.digest,
         "started": started.isoformat(timespec="seconds"),
         "versions": versions(),

@@ -159,6 +159,13 @@ class DurabilitySection(Section):
     seconds: Annotated[float, Field(gt=0, description="How many seconds of measuring it may lose.")] = 1.0
 
 
+class CalibrationSection(Section):
+    """Where `labctl align` keeps what it finds, beside the station file, and how long that stands."""
+
+    folder: Path = Path("calibrations")
+    valid: Annotated[Seconds, Field(gt=0)] = 7 * 86400.0
+
+
 class SimSection(Section):
     """The simulated bench: which twin it is (fibre, chip, noise).
 
@@ -184,6 +191,7 @@ class Station(Section):
     limits: LimitsSection = LimitsSection()
     wiring: WiringSection = WiringSection()
     durability: DurabilitySection = DurabilitySection()
+    calibration: CalibrationSection = CalibrationSection()
     sim: SimSection = SimSection()
 
     @property

@@ -5,6 +5,7 @@ COMMANDS = {
     "reproduce": "labctl.commands.reproduce:reproduce",
     "init": "labctl.commands.init:init",
     "check": "labctl.commands.bench:check",
+    "align": "labctl.commands.alignment:align",
     "run": "labctl.commands.run:run",
     "resume": "labctl.commands.resume:resume",
     "pause": "labctl.commands.control:pause",

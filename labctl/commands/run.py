@@ -7,9 +7,10 @@ from typing import Annotated, Any
 import typer
 
 from labctl.acquisition import Acquisition, acquire
+from labctl.calibration import warnings
 from labctl.command_log import CommandLog
 from labctl.commands.options import ArmOption, DataOption, StationOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, errors, progress_bar, say, show, table
 from labctl.engine import Outcome, Request, bytes_needed, new_directory
 from labctl.failures import DONE, INTERRUPTED
 from labctl.inputs import inputs_for
@@ -45,6 +46,8 @@ def run(
         plan = _plan(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), plan.items()))
         return DONE
+    for line in warnings(found):
+        errors.print(f"labctl: {line}", markup=False)
     with interruptible() as interruption, resumable(directory), progress_bar(asked.name) as progress:
         acquired = acquire(acquisition, interruption=interruption, progress=progress, uploading=progress.uploading)
     result = describe(acquired.outcome) | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})

@@ -1,0 +1,162 @@
+"""`labctl align` on simulated benches: estimates against the world's own values; faults told."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from labctl.alignment import SEED, Aligned, align_bench
+from labctl.alignment_steps import of_range
+from labctl.findings import COVERAGE, Finding
+from labctl.inputs import images_for
+from labctl.interruption import Interruption
+from labctl.station import SIMULATED_STATION, Station
+from protocols.alignment import PROBES, Dark, Ranged
+from protocols.image_readout import ImageReadout
+from tests.labctl import world_truth as truth
+
+PORTS = (1, 2, 3, 4)
+MODES_SPREAD = 0.05
+"""Of the half width: the twin has some 700 modes in place of a smooth distribution of delays."""
+
+
+def aligned(station: Station, directory: Path) -> Aligned:
+    told: list[Finding] = []
+    found = align_bench(
+        station, directory=directory, attended=False, armed=False, interruption=Interruption(), tell=told.append
+    )
+    assert found is not None
+    assert tuple(told) == found.findings
+    return found
+
+
+def twin(seed: int, *, projector: bool = True, **parameters: Any) -> Station:
+    station = SIMULATED_STATION.twin(seed).cabled(projector=projector)
+    return station.model_copy(
+        update={"sim": station.sim.model_copy(update={"parameters": {"laser_tuning_s": 0.0, **parameters}})}
+    )
+
+
+def true_values(station: Station, found: Aligned) -> Mapping[tuple[str, int | None], float]:
+    """By what a finding is called and its channel."""
+    images = images_for(ImageReadout(images=PROBES, seed=SEED))
+    world = truth.world(station, images, PORTS)
+    amplitude = station.awg.amplitude
+    values: dict[tuple[str, int | None], float] = {
+        ("trigger to light", None): truth.light_delay_s(world.parameters),
+    }
+    scales = vertical_scales(found.directory)
+    if station.wiring.projector:
+        values["drive depth", None] = truth.drive_depth(world.parameters, amplitude)
+        width = "half width of the speckle's correlation with wavelength"
+        values[width, None] = truth.half_width_m(world.parameters)
+    for place in range(len(PORTS)):
+        channel = place + 1
+        values["dark level", channel] = float(world.offset_v[place])
+        values["noise in the dark", channel] = float(world.dark_noise_v()[place])
+        values["range used", channel] = float(np.ptp(world.clean[:, place])) / (10 * scales[place])
+        values["signal to noise", channel] = float(world.repeatability_db(np.array(scales))[place])
+        if station.wiring.projector:
+            values["contrast between images", channel] = float(world.contrast()[place])
+    return values
+
+
+def vertical_scales(directory: Path) -> list[float]:
+    """V per division of each channel while its range was judged: the last that were set before the first averages."""
+    scales = [0.0] * len(PORTS)
+    for line in (directory / "commands.log").read_text("utf-8").splitlines():
+        text = line.split(" ", 3)[-1]
+        if "ACQuire:MODe AVErage" in text:
+            break
+        for channel in range(1, len(PORTS) + 1):
+            if text.startswith(f"CH{channel}:SCAle "):
+                scales[channel - 1] = float(text.split()[-1])
+    return scales
+
+
+def pulls(station: Station, directory: Path) -> dict[str, tuple[float, float, float]]:
+    """Estimate, truth, and their distance in standard uncertainties, by finding."""
+    found = aligned(station, directory)
+    values = true_values(station, found)
+    table: dict[str, tuple[float, float, float]] = {}
+    for finding in found.findings:
+        known = finding.estimate
+        assert known is not None, finding.line()
+        true = values[finding.what, finding.channel]
+        spread = known.uncertainty
+        if finding.step == "decorrelation":
+            spread = float(np.hypot(spread, MODES_SPREAD * true))
+        table[f"{finding.what} {finding.channel or ''}".strip()] = known.value, true, (known.value - true) / spread
+    return table
+
+
+def test_every_estimate_is_within_its_stated_uncertainty_of_the_worlds_value(tmp_path: Path) -> None:
+    table = pulls(twin(1), tmp_path / "aligned")
+    assert not {what: row for what, row in table.items() if abs(row[2]) > COVERAGE}
+    assert len(table) == 23
+
+
+@pytest.mark.full
+def test_so_it_is_on_ten_twins(tmp_path: Path) -> None:
+    """Three standard deviations hold for 99.7 of a hundred: of 230 estimates one or another is outside by chance."""
+    rows = [row for seed in range(1, 11) for row in pulls(twin(seed), tmp_path / str(seed)).items()]
+    distances = np.abs([row[2] for _, row in rows])
+    assert np.count_nonzero(distances > COVERAGE) <= 0.02 * distances.size
+    assert distances.max() < 5
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("seed", [1, 2])
+def test_so_it_is_where_light_goes_straight_into_the_chip(seed: int, tmp_path: Path) -> None:
+    table = pulls(twin(seed, projector=False), tmp_path / "aligned")
+    assert not {what: row for what, row in table.items() if abs(row[2]) > COVERAGE}
+    assert len(table) == 17
+
+
+class TestFaults:
+    """What is wrong is said in one line, and what can still be measured is."""
+
+    def test_no_light_ends_what_needs_light(self, tmp_path: Path) -> None:
+        found = aligned(twin(1, fibre_loss_db=80.0), tmp_path / "dark")
+        lines = [finding.line() for finding in found.findings]
+        assert sum("no light: check the laser's shutter, the fibre into this detector" in line for line in lines) == 4
+        assert "delay: not measured: no light on any channel" in lines
+        assert not found.good
+        assert [finding.good for finding in found.findings[:8]] == [True] * 8
+        assert found.calibration is not None
+        assert not json.loads(found.calibration.read_text("utf-8"))["good"]
+
+    def test_no_trigger_is_said_and_nothing_is_kept(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S", 0.2)
+        station = twin(1)
+        deaf = station.model_copy(update={"scope": station.scope.model_copy(update={"trigger_level": 2.5})})
+        found = aligned(deaf, tmp_path / "deaf")
+        assert found.calibration is None
+        first = found.findings[0].line()
+        assert first.startswith("dark: not measured: scope at ")
+        assert "no trigger came within 0.2 s: check that the AWG plays, the trigger's cable and its level" in first
+        assert len(found.findings) == 7
+        assert found.report.exists()
+
+    def test_a_dark_channel_and_one_that_clips_are_named(self) -> None:
+        generator = np.random.default_rng(1)
+        dark = Dark(generator.normal(0, 1e-3, (8, 3, 50)), np.zeros(3, np.bool_))
+        volts = np.tile(generator.exponential(0.05, (1, 6, 3, 50)), (2, 1, 1, 1)) + generator.normal(
+            0, 1e-4, (2, 6, 3, 50)
+        )
+        volts[:, :, 1] = generator.normal(0, 1e-4, (2, 6, 50))
+        no = np.zeros(3, np.bool_)
+        full = np.array([np.ptp(volts[:, :, 0]) / 0.75, 0.0625, np.ptp(volts[:, :, 2])])
+        piece = Ranged(volts, np.array([False, False, True]), full, no, no)
+        result = of_range(piece, dark, (1, 2, 4))
+        assert not result.ends
+        good, lightless, clipped = (finding.line() for finding in result.findings)
+        assert good.endswith("%: good")
+        assert "channel 2: " in lightless
+        assert "no light" in lightless
+        assert "channel 4: " in clipped
+        assert "clips at " in clipped
+        assert "lower the gain or the light" in clipped
