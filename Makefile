@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+TESTED := $(VENV)/.tested
 IMAGING := $(VENV)/.imaging
 DOCS := $(VENV)/.docs
 INTEROP := .venv-interop
@@ -30,11 +31,11 @@ test-full: check
 	$(BIN)/pytest --numprocesses 2 --cov --cov-report=term-missing:skip-covered
 
 # SIGKILL at random moments of runs and of what resumes them; SEED=n repeats the moments of an earlier session.
-test-kill: $(INSTALLED)
+test-kill: $(TESTED)
 	$(BIN)/python -m tests.kills.run --trials $(TRIALS) $(if $(SEED),--seed $(SEED))
 
 # Drivers nobody here wrote, in an environment of their own, against `labctl sim serve`.
-interop: $(INSTALLED) $(INTEROP)/.installed
+interop: $(TESTED) $(INTEROP)/.installed
 	LABCTL=$(abspath $(BIN)/labctl) $(INTEROP)/bin/pytest -c tests/interop/interop.ini --rootdir=. --confcutdir=tests/interop \
 		tests/interop tests/instruments/test_vendor_tree.py
 
@@ -44,35 +45,36 @@ docs: $(INSTALLED) $(DOCS)
 	$(BIN)/sphinx-build --quiet --fail-on-warning --doctree-dir build/docs/doctrees --builder doctest docs build/docs/doctest
 	$(BIN)/sphinx-build --quiet --fail-on-warning --doctree-dir build/docs/doctrees --builder linkcheck docs build/docs/linkcheck
 
-fuzz: $(INSTALLED)
+fuzz: $(TESTED)
 	$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES)
 
 # Known vulnerabilities of what the lock files pin; "Error 3" means that it could not be checked.
-audit: $(INSTALLED)
-	$(BIN)/python -m tests.audit $(AUDIT) requirements.lock requirements-imaging.lock requirements-docs.lock requirements-interop.lock
+audit: $(TESTED)
+	$(BIN)/python -m tests.audit $(AUDIT) requirements-dev.lock requirements-imaging.lock requirements-docs.lock requirements-interop.lock
 
 # The pictures of the dashboard in docs/, taken by a real browser.
-screenshots: $(INSTALLED)
+screenshots: $(TESTED)
 	$(BIN)/python -m tests.dashboard.screenshots docs
 
-check: $(INSTALLED) $(IMAGING)
+check: $(TESTED) $(IMAGING)
 	$(BIN)/ruff format --check --quiet $(SOURCES)
 	$(BIN)/ruff check --quiet $(SOURCES)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-format: $(INSTALLED)
+format: $(TESTED)
 	$(BIN)/ruff format $(SOURCES)
 	$(BIN)/ruff check --fix $(SOURCES)
+
+COMPILE = $(VENV)-lock/bin/pip-compile --quiet --generate-hashes --strip-extras --allow-unsafe --no-emit-index-url \
+	--no-emit-find-links --no-emit-trusted-host --no-emit-options --no-header --extra build
 
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/pip install --quiet pip-tools
-	$(VENV)-lock/bin/pip-compile --quiet --extra dev --generate-hashes --strip-extras --allow-unsafe --no-emit-index-url \
-		--no-emit-find-links --no-emit-trusted-host --no-emit-options --no-header --output-file requirements.lock pyproject.toml
-	$(VENV)-lock/bin/pip-compile --quiet --extra docs --constraint requirements.lock --generate-hashes --strip-extras \
-		--allow-unsafe --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options --no-header \
-		--output-file requirements-docs.lock pyproject.toml
+	$(COMPILE) --extra dev --extra docs --output-file requirements-docs.lock pyproject.toml
+	$(COMPILE) --extra dev --constraint requirements-docs.lock --output-file requirements-dev.lock pyproject.toml
+	$(COMPILE) --constraint requirements-dev.lock --output-file requirements.lock pyproject.toml
 	rm -rf $(VENV)-lock
 
 clean:
@@ -84,9 +86,13 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	touch $@
 
+$(TESTED): requirements-dev.lock $(INSTALLED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements-dev.lock
+	touch $@
+
 # torch, for the tests of the extra `imaging` and their types; the demo does without. Its wheels differ from index to
 # index (CPU or CUDA), so they are pinned by version alone, and what a CUDA wheel needs beyond the list comes with it.
-$(IMAGING): requirements-imaging.lock $(INSTALLED)
+$(IMAGING): requirements-imaging.lock $(TESTED)
 	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements-imaging.lock
 	touch $@
 

@@ -44,7 +44,7 @@ def test_what_is_missing_says_what_it_is_for(findings: dict[tuple[str, str], Fin
 
 def test_every_extra_for_users_is_explained() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
-    assert declared.keys() - {"dev", "docs"} == EXTRAS.keys()
+    assert declared.keys() - {"build", "dev", "docs"} == EXTRAS.keys()
 
 
 def test_a_plug_in_that_does_not_load_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
