@@ -25,10 +25,10 @@ demo: $(INSTALLED)
 	$(BIN)/labctl demo
 
 test: check
-	$(BIN)/pytest -m "not full" --numprocesses 2 --cov --cov-report=term-missing:skip-covered
+	$(BIN)/pytest -m "not full" --numprocesses 2 --dist worksteal --cov --cov-report=term-missing:skip-covered
 
 test-full: check
-	$(BIN)/pytest --numprocesses 2 --cov --cov-report=term-missing:skip-covered
+	$(BIN)/pytest --numprocesses 2 --dist worksteal --cov --cov-report=term-missing:skip-covered
 
 # SIGKILL at random moments of runs and of what resumes them; SEED=n repeats the moments of an earlier session.
 test-kill: $(TESTED)

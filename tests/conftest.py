@@ -24,6 +24,11 @@ hypothesis.settings.register_profile("labctl", deadline=None)
 hypothesis.settings.load_profile("labctl")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """All experiments are carried out for the first test of their module: begin with it, and with one worker."""
+    items.sort(key=lambda item: item.path.name != "test_every_experiment.py")
+
+
 class MessageLog:
     """Keeps what went over every link."""
 

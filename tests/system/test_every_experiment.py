@@ -25,6 +25,8 @@ from labctl.main import main
 from labctl.protocol_files import protocol_from
 from labctl.runs import open_run
 
+pytestmark = pytest.mark.timeout(1200)  # the first test waits for all experiments, whatever else the machine does
+
 Content = dict[str, Any]
 Entry = dict[str, Any]
 
