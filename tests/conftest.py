@@ -1,5 +1,6 @@
 """A simulated bench behind real sockets, opened with the project's own drivers: what most tests stand on."""
 
+import gc
 import os
 from collections.abc import Iterator
 
@@ -27,6 +28,11 @@ hypothesis.settings.load_profile("labctl")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """All experiments are carried out for the first test of their module: begin with it, and with one worker."""
     items.sort(key=lambda item: item.path.name != "test_every_experiment.py")
+
+
+def pytest_collection_finish() -> None:
+    """What is there for good is not looked through again by each `gc.collect()` of a test."""
+    gc.freeze()
 
 
 class MessageLog:
