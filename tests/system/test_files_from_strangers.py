@@ -12,6 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -330,36 +331,53 @@ HOSTILE["seqx"] = {
 }
 
 
-@pytest.mark.parametrize("kind", HOSTILE)
-def test_every_hostile_file_is_refused_in_one_line(kind: str, tmp_path: Path) -> None:
-    files, place = [], tmp_path / "place"
-    place.mkdir()
+Outcome = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Outcome]]:
+    """What became of every file, by kind. Nothing is written where the readers are, or beside the files."""
+    folder = tmp_path_factory.mktemp("strangers")
+    asked = {kind: written(folder / kind, kind) for kind in HOSTILE}
+    before = sorted(folder.rglob("*"))
+    ended = subprocess.run(
+        [sys.executable, str(Path(__file__).with_name("limited_reader.py"))],
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        input=json.dumps(asked),
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert sorted(folder.rglob("*")) == before
+    found: dict[str, list[Outcome]] = {kind: [] for kind in HOSTILE}
+    for line in ended.stdout.splitlines():
+        outcome = json.loads(line)
+        found[outcome["kind"]].append(outcome)
+    return found
+
+
+def written(folder: Path, kind: str) -> tuple[str, list[str]]:
+    """Where the reader of a kind is to be, and the hostile files for it."""
+    place, files = folder / "place", []
+    place.mkdir(parents=True)
     for number, (content, _text) in enumerate(HOSTILE[kind].values()):
-        path = (
-            tmp_path
-            / str(number)
-            / ("some.zip" if kind == "pictures" else "some.gz" if kind == "packed idx" else "some.toml")
-        )
+        name = "some.zip" if kind == "pictures" else "some.gz" if kind == "packed idx" else "some.toml"
+        path = folder / str(number) / name
         path.parent.mkdir()
         if isinstance(content, bytes):
             path.write_bytes(content)
         else:
             content(path)
         files.append(str(path))
-    before = sorted(tmp_path.rglob("*"))
-    ended = subprocess.run(
-        [sys.executable, str(Path(__file__).with_name("limited_reader.py")), kind, *files],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
-        cwd=place,
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    assert ended.returncode == 0, ended.stderr
-    found = [json.loads(line) for line in ended.stdout.splitlines()]
+    return str(place), files
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_every_hostile_file_is_refused_in_one_line(kind: str, outcomes: dict[str, list[Outcome]]) -> None:
     wrong = [
         (what, outcome)
-        for (what, (_, text)), outcome in zip(HOSTILE[kind].items(), found, strict=True)
+        for (what, (_, text)), outcome in zip(HOSTILE[kind].items(), outcomes[kind], strict=True)
         if outcome["refused"] != "as documented"
         or text not in outcome["text"]
         or not outcome["text"].isprintable()
@@ -367,4 +385,3 @@ def test_every_hostile_file_is_refused_in_one_line(kind: str, tmp_path: Path) ->
         or outcome["seconds"] > SECONDS
     ]
     assert not wrong
-    assert sorted(tmp_path.rglob("*")) == before
