@@ -188,7 +188,7 @@ def switch_seen(_content: Content, entry: Entry) -> None:
 
 def all_reached(content: Content, entry: Entry) -> None:
     """Nothing learns here: it is carried out as the house's file says."""
-    assert content == read(entry["name"])
+    assert content["runs"] == read(entry["name"])["runs"]
     assert entry["passed"]
 
 
