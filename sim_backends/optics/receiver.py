@@ -99,7 +99,8 @@ def apply_filter(
         intensities = np.pad(intensities, [(0, 0)] * (intensities.ndim - 1) + [(0, missing)])
     windows = np.lib.stride_tricks.sliding_window_view(intensities, sampling.points, axis=-1)[..., ::advance, :]
     windows = windows[..., :blocks, :]
-    out = np.matmul(windows.reshape(*windows.shape[:-3], -1, sampling.points), sampling.matrix)
+    # One product a block: BLAS sums in another order for other numbers of rows.
+    out = np.matmul(windows.swapaxes(-2, -3), sampling.matrix).swapaxes(-2, -3)
     out = out.reshape(*windows.shape[:-1], 2, sampling.samples)
     shape = (*windows.shape[:-2], blocks * sampling.samples)
     return (out[..., 0, :].reshape(shape)[..., :samples], out[..., 1, :].reshape(shape)[..., :samples])

@@ -116,11 +116,11 @@ class Repeatability(Measurement[Images]):
         with bench.emitting(parts[0].leg.wavelength_nm):
             for part in parts:
                 bench.patch_panel.connect(part.leg.patching)
-                bench.awg.load(drive)
+                bench.load_drive(drive)
                 bench.awg.play()
                 bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.leg.patching), self.averages)
                 mirrors = patterns[part.shots[0]]
                 probe = partial(show_and_capture, bench, mirrors)
-                yield LegStarted(part.leg, lock_ranges(bench.scope, part.scalings, [probe]))
+                yield LegStarted(part.leg, lock_ranges(bench, part.scalings, [probe]))
                 for shot in part.shots:
                     yield Record(part.leg, shot, show_and_capture(bench, mirrors))

@@ -36,7 +36,8 @@ def sampled(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     f = make(samples, decimation, step, shift)
     time = (np.arange(f.points, dtype=np.float64) - f.before) * step
-    return receiver.apply_filter(f, signal(time).astype(np.float32), samples)
+    volts, slope = receiver.apply_filter(f, signal(time).astype(np.float32)[np.newaxis], samples)
+    return volts[0], slope[0]
 
 
 def wave(time: NDArray[np.float64]) -> NDArray[np.float64]:
