@@ -1,6 +1,7 @@
 """A station file to begin with: what was found and said, every other key with its default and what it is."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 from typing import Any
 
 from pydantic import BaseModel
@@ -16,6 +17,7 @@ WRITTEN = {
     "optical_power": (1e3, "mW"),
     "rf_amplitude": (1.0, "V"),
     "detector": (1.0, "V"),
+    "valid": (1 / 86400, "day"),
 }
 """How quantities are written: so many of the unit to one of SI, or of the unit that the name carries."""
 
@@ -67,5 +69,7 @@ def _table(table: str, section: type[BaseModel], values: Mapping[str, Any], foun
 
 
 def _written(key: str, value: Any) -> Any:
+    if isinstance(value, PurePath):
+        return value.as_posix()
     factor, unit = WRITTEN.get(key, (1.0, ""))
     return f"{value * factor:g} {unit}" if unit else value

@@ -162,8 +162,10 @@ class DurabilitySection(Section):
 class CalibrationSection(Section):
     """Where `labctl align` keeps what it finds, beside the station file, and how long that stands."""
 
-    folder: Path = Path("calibrations")
-    valid: Annotated[Seconds, Field(gt=0)] = 7 * 86400.0
+    folder: Annotated[Path, Field(description="Folder of what `labctl align` finds, beside this file.")] = Path(
+        "calibrations"
+    )
+    valid: Annotated[Seconds, Field(gt=0, description="After so long runs say that it is old.")] = 7 * 86400.0
 
 
 class SimSection(Section):
