@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
 
 from labctl.findings import Finding
 from labctl.runs.durable import replace_file
@@ -32,10 +32,10 @@ class Stored(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     format_version: str
-    date: datetime
+    date: AwareDatetime
     good: bool
     bench: dict[str, Any]
-    settings: dict[str, Any]
+    settings: dict[str, dict[str, Any]]
     instruments: dict[str, Any]
     findings: list[dict[str, Any]]
 
@@ -94,7 +94,7 @@ def save(
 
 def newest(station: Station) -> Calibration | None:
     """The latest calibration of the bench that `station` describes; None without any that can be read."""
-    found = [one for path in folder_of(station).glob(f"*/{FILE}") if (one := _read(path)) is not None]
+    found = [one for path in folder_of(station).glob(f"*/{FILE}") if (one := read(path)) is not None]
     same = [one for one in found if one.stored.bench == _bench(station)]
     return max(same, key=lambda one: one.stored.date, default=None)
 
@@ -125,7 +125,8 @@ def warnings(station: Station) -> list[str]:
     return [] if found is None else concerns(found, station, datetime.now(UTC))
 
 
-def _read(path: Path) -> Calibration | None:
+def read(path: Path) -> Calibration | None:
+    """What a file holds, if it is a calibration that this version of labctl reads."""
     try:
         with path.open("rb") as file:
             content = file.read(LARGEST + 1)
@@ -143,8 +144,8 @@ def _bench(station: Station) -> dict[str, Any]:
     return {"name": station.name, "projector": station.wiring.projector, "twin": twin}
 
 
-def _settings(station: Station) -> dict[str, Any]:
-    sections: dict[str, Any] = {
+def _settings(station: Station) -> dict[str, dict[str, Any]]:
+    sections = {
         section: {
             key: value
             for key, value in getattr(station, section).model_dump(mode="json").items()
@@ -152,9 +153,9 @@ def _settings(station: Station) -> dict[str, Any]:
         }
         for section in SECTIONS
     }
-    whole: dict[str, Any] = json.loads(json.dumps(sections))
+    whole: dict[str, dict[str, Any]] = json.loads(json.dumps(sections))
     return whole
 
 
-def _flat(settings: dict[str, Any]) -> dict[str, Any]:
+def _flat(settings: dict[str, dict[str, Any]]) -> dict[str, Any]:
     return {f"{section}.{key}": value for section, values in settings.items() for key, value in values.items()}

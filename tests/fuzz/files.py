@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,6 +20,8 @@ import numpy as np
 from hypothesis import strategies as st
 from PIL import Image
 
+from labctl import calibration
+from labctl.events import EventLog
 from labctl.experiments import FOLDER
 from labctl.opening import SIMULATED_LASER
 from labctl.recording import CHECK, RECORD, Kind, RecordingWriter
@@ -227,6 +230,40 @@ def _wfmx() -> tuple[bytes, ...]:
     return (write_wfmx(waveform, time_stamp="2024-01-01T00:00:00.000+00:00"),)
 
 
+def _calibration() -> tuple[bytes, ...]:
+    stored = calibration.Stored(
+        format_version=calibration.FORMAT_VERSION,
+        date=datetime(2026, 11, 1, 9, 15, tzinfo=UTC),
+        good=True,
+        bench={"name": "room 2", "projector": True, "twin": None},
+        settings={"scope": {"channels": [1, 2]}, "laser": {"power": 0.03}},
+        instruments={"laser": {"identity": {"model": "TLG-220"}}},
+        findings=[{"name": "delay", "value": 98e-9, "good": True}],
+    )
+    return (stored.model_dump_json().encode(),)
+
+
+def _events() -> tuple[bytes, ...]:
+    with TemporaryDirectory() as folder, EventLog() as events:
+        events(
+            "run started", protocol="image-readout", shots=20, records=40, pid=1, station="bench.toml", simulated=True
+        )
+        events("power set", power_w=0.03)
+        events("tuned", wavelength_nm=1550.0)
+        events("emission", on=True)
+        events("patched", ports={"1": 2, "2": 3})
+        events("scope set", channels=[1, 2], samples=50, sample_rate=25e9)
+        events("leg started", leg=0, legs=2, wavelength_nm=1550.0)
+        picture = {"rows": 2, "columns": 4, "bits": "8A=="}
+        events.progress(20, 40, lambda: {"shot": 19, "kind": "image", "label": 3, "dataset_index": 7, "image": picture})
+        events("warning", text="records touch the end of the vertical range")
+        events("paused", done=20, total=40)
+        events("safe state", reached=True, by="supervisor", text="dark")
+        events("failed", error="scope: no trigger", notes=["the run can go on"])
+        events.keep_in(Path(folder) / "events.jsonl")
+        return ((Path(folder) / "events.jsonl").read_bytes(),)
+
+
 def _seqx() -> tuple[bytes, ...]:
     step = (
         "<Step><Repeat>RepeatCount</Repeat><RepeatCount>5</RepeatCount><WaitInput>TrigA</WaitInput><GoTo>StepIndex</GoTo>"
@@ -261,6 +298,8 @@ def _with_member_checks(content: bytes) -> bytes:
 
 
 SUBJECTS: Mapping[str, Subject] = {
+    "calibration": Subject(cache(_calibration), name="calibration.json"),
+    "events": Subject(cache(_events), name="events.jsonl"),
     "station": Subject(cache(_station)),
     "protocol": Subject(cache(_protocol)),
     "experiment": Subject(cache(_experiments)),

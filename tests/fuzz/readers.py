@@ -2,25 +2,30 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from instruments.alnair_tlg220 import CommandTable
 from instruments.errors import NotConfigured
+from labctl import calibration
 from labctl.analysis import AnalysisError
 from labctl.analysis.models import load_metadata, load_model
+from labctl.dashboard import words
+from labctl.dashboard.state import RunState, advanced
 from labctl.datasets import DatasetError, pictures, store
 from labctl.datasets.cards import DataFile
 from labctl.datasets.idx import parse_idx
 from labctl.datasets.images import read_npz
 from labctl.datasets.series import parse_series
 from labctl.datasets.vowels import parse_vowels
+from labctl.events import EventReader
 from labctl.experiments import ExperimentError, experiments
 from labctl.protocol_files import read_protocol
 from labctl.recording import RecordingError, read_recording
 from labctl.runs import RunError, RunShape, open_run
 from labctl.runs.journal import read_journal
 from labctl.runs.shards import Shard
-from labctl.station import StationError, read_station
+from labctl.station import Station, StationError, read_station
 from protocols.base import ProtocolError
 from sim_backends.clock import VirtualClock
 from sim_backends.scpi.status import ScpiError
@@ -46,6 +51,20 @@ def _experiment(path: Path) -> None:
         _ = experiment.protocols
 
 
+def _calibration(path: Path) -> None:
+    if (found := calibration.read(path)) is not None:
+        calibration.concerns(found, Station(), datetime(2026, 11, 21, tzinfo=UTC))
+
+
+def _events(path: Path) -> None:
+    state = RunState()
+    for event in EventReader(path).read():
+        state = advanced(state, event)
+    for drawn in (words.emission, words.instruments, words.image, words.log):
+        drawn(state)
+    words.progress(state, (0, 0))
+
+
 def _recording(path: Path) -> None:
     recording = read_recording(path)
     for connection in recording.connections:
@@ -69,6 +88,8 @@ def _packed(path: Path) -> None:
 
 
 READERS: Mapping[str, Reader] = {
+    "calibration": Reader(_calibration, ()),
+    "events": Reader(_events, ()),
     "station": Reader(read_station, StationError),
     "protocol": Reader(lambda path: read_protocol(str(path), []), ProtocolError),
     "experiment": Reader(_experiment, (ExperimentError, ProtocolError)),
