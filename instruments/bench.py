@@ -54,8 +54,8 @@ class Bench:
     `armed` says that a person has allowed light. `source` is the file that describes it, for messages. `now` gives the
     time of the bench in seconds: the wall clock of a real bench, the virtual clock of a simulated one. `undisturbed`
     keeps what would stop the program out of the way into the safe state. `before_light` is called whenever light is
-    about to be switched on, and may refuse it by an `InstrumentError`. `lit` says that it was, and that the laser
-    was not seen to be dark since.
+    about to be switched on, and may refuse it by an `InstrumentError`. `lit` says that it was, and that the way
+    into the safe state was not gone to its end since; `left_lit` that it was, and that the laser did not obey there.
     """
 
     awg: Awg
@@ -72,6 +72,7 @@ class Bench:
     undisturbed: Callable[[], AbstractContextManager[None]] = nullcontext
     before_light: Callable[[], None] = lambda: None
     lit: bool = field(default=False, init=False)
+    left_lit: bool = field(default=False, init=False)
 
     @property
     def instruments(self) -> dict[str, Instrument]:
@@ -177,9 +178,10 @@ class Bench:
             try:
                 safe_state({name: instrument.make_safe for name, instrument in self.instruments.items()})
             except UnsafeBench as error:
-                self.lit = self.lit and "laser" in error.disobeyed
+                self.left_lit = (self.lit or self.left_lit) and "laser" in error.disobeyed
+                self.lit = False
                 raise
-            self.lit = False
+            self.lit = self.left_lit = False
 
     def close(self) -> None:
         """Release every connection, each one even if another fails.

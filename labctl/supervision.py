@@ -69,7 +69,7 @@ class _Supervisor:
 
         A laser that it cannot reach either it goes on trying to reach, and nobody waits for that.
         """
-        if self._bench is None or not self._bench.lit:
+        if self._bench is None or not (self._bench.lit or self._bench.left_lit):
             self._process.kill()
         self._orders.close()
         self._starting.shutdown()
