@@ -235,7 +235,7 @@ SIMULATED_STATION = Station(wiring=WiringSection(burst=True))
 
 
 def read_station(path: Path | None) -> Station:
-    """Read a station file; without one, the simulated bench.
+    """Read a station file; without one, the simulated bench. The laser's command table is looked for beside the file.
 
     Raises:
         StationError: the file cannot be read or is wrong anywhere.
@@ -243,13 +243,17 @@ def read_station(path: Path | None) -> Station:
     if path is None:
         return SIMULATED_STATION
     try:
-        return Station.model_validate(read_toml(path) | {"source": str(path)})
+        station = Station.model_validate(read_toml(path) | {"source": str(path)})
     except OSError as error:
         raise StationError(f"{path}: cannot be read ({error.strerror}): name a station file") from None
     except TomlError as error:
         raise StationError(f"{path}: is not TOML ({error}): correct that line") from None
     except ValidationError as error:
         raise StationError(f"{path}: {describe(error)}") from None
+    table = station.laser.commands
+    if table is None or str(table) == SIMULATED:
+        return station
+    return station.model_copy(update={"laser": station.laser.model_copy(update={"commands": path.parent / table})})
 
 
 def describe(error: ValidationError) -> str:

@@ -72,7 +72,7 @@ def init(
     }
     values, remarks = _instruments(places, [*answers, *answers_at(_unasked(places, named, listed))])
     if laser_commands is not None:
-        values["laser"]["commands"] = str(laser_commands)
+        values["laser"]["commands"] = SIMULATED if str(laser_commands) == SIMULATED else str(laser_commands.absolute())
     if (wired := _asked(asking, "Ports that have a fibre", ports, EVERY_PORT)) != EVERY_PORT:
         values["patch_panel"]["ports"] = wired
     bound = _asked(asking, "Optical power that must never be exceeded", optical_power, "30 mW")

@@ -112,7 +112,7 @@ def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: py
 def test_a_real_laser_needs_a_command_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.toml"
     labctl(capsys, "init", path, "--no-search", "--laser", SILENT, "--laser-commands", "ours.toml")
-    assert written(path).laser.commands == Path("ours.toml")
+    assert written(path).laser.commands == Path("ours.toml").absolute()
     assert "# Its command set is not public" in path.read_text("utf-8")
 
 

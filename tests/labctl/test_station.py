@@ -100,7 +100,7 @@ def test_a_saved_station_says_all_that_its_bench_said(tmp_path: Path) -> None:
     write_addresses(path, addresses, said)
     saved = read_station(path)
     assert saved.addresses == addresses
-    assert saved.laser.commands == Path("table.toml").absolute()
+    assert saved.laser.commands == tmp_path / "table.toml"
     for section in ("name", "wiring", "limits", "durability", "sim"):
         assert getattr(saved, section) == getattr(said, section)
     assert saved.patch_panel.ports == said.patch_panel.ports

@@ -117,7 +117,7 @@ def fixed_laser(tmp_path: Path) -> Path:
 
 def test_a_laser_that_does_not_tune_is_not_for_several_wavelengths(fixed_laser: Path, refusal: Refusal) -> None:
     said = refusal("s5", "--station", fixed_laser)
-    assert "1551 nm are asked for, but the laser of fixed.toml stays at 1550 nm" in said
+    assert f"1551 nm are asked for, but the laser of {fixed_laser.with_name('fixed.toml')} stays at 1550 nm" in said
     assert "laser.commands" in said
     assert "cannot be reached" in refusal("fig3", "--station", fixed_laser, status=1)
 
