@@ -13,7 +13,7 @@ from labctl.analysis.drive_depth import drive_depth
 from labctl.analysis.errors import AnalysisError
 from labctl.analysis.estimates import Estimate
 from labctl.analysis.light_delay import light_delay, responses
-from labctl.findings import COVERAGE, Finding
+from labctl.findings import Finding
 from labctl.reports import alignment as pictures
 from protocols.alignment import Answered, Dark, Hopped, Ranged, Repeated
 
@@ -24,7 +24,7 @@ REPEATABLE_DB = 10.0
 DIFFERENT = 0.1
 """Contrast between images below which a readout has little to learn from."""
 PART_OF_A_SAMPLE = 0.25
-"""Stated uncertainty of the delay, in samples of the drive, that is well below one."""
+"""Standard uncertainty of the delay, in samples of the drive, that is well below one."""
 SAMPLE_S = 40e-12
 SHALLOW, DEEP = math.pi, 3 * math.pi
 """Drive depths, rad: below, much of the speckle stands still; above, the amplifier is beyond what 2 pi needs."""
@@ -126,7 +126,7 @@ def of_delay(piece: Answered) -> Result:
     off = np.abs((candidates - coarse.delay.value + periods[1] / 2) % periods[1] - periods[1] / 2)
     whole = Estimate(float(candidates[np.argmin(off)]), fine.delay.uncertainty)
     advice = ""
-    if COVERAGE * whole.uncertainty > PART_OF_A_SAMPLE * SAMPLE_S * COVERAGE:
+    if whole.uncertainty > PART_OF_A_SAMPLE * SAMPLE_S:
         advice = (
             f"uncertain by more than {PART_OF_A_SAMPLE:g} sample: more light, or check the trigger's level and slope"
         )
