@@ -45,9 +45,12 @@ class Loop:
         except OSError as error:
             reason = f"cannot listen on {host}:{port} ({error.strerror}): choose another port or address"
             raise OSError(error.errno, reason) from error
+        port = int(listener.getsockname()[1])
+        if port in self._listeners:  # one that refuses does not keep the system from giving its port away
+            with listener:
+                return self.listen(host, 0, accept)
         listener.settimeout(0)
         self.selector.register(listener, selectors.EVENT_READ, lambda _events: self._accept(listener, accept))
-        port = int(listener.getsockname()[1])
         self._listeners[port] = listener
         return port
 

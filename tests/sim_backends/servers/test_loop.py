@@ -245,3 +245,14 @@ def test_a_taken_port_is_named(bench: Bench) -> None:
         serve_socket(loop, bench.toy, port=bench.port)
     loop.stop()
     loop.stop()
+
+
+def test_the_port_of_one_that_refuses_is_given_to_nobody_else() -> None:
+    """The system would give it away: nothing listens there."""
+    loop = Loop()
+    refusing = loop.listen("127.0.0.1", 0, lambda _client: None)
+    loop.refuse(refusing)
+    other = loop.listen("127.0.0.1", refusing, lambda _client: None)
+    assert other != refusing
+    assert loop.ports == (refusing, other)
+    loop.stop()
