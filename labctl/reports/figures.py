@@ -14,7 +14,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from labctl.reports.drawing import Level, Series, draw_series, label_curves, place_legend, window_axis
+from labctl.reports.drawing import Level, Series, draw_series, label_curves, legend_below, place_legend, window_axis
 from labctl.reports.style import GREY, SHADE, STYLE, look
 from labctl.reports.thinning import reduced
 
@@ -157,7 +157,7 @@ def traces_figure(
         if window_s is not None:
             handles.append(stack[0].patches[0])
             names.append(f"$T_N$ = {window_s * 1e9:g} ns")
-        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6))
+        legend_below(figure, handles, names)
     return figure
 
 

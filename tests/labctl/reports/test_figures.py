@@ -146,3 +146,11 @@ def test_saving_rounds_what_the_layout_solver_found(tmp_path: Path) -> None:
     for axes in figure.axes:
         bounds = axes.get_position(original=True).bounds
         np.testing.assert_allclose(bounds, np.round(bounds, 6), rtol=0, atol=1e-12)
+
+
+def test_long_names_of_shots_fit_the_width_of_their_figure() -> None:
+    names = [f"shot {shot}: class {shot % 4}" for shot in range(1000, 1005)]
+    figure = traces_figure(np.arange(50) * 40e-12, np.zeros((5, 1, 50)), shots=names, ports=["port 2"])
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    assert legend.get_window_extent().width <= figure.bbox.width
