@@ -81,6 +81,11 @@ def opened(browser: Browser, size: tuple[int, int] = WIDE, *, dark: bool = False
     return context.new_page()
 
 
+def connected(page: Page) -> None:
+    """Wait until the page has its connection: before that it may load itself anew, and forget what was typed."""
+    page.wait_for_function("window.did_handshake === true")
+
+
 def narrow(page: Page) -> None:
     """Make the window as wide as a telephone; the page must come to fit into it."""
     page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})

@@ -17,7 +17,7 @@ from labctl.acquisition import Acquisition, acquire
 from labctl.runs import open_run
 from labctl.station import Station
 from protocols.image_readout import ImageReadout
-from tests.dashboard.browser import Dashboard, browser, chromium, dashboard, fits, narrow, opened
+from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, fits, narrow, opened
 
 Served = tuple[dict[str, Any], Path]
 
@@ -60,6 +60,7 @@ def page(window: Browser, shown: Dashboard) -> Iterator[Page]:
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.goto(shown.address)
     expect(page.locator(".all-region")).to_be_visible()
+    connected(page)
     assert page.url == f"{shown.base}/", "the token stays in no address"
     yield page
     page.context.close()
@@ -95,6 +96,7 @@ def start(page: Page, station: Path) -> None:
     page.get_by_role("switch").click()
     page.get_by_role("button", name="Start", exact=True).click()
     page.wait_for_url("**/run/*")
+    connected(page)
     says(page, ".emission-region", "LASER ON")
     says(page, ".progress-region", r"[1-9]\d* of 2200 records")
 
@@ -156,6 +158,7 @@ def test_runs_are_listed_filtered_and_compared(page: Page) -> None:
     page.get_by_label("Compare with").click()
     page.get_by_role("option", name="past-other").click()
     page.wait_for_url("**/compare/past-one/past-other")
+    connected(page)
     expect(page.locator(".differing")).to_contain_text("protocol.settings.seed")
     expect(page.locator(".ports-region polyline.b")).to_be_attached()
     fits(page)
