@@ -155,6 +155,8 @@ def test_runs_are_listed_filtered_and_compared(page: Page) -> None:
     expect(rows).to_have_count(2)
     fits(page)
     rows.filter(has_text="past-one").click()
+    page.wait_for_url("**/run/past-one")
+    connected(page)
     page.get_by_label("Compare with").click()
     page.get_by_role("option", name="past-other").click()
     page.wait_for_url("**/compare/past-one/past-other")
