@@ -1,6 +1,7 @@
 """One run from a station and a protocol: load the inputs, open the bench, carry it out, close it; or go on with one."""
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from labctl.inputs import inputs_for
 from labctl.instrument_states import tell_states
 from labctl.interruption import Interruption
 from labctl.measuring import Progress
-from labctl.opening import opened
+from labctl.opening import OpenBench, opened
 from labctl.resuming import protocol_of_manifest, refuse_other_inputs, station_of_manifest
 from labctl.runs import RunPaths, RunWriter
 from labctl.runs.layout import Manifest
@@ -75,18 +76,10 @@ def acquire(
     """
     protocol, station = acquisition.protocol, acquisition.station
     inputs = inputs_for(protocol, acquisition.data)
-    with ExitStack() as stack:
-        log = stack.enter_context(CommandLog())
-        events = stack.enter_context(EventLog())
-        watch = stack.enter_context(supervised(station, log))
-        open_bench = stack.enter_context(opened(station, log, attended=acquisition.attended, armed=acquisition.armed))
-        watch(open_bench.bench)
-        check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
-        open_bench.bench.require_arm()
+    at_work = _at_work(protocol, station, uploading, attended=acquisition.attended, armed=acquisition.armed)
+    with at_work as (open_bench, log, events):
         simulation = open_bench.simulation
         stopwatch = Stopwatch((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
-        tell_uploads(open_bench.bench, _both(uploading, events.uploading))
-        tell_states(open_bench.bench, events)
         if acquisition.profile:
             stopwatch.watch(open_bench.bench)
         calibrated = newest(station)
@@ -150,15 +143,9 @@ def resume(
             )
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
-        log = stack.enter_context(CommandLog())
-        events = stack.enter_context(EventLog())
-        watch = stack.enter_context(supervised(station, log))
-        open_bench = stack.enter_context(opened(station, log, attended=resumption.attended, armed=resumption.armed))
-        watch(open_bench.bench)
-        check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
-        open_bench.bench.require_arm()
-        tell_uploads(open_bench.bench, _both(uploading, events.uploading))
-        tell_states(open_bench.bench, events)
+        open_bench, log, events = stack.enter_context(
+            _at_work(protocol, station, uploading, attended=resumption.attended, armed=resumption.armed)
+        )
         return go_on(
             Request(protocol, inputs, station),
             open_bench.bench,
@@ -169,3 +156,21 @@ def resume(
             events=events,
             stopwatch=Stopwatch(lambda: 0.0),
         )
+
+
+@contextmanager
+def _at_work(
+    protocol: Measurement[Any], station: Station, uploading: Uploading | None, *, attended: bool, armed: bool
+) -> Iterator[tuple[OpenBench, CommandLog, EventLog]]:
+    """The opened bench under supervision, allowed to light, and its two logs; nothing was sent to it yet."""
+    with ExitStack() as stack:
+        log = stack.enter_context(CommandLog())
+        events = stack.enter_context(EventLog())
+        watch = stack.enter_context(supervised(station, log))
+        open_bench = stack.enter_context(opened(station, log, attended=attended, armed=armed))
+        watch(open_bench.bench)
+        check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
+        open_bench.bench.require_arm()
+        tell_uploads(open_bench.bench, _both(uploading, events.uploading))
+        tell_states(open_bench.bench, events)
+        yield open_bench, log, events

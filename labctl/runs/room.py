@@ -147,7 +147,7 @@ class Room:
         The shards so far tell how many shots the others will hold.
         """
         missing = [self._sizes.shape.shots - done for done in shards.done]
-        held = sum(entry.count for entry in shards.entries.values()) / len(shards.entries) if shards.entries else 0.0
+        held = sum(shards.done) / len(shards.entries) if shards.entries else 0.0
         return self._sizes.measured(missing, held or self._expected) + data_file * self._sizes.data_file
 
     def before(self, path: Path, size: int, shards: Shards) -> None:
