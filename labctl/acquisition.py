@@ -8,7 +8,7 @@ from typing import Any
 
 from labctl.calibration import newest
 from labctl.command_log import CommandLog
-from labctl.engine import Outcome, Request, carry_out, durability_of, go_on
+from labctl.engine import Listeners, Outcome, Request, carry_out, durability_of, go_on
 from labctl.events import EventLog
 from labctl.inputs import inputs_for
 from labctl.instrument_states import tell_states
@@ -86,12 +86,8 @@ def acquire(
         outcome = carry_out(
             Request(protocol, inputs, station, None if calibrated is None else calibrated.reference()),
             open_bench.bench,
-            log,
-            directory=acquisition.directory,
-            interruption=interruption or Interruption(),
-            progress=progress,
-            events=events,
-            stopwatch=stopwatch,
+            Listeners(log, events, progress, interruption or Interruption(), stopwatch),
+            acquisition.directory,
         )
         return Acquired(outcome, stopwatch.budget(outcome.shots) if acquisition.profile else {})
 
@@ -146,16 +142,8 @@ def resume(
         open_bench, log, events = stack.enter_context(
             _at_work(protocol, station, uploading, attended=resumption.attended, armed=resumption.armed)
         )
-        return go_on(
-            Request(protocol, inputs, station),
-            open_bench.bench,
-            log,
-            writer=writer,
-            interruption=interruption or Interruption(),
-            progress=progress,
-            events=events,
-            stopwatch=Stopwatch(lambda: 0.0),
-        )
+        listeners = Listeners(log, events, progress, interruption or Interruption(), Stopwatch(lambda: 0.0))
+        return go_on(Request(protocol, inputs, station), open_bench.bench, listeners, writer)
 
 
 @contextmanager

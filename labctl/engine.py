@@ -67,17 +67,18 @@ class Request:
     calibration: Mapping[str, Any] | None = None
 
 
-def carry_out(
-    request: Request,
-    bench: Bench,
-    log: CommandLog,
-    *,
-    directory: Path | None,
-    interruption: Interruption,
-    progress: Progress,
-    events: EventLog,
-    stopwatch: Stopwatch,
-) -> Outcome:
+@dataclass(frozen=True)
+class Listeners:
+    """Who follows a run while it goes on; `interruption` is asked, after every record, whether it is to end."""
+
+    log: CommandLog
+    events: EventLog
+    progress: Progress
+    interruption: Interruption
+    stopwatch: Stopwatch
+
+
+def carry_out(request: Request, bench: Bench, listeners: Listeners, directory: Path | None) -> Outcome:
     """Run the protocol on `bench`; the run directory is `directory`, or a new one under `runs/`.
 
     Every instrument is asked who it is before a file is written or light switched on, and the laser is set in the dark,
@@ -95,18 +96,9 @@ def carry_out(
     directory = directory or new_directory(request.protocol, started)
     durability, seconds = durability_of(request.station), _seconds_a_shot(request, bench)
     with RunWriter.create(directory, manifest, *plan, durability, seconds_a_shot=seconds) as writer:
-        _keep(log, writer.paths.commands)
-        _tell_start("run started", events, request, writer)
-        return _measure(
-            request,
-            bench,
-            log,
-            writer,
-            interruption=interruption,
-            progress=progress,
-            events=events,
-            stopwatch=stopwatch,
-        )
+        _keep(listeners.log, writer.paths.commands)
+        _tell_start("run started", listeners.events, request, writer)
+        return _measure(request, bench, listeners, writer)
 
 
 def bytes_needed(request: Request, bench: Bench) -> int:
@@ -114,17 +106,7 @@ def bytes_needed(request: Request, bench: Bench) -> int:
     return needed(*_planned(request, bench), durability_of(request.station), _seconds_a_shot(request, bench))
 
 
-def go_on(
-    request: Request,
-    bench: Bench,
-    log: CommandLog,
-    *,
-    writer: RunWriter,
-    interruption: Interruption,
-    progress: Progress,
-    events: EventLog,
-    stopwatch: Stopwatch,
-) -> Outcome:
+def go_on(request: Request, bench: Bench, listeners: Listeners, writer: RunWriter) -> Outcome:
     """Measure what the run that `writer` has opened again still lacks, on `bench`.
 
     The bench is made safe first: a killed process may have left it lit. Nothing is lit before instruments and plan are
@@ -136,23 +118,14 @@ def go_on(
         RunError: the run was planned otherwise, or cannot be written.
         ProtocolError: the protocol does not suit the inputs or the bench.
     """
-    log("run", "!", f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}")
+    listeners.log("run", "!", f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}")
     bench.make_safe()
     refuse_other_plan(writer.paths, writer.manifest, *_plan(request, bench))
     _, instruments = _light_and_instruments(request, bench)
     refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments)
-    _keep(log, writer.paths.commands)
-    _tell_start("run resumed", events, request, writer)
-    return _measure(
-        request,
-        bench,
-        log,
-        writer,
-        interruption=interruption,
-        progress=progress,
-        events=events,
-        stopwatch=stopwatch,
-    )
+    _keep(listeners.log, writer.paths.commands)
+    _tell_start("run resumed", listeners.events, request, writer)
+    return _measure(request, bench, listeners, writer)
 
 
 def _tell_start(event: str, events: EventLog, request: Request, writer: RunWriter) -> None:
@@ -189,19 +162,9 @@ def durability_of(station: Station) -> Durability:
     return Durability(shots=station.durability.shots, seconds=station.durability.seconds)
 
 
-def _measure(
-    request: Request,
-    bench: Bench,
-    log: CommandLog,
-    writer: RunWriter,
-    *,
-    interruption: Interruption,
-    progress: Progress,
-    events: EventLog,
-    stopwatch: Stopwatch,
-) -> Outcome:
+def _measure(request: Request, bench: Bench, listeners: Listeners, writer: RunWriter) -> Outcome:
     """Measure what `writer` lacks and finish the run."""
-    before = writer.complete
+    before, log, events = writer.complete, listeners.log, listeners.events
 
     def tell_room(line: str) -> None:
         log("run", "!", line)
@@ -209,16 +172,16 @@ def _measure(
 
     writer.room.tell = tell_room
     clock = time.perf_counter(), bench.now()
-    with controlled(writer.paths.directory, interruption) as control:
+    with controlled(writer.paths.directory, listeners.interruption) as control:
         measuring = Measuring(
             request.protocol,
             request.inputs,
             bench,
             writer,
             control=control,
-            progress=progress,
+            progress=listeners.progress,
             events=events,
-            stopwatch=stopwatch,
+            stopwatch=listeners.stopwatch,
         )
         measuring.measure(Recovery(bench, log, events))
     writer.sync()

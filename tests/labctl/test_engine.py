@@ -1,7 +1,6 @@
 """The engine: what it refuses to store, and how it stops."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,10 +8,11 @@ import pytest
 from instruments.errors import InstrumentError
 from instruments.values import Frames
 from labctl.command_log import CommandLog
-from labctl.engine import Request, carry_out
+from labctl.engine import Listeners, Outcome, Request, carry_out
 from labctl.events import EventLog
 from labctl.inputs import images_for
 from labctl.interruption import Interruption
+from labctl.measuring import Progress
 from labctl.opening import OpenBench, ask_operator
 from labctl.runs import open_run
 from labctl.station import Station
@@ -22,18 +22,17 @@ from protocols.image_readout import ImageReadout
 PROTOCOL = ImageReadout(images=40)
 
 
-def run(open_bench: OpenBench, directory: Path, **changes: Any) -> Any:
-    options: dict[str, Any] = {"interruption": Interruption(), "progress": lambda _done, _total: None} | changes
+def run(
+    open_bench: OpenBench,
+    directory: Path,
+    *,
+    progress: Progress = lambda _done, _total: None,
+    interruption: Interruption | None = None,
+) -> Outcome:
+    request = Request(PROTOCOL, images_for(PROTOCOL), Station())
     with CommandLog() as log, EventLog() as events:
-        return carry_out(
-            Request(PROTOCOL, images_for(PROTOCOL), Station()),
-            open_bench.bench,
-            log,
-            directory=directory,
-            events=events,
-            stopwatch=Stopwatch(lambda: 0.0),
-            **options,
-        )
+        listeners = Listeners(log, events, progress, interruption or Interruption(), Stopwatch(lambda: 0.0))
+        return carry_out(request, open_bench.bench, listeners, directory)
 
 
 def test_the_same_trace_twice_is_an_error_and_what_was_measured_is_kept(

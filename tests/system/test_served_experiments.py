@@ -18,7 +18,7 @@ import pytest
 from instruments.interfaces import PatchPanel, TunableLaser
 from labctl.acquisition import Acquisition, acquire
 from labctl.command_log import CommandLog
-from labctl.engine import Request, carry_out
+from labctl.engine import Listeners, Request, carry_out
 from labctl.events import EventLog
 from labctl.experiments import experiments
 from labctl.interruption import Interruption
@@ -207,16 +207,8 @@ def test_a_sequence_on_a_served_bench_has_the_frames_of_its_twin(straight: Path,
     digests = []
     for name, where in (("near", twin_in_process(tmp_path, projector=False)), ("far", straight)):
         with CommandLog() as log, EventLog() as events, opened(read_station(where), log) as found:
-            outcome = carry_out(
-                Request(protocol, inputs, read_station(where)),
-                found.bench,
-                log,
-                directory=tmp_path / name,
-                interruption=Interruption(),
-                progress=lambda _done, _total: None,
-                events=events,
-                stopwatch=Stopwatch(lambda: 0.0),
-            )
+            listeners = Listeners(log, events, lambda _done, _total: None, Interruption(), Stopwatch(lambda: 0.0))
+            outcome = carry_out(Request(protocol, inputs, read_station(where)), found.bench, listeners, tmp_path / name)
         digests.append(frames(outcome.directory))
     assert digests[0] == digests[1]
 
