@@ -2,9 +2,10 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,3 +32,16 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[dict[str,
         rest, _ = server.communicate(timeout=30)
     assert rest == "", "one JSON object and nothing else"
     assert server.returncode == 0
+
+
+@pytest.fixture
+def emitting(served: tuple[dict[str, Any], Path]) -> Iterator[Callable[[], bool]]:
+    """The laser's own word, over a connection of our own."""
+    _, host, port, _ = served[0]["laser"]["socket"].split("::")
+    with socket.create_connection((host, int(port)), timeout=10) as link, link.makefile("rb") as lines:
+
+        def ask() -> bool:
+            link.sendall(b"OUTPUT?\n")
+            return lines.readline().strip() == b"1"
+
+        yield ask

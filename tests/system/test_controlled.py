@@ -2,7 +2,6 @@
 
 import json
 import signal
-import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -18,19 +17,6 @@ from labctl.runs import open_run
 Served = tuple[dict[str, Any], Path]
 LONG = ("--set", "images=1000", "--set", "window=0.8 ns")
 LOOK_EVERY_S = 0.02
-
-
-@pytest.fixture
-def emitting(served: Served) -> Iterator[Callable[[], bool]]:
-    """The laser's own word, over a connection of our own."""
-    _, host, port, _ = served[0]["laser"]["socket"].split("::")
-    with socket.create_connection((host, int(port)), timeout=10) as link, link.makefile("rb") as lines:
-
-        def ask() -> bool:
-            link.sendall(b"OUTPUT?\n")
-            return lines.readline().strip() == b"1"
-
-        yield ask
 
 
 @pytest.fixture

@@ -68,19 +68,6 @@ def page(window: Browser, shown: Dashboard) -> Iterator[Page]:
 
 
 @pytest.fixture
-def emitting(served: Served) -> Iterator[Callable[[], bool]]:
-    """The laser's own word, over a connection of our own."""
-    _, host, port, _ = served[0]["laser"]["socket"].split("::")
-    with socket.create_connection((host, int(port)), timeout=10) as link, link.makefile("rb") as lines:
-
-        def ask() -> bool:
-            link.sendall(b"OUTPUT?\n")
-            return lines.readline().strip() == b"1"
-
-        yield ask
-
-
-@pytest.fixture
 def unarmed(served: Served, tmp_path: Path) -> Path:
     """A station file of the served bench that allows no light."""
     path = tmp_path / "unarmed.toml"
