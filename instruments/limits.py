@@ -53,7 +53,7 @@ class Limits:
         Raises:
             OverLimit: it is more, by more than its steps explain.
         """
-        if not answered_w <= self.optical_power_w * (1 + ROUNDING):
+        if _exceeds(answered_w, self.optical_power_w):
             raise OverLimit(
                 f"laser: gives {answered_w * 1e3:.4g} mW, above limits.optical_power = "
                 f"{self.optical_power_w * 1e3:g} mW: lower laser.power, or check its front panel"
@@ -65,7 +65,7 @@ class Limits:
         Raises:
             OverLimit: it is more, by more than its steps explain.
         """
-        if not answered_vpp <= self.rf_amplitude_vpp * (1 + ROUNDING):
+        if _exceeds(answered_vpp, self.rf_amplitude_vpp):
             raise OverLimit(
                 f"awg: amplitude {answered_vpp:.4g} V is above limits.rf_amplitude = {self.rf_amplitude_vpp:g} V: "
                 f"lower awg.amplitude"
@@ -96,3 +96,8 @@ class Limits:
         for channel, scaling, (low, high) in zip(channels, scalings, ends, strict=True):
             volts = (scaling.scale_v * low + scaling.offset_v, scaling.scale_v * high + scaling.offset_v)
             self.check_detector(channel, max(volts, key=abs))
+
+
+def _exceeds(answered: float, limit: float) -> bool:
+    """By more than the instrument's steps explain; what is no number does."""
+    return not answered <= limit * (1 + ROUNDING)
