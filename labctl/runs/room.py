@@ -135,7 +135,7 @@ class Room:
 
     def __init__(self, directory: Path, sizes: Sizes, shots_a_shard: float) -> None:
         """For the run in `directory`, whose shards are expected to hold so many shots."""
-        self.tell: Callable[[str], object] = len
+        self.tell: Callable[[str], object] = _unheard
         self._directory = directory
         self._sizes = sizes
         self._expected = shots_a_shard
@@ -170,6 +170,10 @@ class Room:
             )
             _logger.warning("%s", line)
             self.tell(line)
+
+
+def _unheard(_line: str) -> None:
+    """Nobody listens but standard error."""
 
 
 def _free(directory: Path) -> int:
