@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 
 from instruments.errors import InstrumentError, LinkError, NotConfigured, OutOfRange
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
 from instruments.limits import Levels, Limits
-from instruments.values import Drive, EdgeTrigger
+from instruments.values import Drive, EdgeTrigger, Uploading
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,10 @@ class Bench:
 
     `armed` says that a person has allowed light. `source` is the file that describes it, for messages. `now` gives the
     time of the bench in seconds: the wall clock of a real bench, the virtual clock of a simulated one. `undisturbed`
-    keeps what would stop the program out of the way into the safe state. `before_light` is called whenever light is
-    about to be switched on, and may refuse it by an `InstrumentError`. `lit` says that it was, and that the way
-    into the safe state was not gone to its end since; `left_lit` that it was, and that the laser did not obey there.
+    keeps what would stop the program out of the way into the safe state. `uploading` is called while a waveform or
+    pictures go up. `before_light` is called whenever light is about to be switched on, and may refuse it by an
+    `InstrumentError`. `lit` says that it was, and that the way into the safe state was not gone to its end since;
+    `left_lit` that it was, and that the laser did not obey there.
     """
 
     awg: Awg
@@ -70,6 +72,7 @@ class Bench:
     source: str
     now: Callable[[], float]
     undisturbed: Callable[[], AbstractContextManager[None]] = nullcontext
+    uploading: Uploading = lambda _what, _done, _total: None
     before_light: Callable[[], None] = lambda: None
     lit: bool = field(default=False, init=False)
     left_lit: bool = field(default=False, init=False)
@@ -166,7 +169,9 @@ class Bench:
             InstrumentError: the AWG refuses it, or settles on something else.
         """
         self.limits.check_amplitude(drive.amplitude_vpp)
-        self.limits.check_amplitude(self.awg.load(drive, periods_per_trigger=periods_per_trigger).amplitude_vpp)
+        told = partial(self.uploading, "waveform")
+        loaded = self.awg.load(drive, periods_per_trigger=periods_per_trigger, progress=told)
+        self.limits.check_amplitude(loaded.amplitude_vpp)
 
     def make_safe(self) -> None:
         """Laser off, AWG off, DMD blank, oscilloscope stopped: in this order, and each one even if another fails.

@@ -13,6 +13,8 @@ Codes = NDArray[np.int8] | NDArray[np.int16]
 
 Progress = Callable[[int, int], None]
 """Called with how much is done so far, and how much there is in all."""
+Uploading = Callable[[str, int, int], None]
+"""Called with what is uploaded, how much of it is there so far, and how much there is in all."""
 
 
 @dataclass(frozen=True)

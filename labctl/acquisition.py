@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from instruments.values import Uploading
 from labctl.calibration import newest
 from labctl.command_log import CommandLog
 from labctl.engine import Listeners, Outcome, Request, carry_out, durability_of, go_on
@@ -22,7 +23,6 @@ from labctl.station import Station
 from labctl.stopwatch import Stopwatch
 from labctl.supervision import supervised
 from labctl.tuning import check_laser
-from labctl.uploads import Uploading, tell_uploads
 from protocols.base import Measurement
 
 
@@ -30,10 +30,13 @@ def _no_progress(_done: int, _total: int) -> None:
     pass
 
 
-def _both(first: Uploading | None, second: Uploading) -> Uploading:
+def _no_upload(_what: str, _done: int, _total: int) -> None:
+    pass
+
+
+def _both(first: Uploading, second: Uploading) -> Uploading:
     def told(what: str, done: int, total: int) -> None:
-        if first is not None:
-            first(what, done, total)
+        first(what, done, total)
         second(what, done, total)
 
     return told
@@ -65,7 +68,7 @@ def acquire(
     *,
     interruption: Interruption | None = None,
     progress: Progress = _no_progress,
-    uploading: Uploading | None = None,
+    uploading: Uploading = _no_upload,
 ) -> Acquired:
     """Carry out one acquisition; `progress` is called after every record, `uploading` while something is uploaded.
 
@@ -108,7 +111,7 @@ def resume(
     *,
     interruption: Interruption | None = None,
     progress: Progress = _no_progress,
-    uploading: Uploading | None = None,
+    uploading: Uploading = _no_upload,
 ) -> Outcome:
     """Measure what a run still lacks, with the protocol, the seeds and the station of its manifest.
 
@@ -148,7 +151,7 @@ def resume(
 
 @contextmanager
 def _at_work(
-    protocol: Measurement[Any], station: Station, uploading: Uploading | None, *, attended: bool, armed: bool
+    protocol: Measurement[Any], station: Station, uploading: Uploading, *, attended: bool, armed: bool
 ) -> Iterator[tuple[OpenBench, CommandLog, EventLog]]:
     """The opened bench under supervision, allowed to light, and its two logs; nothing was sent to it yet."""
     with ExitStack() as stack:
@@ -159,6 +162,6 @@ def _at_work(
         watch(open_bench.bench)
         check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
         open_bench.bench.require_arm()
-        tell_uploads(open_bench.bench, _both(uploading, events.uploading))
+        open_bench.bench.uploading = _both(uploading, events.uploading)
         tell_states(open_bench.bench, events)
         yield open_bench, log, events

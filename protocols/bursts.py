@@ -3,7 +3,8 @@
 Software only loads and collects, so the DMD's own rate is the limit.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,15 +46,25 @@ def burst_dmd(bench: Bench) -> BurstDmd:
     return bench.dmd
 
 
+def load_pictures(bench: Bench, mirrors: Iterable[NDArray[np.uint8]], count: int) -> None:
+    """Put pictures into the memory of the bench's DMD as `BurstDmd.load` does, and tell the bench how far that is.
+
+    Raises:
+        OutOfRange: more than its capacity.
+        ProtocolError: the bench has no such memory.
+    """
+    burst_dmd(bench).load(mirrors, count, progress=partial(bench.uploading, "DMD patterns"))
+
+
 class PictureMemory:
     """The shots in the DMD's memory: all of them if they fit, otherwise as many as fit, one part after the other."""
 
-    def __init__(self, dmd: BurstDmd, patterns: Patterns, shots: Sequence[Shot]) -> None:
+    def __init__(self, bench: Bench, patterns: Patterns, shots: Sequence[Shot]) -> None:
         """Load what can be loaded once for all legs."""
-        self._dmd = dmd
+        self._bench = bench
         self._patterns = patterns
         self._shots = shots
-        capacity = dmd.capacity()
+        capacity = burst_dmd(bench).capacity()
         self.parts = [range(first, min(first + capacity, len(shots))) for first in range(0, len(shots), capacity)]
         self._loaded: range | None = None
         self.load(self.parts[0])
@@ -61,7 +72,7 @@ class PictureMemory:
     def load(self, part: range) -> None:
         """Have the shots of `part` in memory."""
         if part != self._loaded:
-            self._dmd.load(self._blocks(part), len(part))
+            load_pictures(self._bench, self._blocks(part), len(part))
             self._loaded = part
 
     def _blocks(self, part: range) -> Iterator[NDArray[np.uint8]]:

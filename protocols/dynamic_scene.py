@@ -15,7 +15,7 @@ from instruments.interfaces import BurstDmd
 from instruments.units import Seconds
 from instruments.values import Drive, Frames, Scaling, Timebase
 from protocols.base import Events, Images, Leg, LegStarted, Measurement, Part, ProtocolError, Record, Shot, ShotKind
-from protocols.bursts import PICTURE_PERIOD_S, burst_dmd, collected
+from protocols.bursts import PICTURE_PERIOD_S, burst_dmd, collected, load_pictures
 from protocols.image_readout import pseudorandom_drive
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
@@ -105,7 +105,7 @@ class DynamicScene(Measurement[Images]):
         drive = self.drive(bench, inputs)
         lead_s = SETTLED_PERIODS * drive.period_s
         timebase = Timebase(self.sample_rate, self.sample_count(inputs), lead_s)
-        dmd.load([patterns.block(_pictures(shot)) for shot in plan], 2 * len(plan))
+        load_pictures(bench, [patterns.block(_pictures(shot)) for shot in plan], 2 * len(plan))
         with bench.emitting(parts[0].leg.wavelength_nm):
             bench.load_drive(drive, periods_per_trigger=math.inf)
             for part in parts:

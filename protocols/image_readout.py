@@ -104,7 +104,7 @@ class ImageReadout(Measurement[Images]):
         drive = self.drive(bench, inputs)
         if self.timing == "burst":
             dmd = burst_dmd(bench)
-            memory = PictureMemory(dmd, patterns, plan)
+            memory = PictureMemory(bench, patterns, plan)
         with bench.emitting(parts[0].leg.wavelength_nm):
             for part in parts:
                 leg = part.leg

@@ -73,7 +73,9 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
 
     began = time.perf_counter()
     with interruptible() as interruption, progress_bar("reproduce") as progress:
-        everything, failures = carry_out(plan, interruption=interruption, progress=progress)
+        everything, failures = carry_out(
+            plan, interruption=interruption, progress=progress, uploading=progress.uploading
+        )
     if not everything:
         raise next(iter(failures.values()))
     failed = {name: one_line(error) for name, error in failures.items()}

@@ -4,10 +4,12 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from instruments.values import Uploading
 from labctl.acquisition import Acquisition, acquire
 from labctl.analysis import AnalysisError
 from labctl.experiments import Experiment
@@ -114,9 +116,9 @@ class _Tasks:
 
 
 def reproduce(
-    plan: Plan, *, interruption: Interruption, progress: Progress
+    plan: Plan, *, interruption: Interruption, progress: Progress, uploading: Uploading
 ) -> tuple[list[Reproduced], dict[str, AnalysisError]]:
-    """Acquire every run, examine every twin, and conclude.
+    """Acquire every run, examine every twin, and conclude; `uploading` hears of uploads to the one bench there is.
 
     Returns:
         What came of the experiments; and of those whose analysis failed, name -> why. The others do not suffer from it.
@@ -127,7 +129,8 @@ def reproduce(
     """
     tasks = _tasks(plan)
     runs, examinations = len(tasks.runs), len(tasks.examinations)
-    acquire_all = _acquired_in_parallel if plan.station.wholly_simulated else _acquired_in_turn
+    in_turn = partial(_acquired_in_turn, uploading=uploading)
+    acquire_all = _acquired_in_parallel if plan.station.wholly_simulated else in_turn
     acquired = acquire_all(tasks.runs, interruption, lambda done: progress(done, runs + examinations))
     examined = in_parallel(
         _examine,
@@ -176,14 +179,19 @@ def _acquired_in_parallel(
 
 
 def _acquired_in_turn(
-    runs: Mapping[Path, RunTask], interruption: Interruption, progress: Callable[[int], None]
+    runs: Mapping[Path, RunTask], interruption: Interruption, progress: Callable[[int], None], uploading: Uploading
 ) -> Mapping[Path, tuple[object, float]]:
     """Carry out runs on the one bench there is; in this process, which has the terminal and hears its operator."""
     acquired: dict[Path, tuple[object, float]] = {}
+
+    def measuring(_done: int, _total: int) -> None:
+        progress(len(acquired))
+
     for directory, run in runs.items():
         began = time.perf_counter()
         acquisition = Acquisition(run.protocol, run.station, directory, run.data, run.attended, run.armed)
-        acquired[directory] = acquire(acquisition, interruption=interruption), time.perf_counter() - began
+        outcome = acquire(acquisition, interruption=interruption, progress=measuring, uploading=uploading)
+        acquired[directory] = outcome, time.perf_counter() - began
         if interruption.requested:
             raise Interrupted
         progress(len(acquired))

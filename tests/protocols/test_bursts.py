@@ -80,9 +80,9 @@ def test_more_pictures_than_the_memory_holds_go_in_parts(wired: Bench, monkeypat
     loaded: list[int] = []
     load = wired.dmd.load  # type: ignore[attr-defined]
 
-    def counted(mirrors: Any, count: int) -> None:
+    def counted(mirrors: Any, count: int, **named: Any) -> None:
         loaded.append(count)
-        load(mirrors, count)
+        load(mirrors, count, **named)
 
     monkeypatch.setattr(wired.dmd, "capacity", lambda: 30)
     monkeypatch.setattr(wired.dmd, "load", counted)

@@ -182,13 +182,18 @@ def test_an_operator_patches_and_switches_at_the_terminal(
 def test_interrupted_before_its_first_shot_it_ends_there_and_begins_no_other_run(station: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(STILL, encoding="utf-8")
     plan = Plan(experiments(["mine"], folder=tmp_path), read_station(station), tmp_path / "out")
-    with pytest.raises(Interrupted):
-        reproduce(plan, interruption=Interruption(requested=True), progress=lambda _done, _total: None)
+    interrupted(plan)
     (begun,) = (tmp_path / "out").iterdir()
     with open_run(begun) as stored:
         assert sum(stored.done) == 0
     with CommandLog() as log, opened(read_station(station), log) as found:
         assert found.bench.laser.settings()["emitting"] == 0
+
+
+def test_uploads_to_the_one_bench_are_told(station: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(STILL, encoding="utf-8")
+    told = interrupted(Plan(experiments(["mine"], folder=tmp_path), read_station(station), tmp_path / "out"))
+    assert [(what, done == total) for what, done, total in told] == [("waveform", True)]
 
 
 def test_a_scene_on_a_served_bench_has_the_frames_of_its_twin(station: Path, tmp_path: Path, labctl: Any) -> None:
@@ -218,6 +223,15 @@ def test_a_served_bench_that_is_cabled_otherwise_is_refused(straight: Path, tmp_
     assert status == 2
     assert "set wiring.projector = true" in shown["error"]
     assert not (tmp_path / "out").exists()
+
+
+def interrupted(plan: Plan) -> list[tuple[str, int, int]]:
+    """Carry out `plan` and stop it before its first shot; what was told of uploads."""
+    told: list[tuple[str, int, int]] = []
+    stopped = Interruption(requested=True)
+    with pytest.raises(Interrupted):
+        reproduce(plan, interruption=stopped, progress=lambda *_: None, uploading=lambda *upload: told.append(upload))
+    return told
 
 
 def twin_in_process(folder: Path, *, projector: bool = True) -> Path:
