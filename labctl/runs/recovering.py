@@ -1,14 +1,14 @@
 """Putting a run in order after a crash, before it goes on."""
 
-import hashlib
 import re
 from dataclasses import replace
 from pathlib import Path
 
 from labctl.runs.durable import not_written, sync_folder
-from labctl.runs.journal import Entry, JournalFile
+from labctl.runs.journal import JournalFile
 from labctl.runs.layout import RunError
 from labctl.runs.shards import Shard, Shards
+from labctl.runs.storing import enter
 
 
 def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]:
@@ -73,17 +73,7 @@ def _adopt_unnamed(shards: Shards, journal: JournalFile) -> list[str]:
         if shards.has(shard.pass_index, shard.first, len(shard.rows)):
             found.append(f"{path}: the journal does not name it and has its shots, ignored")
             continue
-        entry = Entry(
-            shard=number,
-            pass_index=shard.pass_index,
-            passes=len(shards.shape.passes),
-            first=shard.first,
-            shots=shards.completes(shard.pass_index, shard.first, len(shard.rows)),
-            count=len(shard.rows),
-            sha256=hashlib.sha256(image).hexdigest(),
-        )
-        journal.append(entry)
-        shards.add(entry)
+        enter(shards, journal, number, shard, image)
         found.append(f"{path}: was not in the journal yet, its {len(shard.rows)} shots are kept")
     return found
 

@@ -4,7 +4,7 @@ Nothing here knows of files. A wrong value is a `ValueError`.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import IntFlag
 from typing import Any, Literal
 
@@ -230,6 +230,18 @@ class MeasuredBurst:
     clipped: NDArray[np.bool_]
     epoch: int = 0
 
+    def check(self, shape: RunShape, pass_index: int) -> None:
+        """Compare with the run it is to be part of.
+
+        Raises:
+            ValueError: arrays of another shape or type, or shots that are not planned.
+        """
+        count, ports = len(self.codes), len(shape.passes[pass_index])
+        if self.codes.shape != (count, ports, shape.samples) or self.codes.dtype != shape.dtype:
+            raise ValueError(f"a burst has codes {self.codes.dtype} {self.codes.shape}, the run {shape}")
+        if not 0 <= self.first < self.first + count <= shape.shots:
+            raise ValueError(f"shots {self.first}.. are not in the plan")
+
     def shot(self, place: int) -> "Measured":
         """The shot at `place` of this burst."""
         return Measured(
@@ -275,3 +287,29 @@ class Measured:
     clipped: NDArray[np.bool_]
     epoch: int = 0
     flags: int = 0
+
+    def check(self, shape: RunShape, pass_index: int) -> None:
+        """Compare with the run it is to be part of.
+
+        Raises:
+            ValueError: arrays of another shape or type, or a shot that is not planned.
+        """
+        ports = len(shape.passes[pass_index])
+        if not 0 <= self.shot < shape.shots:
+            raise ValueError(f"shot {self.shot} is not one of 0..{shape.shots - 1}")
+        if self.codes.shape != (ports, shape.samples) or self.codes.dtype != shape.dtype:
+            raise ValueError(
+                f"shot {self.shot} has codes {self.codes.dtype} {self.codes.shape}, "
+                f"the run {shape.dtype} {(ports, shape.samples)}"
+            )
+        if self.trigger_offset_s.shape != (ports,) or self.clipped.shape != (ports,):
+            raise ValueError(f"shot {self.shot}: trigger_offset_s and clipped must have shape {(ports,)}")
+
+    def copied(self) -> "Measured":
+        """With arrays of its own: drivers read frames into one buffer."""
+        return replace(
+            self,
+            codes=self.codes.copy(),
+            trigger_offset_s=self.trigger_offset_s.copy(),
+            clipped=self.clipped.copy(),
+        )

@@ -1,9 +1,7 @@
 """Writing a run: shots in, shards and journal out, data.h5 at the end."""
 
-import hashlib
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -12,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labctl.runs.assembling import write_data_file
-from labctl.runs.durable import replace_file, sync_folder
-from labctl.runs.journal import Entry, JournalFile, read_journal
+from labctl.runs.durable import sync_folder
+from labctl.runs.journal import JournalFile, read_journal
 from labctl.runs.layout import Manifest, RunError, RunPaths, noted_on
 from labctl.runs.plan import read_plan
 from labctl.runs.preparing import prepare
@@ -22,6 +20,7 @@ from labctl.runs.recovering import recover
 from labctl.runs.room import Room, require, samples_of, shots_a_shard, sizes_of
 from labctl.runs.shards import Shard, Shards
 from labctl.runs.shots import Durability, Measured, MeasuredBurst, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.storing import Storing
 
 
 class Timer(Protocol):
@@ -79,7 +78,7 @@ class RunWriter:
         self._journal = journal
         expected = shots_a_shard(self._shape, durability, seconds_a_shot)
         self.room = Room(shards.paths.directory, sizes_of(self._shape, samples_of(drive)), expected)
-        self._next_shard = next_shard
+        self._storing = Storing(shards, journal, self.room, next_shard)
         self._new_timer = timer
         self._timer: Timer | None = None
         self._guard = threading.RLock()
@@ -234,7 +233,8 @@ class RunWriter:
             RunError: the disk is full or refuses; from then on the writer takes nothing more.
             ValueError: arrays of another shape or type than the run's, no scales yet, or a shot that is there already.
         """
-        self._check(pass_index, measured)
+        measured.check(self._shape, pass_index)
+        self._check_scales(pass_index)
         with self._guard:
             self._raise_failure()
             expected = self._open[-1].shot + 1 if self._open else measured.shot
@@ -246,7 +246,7 @@ class RunWriter:
             if self._shards.has(pass_index, measured.shot):
                 raise ValueError(f"shot {measured.shot} of pass {pass_index} is in the run already")
             self._open_pass = pass_index
-            self._open.append(_copied(measured))
+            self._open.append(measured.copied())
             if len(self._open) >= self._durability.shots or self._is_last(pass_index, measured.shot):
                 self._close_shard()
             elif self._timer is None:
@@ -260,12 +260,9 @@ class RunWriter:
             RunError: the disk is full or refuses; from then on the writer takes nothing more.
             ValueError: arrays of another shape or type than the run's, no scales yet, or shots that are there already.
         """
+        burst.check(self._shape, pass_index)
+        self._check_scales(pass_index)
         count = len(burst.codes)
-        ports = len(self._shape.passes[pass_index])
-        if burst.codes.shape != (count, ports, self._shape.samples) or burst.codes.dtype != self._shape.dtype:
-            raise ValueError(f"a burst has codes {burst.codes.dtype} {burst.codes.shape}, the run {self._shape}")
-        if pass_index not in self._scales or not 0 <= burst.first < burst.first + count <= self._shape.shots:
-            raise ValueError(f"scales of pass {pass_index} are not set, or shots {burst.first}.. are not in the plan")
         rows = max(1, self._durability.shard_bytes // burst.codes[0].nbytes)
         with self._guard:
             self._raise_failure()
@@ -320,19 +317,9 @@ class RunWriter:
         with noted_on(error):
             self.finish()
 
-    def _check(self, pass_index: int, measured: Measured) -> None:
-        ports = len(self._shape.passes[pass_index])
+    def _check_scales(self, pass_index: int) -> None:
         if pass_index not in self._scales:
             raise ValueError(f"scales of pass {pass_index} are not set")
-        if not 0 <= measured.shot < self._shape.shots:
-            raise ValueError(f"shot {measured.shot} is not one of 0..{self._shape.shots - 1}")
-        if measured.codes.shape != (ports, self._shape.samples) or measured.codes.dtype != self._shape.dtype:
-            raise ValueError(
-                f"shot {measured.shot} has codes {measured.codes.dtype} {measured.codes.shape}, "
-                f"the run {self._shape.dtype} {(ports, self._shape.samples)}"
-            )
-        if measured.trigger_offset_s.shape != (ports,) or measured.clipped.shape != (ports,):
-            raise ValueError(f"shot {measured.shot}: trigger_offset_s and clipped must have shape {(ports,)}")
 
     def _has_data_file(self) -> bool:
         """Whether data.h5 was made from just these shards: a run that is resumed may be complete already."""
@@ -370,38 +357,13 @@ class RunWriter:
         self._open.clear()
 
     def _write_shard(self, shard: Shard) -> None:
-        image = shard.encode(self._shape)
-        entry = Entry(
-            shard=self._next_shard,
-            pass_index=shard.pass_index,
-            passes=len(self._shape.passes),
-            first=shard.first,
-            shots=self._shards.completes(shard.pass_index, shard.first, len(shard.rows)),
-            count=len(shard.rows),
-            sha256=hashlib.sha256(image).hexdigest(),
-        )
         try:
-            path = self.paths.shard(self._next_shard)
-            self.room.before(path, len(image), self._shards)
-            replace_file(path, image)
-            self._journal.append(entry)
+            self._storing.store(shard)
         except RunError as error:
             self._failure = error
             raise
-        self._shards.add(entry)
-        self._next_shard += 1
 
     def _stop_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-
-
-def _copied(measured: Measured) -> Measured:
-    """The caller may go on using its arrays: drivers read frames into one buffer."""
-    return replace(
-        measured,
-        codes=measured.codes.copy(),
-        trigger_offset_s=measured.trigger_offset_s.copy(),
-        clipped=measured.clipped.copy(),
-    )

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from labctl.acquisition import Acquisition, Resumption, acquire, resume
-from labctl.runs import RunPaths, writing
+from labctl.runs import RunPaths, storing
 from labctl.station import DurabilitySection, Station, WiringSection
 from protocols import bursts
 from protocols.image_readout import ImageReadout
@@ -137,7 +137,7 @@ def _in_the_process(kind: Kind, directory: Path, path: Path) -> int:
         return writes
 
     bursts.LONGEST_BURST = BURST
-    writing.replace_file = told_of(writing.replace_file)  # type: ignore[attr-defined]
+    storing.replace_file = told_of(storing.replace_file)  # type: ignore[attr-defined]
     try:
         if RunPaths(directory).manifest.exists():
             resume(Resumption(directory), progress=lambda done, _total: tell(done))
