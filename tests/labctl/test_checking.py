@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from labctl.main import main
 from labctl.station import write_addresses
 from sim_backends.faults.bench import Befalling, FaultyBench
 from sim_backends.faults.catalogue import QUEUE, START, WIRE, Fault, Moment
 from sim_backends.faults.distortions import instead
+from tests.command_line import labctl
 
 ROLES = ("awg", "scope", "laser", "dmd", "patch_panel")
 NOBODY, START_OF_ALL = START["nobody there"], Moment("", 0)
@@ -30,12 +30,9 @@ def station_of(bench: FaultyBench, path: Path) -> Iterator[Path]:
 
 
 def checked(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
-    with pytest.raises(SystemExit) as ended:
-        main(["check", "--station", str(path), "--json"])
-    printed = capsys.readouterr()
-    assert not printed.err
-    assert isinstance(ended.value.code, int)
-    return ended.value.code, json.loads(printed.out)
+    status, out, err = labctl(capsys, "check", "--station", path, "--json")
+    assert not err
+    return status, json.loads(out)
 
 
 def with_fault(
@@ -127,22 +124,17 @@ def test_a_level_above_its_limit_is_refused_before_anything_is_asked(
 ) -> None:
     path = tmp_path / "bench.toml"
     path.write_text("[laser]\npower = '40 mW'\n", encoding="utf-8")
-    with pytest.raises(SystemExit) as ended:
-        main(["check", "--station", str(path)])
-    assert ended.value.code == 2
-    assert "laser.power = 40 mW exceeds limits.optical_power" in capsys.readouterr().err
+    status, _, err = labctl(capsys, "check", "--station", path)
+    assert status == 2
+    assert "laser.power = 40 mW exceeds limits.optical_power" in err
 
 
 def test_people_read_addresses_options_limits_and_what_to_do(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with (
-        station_of(FaultyBench([Befalling("scope", NOBODY, START_OF_ALL)]), tmp_path / "bench.toml") as path,
-        pytest.raises(SystemExit) as ended,
-    ):
-        main(["check", "--station", str(path)])
-    out = capsys.readouterr().out
-    assert ended.value.code == 1
+    with station_of(FaultyBench([Befalling("scope", NOBODY, START_OF_ALL)]), tmp_path / "bench.toml") as path:
+        status, out, _ = labctl(capsys, "check", "--station", path)
+    assert status == 1
     assert "FAILS" in out
     assert "03,225" in out
     assert "0.25 to 0.5" in out

@@ -14,11 +14,11 @@ import jsonschema
 import pytest
 
 from instruments.values import Identity
-from labctl.main import main
 from labctl.schemas import STATION, schema_of
 from labctl.searching import Answer, answers_at, recognised
 from labctl.station import Station, read_station
 from sim_backends.bench import SimulatedBench
+from tests.command_line import labctl
 
 SILENT = "TCPIP0::127.0.0.1::9::SOCKET"
 
@@ -28,13 +28,6 @@ class Terminal(io.StringIO):
 
     def isatty(self) -> bool:
         return True
-
-
-def labctl(capsys: pytest.CaptureFixture[str], *words: str | Path) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([str(word) for word in words])
-    assert isinstance(ended.value.code, int)
-    return ended.value.code, *capsys.readouterr()
 
 
 def written(path: Path) -> Station:

@@ -3,7 +3,6 @@
 import json
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -16,24 +15,9 @@ from labctl import demonstration
 from labctl.interruption import StoppedBySignal
 from labctl.main import main
 from protocols.image_readout import ImageReadout
+from tests.command_line import as_json, labctl
 
 SMALL = ("--set", "images=40", "--set", "window=0.8 ns")
-
-
-def labctl(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
-    """Exit status, standard output and standard error of one command."""
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    printed = capsys.readouterr()
-    assert isinstance(ended.value.code, int)
-    return ended.value.code, printed.out, printed.err
-
-
-def as_json(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, dict[str, Any]]:
-    status, out, _ = labctl(capsys, *arguments, "--json")
-    assert out.count("\n") == 1
-    found: dict[str, Any] = json.loads(out)
-    return status, found
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,12 @@ import pytest
 from instruments.errors import LinkError
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.visa import VisaLink
-from labctl.main import main
 from labctl.opening import opened
 from labctl.recording import Kind, read_recording
 from labctl.replaying import leading_to, redirected, replay_of
 from labctl.station import DmdSection, LaserSection, SimSection, Station, StationError, read_station
 from labctl.tapping import Masks, RecordingRequest, asking_to_record, recordings
+from tests.command_line import labctl
 
 LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
 MOST_POLLS = 1000
@@ -30,14 +30,6 @@ STORED = Path(__file__).with_name("check.rec")
 """`labctl record check.rec --mask -- check`, on the simulated bench: make it anew when a driver is meant to differ."""
 
 RUN = ("run", "image-readout", "--set", "images=8", "--set", "window=0.4 ns")
-
-
-def labctl(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main([str(argument) for argument in arguments])
-    printed = capsys.readouterr()
-    assert isinstance(ended.value.code, int)
-    return ended.value.code, printed.out, printed.err
 
 
 @pytest.fixture(scope="module")

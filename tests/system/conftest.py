@@ -6,10 +6,13 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.command_line import as_json
 
 LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
 
@@ -18,6 +21,12 @@ LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
 def labctl_command() -> tuple[str, ...]:
     """The command line that starts labctl in another process."""
     return LABCTL
+
+
+@pytest.fixture
+def labctl(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, dict[str, Any]]]:
+    """A command in this process: exit status and the JSON it prints."""
+    return partial(as_json, capsys)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import pytest
 
 from labctl.acquisition import Acquisition, acquire
 from labctl.interruption import Interruption
-from labctl.main import main
 from labctl.protocol_files import read_protocol
 from labctl.station import read_station, write_addresses
 from sim_backends.bench import SimulatedBench
@@ -55,16 +54,6 @@ def unarmed(armed: Path) -> Path:
     path = armed.with_name("unarmed.toml")
     path.write_text(armed.read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
     return path
-
-
-@pytest.fixture
-def labctl(capsys: pytest.CaptureFixture[str]) -> Labctl:
-    def call(*words: object) -> tuple[int, dict[str, Any]]:
-        with pytest.raises(SystemExit) as ended:
-            main([*map(str, words), "--json"])
-        return int(str(ended.value.code)), json.loads(capsys.readouterr().out)
-
-    return call
 
 
 def cut(station: Path, directory: Path, *, by_command: bool) -> Path:

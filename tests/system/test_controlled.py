@@ -1,6 +1,5 @@
 """A run in a process of its own that is paused, let go on and stopped from another one."""
 
-import json
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -11,8 +10,8 @@ from typing import Any
 import pytest
 
 from labctl.events import EventReader
-from labctl.main import main
 from labctl.runs import open_run
+from tests.command_line import as_json
 
 Served = tuple[dict[str, Any], Path]
 LONG = ("--set", "images=1000", "--set", "window=0.8 ns")
@@ -41,12 +40,6 @@ def until(directory: Path, event: str, process: subprocess.Popen[bytes], after: 
             raise AssertionError(f"the run ended before {event}")
 
 
-def labctl(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, dict[str, Any]]:
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments), "--json"])
-    return int(str(ended.value.code)), json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.full
 def test_pause_go_on_and_stop_now(
     running: tuple[subprocess.Popen[bytes], Path],
@@ -55,19 +48,19 @@ def test_pause_go_on_and_stop_now(
 ) -> None:
     process, directory = running
     assert emitting()
-    assert labctl(capsys, "pause", directory)[0] == 0
+    assert as_json(capsys, "pause", directory)[0] == 0
     until(directory, "paused", process)
     assert not emitting()
-    assert labctl(capsys, "go-on", directory)[0] == 0
+    assert as_json(capsys, "go-on", directory)[0] == 0
     until(directory, "progress", process, after="going on")
     process.send_signal(signal.SIGSTOP)  # as if it were waiting for an instrument: it looks at no file
-    status, told = labctl(capsys, "stop", directory, "--now")
+    status, told = as_json(capsys, "stop", directory, "--now")
     assert (status, told) == (0, {"run": str(directory), "asked": "stop now", "process": process.pid})
     process.send_signal(signal.SIGCONT)
     assert process.wait(30) == 130
     assert not emitting()
     with open_run(directory) as run:
         assert 0 < run.done[0] < run.shape.shots
-    status, told = labctl(capsys, "stop", directory)
+    status, told = as_json(capsys, "stop", directory)
     assert status == 2
     assert "no process of this machine is writing this run: nothing to stop" in told["error"]

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from labctl.command_log import CommandLog
-from labctl.main import main
 from labctl.opening import opened
 from labctl.runs import open_run
 from labctl.station import read_station, write_addresses
 from sim_backends.bench import SimulatedBench
 from sim_backends.signals import Acquisition, Emission
+from tests.command_line import as_json, labctl
 
 RUN = ("run", "image-readout", "--set", "images=20", "--set", "window=0.8 ns")
 SHOTS = 22
@@ -106,18 +106,11 @@ def through(simulation: SimulatedBench, tmp_path: Path) -> Iterator[Callable[...
         proxy.close()
 
 
-def labctl(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any], str]:
-    with pytest.raises(SystemExit) as ended:
-        main([*arguments, "--json"])
-    printed = capsys.readouterr()
-    return int(str(ended.value.code)), json.loads(printed.out or "{}"), printed.err
-
-
 @pytest.fixture
 def undisturbed(tmp_path: Path, capsys: pytest.CaptureFixture[str], through: Any) -> tuple[dict[str, Any], int]:
     """What the run gives with whole links, and how many bytes the oscilloscope replies in it."""
     station, proxy = through("scope")
-    status, result, _ = labctl(capsys, *RUN, "--station", str(station), "--out", str(tmp_path / "undisturbed"))
+    status, result = as_json(capsys, *RUN, "--station", str(station), "--out", str(tmp_path / "undisturbed"))
     assert (status, result["recovered"]) == (0, 0)
     return result, proxy.replied
 
@@ -136,7 +129,7 @@ def test_a_run_goes_on_over_a_new_link_and_its_frames_are_the_same(
 ) -> None:
     expected, replied = undisturbed
     station, _ = through("scope", *(int(part * replied) for part in (0.3, 0.9, 1.2)))
-    status, result, _ = labctl(capsys, *RUN, "--station", str(station), "--out", str(tmp_path / "run"))
+    status, result = as_json(capsys, *RUN, "--station", str(station), "--out", str(tmp_path / "run"))
     assert status == 0
     assert result["complete"]
     assert result["shots"] == SHOTS
@@ -160,10 +153,10 @@ def test_every_other_link_may_be_lost_as_well(
 ) -> None:
     station, proxy = through(name)
     run = (*RUN, "--station")
-    status, _, _ = labctl(capsys, *run, str(station), "--out", str(tmp_path / "counted"))
+    status, _ = as_json(capsys, *run, str(station), "--out", str(tmp_path / "counted"))
     assert status == 0
     station, _ = through(name, int(0.7 * proxy.replied))
-    status, result, _ = labctl(capsys, *run, str(station), "--out", str(tmp_path / "run"))
+    status, result = as_json(capsys, *run, str(station), "--out", str(tmp_path / "run"))
     assert (status, result["shots"], result["recovered"]) == (0, SHOTS, 1)
     assert result["frames_sha256"] == undisturbed[0]["frames_sha256"]
 
@@ -172,10 +165,10 @@ def test_every_other_link_may_be_lost_as_well(
 def test_a_burst_goes_on_as_well(name: str, through: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     station, proxy = through(name)
     run = (*RUN, "--set", "timing=burst", "--station")
-    status, expected, _ = labctl(capsys, *run, str(station), "--out", str(tmp_path / "undisturbed"))
+    status, expected = as_json(capsys, *run, str(station), "--out", str(tmp_path / "undisturbed"))
     assert (status, expected["recovered"]) == (0, 0)
     station, _ = through(name, proxy.replied - 60)
-    status, result, _ = labctl(capsys, *run, str(station), "--out", str(tmp_path / "run"))
+    status, result = as_json(capsys, *run, str(station), "--out", str(tmp_path / "run"))
     assert (status, result["shots"], result["recovered"]) == (0, SHOTS, 1)
     assert result["frames_sha256"] == expected["frames_sha256"]
 
@@ -189,7 +182,8 @@ def test_a_link_that_stays_dead_ends_the_run_dark(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     station, _ = through("scope", int(0.6 * undisturbed[1]), heals=False)
-    status, result, told = labctl(capsys, *RUN, "--station", str(station), "--out", str(tmp_path / "run"))
+    status, out, told = labctl(capsys, *RUN, "--station", station, "--out", tmp_path / "run", "--json")
+    result = json.loads(out)
     assert status == 1
     assert re.search(r"^scope at TCPIP0.* (cannot be reached|did not answer)", result["error"])
     left, following = result["notes"]

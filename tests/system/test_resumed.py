@@ -20,6 +20,7 @@ from labctl.protocol_files import read_protocol
 from labctl.runs import RunWriter, open_run, verify_run
 from labctl.station import Station, read_station, write_addresses
 from sim_backends.bench import SimulatedBench
+from tests import command_line
 from tests.system.waiting import until_stored
 
 resource = pytest.importorskip("resource")
@@ -28,19 +29,7 @@ SHOTS = 14
 SOFTWARE = ("image-readout", "--set", "images=10", "--set", "reference_every=5", "--set", "window=0.8 ns")
 BURST = (*SOFTWARE, "--set", "timing=burst")
 
-LabctlResult = tuple[int, dict[str, Any], str]
-Labctl = Callable[..., LabctlResult]
-
-
-@pytest.fixture
-def labctl(capsys: pytest.CaptureFixture[str]) -> Labctl:
-    def call(*arguments: object) -> LabctlResult:
-        with pytest.raises(SystemExit) as ended:
-            main([*map(str, arguments), "--json"])
-        printed = capsys.readouterr()
-        return int(str(ended.value.code)), json.loads(printed.out), printed.err
-
-    return call
+Labctl = Callable[..., tuple[int, dict[str, Any]]]
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +82,7 @@ def test_a_killed_run_ends_with_the_frames_of_one_that_was_not(
     before = verify_run(directory)
     assert before.intact
     assert not before.complete
-    status, resumed, _ = labctl("resume", directory)
+    status, resumed = labctl("resume", directory)
     assert (status, resumed["complete"], resumed["shots"]) == (0, True, SHOTS)
     assert resumed["frames_sha256"] == digests[protocol]
     after = verify_run(directory)
@@ -108,10 +97,7 @@ def test_a_complete_run_is_left_as_it_is(labctl: Labctl, tmp_path: Path, capsys:
     directory = tmp_path / "run"
     labctl("run", *SOFTWARE, "--set", "ports=2", "--out", directory)
     before = {path: path.stat().st_mtime_ns for path in directory.rglob("*") if path.is_file()}
-    with pytest.raises(SystemExit) as ended:
-        main(["resume", str(directory)])
-    assert ended.value.code == 0
-    assert capsys.readouterr().out == f"{directory}: complete already\n"
+    assert command_line.labctl(capsys, "resume", directory)[:2] == (0, f"{directory}: complete already\n")
     assert {path: path.stat().st_mtime_ns for path in directory.rglob("*") if path.is_file()} == before
     (directory / "data.h5").unlink()
     assert labctl("resume", directory)[1]["measured"] == 0
@@ -141,7 +127,7 @@ def test_a_full_disk_keeps_what_was_stored_and_the_run_goes_on(
     before = verify_run(directory)
     assert before.intact
     assert before.passes[0] >= 5
-    status, resumed, _ = labctl("resume", directory)
+    status, resumed = labctl("resume", directory)
     assert (status, resumed["frames_sha256"]) == (0, digests[SOFTWARE])
 
 
@@ -181,7 +167,7 @@ def test_the_light_that_a_killed_run_left_on_goes_off_first(
     simulation: SimulatedBench, cut: Path, labctl: Labctl, digests: dict[tuple[str, ...], str]
 ) -> None:
     laser(simulation, "OUTPUT ON")
-    status, resumed, _ = labctl("resume", cut)
+    status, resumed = labctl("resume", cut)
     assert (status, resumed["frames_sha256"]) == (0, digests[SOFTWARE])
     assert laser(simulation) == "0"
     log = (cut / "commands.log").read_text()
@@ -191,29 +177,28 @@ def test_the_light_that_a_killed_run_left_on_goes_off_first(
 
 def test_two_processes_cannot_write_one_run(cut: Path, labctl: Labctl) -> None:
     with RunWriter.resume(cut):
-        status, told, _ = labctl("resume", cut)
+        status, told = labctl("resume", cut)
     assert status == 2
     assert "another process is writing this run" in told["error"]
 
 
 def test_changed_settings_are_told_and_nothing_is_lit(
-    simulation: SimulatedBench, cut: Path, labctl: Labctl, capsys: pytest.CaptureFixture[str]
+    simulation: SimulatedBench, cut: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     say(simulation, "awg", "CLOCk:SOURce EFIXed")
-    status, told, err = labctl("resume", cut)
+    status, out, err = command_line.labctl(capsys, "resume", cut, "--json")
     assert status == 2
-    assert told["differences"] == [{"setting": "awg settings.clock_source", "then": "INT", "now": "EFIX"}]
+    assert json.loads(out)["differences"] == [{"setting": "awg settings.clock_source", "then": "INT", "now": "EFIX"}]
     assert re.fullmatch(r"labctl: .*run: 1 settings are not those that the run was begun with.*\n", err)
     assert laser(simulation) == "0"
-    with pytest.raises(SystemExit):
-        main(["resume", str(cut)])
+    _, shown, _ = command_line.labctl(capsys, "resume", cut)
     say(simulation, "awg", "CLOCk:SOURce INTernal")
-    assert re.search(r"setting +then +now *\nawg settings.clock_source +INT +EFIX *\n", capsys.readouterr().out)
+    assert re.search(r"setting +then +now *\nawg settings.clock_source +INT +EFIX *\n", shown)
 
 
 def test_another_fibre_is_noticed_by_the_reference_image(cut: Path, labctl: Labctl, tmp_path: Path) -> None:
     with SimulatedBench(twin_seed=2) as other:
-        status, told, _ = labctl("resume", cut, "--station", station_of(other, tmp_path / "other.toml"))
+        status, told = labctl("resume", cut, "--station", station_of(other, tmp_path / "other.toml"))
         assert laser(other) == "0"
     assert status == 1
     assert re.search(r"bench: \w+ shot \d+ is not what it was: .* times what noise and drift explain", told["error"])
@@ -225,10 +210,10 @@ def test_a_station_may_have_new_addresses_and_nothing_else_that_is_new(
 ) -> None:
     weak = tmp_path / "weak.toml"
     weak.write_text(station.read_text().replace("[laser]", "[laser]\npower = '20 mW'"), encoding="utf-8")
-    status, told, _ = labctl("resume", cut, "--station", weak)
+    status, told = labctl("resume", cut, "--station", weak)
     assert (status, told["differences"]) == (2, [{"setting": "station laser.power", "then": 0.03, "now": 0.02}])
     with SimulatedBench() as moved:
-        status, resumed, _ = labctl("resume", cut, "--station", station_of(moved, tmp_path / "moved.toml"))
+        status, resumed = labctl("resume", cut, "--station", station_of(moved, tmp_path / "moved.toml"))
     assert (status, resumed["frames_sha256"]) == (0, digests[SOFTWARE])
 
 
@@ -249,7 +234,7 @@ def test_a_stopped_run_names_the_command_that_goes_on(
         told, _ = process.communicate(timeout=30)
     assert process.returncode == 130
     (following,) = re.findall(r"labctl resume \S+", told)
-    status, resumed, _ = labctl(*shlex.split(following)[1:])
+    status, resumed = labctl(*shlex.split(following)[1:])
     assert (status, resumed["frames_sha256"]) == (0, digests[SOFTWARE])
 
 

@@ -22,7 +22,6 @@ from labctl.engine import Listeners, Request, carry_out
 from labctl.events import EventLog
 from labctl.experiments import experiments
 from labctl.interruption import Interruption
-from labctl.main import main
 from labctl.opening import opened
 from labctl.processes import Interrupted
 from labctl.reproduction.reproducing import Plan, reproduce
@@ -114,18 +113,6 @@ def station(benches: Path) -> Path:
 def straight(benches: Path) -> Path:
     """A served bench whose light goes from the modulator straight into the chip."""
     return benches / "straight.toml"
-
-
-@pytest.fixture
-def labctl(capsys: pytest.CaptureFixture[str]) -> Any:
-    """The command: exit status and the JSON it prints."""
-
-    def carry_out(*words: object) -> tuple[int, dict[str, Any]]:
-        with pytest.raises(SystemExit) as ended:
-            main([*map(str, words), "--json"])
-        return int(str(ended.value.code)), json.loads(capsys.readouterr().out)
-
-    return carry_out
 
 
 def test_the_saved_station_says_how_the_bench_is(station: Path, straight: Path) -> None:

@@ -1,13 +1,14 @@
 """One small run of the simulated bench that several commands look at, and commands as they are typed."""
 
-import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from labctl.main import main
+from tests import command_line
 
 Typed = Callable[..., tuple[int, str, str]]
 AsJson = Callable[..., tuple[int, dict[str, Any]]]
@@ -27,25 +28,10 @@ def bench_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def typed(capsys: pytest.CaptureFixture[str]) -> Typed:
     """Exit status, standard output and standard error of one command."""
-
-    def carry_out(*words: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main([str(word) for word in words])
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, *capsys.readouterr()
-
-    return carry_out
+    return partial(command_line.labctl, capsys)
 
 
 @pytest.fixture
-def as_json(typed: Typed) -> AsJson:
+def as_json(capsys: pytest.CaptureFixture[str]) -> AsJson:
     """Exit status of one command, and the one JSON object it printed."""
-
-    def carry_out(*words: object) -> tuple[int, dict[str, Any]]:
-        status, out, _ = typed(*words, "--json")
-        assert out.count("\n") == 1
-        found: dict[str, Any] = json.loads(out)
-        return status, found
-
-    return carry_out
+    return partial(command_line.as_json, capsys)
