@@ -10,3 +10,9 @@ DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data 
 ArmOption = Annotated[
     bool, typer.Option("--arm", help="Light may be switched on; as armed = true under [laser] of the station file.")
 ]
+PortBaseOption = Annotated[
+    int | None, typer.Option("--port-base", min=1024, max=65500, help="First TCP port; without it any free ones.")
+]
+SaveStationOption = Annotated[
+    Path | None, typer.Option("--save-station", help="Write a station file that points at these instruments.")
+]

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from labctl.commands.options import PortBaseOption, SaveStationOption
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.commands.serving import serving
 from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError
@@ -55,12 +56,8 @@ def replay(
     context: typer.Context,
     file: File,
     command: Annotated[list[str] | None, typer.Argument(help="-- and a command of labctl to run against it.")] = None,
-    port_base: Annotated[
-        int | None, typer.Option("--port-base", min=1024, max=65500, help="First TCP port; without it any free ones.")
-    ] = None,
-    save_station: Annotated[
-        Path | None, typer.Option("--save-station", help="Write a station file that points at these instruments.")
-    ] = None,
+    port_base: PortBaseOption = None,
+    save_station: SaveStationOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Serve a recording as instruments on loopback, until it is played or the first message differs from it.

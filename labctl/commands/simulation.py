@@ -2,12 +2,11 @@
 
 import ipaddress
 import threading
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from labctl.commands.options import StationOption
+from labctl.commands.options import PortBaseOption, SaveStationOption, StationOption
 from labctl.commands.output import JsonOption, errors, say, show, table
 from labctl.commands.serving import serving
 from labctl.failures import DONE, UsageError
@@ -36,12 +35,8 @@ def serve(
         bool | None,
         typer.Option("--projector/--no-projector", help="Fibre and DMD in the light's way, or straight into the chip."),
     ] = None,
-    port_base: Annotated[
-        int | None, typer.Option("--port-base", min=1024, max=65500, help="First TCP port; without it any free ones.")
-    ] = None,
-    save_station: Annotated[
-        Path | None, typer.Option("--save-station", help="Write a station file that points at these instruments.")
-    ] = None,
+    port_base: PortBaseOption = None,
+    save_station: SaveStationOption = None,
     host: Annotated[
         str, typer.Option("--host", help="Address of this machine to listen on; the default is this machine alone.")
     ] = LOOPBACK,
