@@ -45,6 +45,14 @@ def measure_missing(writer: RunWriter, shape: RunShape = SMALL) -> None:
             writer.append(pass_index, measure(shape, pass_index, int(shot)))
 
 
+def measure_until(writer: RunWriter, last: int) -> None:
+    """All shots of the first pass, and of the second those before `last`."""
+    for pass_index, stop in ((0, SMALL.shots), (1, last)):
+        writer.scales(pass_index, 1e-3 * (pass_index + 1), 0.05)
+        for shot in range(stop):
+            writer.append(pass_index, measure(SMALL, pass_index, shot))
+
+
 def write_whole(directory: Path, shape: RunShape = SMALL, shots: int = 3) -> Path:
     with begin(directory, shape, shots) as writer:
         measure_missing(writer, shape)
@@ -76,6 +84,11 @@ def measure_missing_fixture() -> Callable[..., None]:
     return measure_missing
 
 
+@pytest.fixture(scope="session", name="measure_until")
+def measure_until_fixture() -> Callable[[RunWriter, int], None]:
+    return measure_until
+
+
 @pytest.fixture(scope="session", name="write_whole")
 def write_whole_fixture() -> Callable[..., Path]:
     return write_whole
@@ -91,13 +104,6 @@ def whole(tmp_path: Path) -> Path:
 def cut(tmp_path: Path) -> Path:
     """A run whose process died after 5 shots of the second pass, 2 of them only in memory."""
     writer = begin(tmp_path / "cut")
-    measure_missing_until(writer, 5)
+    measure_until(writer, 5)
     writer.abandon()
     return tmp_path / "cut"
-
-
-def measure_missing_until(writer: RunWriter, last: int) -> None:
-    for pass_index, stop in ((0, SMALL.shots), (1, last)):
-        writer.scales(pass_index, 1e-3 * (pass_index + 1), 0.05)
-        for shot in range(stop):
-            writer.append(pass_index, measure(SMALL, pass_index, shot))

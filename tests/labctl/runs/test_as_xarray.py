@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import labctl
-from labctl.runs import Measured, RunError, RunShape, RunWriter
+from labctl.runs import RunError, RunShape, RunWriter
 from labctl.runs import open_run as read_run
 
 BIG = RunShape(30, ((1, 2), (3,)), 50_000, 1e-12, "int16")
@@ -58,17 +58,13 @@ def test_a_finished_run_has_names_and_units(whole: Path, small: RunShape) -> Non
 def test_a_run_that_is_going_on(
     tmp_path: Path,
     begin: Callable[..., RunWriter],
-    measure: Callable[[RunShape, int, int], Measured],
-    small: RunShape,
+    measure_until: Callable[[RunWriter, int], None],
 ) -> None:
     with begin(tmp_path / "run") as writer:
         with labctl.open_run(tmp_path / "run") as run:
             assert (run.sizes["shot"], run.complete) == (0, 0)
             assert run.volts.values.shape == (0, 5, 16)
-        for pass_index, last in ((0, 7), (1, 5)):
-            writer.scales(pass_index, 1e-3 * (pass_index + 1), 0.05)
-            for shot in range(last):
-                writer.append(pass_index, measure(small, pass_index, shot))
+        measure_until(writer, 5)
         with labctl.open_run(tmp_path / "run") as run, read_run(tmp_path / "run") as plain:
             assert run.shot.values.tolist() == [0, 1, 2]
             assert run.kind.values.tolist() == ["reference", "dark", "image"]

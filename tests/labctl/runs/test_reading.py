@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from labctl.runs import Durability, Measured, RunError, RunShape, RunWriter, ShotColumns, open_run, verify_run
+from labctl.runs import Durability, RunError, RunShape, RunWriter, ShotColumns, open_run, verify_run
 
 
 def test_plain_h5py_reads_a_data_file(whole: Path, small: RunShape) -> None:
@@ -47,16 +47,12 @@ def test_chunks_hold_whole_shots_of_about_a_megabyte(tmp_path: Path, write_whole
 def test_a_run_is_read_while_it_is_written(
     tmp_path: Path,
     begin: Callable[..., RunWriter],
-    measure: Callable[[RunShape, int, int], Measured],
-    small: RunShape,
+    measure_until: Callable[[RunWriter, int], None],
 ) -> None:
     with begin(tmp_path / "run") as writer:
         with pytest.raises(RunError, match="not a run directory"):
             open_run(tmp_path)
-        for pass_index, last in ((0, 7), (1, 5)):
-            writer.scales(pass_index, 1e-3 * (pass_index + 1), 0.05)
-            for shot in range(last):
-                writer.append(pass_index, measure(small, pass_index, shot))
+        measure_until(writer, 5)
         with open_run(tmp_path / "run") as run:
             assert (run.done, run.complete, len(run.frames)) == ((7, 3), False, 3)
             assert run.frames.dtype == np.int8

@@ -271,14 +271,11 @@ def test_the_vertical_range_is_locked_for_the_whole_run(cut: Path) -> None:
 
 
 def test_an_interrupted_run_keeps_what_is_complete(
-    tmp_path: Path, begin: Begin, measure_missing: Finish, small: RunShape, measure: Measure
+    tmp_path: Path, begin: Begin, measure_missing: Finish, measure_until: Callable[[RunWriter, int], None]
 ) -> None:
     def interrupted() -> None:
         with begin(tmp_path / "run") as writer:
-            for pass_index, last in ((0, 7), (1, 5)):
-                writer.scales(pass_index, 1e-3 * (pass_index + 1), 0.05)
-                for shot in range(last):
-                    writer.append(pass_index, measure(small, pass_index, shot))
+            measure_until(writer, 5)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
