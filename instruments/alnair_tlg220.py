@@ -4,6 +4,7 @@ No public command set exists for this laser, so the commands are data: a TOML fi
 station names. What is still `<unknown>` there raises a named error, and an unverified table never emits unattended.
 """
 
+import contextlib
 import math
 import re
 import time
@@ -283,13 +284,12 @@ class Tlg220(TunableLaser):
 
     def _number(self, name: str) -> float:
         text = self._ask(name)["value"]
-        try:
-            return float(text)
-        except (TypeError, ValueError):  # a group that is not part of every answer; or no number
-            raise InstrumentError(
-                f"laser: {self._command(name).write!r} was answered {text!r}, not a number: correct "
-                f"{self._table.source}"
-            ) from None
+        with contextlib.suppress(TypeError, ValueError):  # a group that is not part of every answer; or no number
+            if math.isfinite(number := float(text)):
+                return number
+        raise InstrumentError(
+            f"laser: {self._command(name).write!r} was answered {text!r}, not a number: correct {self._table.source}"
+        )
 
     def _set(self, name: str, value: float) -> None:
         command = self._command(name)
@@ -316,4 +316,7 @@ class Tlg220(TunableLaser):
 
 
 def _watts(dbm: float) -> float:
-    return float(1e-3 * 10 ** (dbm / 10))
+    try:
+        return float(1e-3 * 10 ** (dbm / 10))
+    except OverflowError:
+        return math.inf  # above every limit

@@ -1,5 +1,13 @@
 """How instruments fail: every message is one line that says what, where and what to do."""
 
+EXCERPT = 40
+"""Characters of a wrong reply that a message shows."""
+
+
+def excerpt(reply: str | bytes | bytearray) -> str:
+    """A wrong reply as a message shows it: its beginning, in one line."""
+    return repr(reply[:EXCERPT] if isinstance(reply, str) else bytes(reply[:EXCERPT]))
+
 
 class InstrumentError(Exception):
     """An instrument refused, failed or did not answer; the message is one line that says what, where and what to do."""

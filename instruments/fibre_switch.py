@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from instruments.errors import InstrumentError, OutOfRange
+from instruments.errors import InstrumentError, OutOfRange, excerpt
 from instruments.interfaces import PatchPanel
 from instruments.values import Examination, Identity
 from instruments.visa import VisaLink
@@ -42,7 +42,7 @@ class ScpiFibreSwitch(PatchPanel):
         wanted = ",".join(f"{channel}!{port}" for channel, port in sorted(patching.items()))
         routed = self._link.query("ROUTe:CLOSe?")
         if routed != f"(@{wanted})":
-            raise InstrumentError(f"patch_panel: routes are {routed}, wanted (@{wanted}): check the switch")
+            raise InstrumentError(f"patch_panel: routes are {excerpt(routed)}, wanted (@{wanted}): check the switch")
 
     def settings(self) -> dict[str, str | float]:
         """The closed routes."""

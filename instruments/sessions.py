@@ -19,6 +19,7 @@ from pyvisa_py.protocols.rpc import RPCError
 from pyvisa_py.protocols.vxi11 import Vxi11Error
 
 from instruments.blocks import length_digits, receive, send
+from instruments.errors import EXCERPT, excerpt
 
 FAILURES = (VisaIOError, OSError, ValueError, RuntimeError, AssertionError, EOFError, RPCError, Vxi11Error)
 """What a session raises when its link breaks, or when what comes is not what was asked for.
@@ -34,8 +35,6 @@ TEXT_CHUNK = 1 << 16
 LONGEST_TEXT = 1 << 26
 """Bytes of a reply: the time stamps of a million frames have 40 MB."""
 CLOSED = "the instrument closed the connection"
-EXCERPT = 40
-"""Bytes of a wrong reply that a message shows."""
 
 Received = Callable[[memoryview], object]
 Take = Callable[[int, Received], bytearray]
@@ -168,7 +167,7 @@ class Session:
             if not waiting:
                 raise ConnectionResetError(CLOSED)
         if waiting:
-            raise ValueError(f"{waiting[:EXCERPT]!r} came unasked")
+            raise ValueError(f"{excerpt(waiting)} came unasked")
 
     def _line(self, link: socket.socket | None, deadline: float) -> bytes:
         """The bytes before the next terminator."""
@@ -176,7 +175,7 @@ class Session:
         if link is None:
             message = self._visa_line(deadline)
             if not message.endswith(end):
-                raise ValueError(f"{message[:EXCERPT].decode(ENCODING)!r} lacks its end")
+                raise ValueError(f"{excerpt(message.decode(ENCODING))} lacks its end")
             return message.removesuffix(end)
         while (length := self._received.find(end, searched)) < 0:
             _require_bounded(self._received)
@@ -255,7 +254,7 @@ def _left_s(deadline: float) -> float:
 
 def _require_bounded(text: bytes | bytearray) -> None:
     if len(text) > LONGEST_TEXT:
-        raise ValueError(f"more than {LONGEST_TEXT} bytes came, which begin with {bytes(text[:EXCERPT])!r}")
+        raise ValueError(f"more than {LONGEST_TEXT} bytes came, which begin with {excerpt(text)}")
 
 
 def _resource_manager(resource: str) -> pyvisa.ResourceManager:

@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.errors import InstrumentError
+from instruments.errors import InstrumentError, excerpt
 from instruments.interfaces import Awg
 from instruments.readback import confirm
 from instruments.values import Drive, Examination, Identity, Loaded, Progress, Range
@@ -149,7 +149,8 @@ class Awg70002a(Awg):
         source, path = f"SOURce{self._channel}", f"OUTPut{self._channel}:PATH"
         if (found := self._link.query(f"{path}?")).upper() not in self.DIRECT:
             raise InstrumentError(
-                f"{self._link.name}: {path} is {found}: amplitudes hold for the direct path only: set it to DIRect"
+                f"{self._link.name}: {path} is {excerpt(found)}: amplitudes hold for the direct path only: set it to "
+                f"DIRect"
             )
         settled = []
         for query, setting, asked, tolerance, unit in (
@@ -174,7 +175,7 @@ class Awg70002a(Awg):
         state = self._link.query("AWGControl:RSTate?")
         if state not in (self.WAITING, self.RUNNING):
             raise InstrumentError(
-                f"{self._link.name}: does not run (AWGControl:RSTate? answers {state}): load a drive first"
+                f"{self._link.name}: does not run (AWGControl:RSTate? answers {excerpt(state)}): load a drive first"
             )
 
     def stop(self) -> None:

@@ -284,6 +284,7 @@ class Dpo72504dx(Oscilloscope):
             found = read(reply)
         except ValueError:  # a date that is none
             found = np.empty(0)
+        found = found[np.isfinite(found)]
         if found.size != self._frames:
             raise InstrumentError(
                 f"{self._link.name} at {self._link.resource}: {query.split()[0]} told of {found.size} frames, not of "

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.errors import InstrumentError, LinkError, NotConfigured
+from instruments.errors import InstrumentError, LinkError, NotConfigured, excerpt
 from instruments.interfaces import BurstDmd
 from instruments.values import Identity, Progress, Range
 from instruments.visa import VisaLink
@@ -58,7 +58,8 @@ RETURN_CODES = {
 LOST = (1001, 1011, 1012)
 """Return codes of a device that cannot be reached."""
 ALREADY_ALLOCATED = "1004"
-RETURN = re.compile(r"(\d+)(?:,(-?\d+))?")
+MOST_MIRRORS = 1 << 13  # along a side
+RETURN = re.compile(r"(\d{1,9})(?:,(-?\d{1,18}))?")
 """A reply on the network: the return code, and the value of an inquiry."""
 
 SETTLING_S = 50e-6
@@ -156,7 +157,9 @@ class AlpOverVisa:
         call = line.split()[0]
         found = RETURN.fullmatch(reply)
         if found is None:
-            raise InstrumentError(f"dmd: {call} was answered {reply!r}, not with a return code: check its address")
+            raise InstrumentError(
+                f"dmd: {call} was answered {excerpt(reply)}, not with a return code: check its address"
+            )
         code, value = int(found[1]), int(found[2] or 0)
         if code != 0:
             failure = LinkError if code in LOST else InstrumentError
@@ -378,11 +381,19 @@ class VialuxAlp(BurstDmd):
     def _prepare(self) -> int:
         if self._sequence is None:
             self._alp.Initialize()
-            self._shape = (
-                self._alp.DevInquire(ALP_DEV_DISPLAY_HEIGHT),
-                self._alp.DevInquire(ALP_DEV_DISPLAY_WIDTH),
-            )
+            self._shape = (self._mirrors(ALP_DEV_DISPLAY_HEIGHT), self._mirrors(ALP_DEV_DISPLAY_WIDTH))
             self._sequence = self._alp.SeqAlloc(1, 1)
             self._alp.SeqControl(self._sequence, ALP_DATA_FORMAT, ALP_DATA_BINARY_TOPDOWN)
             self._alp.SeqControl(self._sequence, ALP_BIN_MODE, ALP_BIN_UNINTERRUPTED)
         return self._sequence
+
+    def _mirrors(self, side: int) -> int:
+        """How many mirrors there are along a side.
+
+        Raises:
+            InstrumentError: so many as no DMD has.
+        """
+        mirrors = self._alp.DevInquire(side)
+        if not 1 <= mirrors <= MOST_MIRRORS:
+            raise InstrumentError(f"dmd: says that it has {mirrors} mirrors a side: check its address and its cable")
+        return mirrors

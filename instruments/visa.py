@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.blocks import Digest
-from instruments.errors import InstrumentError, LinkError
-from instruments.sessions import ENCODING, EXCERPT, FAILURES, Session, came_late
+from instruments.errors import InstrumentError, LinkError, excerpt
+from instruments.sessions import ENCODING, FAILURES, Session, came_late
 from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
 ErrorQueue = Callable[["VisaLink"], list[str]]
@@ -20,7 +20,11 @@ ErrorQueue = Callable[["VisaLink"], list[str]]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 MAX_ERRORS_READ = 64
-TEXT = re.compile(r'(?:[\t\r\n !#-~]+|"[^"]*")+')
+MOST_TOLD = 5
+"""Different errors that a message quotes."""
+LONGEST_ERROR = 300
+"""Characters of an error that are kept: Tektronix quotes the whole command in it."""
+TEXT = re.compile(r'(?:[\t\r\n !#-~]++|"[^"]*+")++')
 """What a reply consists of: printable ASCII, and anything between quotation marks; it is never empty."""
 
 
@@ -113,7 +117,7 @@ class VisaLink:
             if math.isfinite(number := float(reply)):
                 return number
         raise InstrumentError(
-            f"{self.name} at {self.resource}: {command!r} was answered {reply[:EXCERPT]!r}, not with a number: check "
+            f"{self.name} at {self.resource}: {command!r} was answered {excerpt(reply)}, not with a number: check "
             f"that the driver fits the instrument"
         )
 
@@ -159,12 +163,14 @@ class VisaLink:
         yield
         errors = self.errors()
         if errors:
-            told = "; ".join(dict.fromkeys(errors))  # a full queue says the same over and over
+            different = tuple(dict.fromkeys(errors))  # a full queue says the same over and over
+            more = f" and {len(different) - MOST_TOLD} more" if len(different) > MOST_TOLD else ""
+            told = "; ".join(different[:MOST_TOLD]) + more
             raise InstrumentError(f"{self.name} at {self.resource} reports {told}")
 
     def errors(self) -> list[str]:
-        """Empty the instrument's error queue and return what it held."""
-        return self._error_queue(self)
+        """Empty the instrument's error queue and return what it held, each error in one line."""
+        return [" ".join(error.split())[:LONGEST_ERROR] for error in self._error_queue(self)]
 
     def close(self) -> None:
         """Close the session if it is open; the next message would open it again."""
@@ -241,7 +247,7 @@ def _text(reply: str) -> str:
         ValueError: it holds bytes that no instrument says: what broke is the link.
     """
     if TEXT.fullmatch(reply) is None:
-        raise ValueError(f"{reply[:EXCERPT]!r} is no text")
+        raise ValueError(f"{excerpt(reply)} is no text")
     return reply
 
 

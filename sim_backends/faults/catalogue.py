@@ -98,6 +98,7 @@ WIRE: dict[str, Fault] = {
     "only garbage": Fault(
         "every reply from then on is bytes that no instrument says", reply=distortions.garbage, lasting=True
     ),
+    "garbage behind": Fault("bytes that no instrument says behind the reply", reply=distortions.garbage_behind),
     "not ASCII": Fault("the upper bit of every byte is set", reply=distortions.not_ascii),
     "CR LF in quotes": Fault("a quoted text with CR LF inside", reply=distortions.quoted_lines),
     "with header": Fault("the reply comes with a header", reply=distortions.with_header),

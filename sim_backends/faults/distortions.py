@@ -68,6 +68,11 @@ def garbage(_reply: bytes) -> Disturbed:
     return Disturbed(GARBAGE + b"\n")
 
 
+def garbage_behind(reply: bytes) -> Disturbed:
+    """Bytes come behind it that no instrument says."""
+    return Disturbed(reply[:-1] + GARBAGE + b"\n")
+
+
 def not_ascii(reply: bytes) -> Disturbed:
     """The upper bit of every byte but the last is set."""
     return Disturbed(bytes(byte | 0x80 for byte in reply[:-1]) + b"\n")

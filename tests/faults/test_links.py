@@ -1,5 +1,6 @@
 """What a link makes of wrong replies: an error or the right data, never the answer to another question."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
@@ -12,6 +13,8 @@ from instruments.errors import InstrumentError, LinkError
 from instruments.visa import VisaLink, tektronix_event_queue
 from sim_backends.faults.bench import Befalling, FaultyBench
 from sim_backends.faults.catalogue import FRAMES, QUEUE, START, TRACE, UPLOAD, WIRE, Fault, Moment
+from sim_backends.faults.distortions import Distortion
+from sim_backends.servers.disturbed import Disturbed
 from tests.faults.matrix import SMALL
 
 Through = Callable[..., VisaLink]
@@ -31,6 +34,12 @@ def through(log: Any) -> Iterator[Through]:
             return link
 
         yield connect
+
+
+def _nth_error() -> Distortion:
+    """Each error another one, over two lines, and longer than any."""
+    number = itertools.count(1)
+    return lambda _reply: Disturbed(b'-%d,"two\nlines"%s\n' % (next(number), b"!" * 9999))
 
 
 @pytest.mark.parametrize("name", ["single bytes", "no harm at all"])
@@ -65,6 +74,22 @@ def test_bytes_that_are_no_text_are_no_reply(name: str, through: Through) -> Non
     with pytest.raises(LinkError, match="is no text"):
         link.query("CLOCk:SOURce?")
     assert link.query("CLOCk:SOURce?") == "INT"
+
+
+def test_a_long_reply_with_garbage_behind_is_refused_at_once(through: Through) -> None:
+    link = through(WIRE["garbage behind"], "*IDN?")
+    with pytest.raises(LinkError, match=r"'TEKTRONIX,AWG70002A,.*' is no text"):
+        link.query("*IDN?")
+
+
+def test_errors_of_the_instrument_are_lines_and_not_too_many(through: Through) -> None:
+    link = through(Fault("a queue without an end", answers={"SYSTem:ERRor?": _nth_error()}), "*IDN?")
+    link.query("*IDN?")
+    with pytest.raises(InstrumentError) as refused, link.checked():
+        pass
+    assert '-1,"two lines"' in str(refused.value)
+    assert str(refused.value).endswith("and 59 more")
+    assert len(str(refused.value)) < 2000
 
 
 def test_lines_between_quotation_marks_belong_to_one_reply(through: Through) -> None:

@@ -1,4 +1,4 @@
-"""Files as somebody might change them: valid ones with bytes replaced, taken out, put in, doubled, or the end cut off.
+"""Files as somebody might change them.
 
 Where a file carries a checksum over what was changed, it is made to fit again: otherwise every change would be refused
 at the door, and what lies behind it would never be tried.
@@ -28,28 +28,9 @@ from labctl.recording import CHECK, RECORD, Kind, RecordingWriter
 from labctl.runs.journal import Entry
 from labctl.runs.shards import ROWS_DTYPE, Shard
 from sim_backends.virtual.wfmx import WaveformFile, write_wfmx
+from tests.fuzz.changes import CHANGES, END, changed
 from tests.fuzz.link import COUNTED
 from tests.fuzz.readers import PICTURE, READERS, SHAPE
-
-TOKENS = (
-    *(b"", b"\n", b"\r", b"\0", b'"', b"'", b"[", b"]", b"{", b"}", b"=", b",", b";", b"<", b">", b"<a>", b"\\u0000"),
-    *(
-        b"-1",
-        b"0",
-        b"1e999",
-        b"NaN",
-        b"nan",
-        b"inf",
-        b"Infinity",
-        b"null",
-        b"true",
-        b"9" * 20,
-        b"9" * 5000,
-        b"\xc2\xb2",
-    ),
-    *(b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\x00" * 8, b"../", b"/etc/", b"\x1b[2J"),
-)
-"""What is put in beside random bytes: what parsers trip over."""
 
 
 @dataclass(frozen=True)
@@ -61,37 +42,13 @@ class Subject:
     mended: Callable[[bytes], bytes] = bytes
 
 
-@st.composite
-def changed(draw: st.DrawFn, valid: bytes) -> bytes:
-    """A valid file with up to eight changes."""
-    content = bytearray(valid)
-    for _ in range(draw(st.integers(0, 8))):
-        start = draw(st.integers(0, len(content)))
-        end = min(len(content), start + draw(st.sampled_from((0, 1, 2, 4, 8, 40))))
-        match draw(st.integers(0, 5)):
-            case 0:
-                content[start:end] = draw(st.binary(max_size=8))
-            case 1:
-                content[start:end] = draw(st.sampled_from(TOKENS))
-            case 2:
-                content[start:start] = content[start:end] * draw(st.integers(1, 50))
-            case 3:
-                del content[start:end]
-            case 4 if numbers := list(re.finditer(rb"[0-9]+", content)):
-                first, last = draw(st.sampled_from(numbers)).span()
-                content[first:last] = draw(st.sampled_from(TOKENS))
-            case _:
-                if content:
-                    content[start % len(content)] ^= 1 << draw(st.integers(0, 7))
-    return bytes(content[: draw(st.sampled_from((len(content), len(content), draw(st.integers(0, len(content))))))])
-
-
 def taken_or_refused(data: st.DataObject, kind: str) -> None:
     """Whatever was changed: the file is read, or refused with the one error of its kind in one line."""
     COUNTED["inputs"] += 1
     COUNTED[kind] += 1
     subject, reader = SUBJECTS[kind], READERS[kind]
-    content = subject.mended(data.draw(changed(data.draw(st.sampled_from(subject.valid())))))
+    valid = data.draw(st.sampled_from(subject.valid()))
+    content = subject.mended(changed(valid, data.draw(CHANGES), data.draw(END)))
     with TemporaryDirectory() as folder:
         path = Path(folder) / subject.name
         path.write_bytes(content)

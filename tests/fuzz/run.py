@@ -1,7 +1,8 @@
 """`make fuzz MINUTES=60`: new inputs until the time is up; says how many there were, exits 1 if anything was found.
 
-Every round gives each model a few hundred examples of each property, and each kind of file as many changed files, with
-a seed that is printed with a finding. `--only WORD` keeps the models and kinds whose name holds that word.
+Every round gives each model a few hundred examples of each property, each driver as many changed answers and each kind
+of file as many changed files, with a seed that is printed with a finding. `--only WORD` keeps those whose name holds
+that word.
 """
 
 import argparse
@@ -18,6 +19,7 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
 from sim_backends.virtual import VirtualInstrument
+from tests.fuzz.answers import LIVES, answers_are_taken_or_refused
 from tests.fuzz.files import SUBJECTS, taken_or_refused
 from tests.fuzz.inputs import MODELS
 from tests.fuzz.link import COUNTED
@@ -36,7 +38,7 @@ def main() -> int:
     parser.add_argument("--only", default="")
     asked = parser.parse_args()
     if not any(_properties(asked.only)):
-        parser.error(f"no model or kind of file has {asked.only!r} in its name")
+        parser.error(f"no model, driver or kind of file has {asked.only!r} in its name")
     ends = time.monotonic() + 60 * asked.minutes
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
@@ -49,6 +51,8 @@ def main() -> int:
         _say(f"round {rounds}: {COUNTED['inputs']} inputs, {COUNTED['messages']} messages, {findings} findings")
     for kind in filter(COUNTED.get, SUBJECTS):
         _say(f"{kind}: {COUNTED[kind]} files")
+    for role in filter(COUNTED.get, map("answers of {}".format, LIVES)):
+        _say(f"{role}: {COUNTED[role]} conversations")
     _say(f"fuzz: {COUNTED['inputs']} inputs, {COUNTED['messages']} messages, {findings} findings")
     return 1 if findings else 0
 
@@ -58,6 +62,9 @@ def _properties(only: str) -> Iterator[tuple[str, Callable[[st.DataObject], None
         for holds in PROPERTIES.values():
             if only in name:
                 yield f"{holds.__name__}, {name}", partial(_of_a_model, holds, model)
+    for role in LIVES:
+        if only in f"answers of {role}":
+            yield f"answers_are_taken_or_refused, {role}", partial(answers_are_taken_or_refused, role=role)
     for kind in SUBJECTS:
         if only in kind:
             yield f"taken_or_refused, {kind}", partial(taken_or_refused, kind=kind)

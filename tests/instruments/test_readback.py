@@ -146,7 +146,7 @@ def test_the_generator(query: str, near: str, far: str, message: str, opened: Op
 
 
 def test_amplitudes_hold_for_the_direct_path_of_the_generator(opened: Opened) -> None:
-    with pytest.raises(InstrumentError, match="awg: OUTPut1:PATH is DCA: amplitudes hold for the direct path only"):
+    with pytest.raises(InstrumentError, match="awg: OUTPut1:PATH is 'DCA': amplitudes hold for the direct path only"):
         opened("awg", **LIMITS | {"OUTPut1_PATH": "DCA"}).load(drive())
 
 

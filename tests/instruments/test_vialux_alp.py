@@ -187,6 +187,14 @@ def test_closing_closes_the_link_of_a_device_that_could_not_be_allocated(
     assert sessions.open == 0
 
 
+def test_so_many_mirrors_as_no_dmd_has(simulation: SimulatedBench, log: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(AlpOverVisa, "DevInquire", lambda _self, _item: 10**12)
+    link = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
+    with pytest.raises(InstrumentError, match="1000000000000 mirrors a side"):
+        VialuxAlp(AlpOverVisa(link)).blank()
+    link.close()
+
+
 def test_a_reply_that_is_no_return_code(simulation: SimulatedBench, log: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     link = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
     monkeypatch.setattr(VirtualAlp, "halt", lambda _device: "ready")
