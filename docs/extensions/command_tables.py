@@ -8,6 +8,7 @@ from docutils import nodes
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
+from typer.core import TyperGroup
 
 from labctl.main import app
 
@@ -27,15 +28,18 @@ class CommandTables(SphinxDirective):
 
 
 def _commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
-    if not hasattr(command, "list_commands"):
+    if not isinstance(command, TyperGroup):
         yield name, command
         return
-    for word in command.list_commands(None):
-        yield from _commands(command.get_command(None, word), f"{name} {word}")
+    context = typer.Context(command)
+    for word in command.list_commands(context):
+        _, found, _ = command.resolve_command(context, [word])
+        yield from _commands(found, f"{name} {word}")
 
 
 def _row(parameter: Any) -> str:
-    names = parameter.name.upper() if parameter.param_type_name == "argument" else ", ".join(parameter.opts)
+    argument = parameter.param_type_name == "argument"
+    names = parameter.name.upper() if argument else ", ".join((*parameter.opts, *parameter.secondary_opts))
     text = (parameter.help or "").replace("|", "\\|")
     return f"| `{names}` | {text} |"
 
