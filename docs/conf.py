@@ -1,5 +1,6 @@
 """How the documents are built: `make docs`."""
 
+import doctest
 import os
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ extensions = [
     "figures",
     "mathml",
     "parameter_table",
+    "screenshots",
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",
@@ -30,6 +32,9 @@ linkcheck_ignore = [r"https?://.*"]  # only what lies here: the build works offl
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
+doctest_default_flags = doctest.ELLIPSIS | doctest.DONT_ACCEPT_TRUE_FOR_1  # what an error says counts too
+# Examples run where the run is that the build measures.
+doctest_global_setup = f"import os; os.chdir({str(Path(__file__).parent / 'made')!r})"
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "labctl"
