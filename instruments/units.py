@@ -39,6 +39,11 @@ def quantity(text: str, unit: str) -> float:
 
     Raises:
         ValueError: not a number, no unit, or a unit of another kind.
+
+    Example:
+        >>> from instruments.units import quantity
+        >>> quantity("0.4 ns", "s"), quantity("25 GS/s", "Hz"), quantity("14.8 dBm", "W")
+        (4e-10, 25000000000.0, 0.030199517204)
     """
     match = _TEXT.fullmatch(text)
     if match is None:

@@ -28,7 +28,13 @@ class Identity:
 
     @classmethod
     def parse(cls, reply: str) -> "Identity":
-        """Split a `*IDN?` reply; missing fields become empty strings."""
+        """Split a `*IDN?` reply; missing fields become empty strings.
+
+        Example:
+            >>> from instruments.values import Identity
+            >>> Identity.parse("ALNAIR LABS, TLG-220")
+            Identity(manufacturer='ALNAIR LABS', model='TLG-220', serial='', firmware='')
+        """
         fields = [field.strip() for field in reply.split(",", 3)]
         return cls(*(fields + [""] * (4 - len(fields))))
 
@@ -87,7 +93,15 @@ class Drive:
         return self.excerpt(0, self.samples.size)[1]
 
     def repeated_length(self, minimum: int) -> int:
-        """Samples of the fewest whole periods that make `minimum`; padding would leave the modulator idle between."""
+        """Samples of the fewest whole periods that make `minimum`; padding would leave the modulator idle between.
+
+        Example:
+            >>> import numpy as np
+            >>> from instruments.values import Drive
+            >>> ramp = Drive("ramp", np.linspace(-1, 1, 1000, dtype=np.float32), sample_rate=25e9, amplitude_vpp=0.5)
+            >>> ramp.period_s, ramp.repeated_length(2400)
+            (4e-08, 3000)
+        """
         return -(-minimum // self.samples.size) * self.samples.size
 
     def excerpt(
@@ -96,6 +110,14 @@ class Drive:
         """`count` samples and their marker from place `first` on, repeated as far as they go; shapes (count,).
 
         With `marked_once` the marker is high in the first period only.
+
+        Example:
+            >>> import numpy as np
+            >>> from instruments.values import Drive
+            >>> steps = Drive("steps", np.array([-1, 0, 1, 0.5], np.float32), sample_rate=25e9, amplitude_vpp=0.5)
+            >>> samples, marker = steps.excerpt(2, 5)
+            >>> samples.tolist(), marker.tolist()
+            ([1.0, 0.5, -1.0, 0.0, 1.0], [False, False, True, False, False])
         """
         period, high = self.samples.size, max(1, self.samples.size // 4)
         places = np.arange(first, first + count)

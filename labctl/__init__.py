@@ -21,6 +21,12 @@ def open_run(path: "Path | str") -> "xarray.Dataset":
 
     Raises:
         labctl.runs.RunError: Not a run, or damaged, or xarray is not installed; says what to do.
+
+    Example:
+        >>> from labctl import open_run
+        >>> with open_run("runs/mine") as run:
+        ...     run.volts.sel(port=3, time=slice(0, 0.4e-9)).shape
+        (220, 11)
     """
     from labctl.runs import RunError
 

@@ -98,7 +98,7 @@ class Parameters(BaseModel):
         0.35,
         "1",
         "Side of the 28x28 square as a part of the imaged core diameter: 70 um of the core, inside its flat middle. "
-        "With the launch aperture it sets the speckle grain, 2.4 superpixels.",
+        "With the launch aperture it sets the speckle grain, 2.5 superpixels.",
         gt=0,
         le=0.7,
     )
@@ -296,7 +296,7 @@ class Parameters(BaseModel):
 
     @property
     def mode_density_per_hz(self) -> float:
-        """Weyl density of the stadium's resonances (1/Hz), 1.05 per GHz at the defaults."""
+        """Weyl density of the stadium's resonances (1/Hz), 1.04 per GHz at the defaults."""
         return cavity.weyl_density(
             radius=self.stadium_radius_m,
             straight=self.stadium_straight_m,

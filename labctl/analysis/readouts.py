@@ -10,7 +10,7 @@ from labctl.analysis.windows import WindowFeatures
 
 
 def softmax_classifier() -> Pipeline:
-    """Multinomial logistic regression on standardised features: y = softmax(W x + b), penalty |W|^2 / 2, C = 1.
+    """Multinomial logistic regression on standardised features: y = softmax(W x + b), penalty sum(W^2) / 2, C = 1.
 
     The solver is L-BFGS at scikit-learn's own tolerance. For 900 shots Newton-Cholesky gives the same accuracy, as
     fast at 50 features and six times slower at 250; a looser tolerance is faster but ends early: another readout.

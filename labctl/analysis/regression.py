@@ -15,7 +15,7 @@ ALPHAS = tuple(10.0 ** (exponent / 2) for exponent in range(-8, 13))
 
 
 def ridge_readout(alphas: Sequence[float] = ALPHAS) -> Pipeline:
-    """Ridge regression on standardised features, with a free bias: y = W x + b, penalty alpha |W|^2.
+    """Ridge regression on standardised features, with a free bias: y = W x + b, penalty alpha sum(W^2).
 
     `fit` chooses alpha by the leave-one-out error inside the training set (in closed form, one decomposition for all
     of `alphas`), one alpha for all outputs. Targets may be (shots,) or (shots, outputs).
@@ -30,6 +30,11 @@ def nmse(target: ArrayLike, predicted: ArrayLike) -> float:
 
     Raises:
         AnalysisError: The shapes differ, nothing is given, or the target is constant.
+
+    Example:
+        >>> from labctl.analysis.regression import nmse
+        >>> nmse([1, 2, 3], [1, 2, 3]), nmse([1, 2, 3], [2, 2, 2])
+        (0.0, 1.0)
     """
     wanted, found = _alike(target, predicted)
     variance = float(np.mean((wanted - wanted.mean(axis=0)) ** 2))

@@ -63,6 +63,13 @@ def forward_in_time_split(
 
     Raises:
         AnalysisError: One of the parts would be empty.
+
+    Example:
+        >>> import numpy as np
+        >>> from labctl.analysis.splits import forward_in_time_split
+        >>> images = np.array([1, 2, 3, 4, 5, 1])
+        >>> forward_in_time_split(images, test_size=2)  # image 1 is tested, so its first shot is left out
+        (array([1, 2, 3]), array([4, 5]))
     """
     by_time = np.arange(groups.size) if order is None else np.argsort(order, kind="stable")
     count = max(round(_share(test_size, groups.size) * groups.size), 1)

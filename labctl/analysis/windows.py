@@ -31,6 +31,13 @@ def volts(frames: NDArray[np.integer], scale: ArrayLike, offset: ArrayLike) -> N
         frames: (shots, ports, samples) codes.
         scale: (ports,) V per code.
         offset: (ports,) V.
+
+    Example:
+        >>> import numpy as np
+        >>> from labctl.analysis.windows import volts
+        >>> codes = np.array([[[-128, 0, 127]]], np.int8)  # one shot, one port, three samples
+        >>> volts(codes, scale=[0.5], offset=[64])
+        array([[[  0. ,  64. , 127.5]]], dtype=float32)
     """
     by_port = (slice(None), np.newaxis)
     volts_per_code = np.asarray(scale, np.float32)[by_port]
@@ -42,6 +49,14 @@ def sample_count(window_s: float, tau_s: float) -> int:
 
     Raises:
         AnalysisError: The window is shorter than one sample or not a whole number of them.
+
+    Example:
+        >>> from labctl.analysis.windows import sample_count
+        >>> sample_count(0.4e-9, 40e-12)
+        10
+        >>> sample_count(0.41e-9, 40e-12)
+        Traceback (most recent call last):
+        labctl.analysis.errors.AnalysisError: a window of 0.41 ns is not a whole number of 0.04 ns samples: ...
     """
     if not (window_s > 0 and tau_s > 0):
         raise AnalysisError(f"a window of {window_s:g} s sampled every {tau_s:g} s is empty: both must be above zero")
@@ -157,6 +172,14 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         samples_: (N,) which samples are used.
         ports_in_: Ports in the records.
         samples_in_: Samples in the records.
+
+    Example:
+        >>> import numpy as np
+        >>> from labctl.analysis.windows import WindowFeatures
+        >>> records = np.zeros((900, 5, 50), np.float32)  # 2 ns on ports 2 to 6
+        >>> window = WindowFeatures(ports=[2, 3], window_s=0.4e-9, recorded_ports=[2, 3, 4, 5, 6])
+        >>> window.fit_transform(records).shape
+        (900, 20)
     """
 
     def __init__(

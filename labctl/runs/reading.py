@@ -198,6 +198,12 @@ def open_run(path: Path | str) -> Run:
 
     Raises:
         RunError: not a run, or damaged; says what and what to do.
+
+    Example:
+        >>> from labctl.runs import open_run
+        >>> with open_run("runs/mine") as run:
+        ...     run.complete, run.ports, run.frames.shape, run.frames.dtype
+        (True, (2, 3, 4, 5, 6), (220, 5, 50), dtype('int8'))
     """
     path = Path(path)
     if path.is_file():

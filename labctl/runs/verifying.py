@@ -81,6 +81,12 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
 
     Raises:
         RunError: not a run directory at all, or `rebuild` finds the disk full.
+
+    Example:
+        >>> from labctl.runs import verify_run
+        >>> report = verify_run("runs/mine")
+        >>> report.intact, report.complete, report.passes, report.data_file
+        (True, True, (220, 220), 'current')
     """
     paths = RunPaths(Path(path))
     if not paths.manifest.exists():

@@ -1,0 +1,63 @@
+"""Every example in the documents is run or read by something; here, what neither the build nor another test takes."""
+
+import re
+import tomllib
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from instruments.alnair_tlg220 import DEFAULT_TABLE, UNKNOWN, CommandTable
+from labctl.main import main
+from labctl.station import Station, read_station
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+BLOCK = re.compile(r"^ *```(\S*)[^\n]*\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [dedent(block) for name, block in BLOCK.findall(page.read_text("utf-8")) if name == language]
+
+
+STATIONS = [
+    pytest.param(block, id=f"{page.stem}-{place}")
+    for page in PAGES
+    for place, block in enumerate(blocks(page, "toml"))
+    if tomllib.loads(block).keys() <= set(Station.model_fields)
+]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_python_is_written_where_the_build_runs_it(page: Path) -> None:
+    """In `testcode` or `doctest`, not in a block that is only coloured."""
+    assert not [name for name, _ in BLOCK.findall(page.read_text("utf-8")) if name in {"python", "py", "pycon"}]
+
+
+@pytest.mark.parametrize("block", STATIONS)
+def test_a_station_file_is_read(block: str, tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(block, encoding="utf-8")
+    read_station(path)
+
+
+def test_the_lasers_commands_are_taken() -> None:
+    (block,) = blocks(ROOT / "docs" / "how-to" / "correct-the-lasers-commands.md", "toml")
+    table = tomllib.loads(DEFAULT_TABLE.read_text("utf-8"))
+    entries = tomllib.loads(block)["commands"]
+    assert entries.keys() <= table["commands"].keys()
+    read = CommandTable.model_validate(table | {"commands": table["commands"] | entries})
+    assert all(read.commands[name].write != UNKNOWN for name in entries)
+
+
+def test_the_readme_reads_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (block,) = blocks(ROOT / "README.md", "python")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "image-readout", "--set", "images=4", "--set", "window=0.4 ns", "--out", "runs/a"])
+    assert ended.value.code == 0
+    capsys.readouterr()
+    exec(compile(block, "README.md", "exec"), {})  # noqa: S102
+    assert capsys.readouterr().out.startswith("[2 3 4 5 6]")
