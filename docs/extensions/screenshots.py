@@ -31,7 +31,7 @@ FINISHED = {
     "20261120T093000Z-image-readout-c2d07e13": ("images=300", WINDOW, "seed=2"),
 }
 RUNNING = "20261121T091500Z-image-readout-1a2b3c4d"
-LONG = ("images=4000", WINDOW, "wavelengths=1550 nm, 1551 nm")
+LONG = ("images=4000", WINDOW, "wavelengths=1550 nm, 1551 nm, 1552 nm, 1553 nm")
 
 PICTURE = re.compile(r"!\[([^]]*)\]\(\.\./made/(dashboard-\w+\.png)\)")
 MISSING = "*{}: this picture is missing, since no Chromium was found where these pages were built.*"
@@ -71,13 +71,13 @@ def _photograph(browser: Browser, address: str, folder: Path) -> None:
     page.goto(f"{base}/run/{RUNNING}")
     _wait_for(page, ".emission.on", ".ports-region figure", ".picture-region svg", ".accuracy-region svg")
     page.screenshot(path=folder / "dashboard-run.png", full_page=True)
-    page.goto("{}/compare/{}/{}".format(base, *FINISHED))
-    _wait_for(page, ".ports-region polyline.b", ".accuracy-region polyline.b")
-    page.screenshot(path=folder / "dashboard-compare.png", full_page=True)
     phone = _opened(browser, NARROW, "dark", address)
     phone.goto(f"{base}/run/{RUNNING}")
     _wait_for(phone, ".emission.on", ".ports-region figure", ".picture-region svg", ".accuracy-region svg")
     phone.screenshot(path=folder / "dashboard-phone.png", full_page=True)
+    page.goto("{}/compare/{}/{}".format(base, *FINISHED))
+    _wait_for(page, ".ports-region polyline.b", ".accuracy-region polyline.b")
+    page.screenshot(path=folder / "dashboard-compare.png", full_page=True)
 
 
 def _opened(browser: Browser, size: tuple[int, int], colours: str, address: str) -> Page:
