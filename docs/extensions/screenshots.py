@@ -34,7 +34,7 @@ RUNNING = "20261121T091500Z-image-readout-1a2b3c4d"
 LONG = ("images=4000", WINDOW, "wavelengths=1550 nm, 1551 nm, 1552 nm, 1553 nm")
 
 PICTURE = re.compile(r"!\[([^]]*)\]\(\.\./made/(dashboard-\w+\.png)\)")
-MISSING = "*{}: this picture is missing, since no Chromium was found where these pages were built.*"
+MISSING = "*{} (this picture is missing, since no Chromium was found where these pages were built)*"
 
 
 def take(app: Sphinx) -> None:
