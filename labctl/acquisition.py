@@ -1,13 +1,13 @@
 """One run from a station and a protocol: load the inputs, open the bench, carry it out, close it; or go on with one."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from instruments.values import Uploading
-from labctl.calibration import newest
+from labctl.calibration import newest, warnings
 from labctl.command_log import CommandLog
 from labctl.engine import Listeners, Outcome, Request, carry_out, durability_of, go_on
 from labctl.events import EventLog
@@ -25,12 +25,19 @@ from labctl.supervision import supervised
 from labctl.tuning import check_laser
 from protocols.base import Measurement
 
+Warn = Callable[[str], None]
+"""Called with each line that must be said before light is switched on."""
+
 
 def _no_progress(_done: int, _total: int) -> None:
     pass
 
 
 def _no_upload(_what: str, _done: int, _total: int) -> None:
+    pass
+
+
+def _to_nobody(_line: str) -> None:
     pass
 
 
@@ -69,8 +76,11 @@ def acquire(
     interruption: Interruption | None = None,
     progress: Progress = _no_progress,
     uploading: Uploading = _no_upload,
+    warn: Warn = _to_nobody,
 ) -> Acquired:
     """Carry out one acquisition; `progress` is called after every record, `uploading` while something is uploaded.
+
+    `warn` hears what is to be said of the newest calibration of the bench; the run's events keep it too.
 
     Raises:
         DatasetError, StationError, ProtocolError, RunError: what was asked for is wrong; no light was switched on.
@@ -86,8 +96,10 @@ def acquire(
         if acquisition.profile:
             stopwatch.watch(open_bench.bench)
         calibrated = newest(station)
+        reference = None if calibrated is None else calibrated.reference()
+        _warn(warnings(reference, station), warn, events)
         outcome = carry_out(
-            Request(protocol, inputs, station, None if calibrated is None else calibrated.reference()),
+            Request(protocol, inputs, station, reference),
             open_bench.bench,
             Listeners(log, events, progress, interruption or Interruption(), stopwatch),
             acquisition.directory,
@@ -112,8 +124,11 @@ def resume(
     interruption: Interruption | None = None,
     progress: Progress = _no_progress,
     uploading: Uploading = _no_upload,
+    warn: Warn = _to_nobody,
 ) -> Outcome:
     """Measure what a run still lacks, with the protocol, the seeds and the station of its manifest.
+
+    `warn` hears what is to be said of the calibration that the run refers to; the run's events keep it too.
 
     A run that lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
 
@@ -139,14 +154,22 @@ def resume(
                 recovered=0,
                 seconds=0.0,
                 bench_seconds=0.0,
+                simulated=station.simulated,
             )
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
         open_bench, log, events = stack.enter_context(
             _at_work(protocol, station, uploading, attended=resumption.attended, armed=resumption.armed)
         )
+        _warn(warnings(manifest.values.get("calibration"), station), warn, events)
         listeners = Listeners(log, events, progress, interruption or Interruption(), Stopwatch(lambda: 0.0))
         return go_on(Request(protocol, inputs, station), open_bench.bench, listeners, writer)
+
+
+def _warn(lines: Iterable[str], warn: Warn, events: EventLog) -> None:
+    for line in lines:
+        warn(line)
+        events("warning", text=line)
 
 
 @contextmanager

@@ -1,11 +1,12 @@
 """The calibration of a bench: what an alignment found, with its date, and whether it still stands for the bench.
 
-A folder for each alignment: `calibration.json` beside its pictures. A run refers to the newest one of its bench.
+A folder for each alignment: `calibration.json` beside its pictures. A run refers to the one that was the newest of its
+bench when it was begun.
 """
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -119,10 +120,21 @@ def concerns(calibration: Calibration, station: Station, now: datetime) -> list[
     return [f"{calibration.path}: {one}: measure again with 'labctl align'" for one in told]
 
 
-def warnings(station: Station) -> list[str]:
-    """What must be said of the newest calibration of a bench before a run; nothing where there is none."""
-    found = newest(station)
-    return [] if found is None else concerns(found, station, datetime.now(UTC))
+def warnings(reference: object, station: Station) -> list[str]:
+    """What must be said before light is switched on of the calibration that a run refers to; nothing if to none.
+
+    reference: as `Calibration.reference` gives it and the manifest keeps it; anything else says that there was none.
+    """
+    if not isinstance(reference, Mapping):
+        return []
+    latest = newest(station)
+    if latest is None:
+        gone = "the calibration that the run refers to is not here any more"
+        return [f"{folder_of(station)}: {gone}: measure again with 'labctl align'"]
+    told = concerns(latest, station, datetime.now(UTC))
+    if latest.sha256 != reference.get("sha256"):
+        told.insert(0, f"{latest.path}: aligned after the run was begun: look at its drift, or begin a new run")
+    return told
 
 
 def read(path: Path) -> Calibration | None:

@@ -39,7 +39,8 @@ class Outcome:
     """How a run went.
 
     `measured` of its `shots` became complete now, fewer than all where it was resumed. `recovered` is how often it went
-    on after a lost link. `seconds` is the wall time from first light to the last record; `bench_seconds` the bench's.
+    on after a lost link. `seconds` is the wall time from first light to the last record; `bench_seconds` the bench's,
+    which is another one where an instrument is `simulated` in this process.
     """
 
     directory: Path
@@ -50,6 +51,7 @@ class Outcome:
     recovered: int
     seconds: float
     bench_seconds: float
+    simulated: bool
 
     @property
     def shots_per_second(self) -> float:
@@ -195,6 +197,7 @@ def _measure(request: Request, bench: Bench, listeners: Listeners, writer: RunWr
         recovered=measuring.recovered,
         seconds=seconds,
         bench_seconds=bench_seconds,
+        simulated=request.station.simulated,
     )
     told = {"shots": outcome.shots, "clipped": outcome.clipped, "recovered": outcome.recovered, "seconds": seconds}
     if outcome.complete:
@@ -264,7 +267,10 @@ def _manifest(request: Request, bench: Bench, started: datetime) -> dict[str, An
         "started": started.isoformat(timespec="seconds"),
         "versions": versions(),
         "git_revision": git_revision(),
-        "seeds": {"seed": protocol.seed, "twin_seed": request.station.sim.twin_seed},
+        "seeds": {
+            "seed": protocol.seed,
+            "twin_seed": request.station.sim.twin_seed if request.station.simulated else None,
+        },
     }
 
 

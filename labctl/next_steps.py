@@ -30,20 +30,28 @@ def next_command(protocol: str, directory: Path) -> str:
     return f"labctl reproduce {' '.join(found)}" if found else f"labctl show {where}"
 
 
-def resume_command(directory: Path) -> str:
-    """What to type after a run that ended early."""
-    return f"labctl resume {shlex.quote(str(directory))}"
+def resume_command(directory: Path, options: str = "") -> str:
+    """What to type after a run that ended early, with the options that it was begun with."""
+    return f"labctl resume {shlex.quote(str(directory))}{options}"
+
+
+def options_again(*, attended: bool, armed: bool, data: Path | None, station: Path | None = None) -> str:
+    """The options of a run that its manifest does not keep, as they are typed once more to go on with it."""
+    places = {"--station": station, "--data": data}
+    said = {"--attended": attended, "--arm": armed}
+    named = [f" {option} {shlex.quote(str(place))}" for option, place in places.items() if place is not None]
+    return "".join([*named, *(f" {option}" for option, given in said.items() if given)])
 
 
 @contextmanager
-def resumable(directory: Path) -> Iterator[None]:
+def resumable(directory: Path, options: str = "") -> Iterator[None]:
     """Whatever ends the block early has a note with the command that goes on with the run it began in `directory`."""
     before = RunPaths(directory).journal.exists()
     try:
         yield
     except BaseException as error:
         if not before and RunPaths(directory).journal.exists():
-            error.add_note(f"the run can go on: {resume_command(directory)}")
+            error.add_note(f"the run can go on: {resume_command(directory, options)}")
         raise
 
 

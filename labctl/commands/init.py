@@ -2,6 +2,8 @@
 
 import sys
 import tomllib
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,13 +11,22 @@ import typer
 from pydantic import ValidationError
 
 from instruments.units import quantity
-from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, errors, progress_bar, say, show, table
+from labctl.commands.questions import ask, confirm
 from labctl.drafting import draft
 from labctl.drivers import USB
 from labctl.failures import DONE, UsageError
 from labctl.schemas import STATION, file_name, write_schema
 from labctl.searching import SERIAL, Answer, answers_at, visible_addresses
-from labctl.station import SIMULATED, LaserSection, Station, StationError, describe
+from labctl.station import (
+    SIMULATED,
+    AwgSection,
+    LaserSection,
+    PatchPanelSection,
+    Station,
+    StationError,
+    describe,
+)
 
 MANUAL = "manual"
 BY_HAND = {"laser": "manual-laser", "patch_panel": "manual-patch-panel"}
@@ -27,7 +38,11 @@ PLACES = {
     "patch_panel": f"patch panel, or '{MANUAL}'",
 }
 EVERY_PORT = "0-9,11-14"
-ABSENT = 'Not found, so it is simulated: write its VISA address, such as "TCPIP0::192.0.2.10::inst0::INSTR".'
+EXAMPLE = "TCPIP0::192.0.2.10::inst0::INSTR"
+BEFORE_QUESTIONS = f"""\
+Enter takes what stands in brackets; '{SIMULATED}' stands in for what is not there.
+An address is written as VISA does, such as {EXAMPLE}."""
+ABSENT = f'Not found, so it is simulated: write its VISA address, such as "{EXAMPLE}".'
 GAPS = "Its command set is not public: enter its commands in a table, try each, and name the file by commands."
 
 
@@ -58,7 +73,7 @@ def init(
     asked of you.
     """
     if file.exists():
-        raise StationError(f"{file}: exists: name a new file")
+        raise StationError(f"{file}: exists: name a new file, or remove it")
     asking = sys.stdin.isatty() and not yes
     said = {"awg": awg, "scope": scope, "laser": laser, "dmd": dmd, "patch_panel": patch_panel}
     named = [*(addresses or []), *(place for place in said.values() if place and "::" in place)]
@@ -66,27 +81,36 @@ def init(
         listed = visible_addresses() if search else ()
         answers = list(answers_at([*named, *(place for place in listed if not place.startswith(SERIAL))]))
     proposed = {answer.instrument: answer.address for answer in reversed(answers)}
-    places = {
-        role: _asked(asking, f"Address of the {told}", said[role], proposed.get(role, SIMULATED))
-        for role, told in PLACES.items()
-    }
-    values, remarks = _instruments(places, [*answers, *answers_at(_unasked(places, named, listed))])
+    if asking:
+        _tell(BEFORE_QUESTIONS)
+    places: dict[str, str] = {}
+    for role, told in PLACES.items():
+        default = proposed.get(role, SIMULATED)
+        places[role] = _asked(asking, f"Address of the {told}", said[role], default, partial(_check_place, role))
+        if "::" in places[role] and places[role] not in (*named, *listed):
+            answers += answers_at([places[role]])
+        if asking:
+            _tell_who(role, places[role], answers)
+    values, remarks = _instruments(places, answers)
     if laser_commands is not None:
         values["laser"]["commands"] = SIMULATED if str(laser_commands) == SIMULATED else str(laser_commands.absolute())
-    if (wired := _asked(asking, "Ports that have a fibre", ports, EVERY_PORT)) != EVERY_PORT:
+    with_fibre = "Ports of the chip that have a fibre, such as 2-6; 0 is the fibre before it"
+    if (wired := _asked(asking, with_fibre, ports, EVERY_PORT, _check_ports)) != EVERY_PORT:
         values["patch_panel"]["ports"] = wired
-    bound = _asked(asking, "Optical power that must never be exceeded", optical_power, "30 mW")
+    never = "Optical power that must never be exceeded"
+    bound = _asked(asking, never, optical_power, "30 mW", lambda text: quantity(text, "W"))
     values["limits"] = {"optical_power": bound, "rf_amplitude": "0.5 V"}
     values["laser"] |= _power_below(bound)
-    wired_for_bursts = burst or (asking and typer.confirm("Wired for hardware-timed bursts?", default=False, err=True))
+    wired_for_bursts = burst or (asking and confirm("Are DMD, AWG and oscilloscope wired for hardware-timed bursts?"))
     values["wiring"] = {"burst": wired_for_bursts}
-    called = _asked(asking, "Name of the bench", name, file.stem)
+    called = _asked(asking, "Name of the bench", name, file.stem, lambda text: Station(name=text))
     schema = file.with_name(file_name(STATION))
     _write(file, draft(values, remarks, name=called, schema=schema.name), schema)
     result = {
         "station": str(file),
         "schema": str(schema),
         "instruments": {role: values[role] for role in PLACES},
+        "silent": [role for role, place in places.items() if "::" in place and not _at(place, answers)],
         "others": [
             {"address": answer.address, "identity": answer.who}
             for answer in answers
@@ -99,15 +123,42 @@ def init(
     return DONE
 
 
-def _asked(asking: bool, question: str, said: str | None, default: str) -> str:
+def _asked(asking: bool, question: str, said: str | None, default: str, check: Callable[[str], object]) -> str:
     if said is not None:
         return said
-    return str(typer.prompt(question, default=default, err=True)) if asking else default
+    return ask(question, default, check) if asking else default
 
 
-def _unasked(places: dict[str, str], named: list[str], listed: tuple[str, ...]) -> list[str]:
-    """Addresses that were typed in answer to a question."""
-    return [place for place in places.values() if "::" in place and place not in (*named, *listed)]
+def _check_place(role: str, place: str) -> None:
+    words = (SIMULATED, *([MANUAL] if role in BY_HAND else []), *([USB] if role == "dmd" else []))
+    if place in words:
+        return
+    if "::" not in place:
+        raise ValueError(f"{place!r} is no address: write one such as {EXAMPLE}, or {' or '.join(words)}")
+    AwgSection(address=place)
+
+
+def _check_ports(ports: str) -> None:
+    PatchPanelSection.model_validate({"ports": ports})
+
+
+def _at(place: str, answers: list[Answer]) -> Answer | None:
+    return next((answer for answer in answers if answer.address == place), None)
+
+
+def _tell(line: str) -> None:
+    errors.print(line, markup=False)
+
+
+def _tell_who(role: str, place: str, answers: list[Answer]) -> None:
+    if "::" not in place:
+        return
+    if (answer := _at(place, answers)) is None:
+        _tell("  nobody answers there now")
+    elif answer.instrument == role:
+        _tell(f"  {' '.join(answer.who.split())}")
+    else:
+        _tell(f"  {' '.join(answer.who.split())}: not what labctl knows as {PLACES[role].partition(',')[0]}")
 
 
 def _instruments(
@@ -116,9 +167,8 @@ def _instruments(
     """Driver and address of each, and what is to be known of it."""
     values: dict[str, dict[str, Any]] = {}
     remarks: dict[str, tuple[str, ...]] = {}
-    by_address = {answer.address: answer for answer in answers}
     for role, place in places.items():
-        answer = by_address.get(place)
+        answer = _at(place, answers)
         if place == MANUAL:
             if role not in BY_HAND:
                 raise UsageError(f"--{role} {MANUAL}: this instrument is not set by hand: give its VISA address")
@@ -167,6 +217,8 @@ def _print(result: dict[str, Any]) -> None:
         ("instrument", "driver", "address"),
         ((role, found["driver"], found.get("address", "by hand")) for role, found in result["instruments"].items()),
     )
+    for role in result["silent"]:
+        say(f"{role}: nobody answers at its address: see that it is switched on, or correct the address in the file")
     for other in result["others"]:
         say(f"{other['address']} answers too: {other['identity']}")
     for port in result["not_asked"]:

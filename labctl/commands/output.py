@@ -35,11 +35,16 @@ def say(line: str) -> None:
     console.print(line, markup=False)
 
 
+def warn(line: str) -> None:
+    """Print one line for people on standard error, beside a progress bar if there is one."""
+    errors.print(f"labctl: {line}", markup=False)
+
+
 def table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table for people."""
     grid = Table(box=None, pad_edge=False, header_style="bold")
     for heading in headings:
-        grid.add_column(heading)
+        grid.add_column(heading, overflow="fold")  # what is cut off, such as an address, nobody can use
     for row in rows:
         grid.add_row(*(Text(str(cell)) for cell in row))
     console.print(grid)

@@ -60,9 +60,8 @@ def _print_evaluation(found: dict[str, Any]) -> None:
         ("random splits", f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}", "10 splits"),
         ("forward in time", f"{found['forward_in_time']:.3f}", "last tenth of the run"),
     ]
-    rows += [
-        (f"control: {name}", f"{control['accuracy']:.3f}", "at chance" if control["at_chance"] else "NOT at chance")
-        for name, control in found["controls"].items()
-    ]
+    for name, control in found["controls"].items():
+        verdict = "at chance" if control["at_chance"] else "NOT at chance"
+        rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))
     table(("what", "accuracy", ""), rows)
     say(f"report: {found['report']}")

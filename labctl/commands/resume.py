@@ -9,10 +9,11 @@ import typer
 from labctl import acquisition
 from labctl.acquisition import Resumption
 from labctl.commands.options import ArmOption, DataOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
 from labctl.commands.run import describe, print_outcome
 from labctl.failures import DONE, INTERRUPTED, WRONG_USE
 from labctl.interruption import interruptible
+from labctl.next_steps import options_again
 from labctl.resuming import SettingsChanged
 from labctl.station import read_station
 
@@ -32,11 +33,11 @@ def resume(
     try:
         with interruptible() as interruption, progress_bar("resume") as progress:
             outcome = acquisition.resume(
-                resumption, interruption=interruption, progress=progress, uploading=progress.uploading
+                resumption, interruption=interruption, progress=progress, uploading=progress.uploading, warn=warn
             )
     except SettingsChanged as changed:
         return _refuse(changed, as_json)
-    result = describe(outcome)
+    result = describe(outcome, options_again(attended=attended, armed=armed, data=data, station=station))
     nothing_to_do = outcome.complete and not outcome.measured
     show(result, as_json, lambda: say(f"{run}: complete already") if nothing_to_do else print_outcome(result))
     return DONE if outcome.complete else INTERRUPTED

@@ -7,15 +7,14 @@ from typing import Annotated, Any
 import typer
 
 from labctl.acquisition import Acquisition, acquire
-from labctl.calibration import warnings
 from labctl.command_log import CommandLog
 from labctl.commands.options import ArmOption, DataOption, StationOption
-from labctl.commands.output import JsonOption, errors, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
 from labctl.engine import Outcome, Request, bytes_needed, new_directory
 from labctl.failures import DONE, INTERRUPTED
 from labctl.inputs import inputs_for
 from labctl.interruption import interruptible
-from labctl.next_steps import next_command, resumable, resume_command
+from labctl.next_steps import next_command, options_again, resumable, resume_command
 from labctl.opening import opened
 from labctl.protocol_files import read_protocol
 from labctl.runs import open_run
@@ -46,11 +45,12 @@ def run(
         plan = _plan(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), plan.items()))
         return DONE
-    for line in warnings(found):
-        errors.print(f"labctl: {line}", markup=False)
-    with interruptible() as interruption, resumable(directory), progress_bar(asked.name) as progress:
-        acquired = acquire(acquisition, interruption=interruption, progress=progress, uploading=progress.uploading)
-    result = describe(acquired.outcome) | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
+    options = options_again(attended=attended, armed=armed, data=data)
+    with interruptible() as interruption, resumable(directory, options), progress_bar(asked.name) as progress:
+        acquired = acquire(
+            acquisition, interruption=interruption, progress=progress, uploading=progress.uploading, warn=warn
+        )
+    result = describe(acquired.outcome, options) | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
     show(result, as_json, lambda: print_outcome(result))
     return DONE if acquired.outcome.complete else INTERRUPTED
 
@@ -75,13 +75,15 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
         }
 
 
-def describe(outcome: Outcome) -> dict[str, Any]:
-    """What is printed of a run that was carried out or resumed."""
+def describe(outcome: Outcome, options: str) -> dict[str, Any]:
+    """What is printed of a run that was carried out or resumed; `options` are those that going on with it needs."""
     with open_run(outcome.directory) as stored:
         digest = stored.digest()
         ports = list(stored.ports)
         protocol = stored.manifest["protocol"]["name"]
-    following = next_command(protocol, outcome.directory) if outcome.complete else resume_command(outcome.directory)
+    following = (
+        next_command(protocol, outcome.directory) if outcome.complete else resume_command(outcome.directory, options)
+    )
     return {
         "run": str(outcome.directory),
         "shots": outcome.shots,
@@ -94,6 +96,7 @@ def describe(outcome: Outcome) -> dict[str, Any]:
         "seconds": round(outcome.seconds, 3),
         "shots_per_second": round(outcome.shots_per_second, 1),
         "bench_seconds": round(outcome.bench_seconds, 3),
+        "simulated": outcome.simulated,
         "next": following,
     }
 
@@ -102,10 +105,8 @@ def print_outcome(result: dict[str, Any]) -> None:
     """Print what `describe` says, for people."""
     resumed = f", {result['measured']} of them now" if result["measured"] < result["shots"] else ""
     say(f"{result['run']}: {result['shots']} shots on ports {', '.join(map(str, result['ports']))}{resumed}")
-    say(
-        f"{result['seconds']:.1f} s, {result['shots_per_second']:.0f} shots/s; "
-        f"a real bench needs about {result['bench_seconds']:.0f} s"
-    )
+    real = f"; a real bench needs about {result['bench_seconds']:.0f} s" if result["simulated"] else ""
+    say(f"{result['seconds']:.1f} s, {result['shots_per_second']:.0f} shots/s{real}")
     if result["clipped"]:
         say(f"{result['clipped']} records touch the end of the vertical range")
     if result["recovered"]:

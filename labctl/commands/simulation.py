@@ -17,7 +17,6 @@ from labctl.station import read_station, write_addresses
 POLL_S = 0.5
 LOOPBACK = "127.0.0.1"
 LIST = "list"
-TRANSPORTS = ("socket", "hislip", "vxi11")
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 
@@ -74,8 +73,8 @@ def serve(
             {"resources": resources},
             as_json,
             lambda: table(
-                ("instrument", *TRANSPORTS),
-                ((name, *(found.get(transport, "") for transport in TRANSPORTS)) for name, found in resources.items()),
+                ("instrument", "transport", "address"),
+                ((name, transport, at) for name, found in resources.items() for transport, at in found.items()),
             ),
         )
         if not as_json:

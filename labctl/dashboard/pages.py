@@ -84,9 +84,7 @@ def show_list(watching: Watching) -> None:
         with ui.element("section"):
             _heading("Runs")
             wanted = ui.input("Filter", placeholder="words, such as: image incomplete").classes("filter")
-            regions.append(
-                Region("all", lambda: words.run_list(watching.rows(), watching.running(), wanted.value or ""))
-            )
+            regions.append(Region("all", lambda: words.run_list(watching.rows(), wanted.value or "")))
             wanted.on_value_change(regions[-1].refresh)
         with ui.element("section"), ui.expansion("Start a run").classes("begin"):
             _show_form(watching)

@@ -14,7 +14,7 @@ from labctl.events import EventReader
 from labctl.runs import RunError, RunPaths, RunRow
 from labctl.runs.catalogue import run_directories, run_row
 from labctl.runs.following import Following, Latest
-from labctl.runs.writers import is_elsewhere, writer_named, writer_of
+from labctl.runs.writers import is_elsewhere, writer_named
 
 LOOK_EVERY_S = 0.25
 LIST_EVERY_S = 2.0
@@ -100,8 +100,7 @@ class Watching:
         self._clock = clock
         self._due = clock()
         self._rows: list[RunRow] = []
-        self._running: list[str] = []
-        self._listed: dict[Path, tuple[Sizes, RunRow, bool]] = {}
+        self._listed: dict[Path, tuple[Sizes, RunRow]] = {}
         self._watched: dict[str, WatchedRun] = {}
 
     def rows(self) -> list[RunRow]:
@@ -111,8 +110,7 @@ class Watching:
 
     def running(self) -> list[str]:
         """Names of the runs that a process writes now, the latest first."""
-        self._list()
-        return self._running
+        return [row.name for row in self.rows() if row.running]
 
     def forget_list(self) -> None:
         """The next list is read anew."""
@@ -136,21 +134,19 @@ class Watching:
         before, self._listed = self._listed, {}
         for directory in run_directories(self.folder):
             self._listed[directory] = _listed(RunPaths(directory), before.get(directory))
-        by_time = sorted(self._listed.values(), key=lambda one: (one[1].started, one[1].name), reverse=True)
-        self._rows = [row for _, row, _ in by_time]
-        self._running = [row.name for _, row, running in by_time if running]
+        rows = (row for _, row in self._listed.values())
+        self._rows = sorted(rows, key=lambda row: (row.started, row.name), reverse=True)
 
 
 Sizes = tuple[int, int, int]
 
 
-def _listed(paths: RunPaths, before: tuple[Sizes, RunRow, bool] | None) -> tuple[Sizes, RunRow, bool]:
-    """How a run is listed, and whether it is running; what has not changed since `before` is not read again."""
+def _listed(paths: RunPaths, before: tuple[Sizes, RunRow] | None) -> tuple[Sizes, RunRow]:
+    """How a run is listed; what has not changed since `before` is not read again."""
     sizes = _size(paths.manifest), _size(paths.journal), _size(paths.events)
-    if before is not None and before[0] == sizes and not before[2]:
+    if before is not None and before[0] == sizes and not before[1].running:
         return before
-    row = run_row(paths)
-    return sizes, row, not row.problem and writer_of(paths) is not None
+    return sizes, run_row(paths)
 
 
 def _size(path: Path) -> int:

@@ -135,23 +135,18 @@ def log(state: RunState, problem: str = "") -> str:
     return f'<ol class="log">{lines}</ol>' if lines else '<p class="nothing">no events</p>'
 
 
-def row_state(row: RunRow, running: bool) -> str:
-    """How far a run of the list is, in a word."""
-    return "running" if running else row.state
-
-
-def run_list(rows: Sequence[RunRow], running: Sequence[str], wanted: str) -> str:
+def run_list(rows: Sequence[RunRow], wanted: str) -> str:
     """The list of runs that have every word of `wanted`."""
-    found = [row for row in rows if _matches(row, row_state(row, row.name in running), wanted)]
+    found = [row for row in rows if _matches(row, wanted)]
     if not found:
         return '<p class="nothing">no runs</p>' if not rows else '<p class="nothing">no run has these words</p>'
     more = f'<p class="nothing">{len(found) - SHOWN_ROWS} more: filter</p>' if len(found) > SHOWN_ROWS else ""
-    return f'<div class="runs">{"".join(_row(row, row.name in running) for row in found[:SHOWN_ROWS])}</div>{more}'
+    return f'<div class="runs">{"".join(map(_row, found[:SHOWN_ROWS]))}</div>{more}'
 
 
-def _matches(row: RunRow, state: str, wanted: str) -> bool:
+def _matches(row: RunRow, wanted: str) -> bool:
     """Whether every word that is wanted begins one of the run's; so "complete" finds no incomplete one."""
-    text = f"{row.name} {row.protocol} {row.started} {state} seed={row.seed} twin={row.twin_seed}"
+    text = f"{row.name} {row.protocol} {row.started} {row.state} seed={row.seed} twin={row.twin_seed}"
     found = _split(text)
     return all(any(one.startswith(word) for one in found) for word in _split(wanted))
 
@@ -160,15 +155,14 @@ def _split(text: str) -> list[str]:
     return [word for word in re.split(r"[^\w=.:]+", text.lower()) if word]
 
 
-def _row(row: RunRow, running: bool) -> str:
-    state = row_state(row, running)
+def _row(row: RunRow) -> str:
     seeds = " · ".join(
         f"{name} {seed}" for name, seed in (("seed", row.seed), ("twin", row.twin_seed)) if seed is not None
     )
     return (
         f'<a class="run" href="/run/{quote(row.name, safe="")}"><span class="name">{escape(row.name)}</span>'
         f'<span class="seeds">{escape(seeds)}</span><span class="shots">{row.shots} of {row.planned} shots</span>'
-        f'<span class="state {state}">{state}</span></a>'
+        f'<span class="state {row.state}">{row.state}</span></a>'
     )
 
 

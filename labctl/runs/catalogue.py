@@ -1,4 +1,7 @@
-"""Which runs are there, and how far did they get? Read from manifests and journals alone, so it is quick."""
+"""Which runs are there, and how far did they get?
+
+Read from manifests and journals alone, so it is quick; of a run that lacks shots also who writes it.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -8,8 +11,9 @@ from typing import Any, Literal
 
 from labctl.runs.journal import read_journal
 from labctl.runs.layout import Manifest, RunError, RunPaths
+from labctl.runs.writers import writer_of
 
-State = Literal["complete", "incomplete", "unreadable"]
+State = Literal["complete", "running", "incomplete", "unreadable"]
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,7 @@ class RunRow:
         twin_seed: of the simulated bench, None on a real one.
         shots: how many are complete.
         planned: how many were planned.
+        running: a process of this machine measures what is missing.
         problem: why the run cannot be read, or empty.
     """
 
@@ -34,6 +39,7 @@ class RunRow:
     twin_seed: int | None = None
     shots: int = 0
     planned: int = 0
+    running: bool = False
     problem: str = ""
 
     @property
@@ -48,10 +54,12 @@ class RunRow:
 
     @property
     def state(self) -> State:
-        """Whether shots are missing, or nobody can tell."""
+        """Whether shots are missing, and whether somebody measures them; or nobody can tell."""
         if self.problem:
             return "unreadable"
-        return "complete" if self.complete else "incomplete"
+        if self.complete:
+            return "complete"
+        return "running" if self.running else "incomplete"
 
     @property
     def began(self) -> datetime | None:
@@ -139,6 +147,7 @@ def run_row(paths: RunPaths) -> RunRow:
         twin_seed=_number(seeds, "twin_seed"),
         shots=shots,
         planned=manifest.shape.shots,
+        running=shots < manifest.shape.shots and writer_of(paths) is not None,
     )
 
 

@@ -48,13 +48,14 @@ def is_elsewhere(started: Event) -> bool:
 def _writes(process: int, paths: RunPaths) -> bool:
     """Whether a process of this machine writes the run.
 
-    Linux tells by its events, which it has open to its end, so that no other process that got the same number is taken
-    for it. Other systems tell only whether there is such a process; Windows not even that, and it is taken to be there.
+    Linux tells by the lock on the journal, which the writer holds to its end, so that neither a reader nor another
+    process that got the same number is taken for it. Other systems tell only whether there is such a process; Windows
+    not even that, and it is taken to be there.
     """
     if process <= 0 or sys.platform == "win32":
         return process > 0
     if _PROCESSES.is_dir():
-        return _holds(process, paths.events)
+        return _locks(process, paths.journal)
     try:
         os.kill(process, 0)
     except OSError:
@@ -62,17 +63,19 @@ def _writes(process: int, paths: RunPaths) -> bool:
     return True
 
 
-def _holds(process: int, events: Path) -> bool:
+def _locks(process: int, journal: Path) -> bool:
+    own = _PROCESSES / str(process)
     try:
-        wanted = os.stat(events)
-        descriptors = list((_PROCESSES / str(process) / "fd").iterdir())
+        wanted = os.stat(journal)
+        descriptors = list((own / "fd").iterdir())
     except OSError:
         return False
-    return any(_same(descriptor, wanted) for descriptor in descriptors)
+    return any(_is_locked(descriptor, own / "fdinfo" / descriptor.name, wanted) for descriptor in descriptors)
 
 
-def _same(descriptor: Path, wanted: os.stat_result) -> bool:
+def _is_locked(descriptor: Path, about: Path, wanted: os.stat_result) -> bool:
+    """Whether a descriptor is the wanted file's and has its lock. Source: proc_pid_fdinfo(5)."""
     try:
-        return os.path.samestat(os.stat(descriptor), wanted)
+        return os.path.samestat(os.stat(descriptor), wanted) and "\nlock:" in about.read_text("ascii")
     except OSError:  # closed meanwhile
         return False

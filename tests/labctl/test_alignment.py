@@ -1,7 +1,9 @@
 """`labctl align` on simulated benches: estimates against the world's own values; faults told."""
 
 import json
-from collections.abc import Mapping
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from protocols.image_readout import ImageReadout
 from tests.labctl import world_truth as truth
 
 PORTS = (1, 2, 3, 4)
+Pull = tuple[float, float, float]
 MODES_SPREAD = 0.05
 """Of the half width: the twin has some 700 modes in place of a smooth distribution of delays."""
 
@@ -40,7 +43,7 @@ def twin(seed: int, *, projector: bool = True, **parameters: Any) -> Station:
     )
 
 
-def true_values(station: Station, found: Aligned) -> Mapping[tuple[str, int | None], float]:
+def true_values(station: Station, directory: Path) -> Mapping[tuple[str, int | None], float]:
     """By what a finding is called and its channel."""
     images = images_for(ImageReadout(images=PROBES, seed=SEED))
     world = truth.world(station, images, PORTS)
@@ -48,7 +51,7 @@ def true_values(station: Station, found: Aligned) -> Mapping[tuple[str, int | No
     values: dict[tuple[str, int | None], float] = {
         ("trigger to light", None): truth.light_delay_s(world.parameters),
     }
-    scales = vertical_scales(found.directory)
+    scales = vertical_scales(directory)
     if station.wiring.projector:
         values["drive depth", None] = truth.drive_depth(world.parameters, amplitude)
         width = "half width of the speckle's correlation with wavelength"
@@ -77,26 +80,64 @@ def vertical_scales(directory: Path) -> list[float]:
     return scales
 
 
-def pulls(station: Station, directory: Path) -> dict[str, tuple[float, float, float]]:
+def pulls(station: Station, directory: Path) -> dict[str, Pull]:
     """Estimate, truth, and their distance in standard uncertainties, by finding."""
-    found = aligned(station, directory)
-    values = true_values(station, found)
-    table: dict[str, tuple[float, float, float]] = {}
-    for finding in found.findings:
-        known = finding.estimate
-        assert known is not None, finding.line()
-        true = values[finding.what, finding.channel]
-        spread = known.uncertainty
-        if finding.step == "decorrelation":
+    found = [finding.values() for finding in aligned(station, directory).findings]
+    return pulls_of(found, station, directory)
+
+
+def pulls_of(found: Sequence[dict[str, Any]], station: Station, directory: Path) -> dict[str, Pull]:
+    """As `pulls`, of findings as they are stored."""
+    values = true_values(station, directory)
+    table: dict[str, Pull] = {}
+    for finding in found:
+        what, channel, value = finding["what"], finding["channel"], finding["value"]
+        true = values[what, channel]
+        spread = finding["uncertainty"] / COVERAGE
+        if finding["step"] == "decorrelation":
             spread = float(np.hypot(spread, MODES_SPREAD * true))
-        table[f"{finding.what} {finding.channel or ''}".strip()] = known.value, true, (known.value - true) / spread
+        table[f"{what} {channel or ''}".strip()] = value, true, (value - true) / spread
     return table
 
 
-def test_every_estimate_is_within_its_stated_uncertainty_of_the_worlds_value(tmp_path: Path) -> None:
-    table = pulls(twin(1), tmp_path / "aligned")
+def command_line(station: str, directory: Path) -> subprocess.CompletedProcess[str]:
+    """`labctl align --json` in a process of its own, with a station file that says so."""
+    file = directory.with_suffix(".toml")
+    file.write_text(station, encoding="utf-8")
+    words = ["align", "--station", str(file), "--arm", "--out", str(directory), "--json"]
+    start = [sys.executable, "-c", "from labctl.main import main; main()"]
+    return subprocess.run([*start, *words], capture_output=True, text=True, check=False)
+
+
+def test_the_command_finds_every_value_of_the_world_within_its_stated_uncertainty(tmp_path: Path) -> None:
+    directory = tmp_path / "aligned"
+    ended = command_line("[sim]\ntwin_seed = 1\nparameters = { laser_tuning_s = 0.0 }\n", directory)
+    assert (ended.returncode, ended.stdout.count("\n")) == (0, 1)
+    found = json.loads(ended.stdout)
+    lines = ended.stderr.splitlines()
+    assert len(lines) == 23
+    assert all(line.endswith(": good") for line in lines)
+    assert found["good"]
+    assert found["calibration"] == str(directory / "calibration.json")
+    assert json.loads((directory / "calibration.json").read_text("utf-8"))["findings"] == found["findings"]
+    assert Path(found["report"]).is_file()
+    table = pulls_of(found["findings"], twin(1), directory)
     assert not {what: row for what, row in table.items() if abs(row[2]) > COVERAGE}
     assert len(table) == 23
+
+
+def test_the_command_fails_where_the_bench_falls_short(tmp_path: Path) -> None:
+    directory = tmp_path / "dark"
+    ended = command_line("[sim]\nparameters = { laser_tuning_s = 0.0, fibre_loss_db = 80.0 }\n", directory)
+    assert (ended.returncode, ended.stdout.count("\n")) == (1, 1)
+    found = json.loads(ended.stdout)
+    assert not found["good"]
+    assert [finding["advice"] for finding in found["findings"] if finding["step"] == "delay"] == [
+        "not measured: no light on any channel"
+    ]
+    again = command_line("", directory)
+    assert again.returncode == 2
+    assert json.loads(again.stdout)["error"] == f"{directory}: is not empty: name a new directory"
 
 
 @pytest.mark.full

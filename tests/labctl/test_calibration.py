@@ -1,17 +1,24 @@
 """Calibrations on disk: which one a run refers to, and when it no longer stands."""
 
+import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import pytest
+
 from labctl.acquisition import Acquisition, acquire
 from labctl.analysis.estimates import Estimate
-from labctl.calibration import concerns, folder_of, new_folder, newest, save
+from labctl.calibration import concerns, folder_of, new_folder, newest, read, save, warnings
+from labctl.events import EventReader
 from labctl.findings import Finding, in_words
+from labctl.interruption import Interruption
+from labctl.main import main
 from labctl.runs import open_run
 from labctl.station import SIMULATED_STATION, Station
 from protocols.image_readout import ImageReadout
 
 NOW = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
+LONG_AGO = datetime(2020, 3, 2, tzinfo=UTC)
 GOOD = Finding("delay", "trigger to light", None, Estimate(98e-9, 1e-12), "s")
 
 
@@ -95,6 +102,55 @@ def test_a_run_refers_to_it(tmp_path: Path) -> None:
     found = newest(station)
     assert found is not None
     assert reference == {"path": str(path), "sha256": found.sha256, "date": "2026-03-02T12:00:00+00:00", "good": True}
+
+
+def stopped_at_once(station: Station, directory: Path, warned: list[str]) -> Path:
+    """A run that was stopped after its first record."""
+    interruption = Interruption()
+
+    def stop(_done: int, _total: int) -> None:
+        interruption.requested = True
+
+    asked = ImageReadout(images=2, classes=(0, 1), ports=(2,), window=4e-10)
+    acquire(Acquisition(asked, station, directory), interruption=interruption, progress=stop, warn=warned.append)
+    return directory
+
+
+def test_a_run_that_goes_on_is_warned_as_it_was_when_it_began(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    station = at(tmp_path)
+    path = saved(station, LONG_AGO)
+    begun: list[str] = []
+    run = stopped_at_once(station, tmp_path / "run", begun)
+    (told,) = begun
+    assert told.startswith(f"{path}: it is ")
+    assert "days old, more than calibration.valid = 7 days" in told
+    with pytest.raises(SystemExit) as ended:
+        main(["resume", str(run), "--json"])
+    out, err = capsys.readouterr()
+    assert (ended.value.code, json.loads(out)["complete"]) == (0, True)
+    assert err == f"labctl: {told}\n"
+    heard = [event.fields["text"] for event in EventReader(run / "events.jsonl").read() if event.name == "warning"]
+    assert heard == [told, told]
+
+
+def test_a_run_refers_to_what_stood_when_it_was_begun(tmp_path: Path) -> None:
+    station = at(tmp_path)
+    path = saved(station, NOW)
+    found = read(path)
+    assert found is not None
+    reference = found.reference()
+    changed = at(tmp_path, awg=station.awg.model_copy(update={"address": "TCPIP0::192.0.2.1::INSTR"}))
+    assert [line for line in warnings(reference, changed) if "awg.address was 'simulated', is 'TCPIP0::" in line]
+    later = saved(station, NOW + timedelta(days=1))
+    assert warnings(reference, station)[0].startswith(f"{later}: aligned after the run was begun")
+    for one in (path, later):
+        one.unlink()
+    (told,) = warnings(reference, station)
+    assert told.startswith(f"{tmp_path / 'calibrations'}: the calibration that the run refers to is not here any more")
+    assert warnings(None, station) == []
+    assert warnings("a stranger's", station) == []
 
 
 def test_findings_are_told_with_their_stated_uncertainty() -> None:

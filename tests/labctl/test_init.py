@@ -98,6 +98,7 @@ def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: py
     assert (station.laser.driver, station.patch_panel.driver) == ("manual-laser", "manual-patch-panel")
     assert (station.limits.optical_power, station.laser.power) == (0.005, 0.005)
     assert (station.name, station.wiring.burst, station.patch_panel.ports) == ("room 2", True, (2, 3, 4, 5, 6))
+    assert json.loads(out)["silent"] == ["awg"]
     assert "# Did not answer when this file was written." in path.read_text("utf-8")
     assert [other["address"] for other in json.loads(out)["others"]] == [addresses["awg"]]
 
@@ -113,11 +114,15 @@ def test_a_person_is_asked_and_may_just_press_enter(
     addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "room2.toml"
-    typed = ["", addresses["scope"], "manual", "usb", "manual", "2-6", "20 mW", "y", ""]
+    typed = ["", addresses["scope"], "by hand", "manual", "usb", "manual", "two", "2-6", "20", "20 mW", "y", ""]
     monkeypatch.setattr("sys.stdin", Terminal("\n".join(typed) + "\n"))
     status, out, err = labctl(capsys, "init", path, "--no-search", "--address", addresses["awg"], "--json")
     assert (status, out.count("\n")) == (0, 1)
-    assert f"Address of the arbitrary waveform generator [{addresses['awg']}]" in err
+    assert f"Address of the arbitrary waveform generator [{addresses['awg']}]:  TEKTRONIX AWG70002A SIM0001" in err
+    assert "Address of the oscilloscope [simulated]:  TEKTRONIX DPO72504DX" in err
+    assert "Error: 'by hand' is no address: write one such as TCPIP0::192.0.2.10::inst0::INSTR, or simulated or" in err
+    assert "Error: ports = 'two': 'two' is not a list of ports: write it like '2-6'" in err
+    assert "Error: '20' has no unit: write it like '20 W'" in err
     station = written(path)
     assert (station.awg.address, station.scope.address) == (addresses["awg"], addresses["scope"])
     assert (station.laser.driver, station.limits.optical_power, station.name) == ("manual-laser", 0.02, "room2")
@@ -182,6 +187,18 @@ def test_whoever_is_there_hears_one_question_and_nothing_else() -> None:
 )
 def test_makers_and_models(maker: str, model: str, instrument: str) -> None:
     assert recognised("", Identity(maker, model, "", "")).instrument == instrument
+
+
+def test_a_person_hears_at_once_who_is_at_an_address(
+    addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("\n".join([SILENT, addresses["awg"], *[""] * 7]) + "\n"))
+    status, out, err = labctl(capsys, "init", tmp_path / "bench.toml", "--no-search")
+    assert status == 0
+    assert "An address is written as VISA does, such as TCPIP0::192.0.2.10::inst0::INSTR" in err
+    assert "generator [simulated]:  nobody answers there now" in err
+    assert "FV:6.1.0123: not what labctl knows as oscilloscope" in err
+    assert "awg: nobody answers at its address" in out
 
 
 def test_people_read_who_else_answers(

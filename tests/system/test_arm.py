@@ -1,6 +1,9 @@
 """No light without a person's word: `armed = true` in the station file, or `--arm`."""
 
 import json
+import os
+import shlex
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -117,6 +120,25 @@ def test_the_arm_of_a_command_line_is_good_for_one_command(
     other = cut(unarmed, tmp_path / "other", by_command=True)
     assert labctl("resume", other, "--station", armed)[1]["complete"], "and the station may be armed meanwhile"
     assert heard[-1] is None
+
+
+def test_the_command_that_goes_on_is_told_with_the_arm(
+    unarmed: Path, simulation: SimulatedBench, labctl: Labctl, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    emit, interrupts = simulation.world.emit, iter([signal.SIGINT])
+
+    def light(emission: Emission | None, *, lit_from_s: float = 0.0) -> None:
+        emit(emission, lit_from_s=lit_from_s)
+        if emission is not None:
+            for number in interrupts:
+                os.kill(os.getpid(), number)
+
+    monkeypatch.setattr(simulation.world, "emit", light)
+    status, told = labctl(*RUN, "--station", unarmed, "--arm", "--out", tmp_path / "run")
+    assert (status, told["complete"]) == (130, False)
+    assert told["next"] == f"labctl resume {tmp_path / 'run'} --arm"
+    status, told = labctl(*shlex.split(told["next"])[1:])
+    assert (status, told["complete"]) == (0, True)
 
 
 def test_what_gives_no_light_needs_no_arm(unarmed: Path, heard: Heard, labctl: Labctl) -> None:

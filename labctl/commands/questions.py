@@ -1,0 +1,28 @@
+"""Questions to a person at a terminal; an answer that cannot be used is asked for again, at once."""
+
+from collections.abc import Callable
+
+import typer
+from pydantic import ValidationError
+
+from labctl.station import describe
+
+
+def ask(question: str, default: str, check: Callable[[str], object]) -> str:
+    """The answer to `question`, or `default` for Enter; `check` raises `ValueError` where it cannot be used."""
+
+    def checked(answer: str) -> str:
+        try:
+            check(answer)
+        except ValidationError as error:
+            raise typer.BadParameter(describe(error)) from None
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+        return answer
+
+    return str(typer.prompt(question, default=default, value_proc=checked, err=True))
+
+
+def confirm(question: str) -> bool:
+    """Whether the answer is yes; Enter is no."""
+    return typer.confirm(question, default=False, err=True)
