@@ -81,6 +81,7 @@ def describe(outcome: Outcome, options: str) -> dict[str, Any]:
         digest = stored.digest()
         ports = list(stored.ports)
         protocol = stored.manifest["protocol"]["name"]
+        records = {"records": sum(stored.done), "records_planned": stored.shape.shots * len(stored.shape.passes)}
     following = (
         next_command(protocol, outcome.directory) if outcome.complete else resume_command(outcome.directory, options)
     )
@@ -89,6 +90,7 @@ def describe(outcome: Outcome, options: str) -> dict[str, Any]:
         "shots": outcome.shots,
         "measured": outcome.measured,
         "complete": outcome.complete,
+        **records,
         "ports": ports,
         "frames_sha256": digest,
         "clipped": outcome.clipped,
@@ -105,6 +107,8 @@ def print_outcome(result: dict[str, Any]) -> None:
     """Print what `describe` says, for people."""
     resumed = f", {result['measured']} of them now" if result["measured"] < result["shots"] else ""
     say(f"{result['run']}: {result['shots']} shots on ports {', '.join(map(str, result['ports']))}{resumed}")
+    if not result["complete"]:
+        say(f"{result['records']} of {result['records_planned']} records on disk; a shot is whole with its last pass")
     real = f"; a real bench needs about {result['bench_seconds']:.0f} s" if result["simulated"] else ""
     say(f"{result['seconds']:.1f} s, {result['shots_per_second']:.0f} shots/s{real}")
     if result["clipped"]:

@@ -136,6 +136,7 @@ def test_the_command_that_goes_on_is_told_with_the_arm(
     monkeypatch.setattr(simulation.world, "emit", light)
     status, told = labctl(*RUN, "--station", unarmed, "--arm", "--out", tmp_path / "run")
     assert (status, told["complete"]) == (130, False)
+    assert told["records"] < told["records_planned"] == 6
     assert told["next"] == f"labctl resume {tmp_path / 'run'} --arm"
     status, told = labctl(*shlex.split(told["next"])[1:])
     assert (status, told["complete"]) == (0, True)
