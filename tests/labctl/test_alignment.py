@@ -126,20 +126,6 @@ def test_the_command_finds_every_value_of_the_world_within_its_stated_uncertaint
     assert len(table) == 23
 
 
-def test_the_command_fails_where_the_bench_falls_short(tmp_path: Path) -> None:
-    directory = tmp_path / "dark"
-    ended = command_line("[sim]\nparameters = { laser_tuning_s = 0.0, fibre_loss_db = 80.0 }\n", directory)
-    assert (ended.returncode, ended.stdout.count("\n")) == (1, 1)
-    found = json.loads(ended.stdout)
-    assert not found["good"]
-    assert [finding["advice"] for finding in found["findings"] if finding["step"] == "delay"] == [
-        "not measured: no light on any channel"
-    ]
-    again = command_line("", directory)
-    assert again.returncode == 2
-    assert json.loads(again.stdout)["error"] == f"{directory}: is not empty: name a new directory"
-
-
 @pytest.mark.full
 def test_so_it_is_on_ten_twins(tmp_path: Path) -> None:
     rows = {
@@ -160,15 +146,20 @@ def test_so_it_is_where_light_goes_straight_into_the_chip(seed: int, tmp_path: P
 class TestFaults:
     """What is wrong is said in one line, and what can still be measured is."""
 
-    def test_no_light_ends_what_needs_light(self, tmp_path: Path) -> None:
-        found = aligned(twin(1, fibre_loss_db=80.0), tmp_path / "dark")
-        lines = [finding.line() for finding in found.findings]
+    def test_no_light_ends_what_needs_light_and_the_command_fails(self, tmp_path: Path) -> None:
+        directory = tmp_path / "dark"
+        ended = command_line("[sim]\nparameters = { laser_tuning_s = 0.0, fibre_loss_db = 80.0 }\n", directory)
+        assert (ended.returncode, ended.stdout.count("\n")) == (1, 1)
+        lines = ended.stderr.splitlines()
         assert sum("no light: check the laser's shutter, the fibre into this detector" in line for line in lines) == 4
         assert "delay: not measured: no light on any channel" in lines
-        assert not found.good
-        assert [finding.good for finding in found.findings[:8]] == [True] * 8
-        assert found.calibration is not None
-        assert not json.loads(found.calibration.read_text("utf-8"))["good"]
+        found = json.loads(ended.stdout)
+        assert not found["good"]
+        assert [finding["good"] for finding in found["findings"][:8]] == [True] * 8
+        assert not json.loads(Path(found["calibration"]).read_text("utf-8"))["good"]
+        again = command_line("", directory)
+        assert again.returncode == 2
+        assert json.loads(again.stdout)["error"] == f"{directory}: is not empty: name a new directory"
 
     def test_no_trigger_is_said_and_nothing_is_kept(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S", 0.2)
