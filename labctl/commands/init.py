@@ -79,7 +79,8 @@ def init(
     named = [*(addresses or []), *(place for place in said.values() if place and "::" in place)]
     with progress_bar("asking who is there"):
         listed = visible_addresses() if search else ()
-        answers = list(answers_at([*named, *(place for place in listed if not place.startswith(SERIAL))]))
+        heard = [*named, *(place for place in listed if not place.startswith(SERIAL))]
+        answers = list(answers_at(heard))
     proposed = {answer.instrument: answer.address for answer in reversed(answers)}
     if asking:
         _tell(BEFORE_QUESTIONS)
@@ -87,7 +88,7 @@ def init(
     for role, told in PLACES.items():
         default = proposed.get(role, SIMULATED)
         places[role] = _asked(asking, f"Address of the {told}", said[role], default, partial(_check_place, role))
-        if "::" in places[role] and places[role] not in (*named, *listed):
+        if "::" in places[role] and places[role] not in heard:
             answers += answers_at([places[role]])
         if asking:
             _tell_who(role, places[role], answers)
