@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 
 from labctl.events import EventLog
-from tests.labctl.runs.conftest import begin, measure_missing_until
+from tests.labctl.runs.conftest import begin, measure_until
 
 if __name__ == "__main__":
     with EventLog() as events, begin(Path(sys.argv[1])) as writer:
         events("run started", process=os.getpid(), host=platform.node(), heeds_signals=True)
         events.keep_in(writer.paths.events)
-        measure_missing_until(writer, 3)
+        measure_until(writer, 3)
         print("writing", flush=True)  # noqa: T201
         sys.stdin.read()
         os._exit(1)  # as if killed
