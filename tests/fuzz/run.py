@@ -7,6 +7,7 @@ that word.
 
 import argparse
 import faulthandler
+import logging
 import resource
 import secrets
 import sys
@@ -41,6 +42,7 @@ def main() -> int:
         parser.error(f"no model, driver or kind of file has {asked.only!r} in its name")
     ends = time.monotonic() + 60 * asked.minutes
     faulthandler.enable()
+    logging.disable(logging.WARNING)  # of each fault that strikes
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     findings = rounds = 0
     while time.monotonic() < ends:
