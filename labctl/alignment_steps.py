@@ -7,19 +7,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from labctl.analysis.alignment import contrast, level, noise, repeatability_db, used_range
+from labctl.analysis.alignment import contrast, flat_top, level, noise, repeatability_db, used_range
 from labctl.analysis.decorrelation import Scan, decorrelation
 from labctl.analysis.drive_depth import drive_depth
 from labctl.analysis.errors import AnalysisError
 from labctl.analysis.estimates import Estimate
 from labctl.analysis.light_delay import light_delay, responses
-from labctl.findings import Finding
+from labctl.findings import COVERAGE, Finding
 from labctl.reports import alignment as pictures
 from protocols.alignment import Answered, Dark, Hopped, Ranged, Repeated
 
 NOISY_V = 5e-3
 """Noise in the dark that a detector of this kind does not have by itself."""
-WELL_USED = 0.7
 REPEATABLE_DB = 10.0
 DIFFERENT = 0.1
 """Contrast between images below which a readout has little to learn from."""
@@ -67,11 +66,17 @@ def lit_channels(piece: Ranged, dark: Dark) -> NDArray[np.bool_]:
 
 
 def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
-    """How much of each channel's range the images use, and whether they reach its ends."""
+    """How much of each channel's range the images use, and whether they reach its ends or the detector's.
+
+    Images that are cut say nothing of delay, depth or noise: those wait until it is mended. A single frame may clip by
+    its noise.
+    """
     lit = lit_channels(piece, dark)
     findings = []
+    cut: list[int] = []
     for place, channel in enumerate(channels):
         used = used_range(piece.volts[:, :, place], float(piece.full_scale_v[place]))
+        flat = bool(lit[place]) and flat_top(piece.volts[:, :, place])
         advice = ""
         if piece.clipped[place]:
             why = "the coarsest range: attenuate the light" if piece.coarsest[place] else "lower the gain or the light"
@@ -79,11 +84,18 @@ def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
             advice = f"clips at {top}: {why}"
         elif not lit[place]:
             advice = "no light: check the laser's shutter, the fibre into this detector and its patching"
-        elif used.value < WELL_USED:
+        elif flat:
+            top = f"{piece.volts[:, :, place].max() * 1e3:.3g} mV"
+            advice = f"flat at {top}, below the range's end: the detector gives no more: attenuate its light"
+        elif used.value < pictures.WELL_USED:
             why = "more light or gain is needed" if piece.finest[place] else "find out what the brightest image is"
-            advice = f"less than {WELL_USED:.0%} of the range is used: {why}"
+            advice = f"less than {pictures.WELL_USED:.0%} of the range is used: {why}"
+        if flat:
+            cut.append(channel)
         findings.append(Finding("range", "range used", channel, used, "1", advice))
-    ends = "" if lit.any() else "no light on any channel"
+    ends = f"mend channel {', '.join(map(str, cut))} first, whose signal is cut" if cut else ""
+    if not lit.any():
+        ends = "no light on any channel"
     return Result("range", tuple(findings), pictures.range_figure(piece, channels), ends)
 
 
@@ -111,7 +123,13 @@ def of_contrast(piece: Ranged, dark: Dark, channels: tuple[int, ...], lit: NDArr
 
 
 def of_delay(piece: Answered) -> Result:
-    """From the trigger to the first light of the sample that begins with it."""
+    """From the trigger to the first light of the sample that begins with it.
+
+    Raises:
+        AnalysisError: Every image was clipped, or the light does not follow the drive.
+    """
+    if not all(len(one.upright) for one in (piece, piece.coarse or piece)):
+        raise AnalysisError("every image clips: attenuate the light into this detector")
     fine, coarse = (
         light_delay(
             responses(one.upright, one.inverted, one.sequence),
@@ -154,7 +172,10 @@ def of_depth(piece: Hopped) -> Result:
 
 
 def of_decorrelation(scan: Scan) -> Result:
-    """Detuning at which the speckle has half forgotten."""
+    """Detuning at which the speckle has half forgotten.
+
+    Such widths scatter evenly in their logarithm: the uncertainty is that of the end that is farther away.
+    """
     found = decorrelation(scan)
     if found.half_width_nm is None:
         finding = Finding(
@@ -167,7 +188,8 @@ def of_decorrelation(scan: Scan) -> Result:
         )
     else:
         spread = found.uncertainty_nm if found.uncertainty_nm is not None else found.half_width_nm
-        half = Estimate(1e-9 * found.half_width_nm, 1e-9 * spread)
+        reach = math.expm1(COVERAGE * spread / found.half_width_nm) / COVERAGE
+        half = Estimate(1e-9 * found.half_width_nm, 1e-9 * found.half_width_nm * reach)
         finding = Finding("decorrelation", "half width of the speckle's correlation with wavelength", None, half, "m")
     return Result("decorrelation", (finding,), pictures.decorrelation_picture(found))
 

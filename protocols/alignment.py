@@ -46,7 +46,7 @@ DIRECT_STEP_NM = 1.0
 """Without a projector other wavelengths take the place of other images: the chip answers each in another way."""
 
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""Of the drive's full scale. The drives hop between neighbours, and between every other one."""
+"""Of the drive's full scale. The drives hop between neighbours, between every other one, and between the ends."""
 DEPTH_ORDER = 5
 DEPTH_HOLDS = (10, 20)
 """Samples that a phase is held, 0.4 and 0.8 ns: long against modulator and generator, short enough for the fibre."""
@@ -160,9 +160,9 @@ def align(bench: Bench, images: Images, *, ports: Sequence[int], wavelength_nm: 
             if bench.wiring.projector:
                 fibre = _before_the_chip(bench, patching)
                 bench.patch_panel.connect(fibre)
-                blocks = _blocks(bench, seed)
-                yield _projected_answers(bench, fibre, blocks)
-                yield _hopped(bench, fibre, blocks[:DEPTH_IMAGES])
+                mosaics = blocks(bench, seed)
+                yield _projected_answers(bench, fibre, mosaics)
+                yield hopped(bench, fibre, mosaics[:DEPTH_IMAGES])
             else:
                 yield _direct_answers(bench, wavelength_nm)
 
@@ -186,7 +186,7 @@ def _before_the_chip(bench: Bench, patching: dict[int, int]) -> dict[int, int]:
     return {channel: BYPASS_PORT if BYPASS_PORT in bench.patch_panel.ports else port}
 
 
-def _blocks(bench: Bench, seed: int) -> list[NDArray[np.uint8]]:
+def blocks(bench: Bench, seed: int) -> list[NDArray[np.uint8]]:
     """Patterns that have little in common, so that each meets another speckle."""
     generator = np.random.default_rng((seed, 5))
     on = np.zeros((DELAY_IMAGES, BLOCKS * BLOCKS), np.bool_)
@@ -263,9 +263,10 @@ def _answers(
     )
 
 
-def _hopped(bench: Bench, patching: dict[int, int], patterns: Sequence[NDArray[np.uint8] | None]) -> Hopped:
+def hopped(bench: Bench, patching: dict[int, int], patterns: Sequence[NDArray[np.uint8] | None]) -> Hopped:
+    """Mean signals of `patterns` on the channels of `patching` under drives that hop, and under one that rests."""
     places = range(len(LEVELS))
-    pairs = (*pairwise(places), *zip(places, places[2:], strict=False))
+    pairs = (*pairwise(places), *zip(places, places[2:], strict=False), (places[0], places[-1]))
     sequence = (maximum_length_sequence(DEPTH_ORDER) + 1) / 2
     captures = [partial(_shown, bench, pattern) for pattern in patterns]
 
@@ -277,7 +278,7 @@ def _hopped(bench: Bench, patching: dict[int, int], patterns: Sequence[NDArray[n
     def means() -> NDArray[np.float64]:
         return np.concatenate([_volts(bench, capture()).mean(axis=1) for capture in captures])
 
-    play(*pairs[-1], DEPTH_HOLDS[0])
+    play(places[len(LEVELS) // 2], places[-1], DEPTH_HOLDS[0])
     _find_wide_ranges(bench, patching, captures)
     play(places[len(LEVELS) // 2], places[len(LEVELS) // 2], DEPTH_HOLDS[0])
     idle = means()

@@ -56,9 +56,10 @@ def find_ranges(scope: Oscilloscope, limits: Limits, probes: Sequence[Capture]) 
             for old, wider in zip(verticals, clipped, strict=True)
         ]
     widest = scope.vertical_scale.high * DIVISIONS / 2
-    for channel, pair in zip(scope.channels, np.nan_to_num(ends, nan=widest), strict=True):
+    ends = np.where(np.isnan(ends), [-widest, widest], ends)
+    for channel, pair in zip(scope.channels, ends, strict=True):
         limits.check_detector(channel, float(max(pair, key=abs)))
-    _apply(scope, [_fit(scope, *pair, room=HEADROOM) for pair in np.nan_to_num(ends)])
+    _apply(scope, [_fit(scope, *pair, room=HEADROOM) for pair in ends])
     probes[0]()
     return scope.scalings()
 

@@ -13,6 +13,8 @@ from labctl.analysis.estimates import Estimate
 
 BRIGHT = 99.0
 """Percentile of the samples from which on the noise of the highest ones is taken: it grows with the light."""
+TOP, FLAT = 0.01, 4
+"""Part of the range and number of times that make a flat top."""
 
 
 def level(volts: NDArray[np.floating]) -> Estimate:
@@ -41,6 +43,20 @@ def used_range(twice: NDArray[np.floating], full_scale_v: float) -> Estimate:
     brightest = mean >= np.percentile(mean, BRIGHT)
     spread = float(np.sqrt(np.mean((twice[0] - twice[1])[brightest] ** 2)) / 2)
     return Estimate(float(np.ptp(mean)) / full_scale_v, math.sqrt(2) * spread / full_scale_v)
+
+
+def flat_top(twice: NDArray[np.floating]) -> bool:
+    """Whether images end at one level, as where a detector's amplifier gives no more, or the oscilloscope.
+
+    So they do where they come within `TOP` of their range to the highest signal at `FLAT` times or more. Speckle is
+    distributed exponentially: the highest of n independent signals stands range / ln n clear of the next on average,
+    and that three more come as near by chance is seen once in thousands of alignments.
+
+    Args:
+        twice: (2, images, samples) V, two independent means of each image.
+    """
+    mean = twice.mean(axis=0)
+    return int(np.sum(mean.max(axis=0) >= mean.max() - TOP * np.ptp(mean))) >= FLAT
 
 
 def repeatability_db(volts: NDArray[np.floating]) -> Estimate:

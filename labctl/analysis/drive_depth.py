@@ -3,7 +3,8 @@
 A drive of mean phasor <exp(i phi)> leaves the part f = |<exp(i phi)>|^2 of the speckle's power static: the rest changes
 with every symbol and adds up as power. For phases spread evenly over a width w, f = sinc^2(w / 2), sinc x = sin x / x;
 for a drive that is at one of two phases d apart half of the time each, f = cos^2(d / 2), steep where it is to be read.
-Neighbouring levels of the drive are compared, and every other one: the phases add up, so that
+Hops of several widths are compared, between neighbouring levels, every other one, and the ends: the phases add up, so
+that
 
     mean signal at rest - mean signal of the drive = (1 - f) B = sin^2(d / 2) B
 
@@ -13,16 +14,23 @@ lowest to the highest voltage.
 B differs from image to image and is 0 on average: a difference of interferences. A hop takes time: while the fibre
 mixes light of before and after, the phase runs along the arc between. With R_k(l) the autocorrelation of exp(i d_k
 q(t)), q the pseudorandom sequence held for a time and smoothed by two equal poles (generator, modulator), and delays
-spread exponentially with decay T, the differences of one image under drives k, k' have the covariance
+spread exponentially with decay T, the differences of one image of brightness b under drives k, k' have the covariance
 
-    C(k, k') = Re sum_l exp(-|l| / T) (1 - R_k(l)) (1 - R_k'(l))* + noise.
+    b Re sum_l exp(-|l| / T) (1 - R_k(l)) (1 - R_k'(l))* + s^2 (1 + delta_kk' / n_k),
 
-Phases, T, poles and noise are those of largest likelihood, from holds of two lengths; the brightness of each image is
-free. The uncertainty has two parts, added in squares: the curvature of the likelihood (Cramer-Rao), and what one pole
-fewer or more would change, evenly between the two.
+s^2 the noise of the mean at rest, which all share, n_k how many times longer than that the drive's record is. Phases,
+T, poles and s are those of largest likelihood, from holds of two lengths; b is free for each image, any order of
+magnitude as likely as another (Jeffreys).
+
+The depth of a shallow drive hides: sin^2 of a small angle is nearly its square, and hops of twice the width move the
+signal four times as far, however wide they are. What tells is the small rest, which goes with the square of the depth.
+Its likelihood is no Gaussian there, so that the uncertainty is read where it is to hold: the end of the likelihood
+interval of `REACH` standard deviations that is farther away, over `REACH`. To this comes what one pole fewer or more
+would change, evenly between the two, in squares. The hop between the ends says most of a shallow drive and nothing of
+a deep one, which comes round to where it began; it is left out where it moves the signal less than those half as wide.
 
 Sources: Goodman, Speckle Phenomena in Optics, ch. 3 (sums with a constant phasor), ch. 5 (temporal smoothing);
-GUM (JCGM 100:2008), 4.3.7, for what lies evenly between bounds.
+Jeffreys, Theory of Probability (1961), 3.1; GUM (JCGM 100:2008), 4.3.7, for what lies evenly between bounds.
 """
 
 import math
@@ -31,21 +39,32 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from labctl.analysis.errors import AnalysisError
 from labctl.analysis.estimates import Estimate
-from labctl.analysis.likelihood import largest_likelihood
+from labctl.analysis.likelihood import interval, lowest
 
 STEP_S = 5e-12
 RISE_S = 10e-12
 """Time constant of each pole at which the search begins."""
 DECAY_S = 0.2e-9
 POLES, FEWER, MORE = 2, 1, 3
-STARTS = (0.4, 0.8, 1.2, 1.6, 2.0)
-"""Phases of a step from which the search begins, rad."""
+STARTS = (0.4, 1.6, 3.2, 4.8, 6.4, 8.0)
+"""Depths from which the search begins, rad."""
+SHALLOWEST = 1e-3
+"""Depth (rad) below which all are alike: the rest that tells is a part 1e-7 of the signal."""
 NOISE = 1e-3
+UNEVEN, POLE, DECAY = 0.02, 0.5, 0.3
+"""What the parameters behind the depth count in: logarithms of the parts of it, of poles and decay; 1 for noise."""
+KNOWN, POLE_KNOWN = 30.0, 1.0
+"""How well these are known beforehand, one standard deviation. Of the poles more than the signals of a shallow drive
+say: what plays and modulates 25 GS/s has 6 to 43 GHz (two standard deviations)."""
+REACH = 4.0
 WEAK = 0.5
 """Part of the differences that the strongest pattern of them makes up, at least; of noise it would be a tenth."""
+BRIGHTNESS = np.geomspace(1e-6, 1e3, 64)
+"""Of an image, 1 = the mean of all."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +75,7 @@ class DriveDepth:
         depth: From the lowest to the highest level, rad.
         levels: (n,) of the drive's full scale.
         phase: (n,) rad, 0 at the lowest level.
-        pairs: (k, 2) places in `levels`.
+        pairs: (k, 2) places in `levels`, of the drives that tell.
         moved: (holds, k) strength of the differences under each drive, the strongest of a hold 1, as measured.
         expected: (holds, k) the same by the phases found.
     """
@@ -81,9 +100,9 @@ def drive_depth(
     """The depth of a drive from mean signals.
 
     Args:
-        idle: (traces,) V, the drive at rest; a trace is an image on a channel.
-        hopping: (holds, pairs, traces) V.
-        pairs: Places in `levels` of each drive's two levels: neighbours, and every other one.
+        idle: (traces,) V, the drive at rest, as long as a record of the first hold; a trace is an image on a channel.
+        hopping: (holds, pairs, traces) V, records as long as their holds.
+        pairs: Places in `levels` of each drive's two levels: neighbours, every other one, the ends.
         levels: (n,) of the drive's full scale, ascending.
         hold_s: (holds,) s.
         sequence: (N,) 0 and 1, which of the two levels.
@@ -92,46 +111,51 @@ def drive_depth(
         AnalysisError: The drive does not change the mean signal, or not by what tells its depth.
     """
     differences = np.asarray(idle - np.asarray(hopping, np.float64))
-    holds, count, traces = differences.shape
-    rows = differences.reshape(-1, traces).T
+    telling = _telling(differences, pairs)
+    differences, pairs = (
+        differences[:, telling],
+        tuple(pair for pair, tells in zip(pairs, telling, strict=True) if tells),
+    )
+    rows = differences.reshape(-1, differences.shape[-1]).T
     strengths = np.linalg.svd(rows, compute_uv=False) ** 2
     if strengths[0] < WEAK * strengths.sum():
         raise AnalysisError("the mean signal does not follow the drive: check modulator and RF amplifier")
-    rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    model = _Model(pairs, len(levels), hold_s, np.asarray(sequence, np.float64))
-    steps = np.array([*[0.1] * (len(levels) - 1), 0.2, 0.2, 0.5])
-    rest = np.log([RISE_S, DECAY_S, NOISE])
-    coarse = [np.array([*[start] * (len(levels) - 1), *rest]) for start in STARTS]
-    begin = max(coarse, key=lambda parameters: model.alike(parameters, rows))
-    found, covariance, _ = largest_likelihood(rows, model.covariance, begin, steps)
-
-    count_of_steps = len(levels) - 1
-    fewer, more = (
-        largest_likelihood(rows, partial(model.covariance, poles=poles), found, steps)[0][:count_of_steps].sum()
-        for poles in (FEWER, MORE)
-    )
-    chance = math.sqrt(float(covariance[:count_of_steps, :count_of_steps].sum()))
-    form = abs(float(fewer - more)) / math.sqrt(12)
-    moved, expected = (
-        np.sqrt(power / power.max(axis=1, keepdims=True))
-        for power in (np.mean(rows**2, axis=0).reshape(holds, count), model.power(found))
-    )
+    model = _Model(pairs, len(levels), hold_s, np.asarray(sequence, np.float64), rows / np.sqrt(np.mean(rows**2)))
+    rest = np.zeros(len(levels) + 1)
+    found = lowest(model.cost, min((np.array([start, *rest]) for start in STARTS), key=model.cost))
+    if found[0] < 0:
+        found[0] = -found[0]
+    fewer, more = (abs(lowest(partial(model.cost, poles=poles), found)[0]) for poles in (FEWER, MORE))
+    low, high = interval(model.cost, found, REACH, least=0.0)
+    if not math.isfinite(high):
+        raise AnalysisError("the mean signals do not tell how deep the drive is: show more images, average more")
+    depth = float(found[0])
+    moved, expected = (np.sqrt(power / power.max(axis=1, keepdims=True)) for power in model.power(found))
     return DriveDepth(
-        Estimate(float(found[:count_of_steps].sum()), math.hypot(chance, form)),
+        Estimate(depth, math.hypot(max(depth - low, high - depth) / REACH, float(fewer - more) / math.sqrt(12))),
         np.asarray(levels, np.float64),
-        _phases(found, len(levels)),
+        np.concatenate([[0.0], np.cumsum(model.steps(found))]),
         pairs,
         moved,
         expected,
     )
 
 
-def _phases(parameters: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    return np.concatenate([[0.0], np.cumsum(parameters[: levels - 1])])
+def _telling(differences: NDArray[np.float64], pairs: tuple[tuple[int, int], ...]) -> NDArray[np.bool_]:
+    """Which drives tell, (pairs,): the widest hop not where it moves the signal less than those half as wide."""
+    widths = np.array([high - low for low, high in pairs])
+    moved = np.mean(differences**2, axis=(0, 2))
+    widest = widths == widths.max()
+    half = 2 * widths == widths.max()
+    return np.asarray(~widest | (not half.any() or moved[widest].max() > moved[half].max()))
 
 
 class _Model:
-    """Covariance of the differences against steps of phase (rad) and logarithms of poles (s), decay (s), noise (1)."""
+    """Likelihood of the differences `rows` (traces, holds * pairs), their mean square 1.
+
+    Parameters: depth (rad), logarithms of its first parts against the last, of pole, decay and noise, each about where
+    the search begins and in the units above.
+    """
 
     def __init__(
         self,
@@ -139,37 +163,57 @@ class _Model:
         levels: int,
         hold_s: tuple[float, ...],
         sequence: NDArray[np.float64],
+        rows: NDArray[np.float64],
     ) -> None:
         self._sums = np.array([[low <= step < high for step in range(levels - 1)] for low, high in pairs], np.float64)
         self._held = [np.repeat(sequence, round(hold / STEP_S)) for hold in hold_s]
         self._longest = min(held.size for held in self._held) // 2
+        self._noise = 1 + np.diag(np.repeat([self._held[0].size / held.size for held in self._held], len(pairs)))
+        variances, directions = np.linalg.eigh(self._noise)
+        self._whitening = (directions / np.sqrt(variances)) @ directions.T
+        self._known = np.array([*[KNOWN] * (levels - 2), POLE_KNOWN, KNOWN, KNOWN])
+        self._power = np.mean(rows**2, axis=0)
+        self._rows = rows @ self._whitening
 
-    def covariance(self, parameters: NDArray[np.float64], *, poles: int = POLES) -> NDArray[np.float64]:
-        """Covariance (holds * pairs, holds * pairs) of traces of unit brightness."""
-        light = self._light(parameters, poles)
-        noise = np.exp(np.clip(parameters[-1], -40, 5)) / len(light)
-        whole: NDArray[np.float64] = light / np.trace(light) + noise * (np.eye(len(light)) + 1)
-        return whole
+    def cost(self, parameters: NDArray[np.float64], *, poles: int = POLES) -> float:
+        """Minus the logarithm of the likelihood."""
+        light = self._whitening @ self._light(parameters, poles) @ self._whitening
+        variances, directions = np.linalg.eigh(light)
+        spread = np.multiply.outer(BRIGHTNESS, np.clip(variances, 0, None)) + _noise(parameters)
+        costs = (np.log(spread).sum(axis=1)[:, np.newaxis] + (1 / spread) @ ((self._rows @ directions) ** 2).T) / 2
+        return float(-logsumexp(-costs, axis=0).sum() + np.sum((parameters[1:] / self._known) ** 2) / 2)
 
-    def alike(self, parameters: NDArray[np.float64], rows: NDArray[np.float64]) -> float:
-        """How much of the differences the strongest pattern of the model makes up."""
-        strongest = np.linalg.eigh(self._light(parameters, POLES))[1][:, -1]
-        return float(np.sum((rows @ strongest) ** 2))
+    def steps(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Phase from each level to the next, rad."""
+        parts = np.exp(UNEVEN * np.append(parameters[1:-3], -parameters[1:-3].sum()))
+        steps: NDArray[np.float64] = max(abs(float(parameters[0])), SHALLOWEST) * parts / parts.sum()
+        return steps
 
-    def power(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean squares of the differences, (holds, pairs)."""
-        return np.diagonal(self.covariance(parameters)).reshape(len(self._held), -1)
+    def power(self, parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean squares of the differences, as measured and as expected, (holds, pairs) each."""
+        noise = _noise(parameters) * np.diagonal(self._noise)
+        light = np.diagonal(self._light(parameters, POLES)) / self._power.size
+        expected = noise + max(0.0, float((self._power - noise).sum())) * light
+        shape = len(self._held), -1
+        return self._power.reshape(shape), expected.reshape(shape)
 
     def _light(self, parameters: NDArray[np.float64], poles: int) -> NDArray[np.float64]:
-        pole, decay, _ = np.exp(np.clip(parameters[-3:], -60, 5))
-        steps = self._sums @ parameters[:-3]
+        """Covariance of the differences of an image of brightness 1 without noise; its trace is its size."""
+        pole, decay = np.exp(np.clip(np.array([POLE, DECAY]) * parameters[-3:-1], -7, 4)) * (RISE_S, DECAY_S)
+        hops = self._sums @ self.steps(parameters)
         changes = []
         for held in self._held:
             frequency = 2 * np.pi * np.fft.rfftfreq(held.size, STEP_S)
             q = np.fft.irfft(np.fft.rfft(held) / (1 + 1j * frequency * pole) ** poles, held.size)
-            spectrum = np.abs(np.fft.fft(np.exp(1j * steps[:, np.newaxis] * q), axis=1) / held.size) ** 2
+            spectrum = np.abs(np.fft.fft(np.exp(1j * hops[:, np.newaxis] * q), axis=1) / held.size) ** 2
             changes.append(1 - np.fft.ifft(spectrum, axis=1)[:, : self._longest] * held.size)
         change = np.concatenate(changes)
         weight = np.exp(-STEP_S * np.arange(self._longest) / decay)
         light: NDArray[np.float64] = ((change * weight) @ change.conj().T).real
+        light *= len(light) / np.trace(light)
         return light
+
+
+def _noise(parameters: NDArray[np.float64]) -> float:
+    """Variance of the noise of the mean at rest, 1 = mean square of the differences."""
+    return float(NOISE * np.exp(np.clip(parameters[-1], -18, 10)))

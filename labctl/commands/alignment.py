@@ -51,7 +51,8 @@ def align(
         verdict = "all good" if aligned.good else f"{short} of {len(aligned.findings)} to look at"
         say(f"{verdict}; uncertainties are {COVERAGE:g} standard deviations")
         if aligned.calibration is not None:
-            say(f"calibration: {aligned.calibration}")
+            named = "calibration" if aligned.good else "calibration, not good, of which runs will warn"
+            say(f"{named}: {aligned.calibration}")
         say(f"report: {aligned.report}")
 
     show(result, as_json, as_text)

@@ -29,6 +29,9 @@ TITLES = {
 }
 INTERVAL_S = 40e-12
 SHOWN_FRAMES = 12
+WELL_USED = 0.7
+"""Part of the range that is to be used."""
+BOTH_WAYS = np.array([-1.0, 1.0])
 
 
 class Finding(Protocol):
@@ -114,9 +117,14 @@ def range_figure(piece: Ranges, channels: Sequence[int]) -> Figure:
                 style = look(position)
                 axes.plot(_time_ns(trace), 1e3 * trace, color=style.colour, linestyle=style.dashes, linewidth=0.8)
             middle = (mean[:, place].max() + mean[:, place].min()) / 2
-            for end in (-0.5, 0.5):
-                axes.axhline(1e3 * (middle + end * piece.full_scale_v[place]), color=BLACK, linewidth=1.2)
-        figure.suptitle("images of a run; black lines: the ends of the range", fontsize=9)
+            ends, wanted = (
+                1e3 * (middle + piece.full_scale_v[place] * part / 2 * BOTH_WAYS) for part in (1, WELL_USED)
+            )
+            axes.axhspan(*wanted, color=SHADE, linewidth=0, zorder=0)
+            for end in ends:
+                axes.axhline(end, color=BLACK, linewidth=1.2)
+        wanted_part = f"grey: {WELL_USED:.0%} of it, which they should fill"
+        figure.suptitle(f"images of a run; black lines: the ends of the range; {wanted_part}", fontsize=9)
     return figure
 
 
@@ -158,7 +166,9 @@ def delay_figure(found: LightDelay, whole: Estimate) -> Figure:
         axes.plot(time_ns, found.power / top, color=BLUE, marker="o", markersize=3, linewidth=0.8, label="measured")
         dashes = (0, (4, 1.5))
         axes.plot(time_ns, found.expected / top, color=VERMILLION, linestyle=dashes, label="expected on average")
-        axes.axvline(1e9 * whole.value, color=BLACK, label=f"first light, {1e9 * whole.value:.4f} ns")
+        first_ns = 1e9 * whole.value
+        axes.axvspan(first_ns, first_ns + 1e9 * INTERVAL_S, color=SHADE, linewidth=0, label="one sample of the drive")
+        axes.axvline(first_ns, color=BLACK, label=f"first light, {first_ns:.4f} ns")
         axes.set_xlabel("time after the trigger (ns)")
         axes.set_ylabel("power of the response\n(1 = highest)")
         axes.ticklabel_format(axis="x", useOffset=False)

@@ -10,20 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 
+from instruments.interfaces import BYPASS_PORT
 from labctl.alignment import SEED, Aligned, align_bench
-from labctl.alignment_steps import of_range
+from labctl.alignment_steps import of_depth, of_range
+from labctl.command_log import CommandLog
 from labctl.findings import COVERAGE, Finding
 from labctl.inputs import images_for
 from labctl.interruption import Interruption
+from labctl.opening import opened
 from labctl.station import SIMULATED_STATION, Station
-from protocols.alignment import PROBES, Dark, Ranged
+from protocols.alignment import DEPTH_IMAGES, PROBES, Dark, Ranged, blocks, hopped
 from protocols.image_readout import ImageReadout
+from sim_backends.parameters import Parameters
 from tests.labctl import world_truth as truth
 
 PORTS = (1, 2, 3, 4)
 Pull = tuple[float, float, float]
-MODES_SPREAD = 0.05
-"""Of the half width: the twin has some 700 modes in place of a smooth distribution of delays."""
 
 
 def aligned(station: Station, directory: Path) -> Aligned:
@@ -55,7 +57,7 @@ def true_values(station: Station, directory: Path) -> Mapping[tuple[str, int | N
     if station.wiring.projector:
         values["drive depth", None] = truth.drive_depth(world.parameters, amplitude)
         width = "half width of the speckle's correlation with wavelength"
-        values[width, None] = truth.half_width_m(world.parameters)
+        values[width, None] = truth.half_width_m(world.parameters, station.sim.twin_seed)
     for place in range(len(PORTS)):
         channel = place + 1
         values["dark level", channel] = float(world.offset_v[place])
@@ -93,10 +95,8 @@ def pulls_of(found: Sequence[dict[str, Any]], station: Station, directory: Path)
     for finding in found:
         what, channel, value = finding["what"], finding["channel"], finding["value"]
         true = values[what, channel]
-        spread = finding["uncertainty"] / COVERAGE
-        if finding["step"] == "decorrelation":
-            spread = float(np.hypot(spread, MODES_SPREAD * true))
-        table[f"{what} {channel or ''}".strip()] = value, true, (value - true) / spread
+        apart = (value - true) / (finding["uncertainty"] / COVERAGE)
+        table[f"{what} {channel or ''}".strip()] = value, true, apart
     return table
 
 
@@ -143,6 +143,36 @@ def test_so_it_is_where_light_goes_straight_into_the_chip(seed: int, tmp_path: P
     assert len(table) == 17
 
 
+@pytest.mark.parametrize(
+    ("rf_gain", "seed"),
+    [
+        (rf_gain, seed) if seed == 1 and rf_gain == 5.6 else pytest.param(rf_gain, seed, marks=pytest.mark.full)
+        for rf_gain in (1.6, 3.2, 5.6, 8.0, 11.3, 16.3, 22.0)
+        for seed in (1, 2, 3, 4)
+    ],
+)
+def test_shallow_drives_are_known_as_well_as_stated(rf_gain: float, seed: int) -> None:
+    """From 0.1 pi to 1.3 pi: the generator at its lowest amplitude, 0.25 Vpp, and less gain behind it.
+
+    k as everywhere: one of these 28 is beyond it once in 500 times. It must not be had by stating nothing: from a third
+    of pi on the depth x is told to a quarter. What tells is the part (x / 4)^2 = 0.07 by which a whole drive moves the
+    signal less than four times what half of one does. Noise is 1.4 % of what that does to one image: 0.15 % of 16
+    images, three halves and two holds, or 1 % of x. Poles that are known to a factor of 1.6 may double it.
+    """
+    station = twin(seed, rf_gain=rf_gain)
+    station = station.model_copy(update={"awg": station.awg.model_copy(update={"amplitude": 0.25})})
+    true = truth.drive_depth(Parameters.model_validate(station.sim.parameters), 0.25)
+    with CommandLog() as log, opened(station, log) as open_bench:
+        bench = open_bench.bench
+        with bench.emitting(station.laser.wavelength):
+            bench.patch_panel.connect({1: BYPASS_PORT})
+            piece = hopped(bench, {1: BYPASS_PORT}, blocks(bench, SEED)[:DEPTH_IMAGES])
+    found = of_depth(piece).findings[0].estimate
+    assert found is not None
+    assert abs(found.value - true) <= COVERAGE * found.uncertainty
+    assert true < 0.3 * np.pi or COVERAGE * found.uncertainty < true / 4
+
+
 class TestFaults:
     """What is wrong is said in one line, and what can still be measured is."""
 
@@ -172,6 +202,42 @@ class TestFaults:
         assert "no trigger came within 0.2 s: check that the AWG plays, the trigger's cable and its level" in first
         assert len(found.findings) == 7
         assert found.report.exists()
+
+    @pytest.mark.parametrize(
+        ("parameters", "limit_v", "said"),
+        [
+            ({"detector_limit_v": 0.04}, 1.5, "flat at 4"),
+            ({"detector_limit_v": 20.0, "amplifier_gain_db": 52.0}, 30.0, "the coarsest range: attenuate the light"),
+        ],
+        ids=["detector", "digitiser"],
+    )
+    def test_too_much_light_is_said_and_nothing_is_read_from_what_is_cut(
+        self, parameters: dict[str, Any], limit_v: float, said: str, tmp_path: Path
+    ) -> None:
+        """A detector that gives 40 mV at most, below the images' 100 mV; and light beyond the coarsest range."""
+        station = twin(1, **parameters)
+        station = station.model_copy(update={"limits": station.limits.model_copy(update={"detector": limit_v})})
+        found = aligned(station, tmp_path / "bright")
+        ranges = [finding for finding in found.findings if finding.step == "range"]
+        assert any(said in finding.line() for finding in ranges)
+        assert not found.good
+        late = [finding.line() for finding in found.findings if finding.step == "delay"]
+        assert len(late) == 1
+        assert "not measured: mend channel " in late[0]
+        assert found.calibration is not None
+        assert not json.loads(found.calibration.read_text("utf-8"))["good"]
+
+    @pytest.mark.full
+    def test_a_fibre_in_the_wrong_port_leaves_its_channel_dark_and_the_others_well(self, tmp_path: Path) -> None:
+        """Port 10 is where light enters the chip: none comes out of it."""
+        station = twin(1)
+        panel = station.patch_panel.model_copy(update={"ports": (0, 1, 10, 3, 4)})
+        found = aligned(station.model_copy(update={"patch_panel": panel}), tmp_path / "aligned")
+        named = {finding.channel for finding in found.findings if "no light" in finding.advice}
+        assert named == {2}
+        assert not found.good
+        assert {finding.channel for finding in found.findings if finding.step == "repeatability"} == {1, 3, 4}
+        assert all(finding.estimate is not None for finding in found.findings)
 
     def test_a_dark_channel_and_one_that_clips_are_named(self) -> None:
         generator = np.random.default_rng(1)

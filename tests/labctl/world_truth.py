@@ -10,8 +10,9 @@ from labctl.station import Station
 from protocols.base import Images, Shot, ShotKind
 from protocols.image_readout import DRIVE_SAMPLES
 from protocols.patterns import Patterns
+from sim_backends import chance
 from sim_backends.light_path import LightPath, Optics, Setting
-from sim_backends.optics import fibre, mirrors, receiver
+from sim_backends.optics import chain, mirrors, receiver
 from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
 from sim_backends.signals import Acquisition, Emission, Playback
 
@@ -101,11 +102,17 @@ def drive_depth(parameters: Parameters, amplitude_vpp: float) -> float:
     return float(high - low)
 
 
-def half_width_m(parameters: Parameters) -> float:
-    """Detuning at which intensities correlate by one half: s = (2/3) 40 ps / T is chance."""
-    spread = fibre.delay_spread(parameters.fibre_length_m, parameters.launch_na, parameters.fibre_index)
-    share = 2 / 3 * 40e-12 / spread
-    half_hz = math.sqrt((1 - share) / (1 + share)) / (math.pi * spread)
+def half_width_m(parameters: Parameters, twin_seed: int) -> float:
+    """Detuning at which intensities of this twin's fibre correlate by one half, s = (2/3) 40 ps / T being chance.
+
+    |gamma|^2 of its own modes, each weighing as much as it has power on the mirrors.
+    """
+    _, modes = chain.draw_fibre(parameters, chance.generator(chance.digest(twin_seed, "fibre")))
+    power = np.sum(np.abs(modes.amplitudes) ** 2, axis=(0, 1), dtype=np.float64)
+    share = 2 / 3 * 40e-12 / parameters.delay_spread_s
+    detuning_hz = np.arange(0, 3e9, 1e6)
+    gamma = np.exp(-2j * np.pi * np.multiply.outer(detuning_hz, modes.delays_s)) @ (power / power.sum())
+    half_hz = float(detuning_hz[np.argmax(np.abs(gamma) ** 2 < (1 + share) / 2)])
     return (parameters.design_wavelength_nm * 1e-9) ** 2 / SPEED_OF_LIGHT * half_hz
 
 

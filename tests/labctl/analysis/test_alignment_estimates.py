@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from labctl.analysis import AnalysisError
-from labctl.analysis.alignment import contrast, level, noise, repeatability_db, used_range
+from labctl.analysis.alignment import contrast, flat_top, level, noise, repeatability_db, used_range
 from labctl.analysis.drive_depth import drive_depth
 from labctl.analysis.estimates import Estimate
 from labctl.analysis.light_delay import light_delay, responses
+from labctl.analysis.likelihood import interval, lowest
 from protocols.alignment import LEVELS, maximum_length_sequence
 
 INTERVAL, HOLD = 20e-12, 40e-12
@@ -147,3 +148,26 @@ def test_levels_noise_range_ratio_and_contrast() -> None:
     assert near(contrast(twice, Estimate(2e-3, 1e-5)), spread / float(images.mean()))
     frames = images[0, 0] + generator.normal(0, 5e-3, (48, 100))
     assert near(repeatability_db(frames), 10 * math.log10(float(images[0, 0].var(ddof=1)) / 25e-6))
+
+
+def test_a_detector_that_gives_no_more_has_a_flat_top() -> None:
+    generator = np.random.default_rng(5)
+    images = generator.exponential(0.05, (1, 16, 100))
+    noise_v = generator.normal(0, 2e-4, (2, 16, 100))
+    assert not flat_top(images + noise_v)
+    assert flat_top(np.minimum(images, 0.15) + noise_v)
+
+
+def test_a_likelihood_is_searched_and_read_where_it_is_stated() -> None:
+    """A parameter that enters by its square, 0.25 +- 0.1, beside another that is a thousand times better known."""
+
+    def cost(place: NDArray[np.float64]) -> float:
+        return float((place[0] ** 2 - 0.25) ** 2 / 0.02 + ((place[1] - 3) / 1e-4) ** 2 / 2)
+
+    best = np.abs(lowest(cost, np.array([1.0, 1.0])))
+    assert best == pytest.approx([0.5, 3.0], abs=0.02)
+    low, high = interval(cost, best, 4.0, least=0.0)
+    assert low == 0
+    assert high == pytest.approx(math.sqrt(0.65), rel=0.01)
+    low, high = interval(cost, best, 1.0, least=0.0)
+    assert (low, high) == pytest.approx((math.sqrt(0.15), math.sqrt(0.35)), rel=0.01)
