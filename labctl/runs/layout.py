@@ -27,6 +27,7 @@ from labctl.runs.shots import RunShape
 
 FORMAT_VERSION = "1.1"
 READABLE_MAJOR = 1
+LONGEST_VERSION = 40  # characters of one that cannot be read, in a message
 LARGEST_MANIFEST = 1 << 26  # characters; what is longer is cut, and then damaged
 LIBVER = ("v108", "v108")  # the same bytes whatever HDF5 release writes them, readable by any HDF5 since 1.8
 HDF5_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)  # what h5py raises on a file that is not whole
@@ -158,9 +159,10 @@ def check_version(version: str, origin: Path) -> None:
     Raises:
         RunError: another major version, or no version at all.
     """
-    found = re.fullmatch(r"(\d+)\.(\d+)", str(version))
+    found = re.fullmatch(r"(\d{1,9})\.(\d{1,9})", str(version))
     if not found or int(found[1]) != READABLE_MAJOR:
-        raise RunError(f"{origin}: format {version}; this labctl reads {READABLE_MAJOR}.x: install a matching labctl")
+        told = repr(str(version)[:LONGEST_VERSION])
+        raise RunError(f"{origin}: format {told}; this labctl reads {READABLE_MAJOR}.x: install a matching labctl")
 
 
 def run_name(started: datetime, protocol: str, identity: str) -> str:

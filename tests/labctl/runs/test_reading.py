@@ -119,7 +119,7 @@ def test_versions_of_the_data_file(whole: Path, version: str) -> None:
     if version == "1.3":
         open_run(whole).close()
     else:
-        with pytest.raises(RunError, match=r"data\.h5: format 2\.0"):
+        with pytest.raises(RunError, match=r"data\.h5: format '2\.0'"):
             open_run(whole)
 
 
