@@ -29,6 +29,7 @@ from instruments.values import (
 )
 from instruments.visa import NoAnswer, VisaLink
 
+SELF_TEST_S = 60.0
 TRIGGER_WAIT_S = 10.0
 BURST_WAIT_S = 60.0
 STALLED_S = 3.0
@@ -71,7 +72,7 @@ class Dpo72504dx(Oscilloscope):
 
     def self_test(self) -> None:
         """`*TST?`: 0 means passed."""
-        result = self._link.number("*TST?", timeout_s=60.0)
+        result = self._link.number("*TST?", timeout_s=SELF_TEST_S)
         if result != 0:
             raise InstrumentError(
                 f"{self._link.name}: self-test failed with code {result:g}: see the instrument's screen"
