@@ -4,12 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
-
 from instruments.toml_files import TomlError, read_toml
 from labctl.analysis.models import FORMAT as READOUT
 from labctl.analysis.models import load_metadata
 from labctl.failures import UsageError
+from labctl.plain_hdf5 import opened
 from labctl.protocol_files import read_protocol
 from labctl.recording import FORMAT as RECORDING
 from labctl.recording import Kind, read_recording
@@ -59,7 +58,7 @@ def _kind(path: Path) -> str:
 
 def _hdf5_says(path: Path) -> str:
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             if str(file.attrs.get("format")) == READOUT:
                 return "readout"
             if "_NCProperties" in file.attrs:

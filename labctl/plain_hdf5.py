@@ -5,13 +5,36 @@ declare arrays that nobody ever stored. The files of labctl use none of this, so
 of its data are read.
 """
 
+import io
+from pathlib import Path
+
 import h5py
+
+from labctl.global_heaps import WatchedFile
 
 MOST_OBJECTS = 1000
 MOST_UNPACKED = 1100
 """Times its stored bytes: what deflate can make of them at most is 1032."""
 SMALLEST_STORAGE = 1 << 16
 """Bytes: below that a declared size costs nothing."""
+
+
+def opened(path: Path) -> h5py.File:
+    """The file at `path`, to read.
+
+    Raises:
+        OSError: It is not there, or no HDF5 file; later, at a text in it that HDF5 would never come to the end of.
+    """
+    return h5py.File(WatchedFile(path.open("rb", buffering=0)), "r")
+
+
+def opened_image(image: bytes) -> h5py.File:
+    """A file by its bytes, to read.
+
+    Raises:
+        OSError: As `opened`.
+    """
+    return h5py.File(WatchedFile(io.BytesIO(image)), "r")
 
 
 def check_plain(file: h5py.File, largest: int, *, besides: str = "") -> None:

@@ -26,7 +26,7 @@ from labctl.analysis.anomaly import CovarianceScore, NormalityScore
 from labctl.analysis.errors import AnalysisError
 from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
 from labctl.analysis.windows import WindowFeatures
-from labctl.plain_hdf5 import check_plain
+from labctl.plain_hdf5 import check_plain, opened
 
 FORMAT = "labctl-readout"
 FORMAT_VERSION = "1.0"
@@ -112,7 +112,7 @@ def load_metadata(path: Path) -> dict[str, Any]:
 def _open(path: Path) -> Iterator[h5py.File]:
     """A readout's file; whatever reading raises on one that somebody changed becomes the one error."""
     try:
-        file = h5py.File(path, "r")
+        file = opened(path)
     except OSError as error:
         raise AnalysisError(f"{path}: cannot be read as HDF5: name a file that 'labctl train' wrote") from error
     with file:

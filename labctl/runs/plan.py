@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.plain_hdf5 import check_plain
+from labctl.plain_hdf5 import check_plain, opened_image
 from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, RunError, RunPaths, check_version
 from labctl.runs.shots import PlayedDrive
 
@@ -40,7 +40,7 @@ def read_plan(paths: RunPaths, sha256: str) -> tuple[NDArray[Any], PlayedDrive |
             raise RunError(
                 f"{paths.plan}: damaged: its sha256 is not the manifest's; restore it from a copy of the run"
             )
-        with h5py.File.in_memory(image) as file:
+        with opened_image(image) as file:
             check_version(file.attrs["format_version"], paths.plan)
             check_plain(file, MOST_BYTES)
             return file["shots"][:], read_drive(file)

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.plain_hdf5 import check_plain
+from labctl.plain_hdf5 import check_plain, opened
 from labctl.runs.journal import read_journal
 from labctl.runs.layout import HDF5_ERRORS, Manifest, RunError, RunPaths, check_version
 from labctl.runs.plan import read_drive, read_plan
@@ -240,7 +240,7 @@ def data_file_evidence(path: Path) -> str:
         RunError: the file is damaged.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             return str(file.attrs["evidence"])
     except HDF5_ERRORS as error:
         raise damaged(path, error) from error
@@ -253,7 +253,7 @@ def damaged(path: Path, error: Exception) -> RunError:
 
 def _from_data_file(path: Path, data: Path, done: tuple[int, ...] | None) -> Run:
     try:
-        file = h5py.File(data, "r")
+        file = opened(data)
     except OSError as error:
         raise damaged(data, error) from error
     try:

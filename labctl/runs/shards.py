@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.plain_hdf5 import check_plain
+from labctl.plain_hdf5 import check_plain, opened_image
 from labctl.runs.journal import Entry
 from labctl.runs.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, RunError, RunPaths, check_version
 from labctl.runs.shots import Measured, MeasuredBurst, RunShape, ShotFlag, in_this_version
@@ -123,7 +123,7 @@ class Shard:
             RunError: not a whole shard, or not one of a run of this shape.
         """
         try:
-            with h5py.File.in_memory(image) as file:
+            with opened_image(image) as file:
                 check_version(file.attrs["format_version"], Path(origin))
                 check_plain(file, MOST_BYTES)
                 shard = cls(

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.plain_hdf5 import check_plain
+from labctl.plain_hdf5 import check_plain, opened
 from labctl.runs.assembling import shard_in_data_file, write_data_file
 from labctl.runs.journal import read_journal
 from labctl.runs.layout import HDF5_ERRORS, Manifest, RunError, RunPaths
@@ -164,7 +164,7 @@ def _data_file(
     if not paths.data.exists():
         return "missing", []
     try:
-        with h5py.File(paths.data, "r") as file:
+        with opened(paths.data) as file:
             check_plain(file, MOST_BYTES, besides="frames")
             current = file.attrs["evidence"] == named.evidence
             differences = [
@@ -237,7 +237,7 @@ def _in_shard(shards: Shards, number: int) -> Damage:
     """Where a damaged shard differs from what it was, if data.h5 still has all that was in it."""
     whole = _whole(shards.paths, shards.paths.shard(number))
     try:
-        with h5py.File(shards.paths.data, "r") as file:
+        with opened(shards.paths.data) as file:
             expected = shard_in_data_file(file, shards, shards.entries[number])
     except HDF5_ERRORS:
         return whole

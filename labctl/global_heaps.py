@@ -1,0 +1,94 @@
+"""HDF5's global heaps, where text of variable length lies: a wrong size in one makes HDF5 walk in circles for ever.
+
+Nothing ends that walk, not even Ctrl-C, so every heap is walked here first, as HDF5 reads it. Source: HDF5 File Format
+Specification 3.0, III.E; `H5HG__cache_heap_deserialize` of HDF5 1.14 for how it walks.
+"""
+
+import io
+import struct
+
+HEAP = b"GCOL\x01\0\0\0"
+FILE = b"\x89HDF\r\n\x1a\n"
+LENGTH_BYTES = 8
+MOST_OBJECTS = 1 << 16  # of a heap: each has a number of 16 bits
+SEARCHED = 1 << 20
+"""Bytes of a read: a shorter one may fetch several heaps and headers at once, a longer one is one of them, or data."""
+
+_HEADER = struct.Struct("<8sQ")
+_OBJECT = struct.Struct("<HHIQ")
+
+
+class WatchedFile(io.RawIOBase):
+    """A file as HDF5 reads it, each heap walked before HDF5 sees it.
+
+    Raises:
+        OSError: at the read of a heap whose objects do not lie one behind the other inside it, or at once where the
+            file's lengths have not the eight bytes that nearly all files have.
+    """
+
+    def __init__(self, source: io.FileIO | io.BytesIO) -> None:
+        """Watch `source`, which is closed with it."""
+        self._source = source
+        begin = source.read(16)
+        if begin.startswith(FILE) and begin[14 if begin[8] < 2 else 10] != LENGTH_BYTES:
+            raise OSError("its lengths have not eight bytes")
+
+    def seekable(self) -> bool:
+        """Yes."""
+        return True
+
+    def readable(self) -> bool:
+        """Yes."""
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """As of any file."""
+        return self._source.seek(offset, whence)
+
+    def tell(self) -> int:
+        """As of any file."""
+        return self._source.tell()
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        """As of any file; the heaps that begin in these bytes have been walked when it returns."""
+        first = self._source.tell()
+        count = self._source.readinto(buffer) or 0
+        searched, margin = count if count <= SEARCHED else 1, len(HEAP) - 1
+        begin = max(0, first - margin)
+        content = b"".join(
+            (self._at(begin, first - begin), buffer[:searched], self._at(first + searched, margin)),
+        )
+        found = content.find(HEAP)
+        while found >= 0:
+            self._walk(begin + found)
+            found = content.find(HEAP, found + 1)
+        self._source.seek(first + count)
+        return count
+
+    def close(self) -> None:
+        """Close the file."""
+        if not self.closed:
+            self._source.close()
+            super().close()
+
+    def _at(self, place: int, count: int) -> bytes:
+        self._source.seek(place)
+        return self._source.read(count)
+
+    def _walk(self, heap: int) -> None:
+        """Walk over the objects of the heap that begins at `heap`, as HDF5 does."""
+        header = self._at(heap, _HEADER.size)
+        if len(header) < _HEADER.size:
+            return
+        place, end = heap + _HEADER.size, heap + _HEADER.unpack(header)[1]
+        for _ in range(MOST_OBJECTS):
+            text = self._at(place, _OBJECT.size) if place + _OBJECT.size <= end else b""
+            if len(text) < _OBJECT.size:
+                return
+            index, _count, _reserved, size = _OBJECT.unpack(text)
+            # Object 0 is the free space, whose size counts its header; the others are filled up to eight bytes.
+            needed = size if index == 0 else _OBJECT.size + -(-size // 8) * 8
+            if not _OBJECT.size <= needed <= end - place:
+                break
+            place += needed
+        raise OSError("the texts in it do not lie one behind the other")
