@@ -29,7 +29,7 @@ class WatchedFile(io.RawIOBase):
     def __init__(self, source: io.FileIO | io.BytesIO) -> None:
         """Watch `source`, which is closed with it."""
         self._source = source
-        begin = source.read(16)
+        begin = source.read(16).ljust(16, b"\0")
         if begin.startswith(FILE) and begin[14 if begin[8] < 2 else 10] != LENGTH_BYTES:
             raise OSError("its lengths have not eight bytes")
 
@@ -42,8 +42,15 @@ class WatchedFile(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """As of any file."""
-        return self._source.seek(offset, whence)
+        """As of any file.
+
+        Raises:
+            OSError: the place lies beyond the end of any file.
+        """
+        try:
+            return self._source.seek(offset, whence)
+        except OverflowError:
+            raise OSError(f"it names place {offset}, beyond the end of any file") from None
 
     def tell(self) -> int:
         """As of any file."""
@@ -72,7 +79,7 @@ class WatchedFile(io.RawIOBase):
             super().close()
 
     def _at(self, place: int, count: int) -> bytes:
-        self._source.seek(place)
+        self.seek(place)
         return self._source.read(count)
 
     def _walk(self, heap: int) -> None:

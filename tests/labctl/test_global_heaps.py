@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from labctl.global_heaps import HEAP, SEARCHED
+from labctl.global_heaps import FILE, HEAP, SEARCHED
 from labctl.plain_hdf5 import opened, opened_image
 
 LONG = "x" * 20_000
@@ -74,7 +74,19 @@ def test_lengths_of_four_bytes_are_refused(image: bytes) -> None:
         opened_image(bytes(harmed))
 
 
-@pytest.mark.parametrize("content", [b"", b"short", b"no HDF5 file, but longer than a header" * 50])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"short", FILE, FILE + b"\2\x08\x08\0" + b"\xfe" * 60, b"no HDF5 file, but longer than a header" * 50],
+)
 def test_other_files_are_none(content: bytes) -> None:
     with pytest.raises(OSError, match=r"."):
         opened_image(content)
+
+
+@pytest.mark.timeout(60)
+def test_a_heap_beyond_the_end_of_any_file_is_refused(image: bytes) -> None:
+    harmed = bytearray(image)
+    struct.pack_into("<Q", harmed, image.index(HEAP) + 8, 2**64 - 1)
+    struct.pack_into("<Q", harmed, first_text(image) + 8, 2**63)
+    with opened_image(bytes(harmed)) as file, pytest.raises(OSError, match=r"."):
+        file.attrs["short"]
