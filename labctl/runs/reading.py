@@ -275,11 +275,37 @@ def _from_data_file(path: Path, data: Path, done: tuple[int, ...] | None) -> Run
         raise
 
 
+class _StoredFrames:
+    """The data set `frames` of data.h5."""
+
+    def __init__(self, path: Path, stored: h5py.Dataset) -> None:
+        self._path = path
+        self._stored = stored
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(self._stored.shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        dtype: np.dtype[Any] = self._stored.dtype
+        return dtype
+
+    def __getitem__(self, key: Any) -> Any:
+        try:
+            return self._stored[key]
+        except OSError as error:
+            raise damaged(self._path, error) from error
+
+    def __len__(self) -> int:
+        return len(self._stored)
+
+
 class _FileSource:
     """Columns of data.h5."""
 
     def __init__(self, path: Path, file: h5py.File) -> None:
-        self.frames: Frames = file["frames"]
+        self.frames: Frames = _StoredFrames(path, file["frames"])
         self._path = path
         self._file = file
 

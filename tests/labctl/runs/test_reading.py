@@ -144,3 +144,18 @@ def test_a_data_file_that_is_not_whole_is_named(whole: Path, tmp_path: Path) -> 
         del file.attrs["evidence"]
     with pytest.raises(RunError, match="not a whole data file"):
         open_run(whole)
+
+
+def test_frames_that_are_not_in_the_data_file_are_told_in_one_line(whole: Path) -> None:
+    data = whole / "data.h5"
+    with h5py.File(data) as file:
+        place = file["frames"].id.get_chunk_info(0).byte_offset
+    image = data.read_bytes()
+    named = place.to_bytes(8, "little")
+    assert image.count(named) == 1
+    data.write_bytes(image.replace(named, (place + (1 << 40)).to_bytes(8, "little")))
+    with open_run(data) as run:
+        assert run.frames.shape == (7, 5, 16)
+        with pytest.raises(RunError, match=r"data\.h5: not a whole data file .*verify --rebuild") as refused:
+            run.volts()
+    assert "\n" not in str(refused.value)
