@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from instruments.visa import VisaLink
-from labctl.acquisition import Acquisition, acquire
-from labctl.station import Station
+from labctl.bench.station import Station
+from labctl.engine.session import Acquisition, acquire
 from protocols.image_readout import ImageReadout
 from sim_backends.bench import SimulatedBench
 

@@ -22,20 +22,21 @@ import numpy as np
 
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.vialux_alp import VialuxAlp
-from labctl.acquisition import Acquisition, acquire
 from labctl.analysis.evaluation import validate
-from labctl.analysis.records import read_records
 from labctl.analysis.splits import random_splits
 from labctl.analysis.windows import WindowFeatures
-from labctl.datasets import DatasetError
-from labctl.engine import Outcome
-from labctl.runs import RunWriter, open_run
-from labctl.station import SIMULATED_STATION
+from labctl.bench.station import SIMULATED_STATION
+from labctl.engine.engine import Outcome
+from labctl.engine.session import Acquisition, acquire
+from labctl.errors import DatasetError
+from labctl.runs.read.records import read_records
+from labctl.runs.read.run import open_run
+from labctl.runs.write.writer import RunWriter
 from protocols.bursts import PICTURE_PERIOD_S, UPLOAD_BLOCK
 from protocols.image_readout import ImageReadout
 from protocols.patterns import Patterns
-from sim_backends.virtual.alp_sequence import Sequence
-from sim_backends.world import World
+from sim_backends.virtual.alp.sequence import Sequence
+from sim_backends.world.world import World
 
 WINDOW_S = 0.4e-9
 PICTURE_BYTES = 768 * 1024 // 8

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labctl.events import EventReader
+from labctl.runs.live.events import EventReader
 from tests.dashboard.browser import LABCTL, browser, chromium, dashboard, opened
 
 REQUIRED = 0.95

@@ -17,8 +17,8 @@ from unittest import mock
 
 import numpy as np
 
-from labctl.acquisition import Acquisition, acquire
-from labctl.station import SIMULATED_STATION, DurabilitySection
+from labctl.bench.station import SIMULATED_STATION, DurabilitySection
+from labctl.engine.session import Acquisition, acquire
 from protocols.image_readout import ImageReadout
 
 REPETITIONS = 5

@@ -16,7 +16,10 @@ from unittest import mock
 
 import numpy as np
 
-from labctl.runs import Durability, MeasuredBurst, RunShape, RunWriter, ShotColumns, open_run, verify_run
+from labctl.runs.format.shots import Durability, MeasuredBurst, RunShape, ShotColumns
+from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
+from labctl.runs.write.writer import RunWriter
 
 SHARD_SHOTS = 20
 PORTS = (2, 3, 4, 5, 6)

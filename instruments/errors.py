@@ -1,5 +1,7 @@
 """How instruments fail: every message is one line that says what, where and what to do."""
 
+from typing import ClassVar
+
 EXCERPT = 40
 """Characters of a wrong reply that a message shows."""
 
@@ -9,8 +11,20 @@ def excerpt(reply: str | bytes | bytearray) -> str:
     return repr(reply[:EXCERPT] if isinstance(reply, str) else bytes(reply[:EXCERPT]))
 
 
-class InstrumentError(Exception):
-    """An instrument refused, failed or did not answer; the message is one line that says what, where and what to do."""
+class LabctlError(Exception):
+    """What a person can meet and mend: the message is one line that says what happened, where, and what to do.
+
+    Attributes:
+        exit_status: What a command ends in: 2 where what was asked for is wrong, 1 where an instrument failed.
+    """
+
+    exit_status: ClassVar[int] = 2
+
+
+class InstrumentError(LabctlError):
+    """An instrument refused, failed or did not answer."""
+
+    exit_status: ClassVar[int] = 1
 
 
 class LinkError(InstrumentError):
@@ -24,6 +38,10 @@ class NoTrigger(InstrumentError):
 class OutOfRange(InstrumentError):
     """A value lies outside what the instrument or the station allows; nothing was sent."""
 
+    exit_status: ClassVar[int] = 2
+
 
 class NotConfigured(InstrumentError):
     """The driver lacks something only the operator can supply, such as a command of an undocumented laser."""
+
+    exit_status: ClassVar[int] = 2

@@ -2,7 +2,10 @@
 
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 LARGEST_FILE = 64 * 1024
 """Bytes: ten times what any of these files needs."""
@@ -12,6 +15,8 @@ DEEPEST = 20
 """Lists and tables inside each other."""
 LARGEST_NUMBER = 2**63
 """Whole numbers of TOML have 64 bits; larger ones are refused, because other programs cannot read them either."""
+LONGEST_PART = 300
+"""Characters of a key, a value or a reason in a message."""
 
 
 class TomlError(ValueError):
@@ -62,3 +67,20 @@ def _check(value: object, depth: int = 0) -> None:
                 _check(entry, depth + 1)
         case int() if not -LARGEST_NUMBER <= value < LARGEST_NUMBER:
             raise TomlError("it holds a whole number of more than 64 bits")
+
+
+def describe(error: "ValidationError") -> str:
+    """The first fault of a validation in one line: key, value, what is wrong; each cut to what a line can hold."""
+    fault = error.errors(include_url=False)[0]
+    key = _cut(".".join(str(part) for part in fault["loc"]))
+    if fault["type"] == "missing":
+        return f"{key} is missing: write it"
+    value = _cut(repr(fault["input"]))
+    if fault["type"] == "extra_forbidden":
+        return f"{key} = {value}: unknown key: check its spelling against the reference of settings"
+    message = _cut(fault["msg"].removeprefix("Value error, "))
+    return f"{key} = {value}: {message}" if key else message
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST_PART else f"{text[:LONGEST_PART]}..."

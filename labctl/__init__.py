@@ -28,10 +28,10 @@ def open_run(path: "Path | str") -> "xarray.Dataset":
         ...     run.volts.sel(port=3, time=slice(0, 0.4e-9)).shape
         (220, 11)
     """
-    from labctl.runs import RunError
+    from labctl.errors import RunError
 
     try:
-        from labctl.runs.as_xarray import dataset_of
+        from labctl.runs.read.as_xarray import dataset_of
     except ModuleNotFoundError as error:
         if error.name != "xarray":
             raise

@@ -1,5 +1,5 @@
 """`python -m labctl`: the command `labctl` where its script is not on the path."""
 
-from labctl.main import main
+from labctl.commands.main import main
 
 main()

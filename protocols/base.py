@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from instruments.bench import Bench
+from instruments.errors import LabctlError
 from instruments.values import Burst, Drive, Frames, Scaling
 
 
-class ProtocolError(Exception):
+class ProtocolError(LabctlError):
     """A protocol that cannot be carried out as asked: one line that names the setting and what to do."""
 
 

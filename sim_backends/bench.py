@@ -12,12 +12,12 @@ from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Loop
 from sim_backends.servers.socket import serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
-from sim_backends.virtual.alp import VirtualAlp
-from sim_backends.virtual.awg70002a import VirtualAwg70002a
-from sim_backends.virtual.dpo72504dx import VirtualDpo72504dx
-from sim_backends.virtual.fibre_switch import VirtualFibreSwitch
-from sim_backends.virtual.tlg220 import VirtualTlg220
-from sim_backends.world import World
+from sim_backends.virtual.alp.instrument import VirtualAlp
+from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
+from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
+from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
+from sim_backends.virtual.tlg220.instrument import VirtualTlg220
+from sim_backends.world.world import World
 
 HISLIP_OFFSET, VXI11_OFFSET = 10, 20  # of the other ports from the ports of the raw sockets
 SPEAK_VXI11 = ("awg", "scope")  # as the Tektronix instruments do

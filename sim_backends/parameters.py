@@ -10,8 +10,6 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from sim_backends.optics import cavity, fibre, mirrors
-
 PLANCK = 6.62607015e-34
 SPEED_OF_LIGHT = 299_792_458.0
 
@@ -229,33 +227,6 @@ class Parameters(BaseModel):
         return self
 
     @property
-    def fibre_v_number(self) -> float:
-        """V number of the fibre at its full aperture, 158 at the defaults."""
-        return fibre.v_number(self.core_diameter_m / 2, self.fibre_na, self.design_wavelength_nm * 1e-9)
-
-    @property
-    def launched_modes(self) -> int:
-        """Modes within the launch aperture, one polarisation: V^2/4, 694 at the defaults."""
-        return fibre.mode_count(self.core_diameter_m / 2, self.launch_na, self.design_wavelength_nm * 1e-9)
-
-    @property
-    def collection_modes(self) -> int:
-        """Modes of the collecting fibre, one polarisation: 124 at the defaults."""
-        return fibre.mode_count(self.collection_core_m / 2, self.collection_na, self.design_wavelength_nm * 1e-9)
-
-    @property
-    def delay_spread_s(self) -> float:
-        """Modal delay spread of the launched aperture (s), 0.39 ns at the defaults."""
-        return fibre.delay_spread(self.fibre_length_m, self.launch_na, self.fibre_index)
-
-    @property
-    def grain_superpixels(self) -> float:
-        """Speckle grain on the mirrors, intensity FWHM in superpixels, 2.5 at the defaults."""
-        superpixel_m = self.image_side * self.core_diameter_m / mirrors.SIDE
-        wavelength = self.design_wavelength_nm * 1e-9
-        return fibre.speckle_grain(self.launch_na, wavelength, self.launch_profile) / superpixel_m
-
-    @property
     def square_modes(self) -> float:
         """Spatial modes of the light on the 28x28 square: area times solid angle over wavelength squared, 108."""
         return self._square_etendue * math.pi / (self.design_wavelength_nm * 1e-9) ** 2
@@ -293,17 +264,6 @@ class Parameters(BaseModel):
         """
         photon = PLANCK * SPEED_OF_LIGHT / (self.design_wavelength_nm * 1e-9)
         return power_ratio(self.amplifier_noise_figure_db) / 2 * photon * (self.amplifier_gain - 1)
-
-    @property
-    def mode_density_per_hz(self) -> float:
-        """Weyl density of the stadium's resonances (1/Hz), 1.04 per GHz at the defaults."""
-        return cavity.weyl_density(
-            radius=self.stadium_radius_m,
-            straight=self.stadium_straight_m,
-            index=self.chip_index,
-            group_index=self.chip_group_index,
-            wavelength=self.design_wavelength_nm * 1e-9,
-        )
 
     @property
     def light_delay_s(self) -> float:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from labctl.main import main
+from labctl.commands.main import main
 
 
 def labctl(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:

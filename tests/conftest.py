@@ -13,8 +13,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from instruments.bench import Bench
-from labctl.opening import OpenBench, opened
-from labctl.station import Station
+from labctl.bench.opening import OpenBench, opened
+from labctl.bench.station import Station
 from sim_backends.bench import SimulatedBench
 from tests.supervisors import none_left
 

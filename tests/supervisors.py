@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from unittest.mock import patch
 
-from labctl.supervision import _Supervisor
+from labctl.bench.supervision import _Supervisor
 
 
 @contextmanager

@@ -57,7 +57,7 @@ def test_the_source_distribution_holds_what_builds_the_wheel_and_tests_it(built:
 def test_it_measures_from_an_empty_directory_without_the_checkout(installed: Path, tmp_path: Path) -> None:
     """Protocols and drivers by their entry points, digits, laser table: all from what was installed."""
     program = (
-        "import labctl, sys; from labctl.main import main; sys.stderr.write(labctl.__file__ + '\\n');"
+        "import labctl, sys; from labctl.commands.main import main; sys.stderr.write(labctl.__file__ + '\\n');"
         "main(['run', 'image-readout', '--set', 'images=10', '--set', 'window=0.4 ns', '--out', 'run', '--json'])"
     )
     environment = {name: value for name, value in os.environ.items() if name != "LABCTL_DATA"}

@@ -10,7 +10,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 from typer.core import TyperGroup
 
-from labctl.main import app
+from labctl.commands.main import app
 
 
 class CommandTables(SphinxDirective):

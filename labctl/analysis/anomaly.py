@@ -14,7 +14,7 @@ from sklearn.covariance import LedoitWolf, ShrunkCovariance
 from sklearn.metrics import auc, roc_curve
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from labctl.analysis.errors import AnalysisError
+from labctl.errors import AnalysisError
 
 
 class NormalityScore(BaseEstimator):  # type: ignore[misc]  # scikit-learn ships no types

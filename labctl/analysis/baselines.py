@@ -13,10 +13,10 @@ from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
 from labctl.analysis.anomaly import Roc, roc
-from labctl.analysis.errors import AnalysisError
 from labctl.analysis.evaluation import CrossValidation, validate
 from labctl.analysis.regression import nmse, ridge_readout, rmse
 from labctl.analysis.splits import Split
+from labctl.errors import AnalysisError
 
 MAX_ITERATIONS = 5000
 

@@ -24,10 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from labctl.analysis.errors import AnalysisError
-from labctl.analysis.records import read_records
-from labctl.analysis.windows import WAVELENGTH_TOLERANCE_NM
-from labctl.runs import Run
+from labctl.errors import AnalysisError
 
 SPEED_OF_LIGHT = 299_792_458.0
 Launch = Literal["gaussian", "filled"]
@@ -85,40 +82,6 @@ class Decorrelation:
     uncertainty_nm: float | None
     images: int
     likeness: float
-
-
-def read_scan(run: Run) -> Scan:
-    """The images of a run at its wavelengths, on the grid that starts at the trigger.
-
-    Raises:
-        AnalysisError: The run holds no images, or not at evenly spaced wavelengths.
-    """
-    images = read_records(run)
-    of_row = np.asarray(run.shape.wavelength_of_port)
-    order = np.argsort(of_row, kind="stable")
-    first = np.flatnonzero(np.diff(of_row[order], prepend=-np.inf) > WAVELENGTH_TOLERANCE_NM)
-    wavelengths = of_row[order][first]
-    steps = np.diff(wavelengths)
-    if not steps.size or np.ptp(steps) > WAVELENGTH_TOLERANCE_NM or of_row.size % wavelengths.size:
-        raise AnalysisError(
-            f"{run.path}: not measured at evenly spaced wavelengths: 'labctl run wavelength-scan' measures at such"
-        )
-    rows = order.reshape(wavelengths.size, -1)
-    again = np.flatnonzero(run.shots["kind"] == "reference")
-    repeats = np.zeros((0, *images.traces.shape[1:]))
-    if again.size:
-        repeated = read_records(run, "reference")
-        place = {int(group): position for position, group in enumerate(images.groups)}
-        shown = [(one, place[int(group)]) for one, group in enumerate(repeated.groups) if int(group) in place]
-        repeats = np.array([repeated.traces[one] - images.traces[other] for one, other in shown] or repeats)
-    return Scan(
-        traces=np.moveaxis(images.traces[:, rows], 0, 1),
-        repeats=np.moveaxis(repeats[:, rows], 0, 1),
-        centre_nm=float(wavelengths.mean()),
-        step_nm=round(float(steps.mean()), 9),
-        symbol_s=0.0 if run.drive is None else 1 / run.drive.sample_rate,
-        ports=tuple(run.ports[row] for row in rows[0]),
-    )
 
 
 def decorrelation(scan: Scan) -> Decorrelation:

@@ -41,9 +41,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from labctl.analysis.errors import AnalysisError
 from labctl.analysis.estimates import Estimate
 from labctl.analysis.likelihood import interval, lowest
+from labctl.errors import AnalysisError
 
 STEP_S = 5e-12
 RISE_S = 10e-12

@@ -13,7 +13,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import get_tags
 from threadpoolctl import threadpool_limits
 
-from labctl.analysis.errors import AnalysisError
+from labctl.errors import AnalysisError
 
 
 def periodic_windows(

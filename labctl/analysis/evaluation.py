@@ -10,10 +10,10 @@ from sklearn.base import clone
 from sklearn.metrics import confusion_matrix
 from threadpoolctl import threadpool_limits
 
-from labctl.analysis.errors import AnalysisError
 from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.splits import Split, random_splits
 from labctl.analysis.windows import WindowFeatures, compressive_ratio
+from labctl.errors import AnalysisError
 
 STANDARD_ERRORS = 4.0
 """A control counts as chance up to this many standard errors above it: an honest one fails once in 30000 times."""

@@ -35,9 +35,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainc
 
-from labctl.analysis.errors import AnalysisError
 from labctl.analysis.estimates import Estimate
 from labctl.analysis.likelihood import largest_likelihood
+from labctl.errors import AnalysisError
 
 GRID = 8
 """Steps of the light's grid in a sample of the responses."""

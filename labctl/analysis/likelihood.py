@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
 
-from labctl.analysis.errors import AnalysisError
+from labctl.errors import AnalysisError
 
 IMPOSSIBLE = 1e12
 MOST_EVALUATIONS = 3000

@@ -12,7 +12,7 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from labctl.analysis.errors import AnalysisError
+from labctl.errors import AnalysisError
 
 if TYPE_CHECKING:
     import torch

@@ -8,7 +8,7 @@ from sklearn.linear_model import RidgeCV
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from labctl.analysis.errors import AnalysisError
+from labctl.errors import AnalysisError
 
 ALPHAS = tuple(10.0 ** (exponent / 2) for exponent in range(-8, 13))
 """Penalties to choose from, 1e-4 to 1e6 in half decades; one equal to the number of shots halves a lone feature."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedShuffleSplit
 
-from labctl.analysis.errors import AnalysisError
+from labctl.errors import AnalysisError
 
 Split = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Positions of the training shots and of the test shots, both ascending."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from labctl.analysis.errors import AnalysisError
+from labctl.errors import AnalysisError
 
 EARLY_TOLERANCE = 1e-6
 """Part of a sample by which a slot's first sample may come early: rounding, never light of another symbol."""

@@ -1,4 +1,4 @@
-"""From oscilloscope records to features: volts, the window's sampling grid, the window itself.
+"""From oscilloscope records to features: the window and its sampling grid.
 
 Records are arrays (shots, ports, samples), codes or volts. A window T_N sampled every tau_s on M ports gives M N
 features, N = T_N / tau_s.
@@ -8,40 +8,17 @@ from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from labctl.analysis.errors import AnalysisError
+from labctl.errors import AnalysisError
 
-KERNEL_HALF_WIDTH = 16
-KERNEL_SHAPE = 8.0
 GRID_TOLERANCE = 0.01
 """A window may miss the sampling grid by this part of a sample: text such as "0.56 ns" is never exact in binary."""
 WAVELENGTH_TOLERANCE_NM = 1e-4
 """Wavelengths closer than this are one; a tenth of the finest step of the laser."""
-
-
-def volts(frames: NDArray[np.integer], scale: ArrayLike, offset: ArrayLike) -> NDArray[np.float32]:
-    """Volts of digitiser codes: scale * code + offset.
-
-    Args:
-        frames: (shots, ports, samples) codes.
-        scale: (ports,) V per code.
-        offset: (ports,) V.
-
-    Example:
-        >>> import numpy as np
-        >>> from labctl.analysis.windows import volts
-        >>> codes = np.array([[[-128, 0, 127]]], np.int8)  # one shot, one port, three samples
-        >>> volts(codes, scale=[0.5], offset=[64])
-        array([[[  0. ,  64. , 127.5]]], dtype=float32)
-    """
-    by_port = (slice(None), np.newaxis)
-    volts_per_code = np.asarray(scale, np.float32)[by_port]
-    return frames * volts_per_code + np.asarray(offset, np.float32)[by_port]
 
 
 def sample_count(window_s: float, tau_s: float) -> int:
@@ -56,7 +33,7 @@ def sample_count(window_s: float, tau_s: float) -> int:
         10
         >>> sample_count(0.41e-9, 40e-12)
         Traceback (most recent call last):
-        labctl.analysis.errors.AnalysisError: a window of 0.41 ns is not a whole number of 0.04 ns samples: ...
+        labctl.errors.AnalysisError: a window of 0.41 ns is not a whole number of 0.04 ns samples: ...
     """
     if not (window_s > 0 and tau_s > 0):
         raise AnalysisError(f"a window of {window_s:g} s sampled every {tau_s:g} s is empty: both must be above zero")
@@ -74,55 +51,6 @@ def sample_count(window_s: float, tau_s: float) -> int:
 def compressive_ratio(window_s: float, tau_s: float, pixels: int = 28 * 28) -> float:
     """C = N / pixels: samples of one waveform for each pixel of the image."""
     return sample_count(window_s, tau_s) / pixels
-
-
-def resample(frames: NDArray[Any], trigger_offset_s: ArrayLike, *, sample_interval_s: float) -> NDArray[np.floating]:
-    """Records on the grid that starts at the trigger: sample k at k * sample_interval_s, whatever the phase was.
-
-    The oscilloscope reports for each record the time between the trigger and its sampling grid; sample k was taken at
-    k * sample_interval_s + offset. Band-limited interpolation by a Kaiser-windowed sinc of 33 taps, good up to 0.8 of
-    the Nyquist frequency and normalised so that a constant stays a constant. Beyond the ends the record is continued by
-    point reflection, so within 16 samples of an end the accuracy is that of the continuation.
-    Source: Oppenheim & Schafer, Discrete-Time Signal Processing, ch. 4 and 7.
-
-    Args:
-        frames: (shots, ports, samples), codes or volts.
-        trigger_offset_s: (shots,) or (shots, ports), s, at most one sample interval either way.
-        sample_interval_s: s.
-
-    Returns:
-        (shots, ports, samples), float64 for float64 frames and else float32. Records without offset are copied exactly.
-
-    Raises:
-        AnalysisError: The shapes do not fit, or an offset exceeds one sample.
-    """
-    records = np.asarray(frames)
-    shots, ports, samples = _three_axes(records)
-    offsets = np.asarray(trigger_offset_s, np.float64)
-    if offsets.shape not in {(shots,), (shots, ports)}:
-        raise AnalysisError(
-            f"trigger offsets have shape {offsets.shape}, frames {records.shape}: give one for each shot, or for each "
-            "shot and port"
-        )
-    shifts = np.broadcast_to(offsets.reshape(shots, -1) / sample_interval_s, (shots, ports))
-    if not np.all(np.abs(shifts) <= 1 + GRID_TOLERANCE):
-        raise AnalysisError(
-            f"a trigger offset of {np.max(np.abs(offsets)):g} s is more than one sample of {sample_interval_s:g} s: "
-            "cut the record at whole samples first"
-        )
-    result = _as_float(records)
-    moved = shifts != 0
-    if moved.any():
-        half = min(KERNEL_HALF_WIDTH, samples - 1)
-        rows = result[moved].astype(np.float64)
-        padded = np.pad(rows, ((0, 0), (half, half)), mode="reflect", reflect_type="odd") if half else rows
-        taps = np.arange(-half, half + 1)
-        distance = taps + shifts[moved][:, np.newaxis]
-        taper = np.i0(KERNEL_SHAPE * np.sqrt(np.clip(1 - (distance / (half + 1)) ** 2, 0, None)))
-        kernel = np.sinc(distance) * taper
-        kernel /= kernel.sum(axis=1, keepdims=True)
-        result[moved] = np.einsum("rnk,rk->rn", sliding_window_view(padded, taps.size, axis=1), kernel)
-    return result
 
 
 def wavelength_rows(wavelengths_nm: Sequence[float], row_wavelengths_nm: ArrayLike) -> NDArray[np.intp]:
@@ -156,7 +84,7 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
     """The samples of a window on some ports as one row of features a shot.
 
     Transforms (shots, ports, samples) into (shots, M N), port by port. The window's first sample is the record's sample
-    nearest to `start_s`; where fractions of a sample matter, `resample` the records first.
+    nearest to `start_s`; where fractions of a sample matter, resample the records first.
 
     Args:
         ports: Ports to use, in this order; None = every entry of the records' second axis. A port that was recorded

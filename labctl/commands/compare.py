@@ -5,9 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
-from labctl import comparison
+from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table
-from labctl.failures import DONE
+from labctl.studies import comparison
 
 
 def compare(

@@ -5,11 +5,12 @@ from typing import Annotated
 
 import typer
 
-from labctl.asking import Word, ask, stop_at_once
+from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show
-from labctl.failures import DONE, UsageError
-from labctl.runs import RunPaths
-from labctl.runs.writers import writer_of
+from labctl.errors import UsageError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.live.control_file import Word, ask, stop_at_once
+from labctl.runs.live.owner import writer_of
 
 Run = Annotated[Path, typer.Argument(help="Directory of a running run.")]
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show
-from labctl.failures import DONE, UsageError
+from labctl.errors import UsageError
 
 if TYPE_CHECKING:
-    from labctl.dashboard.serving import Served
+    from labctl.dashboard.server import Served
 
 PORT = 8050
 
@@ -30,7 +31,7 @@ def dashboard(
     if find_spec("nicegui") is None:
         raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
     from labctl.dashboard.guard import is_loopback
-    from labctl.dashboard.serving import PortTaken, serve
+    from labctl.dashboard.server import PortTaken, serve
 
     if not is_loopback(host):
         sys.stderr.write(

@@ -6,10 +6,10 @@ from typing import Annotated, Any
 import typer
 
 from labctl import datasets
+from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.options import DataOption
 from labctl.commands.output import JsonOption, say, show, table
-from labctl.datasets import DatasetError
-from labctl.failures import DONE, FELL_SHORT
+from labctl.errors import DatasetError
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 

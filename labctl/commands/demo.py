@@ -5,10 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
-from labctl import demonstration
+from labctl.bench.signals import interruptible
+from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
-from labctl.failures import DONE, FELL_SHORT, INTERRUPTED
-from labctl.interruption import interruptible
+from labctl.studies import demonstration
 
 
 def demo(

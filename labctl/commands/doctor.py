@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from labctl.bench.environment import BROKEN, OK, Finding, examine
+from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.output import JsonOption, say, show, table
-from labctl.environment import BROKEN, OK, Finding, examine
-from labctl.failures import DONE, FELL_SHORT
 
 
 def doctor(as_json: JsonOption = False) -> int:

@@ -5,11 +5,12 @@ from typing import Annotated, Any
 
 import typer
 
-from labctl.commands import readout
+from labctl.commands import train
+from labctl.commands.exit_status import DONE
+from labctl.commands.next_steps import cannot_judge, protocol_of
 from labctl.commands.output import JsonOption, say, show
-from labctl.failures import DONE, UsageError
-from labctl.fibre_measurement import in_words, measure_fibre
-from labctl.next_steps import cannot_judge, protocol_of
+from labctl.errors import UsageError
+from labctl.studies.fibre import in_words, measure_fibre
 from protocols.dynamic_scene import DynamicScene
 from protocols.sequence_readout import SequenceReadout
 from protocols.wavelength_scan import WavelengthScan
@@ -34,7 +35,7 @@ def evaluate(
     if run is not None:
         if run.is_dir() and (protocol := protocol_of(run)) in WITHOUT_STILL_IMAGES:
             raise cannot_judge(run, protocol)
-        return readout.evaluate(subject, run, as_json)
+        return train.evaluate(subject, run, as_json)
     if subject.is_file():
         raise UsageError(f"{subject}: a file is tested on a run: name the run directory behind it")
     if (protocol := protocol_of(subject)) != WavelengthScan.name:

@@ -5,11 +5,12 @@ from typing import Annotated
 
 import typer
 
+from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, progress_bar, say, show
 from labctl.commands.ranges import ShotsOption, shots_of
-from labctl.exports import FORMATS, Content, write
-from labctl.failures import DONE, UsageError
-from labctl.runs import open_run
+from labctl.errors import UsageError
+from labctl.runs.export import FORMATS, Content, write
+from labctl.runs.read.run import open_run
 
 
 def export(

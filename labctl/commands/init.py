@@ -10,23 +10,17 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
+from instruments.toml_files import describe
 from instruments.units import quantity
+from labctl.bench.discovery import SERIAL, Answer, answers_at, visible_addresses
+from labctl.bench.draft import draft
+from labctl.bench.drivers import USB
+from labctl.bench.schema import STATION, file_name, write_schema
+from labctl.bench.station import SIMULATED, AwgSection, LaserSection, PatchPanelSection, Station
+from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, errors, progress_bar, say, show, table
 from labctl.commands.questions import ask, confirm
-from labctl.drafting import draft
-from labctl.drivers import USB
-from labctl.failures import DONE, UsageError
-from labctl.schemas import STATION, file_name, write_schema
-from labctl.searching import SERIAL, Answer, answers_at, visible_addresses
-from labctl.station import (
-    SIMULATED,
-    AwgSection,
-    LaserSection,
-    PatchPanelSection,
-    Station,
-    StationError,
-    describe,
-)
+from labctl.errors import StationError, UsageError
 
 MANUAL = "manual"
 BY_HAND = {"laser": "manual-laser", "patch_panel": "manual-patch-panel"}

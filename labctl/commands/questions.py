@@ -5,7 +5,7 @@ from collections.abc import Callable
 import typer
 from pydantic import ValidationError
 
-from labctl.station import describe
+from instruments.toml_files import describe
 
 
 def ask(question: str, default: str, check: Callable[[str], object]) -> str:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from labctl.failures import UsageError
+from labctl.errors import UsageError
 from protocols.settings import parse_ports
 
 ShotsOption = Annotated[

@@ -8,16 +8,16 @@ from typing import Annotated
 
 import typer
 
+from labctl.bench.recording.format import Recording, read_recording
+from labctl.bench.recording.recorder import RecordingRequest, asking_to_record, recordings
+from labctl.bench.recording.replay import Replay, leading_to, replay_of
+from labctl.bench.signals import on_stop_signal
+from labctl.bench.station import write_addresses
+from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import PortBaseOption, SaveStationOption
 from labctl.commands.output import JsonOption, say, show, table
-from labctl.commands.serving import serving
-from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from labctl.interruption import on_stop_signal
-from labctl.recording import Recording, RecordingError, read_recording
-from labctl.replaying import leading_to, replay_of
-from labctl.station import write_addresses
-from labctl.tapping import RecordingRequest, asking_to_record, recordings
-from sim_backends.replaying import Replay
+from labctl.commands.service import serving
+from labctl.errors import RecordingError, UsageError
 
 POLL_S = 0.5
 

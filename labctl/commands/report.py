@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
+from labctl.commands.exit_status import DONE
+from labctl.commands.next_steps import cannot_judge, models_of, protocol_of
 from labctl.commands.output import JsonOption, say, show
-from labctl.failures import DONE
-from labctl.fibre_measurement import measure_fibre
-from labctl.next_steps import cannot_judge, models_of, protocol_of
-from labctl.readout_files import evaluate_readout
+from labctl.studies.fibre import measure_fibre
+from labctl.studies.readouts import evaluate_readout
 from protocols.image_readout import ImageReadout
 from protocols.wavelength_scan import WavelengthScan
 

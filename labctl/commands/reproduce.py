@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from labctl.bench.signals import interruptible
+from labctl.bench.station import read_station
+from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import ArmOption, DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
-from labctl.experiments import experiments
-from labctl.failures import DONE, FELL_SHORT, INTERRUPTED, UsageError, one_line
-from labctl.interruption import interruptible
-from labctl.processes import Interrupted
-from labctl.runs import run_name
-from labctl.station import read_station
+from labctl.errors import UsageError, one_line
+from labctl.runs.format.layout import run_name
+from labctl.studies.paper.experiments import experiments
+from labctl.studies.processes import Interrupted
 
 if TYPE_CHECKING:
-    from labctl.reproduction.reproducing import Plan, Reproduced
+    from labctl.studies.paper.reproduction import Plan, Reproduced
 
 ALL = "all"
 
@@ -43,8 +44,8 @@ def reproduce(
 
     Exit 0 if every figure is reached, 1 if one falls short or an experiment of 'all' had to be skipped.
     """
-    from labctl.reproduction.checking import check
-    from labctl.reproduction.reproducing import Plan
+    from labctl.studies.paper.feasibility import check
+    from labctl.studies.paper.reproduction import Plan
 
     wanted = [] if not names or ALL in names else names
     chosen = experiments(wanted)
@@ -67,9 +68,9 @@ def reproduce(
 
 
 def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: bool) -> int:
-    from labctl.reproduction import judging
-    from labctl.reproduction.reproducing import ONE_BENCH
-    from labctl.reproduction.reproducing import reproduce as carry_out
+    from labctl.studies.paper import verdict
+    from labctl.studies.paper.reproduction import ONE_BENCH
+    from labctl.studies.paper.reproduction import reproduce as carry_out
 
     began = time.perf_counter()
     with interruptible() as interruption, progress_bar("reproduce") as progress:
@@ -81,8 +82,8 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
     failed = {name: one_line(error) for name, error in failures.items()}
     for name, why in failed.items():
         sys.stderr.write(f"{name} failed: {why}\n")
-    report = judging.write_report(plan, everything, skipped=skipped, failed=failed)
-    entries = [judging.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
+    report = verdict.write_report(plan, everything, skipped=skipped, failed=failed)
+    entries = [verdict.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
     without = {"skipped": skipped, "failed": failed}
     entries += [{"name": name, word: why, "passed": False} for word in without for name, why in without[word].items()]
     whole: dict[str, Any] = {
@@ -103,9 +104,9 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
 
 
 def _vary(plan: "Plan", as_json: bool) -> int:
-    from labctl.reproduction import judging
-    from labctl.reproduction.sensitivity import as_json as described
-    from labctl.reproduction.sensitivity import figure_of, sensitivity, study_of
+    from labctl.studies.paper import verdict
+    from labctl.studies.paper.sensitivity import as_json as described
+    from labctl.studies.paper.sensitivity import figure_of, sensitivity, study_of
 
     if len(plan.experiments) != 1:
         raise UsageError("--sensitivity is for one experiment: name it, as in 'labctl reproduce fig3 --sensitivity'")
@@ -115,7 +116,7 @@ def _vary(plan: "Plan", as_json: bool) -> int:
     with interruptible() as interruption, progress_bar("sensitivity") as progress:
         found = sensitivity(plan, experiment, interruption=interruption, progress=progress)
     seconds = round(time.perf_counter() - began, 1)
-    report = judging.write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
+    report = verdict.write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
     result = {
         "name": experiment.name,
         "window_ns": study.window * 1e9,
@@ -143,7 +144,7 @@ def _print_dependence(result: dict[str, Any]) -> None:
 
 
 def _rows(found: "Reproduced") -> list[tuple[str, ...]]:
-    from labctl.reproduction.judging import results
+    from labctl.studies.paper.verdict import results
 
     rows: list[tuple[str, ...]] = []
     repeats = f"{len(found.seeds)} x {found.splits}"

@@ -6,16 +6,16 @@ from typing import Annotated
 
 import typer
 
-from labctl import acquisition
-from labctl.acquisition import Resumption
+from labctl.bench.signals import interruptible
+from labctl.bench.station import read_station
+from labctl.commands.exit_status import DONE, INTERRUPTED, WRONG_USE
+from labctl.commands.next_steps import options_again
 from labctl.commands.options import ArmOption, DataOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
 from labctl.commands.run import describe, print_outcome
-from labctl.failures import DONE, INTERRUPTED, WRONG_USE
-from labctl.interruption import interruptible
-from labctl.next_steps import options_again
-from labctl.resuming import SettingsChanged
-from labctl.station import read_station
+from labctl.engine import session
+from labctl.engine.resume import SettingsChanged
+from labctl.engine.session import Resumption
 
 
 def resume(
@@ -32,7 +32,7 @@ def resume(
     resumption = Resumption(run, None if station is None else read_station(station), data, attended, armed)
     try:
         with interruptible() as interruption, progress_bar("resume") as progress:
-            outcome = acquisition.resume(
+            outcome = session.resume(
                 resumption, interruption=interruption, progress=progress, uploading=progress.uploading, warn=warn
             )
     except SettingsChanged as changed:

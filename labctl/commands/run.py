@@ -6,20 +6,20 @@ from typing import Annotated, Any
 
 import typer
 
-from labctl.acquisition import Acquisition, acquire
-from labctl.command_log import CommandLog
+from labctl.bench.opening import opened
+from labctl.bench.signals import interruptible
+from labctl.bench.station import read_station
+from labctl.commands.exit_status import DONE, INTERRUPTED
+from labctl.commands.next_steps import next_command, options_again, resumable, resume_command
 from labctl.commands.options import ArmOption, DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
-from labctl.engine import Outcome, Request, bytes_needed, new_directory
-from labctl.failures import DONE, INTERRUPTED
-from labctl.inputs import inputs_for
-from labctl.interruption import interruptible
-from labctl.next_steps import next_command, options_again, resumable, resume_command
-from labctl.opening import opened
-from labctl.protocol_files import read_protocol
-from labctl.runs import open_run
-from labctl.station import read_station
+from labctl.engine.engine import Outcome, Request, bytes_needed, new_directory
+from labctl.engine.inputs import inputs_for
+from labctl.engine.session import Acquisition, acquire
+from labctl.runs.live.commands import CommandLog
+from labctl.runs.read.run import open_run
 from protocols.base import ShotKind
+from protocols.registry import read_protocol
 
 
 def run(

@@ -6,10 +6,10 @@ from typing import Annotated, get_args
 
 import typer
 
+from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table
-from labctl.failures import DONE, UsageError
-from labctl.runs import RunRow, list_runs
-from labctl.runs.catalogue import ORDERS, Choice, State
+from labctl.errors import UsageError
+from labctl.runs.index import ORDERS, Choice, RunRow, State, list_runs
 
 STATES = get_args(State)
 

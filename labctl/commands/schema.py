@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
+from labctl.bench.schema import names, schema_of, write_schemas
+from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show
-from labctl.failures import DONE, UsageError
-from labctl.schemas import names, schema_of, write_schemas
+from labctl.errors import UsageError
 
 
 def schema(

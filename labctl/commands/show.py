@@ -6,13 +6,14 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, table
 from labctl.commands.output import show as output
 from labctl.commands.ranges import ShotsOption, ports_of, shots_of
-from labctl.failures import DONE, UsageError
-from labctl.file_kinds import is_run, summary_of
-from labctl.looking import Look, draw, look_at, part_of
-from labctl.runs import Run, open_run
+from labctl.errors import UsageError
+from labctl.runs.read.run import Run, open_run
+from labctl.studies.file_summary import is_run, summary_of
+from labctl.studies.inspection import Look, draw, look_at, part_of
 
 
 def show(

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.output import JsonOption, say, show
-from labctl.failures import DONE, FELL_SHORT
-from labctl.runs import RunReport, verify_run
+from labctl.runs.verification import RunReport, verify_run
 
 
 def verify(

@@ -10,13 +10,13 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from labctl.asking import Word, ask, stop_at_once
-from labctl.dashboard import starting, words
+from labctl.dashboard import launcher, wording
+from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.state import ENDED, Phase
-from labctl.dashboard.watching import WatchedRun, Watching
-from labctl.runs import RunPaths
-from labctl.runs.comparing import settings_that_differ
-from labctl.runs.writers import Writer, writer_of
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.live.control_file import Word, ask, stop_at_once
+from labctl.runs.live.owner import Writer, writer_of
+from labctl.runs.read.differences import settings_that_differ
 
 REFRESH_S = 0.4
 STYLE = (Path(__file__).parent / "style.css").read_text(encoding="utf-8")
@@ -75,7 +75,7 @@ def show_list(watching: Watching) -> None:
         found = [(name, watched) for name in watching.running() if (watched := watching.run(name)) is not None]
         for _, watched in found:
             watched.look()
-        return words.live(found)
+        return wording.live(found)
 
     with ui.element("main").classes("list"):
         with ui.element("section"):
@@ -84,7 +84,7 @@ def show_list(watching: Watching) -> None:
         with ui.element("section"):
             _heading("Runs")
             wanted = ui.input("Filter", placeholder="words, such as: image incomplete").classes("filter")
-            regions.append(Region("all", lambda: words.run_list(watching.rows(), wanted.value or "")))
+            regions.append(Region("all", lambda: wording.run_list(watching.rows(), wanted.value or "")))
             wanted.on_value_change(regions[-1].refresh)
         with ui.element("section"), ui.expansion("Start a run").classes("begin"):
             _show_form(watching)
@@ -93,8 +93,8 @@ def show_list(watching: Watching) -> None:
 
 def _show_form(watching: Watching) -> None:
     with ui.element("div").classes("form"):
-        names = starting.protocols()
-        usual = starting.USUAL if starting.USUAL in names else names[0]
+        names = launcher.protocols()
+        usual = launcher.USUAL if launcher.USUAL in names else names[0]
         protocol = ui.select(names, value=usual, label="Protocol").classes("protocol")
         station = ui.input("Station file", placeholder="empty: the simulated bench").classes("station")
         settings = ui.textarea("Settings", placeholder="images=400\nwindow=1 ns").props("rows=3").classes("settings")
@@ -105,21 +105,21 @@ def _show_form(watching: Watching) -> None:
         told = ui.label().classes("told")
 
     def begin() -> None:
-        asked = starting.Asked(
+        asked = launcher.Asked(
             str(protocol.value),
             settings.value or "",
             (station.value or "").strip(),
             armed=bool(armed.value),
             attended=bool(attended.value),
         )
-        directory = starting.new_directory(watching.folder, asked)
+        directory = launcher.new_directory(watching.folder, asked)
         try:
-            started = starting.start(asked, directory)
+            started = launcher.start(asked, directory)
         except (OSError, ValueError) as error:
             told.set_text(str(error))
             return
         armed.set_value(False)
-        told.set_text(starting.in_words(asked, directory))
+        told.set_text(launcher.in_words(asked, directory))
 
         def follow() -> None:
             watching.forget_list()
@@ -146,25 +146,25 @@ def show_run(watching: Watching, name: str) -> None:
     with ui.element("main").classes("run"):
         with ui.element("section").classes("top"):
             regions = [
-                Region("emission", lambda: words.emission(watched.state)),
-                Region("progress", lambda: words.progress(watched.state, watched.records)),
+                Region("emission", lambda: wording.emission(watched.state)),
+                Region("progress", lambda: wording.progress(watched.state, watched.records)),
             ]
             buttons = Buttons(watched)
         with ui.element("section").classes("traces"):
             _heading("Last shot with light")
-            regions.append(Region("ports", lambda: words.traces(watched.latest, watched.sample_interval_s)))
+            regions.append(Region("ports", lambda: wording.traces(watched.latest, watched.sample_interval_s)))
         with ui.element("section").classes("dmd"):
             _heading("On the DMD")
-            regions.append(Region("picture", lambda: words.image(watched.state)))
+            regions.append(Region("picture", lambda: wording.image(watched.state)))
         with ui.element("section"):
             _heading("Instruments")
-            regions.append(Region("instruments", lambda: words.instruments(watched.state)))
+            regions.append(Region("instruments", lambda: wording.instruments(watched.state)))
         with ui.element("section"):
             _heading("Accuracy as it grows")
-            regions.append(Region("accuracy", lambda: words.accuracy(watched.curve())))
+            regions.append(Region("accuracy", lambda: wording.accuracy(watched.curve())))
         with ui.element("section").classes("wide"):
             _heading("Log, UTC")
-            regions.append(Region("log", lambda: words.log(watched.state, watched.problem)))
+            regions.append(Region("log", lambda: wording.log(watched.state, watched.problem)))
         with ui.element("section").classes("wide"):
             _show_next(watching, name, watched)
 
@@ -247,13 +247,13 @@ def show_comparison(watching: Watching, one: str, other: str) -> None:
         with ui.element("section").classes("wide"):
             _heading("Settings that differ")
             found = settings_that_differ(first.manifest, second.manifest)
-            ui.html(words.differing(found, one, other), sanitize=False)
+            ui.html(wording.differing(found, one, other), sanitize=False)
         with ui.element("section").classes("wide traces"):
             _heading("Last shots with light")
-            regions = [Region("ports", lambda: words.traces(first.latest, first.sample_interval_s, second.latest))]
+            regions = [Region("ports", lambda: wording.traces(first.latest, first.sample_interval_s, second.latest))]
         with ui.element("section").classes("wide"):
             _heading("Accuracy as it grows")
-            regions.append(Region("accuracy", lambda: words.accuracy(first.curve(), second.curve())))
+            regions.append(Region("accuracy", lambda: wording.accuracy(first.curve(), second.curve())))
 
     def refresh() -> None:
         for watched in (first, second):

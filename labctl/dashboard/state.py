@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from labctl.events import Event
-from labctl.runs.writers import STARTS
+from labctl.runs.live.events import Event
+from labctl.runs.live.owner import STARTS
 
 LINES = 200
 """Of the log that are kept."""

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from labctl.datasets import store
 from labctl.datasets.cards import Card, DataFile, card, catalogue
-from labctl.datasets.errors import DatasetError
 from labctl.datasets.images import ImageSet, choose, read_image_set, read_npz
 from labctl.datasets.sequences import SequenceSet, group_splits, load_sequences
 from labctl.datasets.store import FileCheck
+from labctl.errors import DatasetError
 
 __all__ = [
     "Card",

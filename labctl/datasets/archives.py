@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 MAX_ARCHIVE_BYTES = 1 << 30
 MAX_DIRECTORY_BYTES = 16 << 20

@@ -16,7 +16,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 LEVELS = 256
 _FIXED = re.compile(r"(?:fixed-)?([0-9]{1,3})", re.ASCII)

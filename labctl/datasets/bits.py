@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 SIDE = 28
 THRESHOLD = 128

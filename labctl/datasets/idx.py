@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 UNSIGNED_BYTE = 0x08
 MOST_AXES = 4

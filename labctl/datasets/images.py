@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from labctl.datasets import archives, binarisation, bits, pictures, store
 from labctl.datasets.cards import Card
-from labctl.datasets.errors import DatasetError
 from labctl.datasets.idx import parse_idx
 from labctl.datasets.npy import parse_npy
+from labctl.errors import DatasetError
 
 NPZ = "an .npz file with the arrays images and labels"
 MAX_ARRAY_BYTES = 1 << 28

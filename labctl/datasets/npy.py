@@ -7,7 +7,7 @@ import tokenize
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,

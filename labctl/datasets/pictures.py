@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL.JpegImagePlugin import JpegImageFile
 
 from labctl.datasets import archives
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 MAX_PICTURES = 50_000
 MAX_PICTURE_BYTES = 256 * 1024

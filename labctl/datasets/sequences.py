@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from labctl.datasets import store
 from labctl.datasets.cards import Card, card
-from labctl.datasets.errors import DatasetError
 from labctl.datasets.series import parse_series
 from labctl.datasets.vowels import parse_vowels
+from labctl.errors import DatasetError
 
 NOTHING = -1
 """Label of a sequence without a class, group of a sequence without a speaker."""

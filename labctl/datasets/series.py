@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.datasets.errors import DatasetError
 from labctl.datasets.npy import parse_npy
+from labctl.errors import DatasetError
 
 MAX_VALUES = 10_000_000
 

@@ -14,7 +14,7 @@ import pooch
 
 from labctl.datasets import archives, pictures
 from labctl.datasets.cards import Card, DataFile, bundled_directory
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 DIRECTORY_VARIABLE = "LABCTL_DATA"
 DOWNLOAD_TIMEOUT_S = 60

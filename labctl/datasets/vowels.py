@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 FEATURES = 10
 SPEAKERS, CLASSES = 15, 11

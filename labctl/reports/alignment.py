@@ -15,7 +15,7 @@ from labctl.analysis.drive_depth import DriveDepth
 from labctl.analysis.estimates import Estimate
 from labctl.analysis.light_delay import LightDelay
 from labctl.reports.figures import save_figure
-from labctl.reports.html import Paragraph, Part, Picture, Section, Table, write_report
+from labctl.reports.page import Paragraph, Part, Picture, Section, Table, write_report
 from labctl.reports.style import BLACK, BLUE, GREY, SHADE, STYLE, VERMILLION, look
 
 TITLES = {

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from labctl.reports.drawing import legend_below
+from labctl.reports.axes import legend_below
 from labctl.reports.style import BLACK, BLUE, GREY, STYLE, VERMILLION, look
 
 CORNER = (0.2, 0.8)

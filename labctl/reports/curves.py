@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from numpy.typing import ArrayLike
 
-from labctl.reports.drawing import Level, Series, draw_series, label_curves, place_legend, window_axis
+from labctl.reports.axes import Level, Series, draw_series, label_curves, place_legend, window_axis
 from labctl.reports.style import BLUE, GREY, STYLE, VERMILLION
 
 PANEL_CHARACTERS = 34

@@ -16,12 +16,12 @@ from labctl.analysis.decorrelation import (
     expected_correlation,
     frequency_hz,
 )
+from labctl.reports.axes import Level, Series, draw_series, label_curves
 from labctl.reports.curves import decorrelation_figure
-from labctl.reports.drawing import Level, Series, draw_series, label_curves
 from labctl.reports.figures import save_figure
-from labctl.reports.html import Bullets, Paragraph, Picture, Section, Table, mapping_section, write_report
+from labctl.reports.page import Bullets, Paragraph, Picture, Section, Table, mapping_section, write_report
 from labctl.reports.style import STYLE
-from labctl.runs import RunPaths
+from labctl.runs.format.layout import RunPaths
 
 PAPER_NM = 0.02
 """Decorrelation that the paper estimates for its 20 m of fibre: less than this."""

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from labctl.reports.figures import save_figure
-from labctl.reports.html import (
+from labctl.reports.page import (
     Bullets,
     Folded,
     Paragraph,

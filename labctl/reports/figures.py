@@ -14,9 +14,9 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from labctl.reports.drawing import Level, Series, draw_series, label_curves, legend_below, place_legend, window_axis
+from labctl.reports.axes import Level, Series, draw_series, label_curves, legend_below, place_legend, window_axis
+from labctl.reports.envelope import reduced
 from labctl.reports.style import GREY, SHADE, STYLE, look
-from labctl.reports.thinning import reduced
 
 PIXELS_PER_INCH = 150
 

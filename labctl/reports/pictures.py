@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from labctl.reports.drawing import Level
+from labctl.reports.axes import Level
 from labctl.reports.style import GREY, PALETTE, STYLE
 
 HATCHES = ("", "////", "\\\\\\\\", "xxxx", "----", "||||", "++++")

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.windows import volts
 from labctl.reports.figures import (
     Curve,
     accuracy_figure,
@@ -16,8 +15,10 @@ from labctl.reports.figures import (
     save_figure,
     traces_figure,
 )
-from labctl.reports.html import Paragraph, Picture, Result, Results, Section, Table, mapping_section, write_report
-from labctl.runs import Run, RunPaths, open_run
+from labctl.reports.page import Paragraph, Picture, Result, Results, Section, Table, mapping_section, write_report
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.read.records import volts
+from labctl.runs.read.run import Run, open_run
 
 Accuracy = Mapping[str, Mapping[str, float]]
 """Acquisition time in ns as text -> {"mean", "sd"} of the accuracy."""

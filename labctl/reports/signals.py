@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from labctl.reports.drawing import Level
+from labctl.reports.axes import Level
+from labctl.reports.envelope import reduced, volt_scale
 from labctl.reports.style import BLACK, BLUE, GREY, SHADE, STYLE, VERMILLION
-from labctl.reports.thinning import reduced, volt_scale
 
 
 def encoding_figure(

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from labctl.reports.drawing import legend_below, write_beside
+from labctl.reports.axes import legend_below, write_beside
+from labctl.reports.envelope import envelope, volt_scale
 from labctl.reports.style import BLACK, GREY, SHADE, STYLE, Look, look
-from labctl.reports.thinning import envelope, volt_scale
 
 
 def switching_figure(

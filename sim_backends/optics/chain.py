@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.optics import cavity, drive, fibre, mirrors, receiver
+from sim_backends.optics import cavity, derived, drive, fibre, mirrors, receiver
 from sim_backends.parameters import Parameters, power_ratio
 
 BYPASS = 0
@@ -248,11 +248,11 @@ def draw_fibre(parameters: Parameters, generator: np.random.Generator) -> tuple[
         return np.zeros((mirrors.SIDE**2, 1), np.float32), fibre.FibreModes(
             np.zeros(1), np.ones((1, 1, 1), np.complex64)
         )
-    basis = fibre.speckle_basis(parameters.grain_superpixels, parameters.basis_cut, parameters.launch_profile)
+    basis = fibre.speckle_basis(derived.grain_superpixels(parameters), parameters.basis_cut, parameters.launch_profile)
     modes = fibre.draw_modes(
         generator,
-        modes=min(parameters.launched_modes, parameters.simulated_modes_limit),
-        spread=parameters.delay_spread_s,
+        modes=min(derived.launched_modes(parameters), parameters.simulated_modes_limit),
+        spread=derived.delay_spread_s(parameters),
         basis=basis,
         profile=parameters.launch_profile,
         longest=fibre.delay_spread(parameters.fibre_length_m, parameters.fibre_na, parameters.fibre_index),

@@ -1,11 +1,11 @@
 """The virtual instruments: what a client of each real one can see, and what it does to the light."""
 
-from sim_backends.virtual.alp import VirtualAlp
-from sim_backends.virtual.awg70002a import VirtualAwg70002a
-from sim_backends.virtual.dpo72504dx import VirtualDpo72504dx
-from sim_backends.virtual.fibre_switch import VirtualFibreSwitch
+from sim_backends.virtual.alp.instrument import VirtualAlp
+from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
+from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
+from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
 from sim_backends.virtual.instrument import VirtualInstrument
-from sim_backends.virtual.tlg220 import VirtualTlg220
+from sim_backends.virtual.tlg220.instrument import VirtualTlg220
 
 __all__ = [
     "VirtualAlp",

@@ -18,7 +18,7 @@ from sim_backends.scpi.commands import (
 )
 from sim_backends.scpi.messages import Malformed, Message, Unit
 from sim_backends.scpi.status import ScpiError, Status
-from sim_backends.world import World
+from sim_backends.world.world import World
 
 Execution = Generator[list[Chunk] | None, None, list[Chunk]]
 

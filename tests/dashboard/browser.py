@@ -12,7 +12,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
+LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 WIDE, NARROW = (1280, 900), (390, 844)
 PATIENCE_MS = 120_000

@@ -8,8 +8,8 @@ from textwrap import dedent
 import pytest
 
 from instruments.alnair_tlg220 import DEFAULT_TABLE, UNKNOWN, CommandTable
-from labctl.main import main
-from labctl.station import Station, read_station
+from labctl.bench.station import Station, read_station
+from labctl.commands.main import main
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))

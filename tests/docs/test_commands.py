@@ -12,9 +12,9 @@ from typer import Context
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from labctl.main import app
-from labctl.protocol_files import read_protocol
-from labctl.schemas import names
+from labctl.bench.schema import names
+from labctl.commands.main import app
+from protocols.registry import read_protocol
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from labctl.runs import open_run
+from labctl.runs.read.run import open_run
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "how-to" / "examples"
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageChops
 
-from labctl.main import main
+from labctl.commands.main import main
 
 KEPT = Path(__file__).parents[2] / "docs" / "accuracy.png"
 VISIBLE = 25

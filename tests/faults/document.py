@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
 
-from labctl.lost_links import ATTEMPTS, PAUSE_S
+from labctl.engine.recovery import ATTEMPTS, PAUSE_S
 from tests.faults.matrix import (
     CLIPPED,
     ENDED,

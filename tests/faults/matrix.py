@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labctl.main import main as labctl
-from labctl.runs import open_run
-from labctl.station import SIMULATED_STATION, Station, write_addresses
+from labctl.bench.station import SIMULATED_STATION, Station, write_addresses
+from labctl.commands.main import main as labctl
+from labctl.runs.read.run import open_run
 from sim_backends.faults.bench import Befalling, FaultyBench
 from sim_backends.faults.catalogue import (
     AWG,
@@ -35,9 +35,9 @@ from sim_backends.faults.catalogue import (
 )
 from sim_backends.optics.mirrors import SIDE
 from sim_backends.parameters import Parameters
-from sim_backends.virtual.dpo72504dx import VirtualDpo72504dx
-from sim_backends.virtual.laser_table import default_table
-from sim_backends.world import World
+from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
+from sim_backends.virtual.tlg220.table import default_table
+from sim_backends.world.world import World
 
 SMALL = Parameters(simulated_modes_limit=20, chip_modes=50)
 RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=2", "--set", "window=0.4 ns")
@@ -48,8 +48,8 @@ BOUNDS = {
     "instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S": TIMEOUT_S,
     "instruments.tektronix_dpo72504dx.BURST_WAIT_S": TIMEOUT_S,
     "instruments.tektronix_dpo72504dx.STALLED_S": TIMEOUT_S,
-    "labctl.lost_links.PAUSE_S": 0.0,
-    "labctl.lost_links.ATTEMPTS": 2,
+    "labctl.engine.recovery.PAUSE_S": 0.0,
+    "labctl.engine.recovery.ATTEMPTS": 2,
 }
 """Waits that no station file sets, made short, and fewer attempts."""
 

@@ -16,7 +16,7 @@ from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
 from instruments.vialux_alp import AlpOverVisa, VialuxAlp
 from instruments.visa import VisaLink, tektronix_event_queue
-from labctl.opening import SIMULATED_LASER
+from labctl.bench.simulation import SIMULATED_LASER
 from sim_backends.faults.bench import Befalling, FaultyBench
 from sim_backends.faults.catalogue import Fault, Moment
 from sim_backends.servers.disturbed import Disturbed

@@ -20,14 +20,14 @@ import numpy as np
 from hypothesis import strategies as st
 from PIL import Image
 
-from labctl import calibration
-from labctl.events import EventLog
-from labctl.experiments import FOLDER
-from labctl.opening import SIMULATED_LASER
-from labctl.recording import CHECK, RECORD, Kind, RecordingWriter
-from labctl.runs.journal import Entry
-from labctl.runs.shards import ROWS_DTYPE, Shard
-from sim_backends.virtual.wfmx import WaveformFile, write_wfmx
+from labctl.bench import calibration
+from labctl.bench.recording.format import CHECK, RECORD, Kind, RecordingWriter
+from labctl.bench.simulation import SIMULATED_LASER
+from labctl.runs.format.journal import Entry
+from labctl.runs.format.shards import ROWS_DTYPE, Shard
+from labctl.runs.live.events import EventLog
+from labctl.studies.paper.experiments import FOLDER
+from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
 from tests.fuzz.changes import CHANGES, END, changed
 from tests.fuzz.link import COUNTED
 from tests.fuzz.readers import PICTURE, READERS, SHAPE
@@ -143,8 +143,8 @@ def _shard() -> tuple[bytes, ...]:
 
 
 def _readout() -> tuple[bytes, ...]:
-    from labctl.analysis.models import save_model
     from labctl.analysis.readouts import softmax_classifier
+    from labctl.studies.readout_file import save_model
 
     generator = np.random.default_rng(1)
     pipeline = softmax_classifier().fit(generator.normal(size=(20, 3)), np.arange(20) % 2)

@@ -7,7 +7,7 @@ from itertools import pairwise
 from sim_backends.parameters import Parameters
 from sim_backends.scpi.messages import Message, MessageReader
 from sim_backends.virtual.instrument import VirtualInstrument
-from sim_backends.world import World
+from sim_backends.world.world import World
 
 SMALL = Parameters(simulated_modes_limit=20, chip_modes=50)
 COUNTED: Counter[str] = Counter()

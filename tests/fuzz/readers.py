@@ -7,30 +7,31 @@ from pathlib import Path
 
 from instruments.alnair_tlg220 import CommandTable
 from instruments.errors import NotConfigured
-from labctl import calibration
-from labctl.analysis import AnalysisError
-from labctl.analysis.models import load_metadata, load_model
-from labctl.dashboard import words
+from labctl.bench import calibration
+from labctl.bench.recording.format import read_recording
+from labctl.bench.station import Station, read_station
+from labctl.dashboard import wording
 from labctl.dashboard.state import RunState, advanced
-from labctl.datasets import DatasetError, pictures, store
+from labctl.datasets import pictures, store
 from labctl.datasets.cards import DataFile
 from labctl.datasets.idx import parse_idx
 from labctl.datasets.images import read_npz
 from labctl.datasets.series import parse_series
 from labctl.datasets.vowels import parse_vowels
-from labctl.events import EventReader
-from labctl.experiments import ExperimentError, experiments
-from labctl.protocol_files import read_protocol
-from labctl.recording import RecordingError, read_recording
-from labctl.runs import RunError, RunShape, open_run
-from labctl.runs.journal import read_journal
-from labctl.runs.shards import Shard
-from labctl.station import Station, StationError, read_station
+from labctl.errors import AnalysisError, DatasetError, ExperimentError, RecordingError, RunError, StationError
+from labctl.runs.format.journal import read_journal
+from labctl.runs.format.shards import Shard
+from labctl.runs.format.shots import RunShape
+from labctl.runs.live.events import EventReader
+from labctl.runs.read.run import open_run
+from labctl.studies.paper.experiments import experiments
+from labctl.studies.readout_file import load_metadata, load_model
 from protocols.base import ProtocolError
-from sim_backends.clock import VirtualClock
+from protocols.registry import read_protocol
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.awg_seqx import read_seqx
-from sim_backends.virtual.wfmx import read_text, read_wfmx
+from sim_backends.virtual.awg70002a.seqx import read_seqx
+from sim_backends.virtual.awg70002a.wfmx import read_text, read_wfmx
+from sim_backends.world.clock import VirtualClock
 
 SHAPE = RunShape(shots=7, passes=((2, 3, 4, 5), (6,)), samples=16, sample_interval_s=20e-12, start_s=-40e-12)
 """Of the runs that shards and run directories here belong to."""
@@ -60,9 +61,9 @@ def _events(path: Path) -> None:
     state = RunState()
     for event in EventReader(path).read():
         state = advanced(state, event)
-    for drawn in (words.emission, words.instruments, words.image, words.log):
+    for drawn in (wording.emission, wording.instruments, wording.image, wording.log):
         drawn(state)
-    words.progress(state, (0, 0))
+    wording.progress(state, (0, 0))
 
 
 def _recording(path: Path) -> None:

@@ -14,9 +14,11 @@ from instruments.interfaces import BYPASS_PORT, Instrument
 from instruments.limits import Limits, OverLimit
 from instruments.values import Drive, Scaling
 from instruments.vialux_alp import VialuxAlp
-from labctl.command_log import CommandLog
-from labctl.opening import SIMULATED_LASER, opened
-from labctl.station import AwgSection, LaserSection, LimitsSection, PatchPanelSection, Station, StationError
+from labctl.bench.opening import opened
+from labctl.bench.simulation import SIMULATED_LASER
+from labctl.bench.station import AwgSection, LaserSection, LimitsSection, PatchPanelSection, Station
+from labctl.errors import StationError
+from labctl.runs.live.commands import CommandLog
 from sim_backends.bench import SimulatedBench
 from sim_backends.virtual import VirtualTlg220
 

@@ -60,7 +60,7 @@ class TestAwg:
         self, bench: Bench, simulation: SimulatedBench, log: Any, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         longest = 5_000_000
-        monkeypatch.setattr("sim_backends.virtual.waveforms.LONGEST", longest)
+        monkeypatch.setattr("sim_backends.virtual.awg70002a.waveforms.LONGEST", longest)
         told: list[int] = []
         bench.awg.load(drive(longest), progress=lambda done, _total: told.append(done))
         assert told == [1_000_000 * chunk for chunk in range(1, 6)]

@@ -6,7 +6,7 @@ import pytest
 
 from instruments.alnair_tlg220 import DEFAULT_TABLE, CommandTable
 from instruments.errors import NotConfigured
-from labctl.opening import SIMULATED_LASER
+from labctl.bench.simulation import SIMULATED_LASER
 
 
 def write(folder: Path, text: str) -> Path:

@@ -20,7 +20,7 @@ from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
 from instruments.visa import VisaLink, scpi_error_queue, tektronix_event_queue
-from labctl.opening import SIMULATED_LASER
+from labctl.bench.simulation import SIMULATED_LASER
 
 AUX = EdgeTrigger("AUX", 0.5)
 

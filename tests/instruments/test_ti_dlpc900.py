@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from instruments import dlpc900_image as encoding
 from instruments.errors import InstrumentError, LinkError, NotConfigured
 from instruments.ti_dlpc900 import COLUMNS, ROWS, HidApi, TiDlpc900
-from sim_backends.virtual import dlpc900_image as decoding
-from sim_backends.virtual.dlpc900 import VirtualDlpc900
-from sim_backends.world import World
+from sim_backends.virtual.dlpc900 import planes
+from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
+from sim_backends.world.world import World
 
 
 class Altered(VirtualDlpc900):
@@ -54,16 +54,16 @@ def test_an_image_is_decoded_to_what_was_encoded(seed: int, repeats: int) -> Non
     mirrors[: len(block)] = block
     image = encoding.encode(mirrors)
     assert len(image) % 4 == 0
-    np.testing.assert_array_equal(decoding.plane(decoding.decode(image), 0), mirrors)
+    np.testing.assert_array_equal(planes.plane(planes.decode(image), 0), mirrors)
 
 
 def test_show_reaches_the_mirrors(device: Altered) -> None:
     dmd = TiDlpc900(device)
     dmd.show(some_picture())
-    np.testing.assert_array_equal(decoding.plane(device.images[0], 0), some_picture())
+    np.testing.assert_array_equal(planes.plane(device.images[0], 0), some_picture())
     assert device.running == 2
     dmd.show(~some_picture())
-    np.testing.assert_array_equal(decoding.plane(device.images[0], 0), ~some_picture())
+    np.testing.assert_array_equal(planes.plane(device.images[0], 0), ~some_picture())
     dmd.make_safe()
     assert not device.images[0].any()
     assert dmd.settings() == {"rows": 1080, "columns": 1920, "display_mode": 3}

@@ -17,11 +17,11 @@ from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import BurstDmd
 from instruments.vialux_alp import AlpByVendorLibrary, AlpOverVisa, VialuxAlp
 from instruments.visa import VisaLink
-from labctl.drivers import Opening, vialux_alp
-from labctl.opening import SIMULATED_LASER
-from labctl.station import DmdSection
+from labctl.bench.drivers import Opening, vialux_alp
+from labctl.bench.simulation import SIMULATED_LASER
+from labctl.bench.station import DmdSection
 from sim_backends.bench import SimulatedBench
-from sim_backends.virtual.alp import VirtualAlp
+from sim_backends.virtual.alp.instrument import VirtualAlp
 
 
 class ALPError(Exception):

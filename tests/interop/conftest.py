@@ -18,7 +18,7 @@ TIMEOUT_MS = 10_000
 Resources = dict[str, dict[str, str]]
 Open = Callable[[str], Any]
 
-_SERVE = (sys.executable, "-c", "from labctl.main import main; main()")
+_SERVE = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 
 
 @pytest.fixture(scope="session")

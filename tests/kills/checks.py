@@ -8,9 +8,10 @@ from pathlib import Path
 
 import h5py
 
-from labctl.runs import RunPaths, open_run, verify_run
-from labctl.runs.journal import read_journal
-from labctl.runs.layout import HDF5_ERRORS
+from labctl.runs.format.journal import read_journal
+from labctl.runs.format.layout import HDF5_ERRORS, RunPaths
+from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
 from tests.kills.lives import Kind, Life
 
 LATE_S = 0.5

@@ -17,9 +17,10 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from labctl.acquisition import Acquisition, Resumption, acquire, resume
-from labctl.runs import RunPaths, storing
-from labctl.station import DurabilitySection, Station, WiringSection
+from labctl.bench.station import DurabilitySection, Station, WiringSection
+from labctl.engine.session import Acquisition, Resumption, acquire, resume
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.write import storage as storing
 from protocols import bursts
 from protocols.image_readout import ImageReadout
 

@@ -19,8 +19,8 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from labctl.acquisition import Acquisition, acquire
-from labctl.runs import open_run
+from labctl.engine.session import Acquisition, acquire
+from labctl.runs.read.run import open_run
 from tests.kills.checks import Figures, check_ended, check_killed, on_disk, stage
 from tests.kills.lives import Kind, kinds, live
 

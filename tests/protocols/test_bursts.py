@@ -14,10 +14,10 @@ from instruments.bench import Bench
 from instruments.errors import InstrumentError, NoTrigger
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.values import Burst
-from labctl.command_log import CommandLog
-from labctl.inputs import images_for
-from labctl.opening import opened
-from labctl.station import Station, WiringSection
+from labctl.bench.opening import opened
+from labctl.bench.station import Station, WiringSection
+from labctl.engine.inputs import images_for
+from labctl.runs.live.commands import CommandLog
 from protocols.base import BurstRecord, LegStarted, Part, ProtocolError, Record, ShotKind
 from protocols.bursts import PICTURE_PERIOD_S, check_times, stretches
 from protocols.image_readout import ImageReadout

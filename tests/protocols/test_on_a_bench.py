@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from instruments.bench import Bench
-from labctl.inputs import images_for
+from labctl.engine.inputs import images_for
 from protocols.base import LegStarted, Part, ProtocolError, Record, ShotKind
 from protocols.image_readout import ImageReadout
 

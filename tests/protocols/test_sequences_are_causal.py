@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from instruments.bench import Bench
-from labctl.command_log import CommandLog
-from labctl.opening import opened
-from labctl.station import Station, WiringSection
+from labctl.bench.opening import opened
+from labctl.bench.station import Station, WiringSection
+from labctl.runs.live.commands import CommandLog
 from protocols.base import BurstRecord, LegStarted, Sequences
 from protocols.sequence_readout import SequenceReadout
 

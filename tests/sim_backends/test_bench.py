@@ -11,7 +11,7 @@ import pyvisa
 from pyvisa.resources import MessageBasedResource
 
 from sim_backends.bench import SimulatedBench
-from sim_backends.virtual.fibre_switch import VirtualFibreSwitch
+from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
 
 ROLES = ["awg", "scope", "laser", "dmd", "patch_panel"]
 

@@ -14,7 +14,7 @@ import pytest
 
 from tests.command_line import as_json
 
-LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
+LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 
 
 @pytest.fixture(scope="session")

@@ -10,10 +10,10 @@ from tempfile import TemporaryDirectory
 import h5py
 import numpy as np
 
-from labctl.analysis.models import save_model
 from labctl.analysis.readouts import softmax_classifier
-from labctl.runs.journal import read_journal
-from labctl.runs.shards import ROWS_DTYPE, Shard
+from labctl.runs.format.journal import read_journal
+from labctl.runs.format.shards import ROWS_DTYPE, Shard
+from labctl.studies.readout_file import save_model
 from tests.fuzz.readers import SHAPE
 from tests.labctl.runs.conftest import write_whole
 

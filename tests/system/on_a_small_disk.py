@@ -12,11 +12,14 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from labctl.runs import RunError, RunWriter, open_run, verify_run
+from labctl.errors import RunError
+from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
+from labctl.runs.write.writer import RunWriter
 from tests.labctl.runs.conftest import SMALL, begin, measure_missing
 from tests.system.waiting import until_stored
 
-LABCTL = (sys.executable, "-c", "from labctl.main import main; main()")
+LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 SIZE = 1 << 21
 PAGE = 1 << 12
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from labctl.acquisition import Acquisition, acquire
-from labctl.interruption import Interruption
-from labctl.protocol_files import read_protocol
-from labctl.station import read_station, write_addresses
+from labctl.bench.signals import Interruption
+from labctl.bench.station import read_station, write_addresses
+from labctl.engine.session import Acquisition, acquire
+from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
-from sim_backends.world import Emission
+from sim_backends.world.world import Emission
 
 SETTINGS = ("images=4", "ports=2", "window=0.4 ns")
 RUN = ("run", "image-readout", *(word for setting in SETTINGS for word in ("--set", setting)))

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from labctl.events import EventReader
-from labctl.runs import open_run
+from labctl.runs.live.events import EventReader
+from labctl.runs.read.run import open_run
 from tests.command_line import as_json
 
 Served = tuple[dict[str, Any], Path]

@@ -13,9 +13,9 @@ pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
 from playwright.sync_api import Browser, Page, expect
 
-from labctl.acquisition import Acquisition, acquire
-from labctl.runs import open_run
-from labctl.station import Station
+from labctl.bench.station import Station
+from labctl.engine.session import Acquisition, acquire
+from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
 from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, fits, narrow, opened
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from instruments.limits import OverLimit
-from labctl.acquisition import Acquisition, acquire
-from labctl.main import main
-from labctl.protocol_files import read_protocol
-from labctl.runs import open_run
-from labctl.station import LimitsSection, Station, read_station, write_addresses
+from labctl.bench.station import LimitsSection, Station, read_station, write_addresses
+from labctl.commands.main import main
+from labctl.engine.session import Acquisition, acquire
+from labctl.runs.read.run import open_run
+from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
 from sim_backends.parameters import Parameters
 

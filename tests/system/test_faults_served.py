@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import pyvisa
 
-from labctl.main import main
+from labctl.commands.main import main
 from sim_backends.faults.catalogue import BEFALL
 
 Served = Callable[..., dict[str, Any]]

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from labctl.opening import SIMULATED_LASER
-from labctl.recording import CHECK, RECORD, Kind
-from sim_backends.virtual.wfmx import WaveformFile, write_wfmx
+from labctl.bench.recording.format import CHECK, RECORD, Kind
+from labctl.bench.simulation import SIMULATED_LASER
+from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
 from tests.fuzz.readers import PICTURE
 from tests.system.hostile_runs import RUNS, Made
 from tests.system.limited_reader import SECONDS

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from labctl.main import main
-from labctl.runs import open_run
+from labctl.commands.main import main
+from labctl.runs.read.run import open_run
 
 PROTOCOL = ("image-readout", "--set", "images=10", "--set", "ports=2", "--set", "window=0.8 ns")
 STATION = "[durability]\nshots = 2\n[sim.parameters]\nsimulated_modes_limit = 20\nchip_modes = 50\n"

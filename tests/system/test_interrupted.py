@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from labctl.runs import open_run
+from labctl.runs.read.run import open_run
 from tests.system.waiting import until_stored
 
 Served = tuple[dict[str, Any], Path]
@@ -58,7 +58,7 @@ def test_finished_shots_are_kept_and_it_is_dark(
 IN_A_TERMINAL = """
 import fcntl, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-from labctl.main import main
+from labctl.commands.main import main
 main(sys.argv[1:])
 """
 

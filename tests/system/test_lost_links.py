@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labctl.command_log import CommandLog
-from labctl.opening import opened
-from labctl.runs import open_run
-from labctl.station import read_station, write_addresses
+from labctl.bench.opening import opened
+from labctl.bench.station import read_station, write_addresses
+from labctl.runs.live.commands import CommandLog
+from labctl.runs.read.run import open_run
 from sim_backends.bench import SimulatedBench
-from sim_backends.signals import Acquisition, Emission
+from sim_backends.world.signals import Acquisition, Emission
 from tests.command_line import as_json, labctl
 
 RUN = ("run", "image-readout", "--set", "images=20", "--set", "window=0.8 ns")
@@ -117,7 +117,7 @@ def undisturbed(tmp_path: Path, capsys: pytest.CaptureFixture[str], through: Any
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("labctl.lost_links.PAUSE_S", 0.01)
+    monkeypatch.setattr("labctl.engine.recovery.PAUSE_S", 0.01)
 
 
 def test_a_run_goes_on_over_a_new_link_and_its_frames_are_the_same(

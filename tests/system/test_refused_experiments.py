@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from labctl.experiments import experiments
-from labctl.main import main
+from labctl.commands.main import main
+from labctl.studies.paper.experiments import experiments
 
 NOBODY = "TCPIP0::127.0.0.1::9::SOCKET"
 """An address where nothing listens: an instrument that was asked would end it otherwise."""
@@ -109,7 +109,7 @@ def test_a_bench_that_cannot_do_it(
 @pytest.fixture
 def fixed_laser(tmp_path: Path) -> Path:
     """A station with a laser that stays at 1550 nm."""
-    table = (files("sim_backends.virtual") / "tlg220.toml").read_text("utf-8")
+    table = (files("sim_backends.virtual.tlg220") / "commands.toml").read_text("utf-8")
     fixed = table.replace("min = 1528.0\nmax = 1566.0", "min = 1550.0\nmax = 1550.0")
     (tmp_path / "fixed.toml").write_text(fixed, encoding="utf-8")
     return station_file(tmp_path, laser='commands = "fixed.toml"')
@@ -162,7 +162,7 @@ def test_a_folder_that_holds_something(tmp_path: Path, refusal: Refusal) -> None
 
 @pytest.mark.parametrize("name", ["fig6", "s6"])
 def test_torch_that_is_missing(name: str, refusal: Refusal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("labctl.reproduction.analyses.find_spec", lambda _name: None)
+    monkeypatch.setattr("labctl.studies.paper.analyses.find_spec", lambda _name: None)
     said = refusal(name)
     assert f"{name} needs torch" in said
     assert "photonic-labctl[imaging]" in said
@@ -205,7 +205,7 @@ def test_all_that_is_possible_is_done(
 ) -> None:
     monkeypatch.setenv("LABCTL_DATA", str(folder))
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
-    monkeypatch.setattr("labctl.reproduction.analyses.find_spec", lambda _name: None)
+    monkeypatch.setattr("labctl.studies.paper.analyses.find_spec", lambda _name: None)
     write_experiment(folder, "digits")
     write_experiment(folder, "pictures", analysis="imaging")
     write_experiment(folder, "walls", dataset="cracks")

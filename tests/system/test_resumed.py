@@ -13,12 +13,14 @@ from typing import Any
 
 import pytest
 
-from labctl.acquisition import Acquisition, acquire
-from labctl.interruption import Interruption
-from labctl.main import main
-from labctl.protocol_files import read_protocol
-from labctl.runs import RunWriter, open_run, verify_run
-from labctl.station import Station, read_station, write_addresses
+from labctl.bench.signals import Interruption
+from labctl.bench.station import Station, read_station, write_addresses
+from labctl.commands.main import main
+from labctl.engine.session import Acquisition, acquire
+from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
+from labctl.runs.write.writer import RunWriter
+from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
 from tests import command_line
 from tests.system.waiting import until_stored

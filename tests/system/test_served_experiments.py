@@ -16,18 +16,18 @@ import numpy as np
 import pytest
 
 from instruments.interfaces import PatchPanel, TunableLaser
-from labctl.acquisition import Acquisition, acquire
-from labctl.command_log import CommandLog
-from labctl.engine import Listeners, Request, carry_out
-from labctl.events import EventLog
-from labctl.experiments import experiments
-from labctl.interruption import Interruption
-from labctl.opening import opened
-from labctl.processes import Interrupted
-from labctl.reproduction.reproducing import Plan, reproduce
-from labctl.runs import open_run
-from labctl.station import LaserSection, PatchPanelSection, Station, WiringSection, read_station, write_addresses
-from labctl.stopwatch import Stopwatch
+from labctl.bench.opening import opened
+from labctl.bench.signals import Interruption
+from labctl.bench.station import LaserSection, PatchPanelSection, Station, WiringSection, read_station, write_addresses
+from labctl.engine.engine import Listeners, Request, carry_out
+from labctl.engine.profile import Stopwatch
+from labctl.engine.session import Acquisition, acquire
+from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.events import EventLog
+from labctl.runs.read.run import open_run
+from labctl.studies.paper.experiments import experiments
+from labctl.studies.paper.reproduction import Plan, reproduce
+from labctl.studies.processes import Interrupted
 from protocols.base import Sequences
 from protocols.sequence_readout import SequenceReadout
 
@@ -153,7 +153,7 @@ def test_an_operator_patches_and_switches_at_the_terminal(
     write_addresses(by_hand, addresses, BY_HAND)
     with CommandLog() as log, opened(lab, log) as found:
         operator = Operator(found.bench.laser, found.bench.patch_panel)
-        monkeypatch.setattr("labctl.opening.ask_operator", operator)
+        monkeypatch.setattr("labctl.bench.opening.ask_operator", operator)
         words = ("reproduce", "mine", "--seeds", 1, "--station", by_hand)
         status, refused = labctl(*words, "--out", tmp_path / "alone")
         assert (status, operator.asked) == (2, 0)

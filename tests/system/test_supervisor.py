@@ -16,12 +16,13 @@ from typing import Any, Self
 import pytest
 
 from instruments.bench import UnsafeBench
-from labctl.command_log import CommandLog
-from labctl.main import main
-from labctl.opening import SIMULATED_LASER, opened
-from labctl.runs import open_run
-from labctl.station import read_station, write_addresses
-from labctl.supervision import supervised
+from labctl.bench.opening import opened
+from labctl.bench.simulation import SIMULATED_LASER
+from labctl.bench.station import read_station, write_addresses
+from labctl.bench.supervision import supervised
+from labctl.commands.main import main
+from labctl.runs.live.commands import CommandLog
+from labctl.runs.read.run import open_run
 
 Served = tuple[dict[str, Any], Path]
 
@@ -158,7 +159,7 @@ def test_an_instrument_that_hangs_in_a_run_ends_it_dark(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("labctl.lost_links.PAUSE_S", 0.01)
+    monkeypatch.setattr("labctl.engine.recovery.PAUSE_S", 0.01)
     station = tmp_path / "station.toml"
     with Hanging(served[0][name]["socket"]) as hanging:
         addressed(served, station, name, hanging)

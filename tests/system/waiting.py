@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from labctl.runs import RunPaths
+from labctl.runs.format.layout import RunPaths
 
 
 def until_stored(process: subprocess.Popen[Any], directory: Path, shards: int = 1) -> None:

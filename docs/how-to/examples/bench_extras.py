@@ -12,8 +12,8 @@ from instruments.interfaces import PatchPanel
 from instruments.units import Seconds
 from instruments.values import Drive, Identity, Timebase
 from instruments.visa import VisaLink
-from labctl.drivers import Opening
-from labctl.station import PatchPanelSection
+from labctl.bench.drivers import Opening
+from labctl.bench.station import PatchPanelSection
 from protocols.base import Events, Images, Leg, LegStarted, Measurement, Part, Record, Shot, ShotKind
 from protocols.image_readout import pseudorandom_drive, show_and_capture
 from protocols.patterns import Patterns

@@ -10,8 +10,8 @@ from sklearn.datasets import load_digits
 from sklearn.metrics import roc_auc_score
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from labctl.analysis import AnalysisError
 from labctl.analysis.anomaly import CovarianceScore, NormalityScore, roc
+from labctl.errors import AnalysisError
 
 
 @parametrize_with_checks([NormalityScore(), CovarianceScore(), CovarianceScore(shrinkage=0.2)])  # type: ignore[untyped-decorator]

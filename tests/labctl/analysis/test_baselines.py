@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from labctl import datasets
-from labctl.analysis import AnalysisError, baselines
+from labctl.analysis import baselines
 from labctl.analysis.splits import Split, random_splits
+from labctl.errors import AnalysisError
 
 
 @pytest.fixture(scope="module")

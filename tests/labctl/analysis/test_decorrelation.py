@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from labctl.analysis import AnalysisError
 from labctl.analysis.decorrelation import (
     HELD_SYMBOL,
     Decorrelation,
@@ -19,6 +18,7 @@ from labctl.analysis.decorrelation import (
     expected_half_width_hz,
     frequency_hz,
 )
+from labctl.errors import AnalysisError
 
 SYMBOL_S = 40e-12
 SPREAD_S = 0.4e-9

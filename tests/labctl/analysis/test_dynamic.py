@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.datasets import load_digits
 
-from labctl.analysis import AnalysisError
 from labctl.analysis.dynamic import (
     periodic_windows,
     settled_windows,
@@ -14,6 +13,7 @@ from labctl.analysis.dynamic import (
     switch_time,
 )
 from labctl.analysis.readouts import softmax_classifier, softmax_readout
+from labctl.errors import AnalysisError
 
 
 @given(st.integers(1, 20), st.integers(1, 12), st.integers(0, 9), st.integers(21, 90))

@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.datasets import load_digits
 
-from labctl.analysis import AnalysisError
 from labctl.analysis.evaluation import (
     WindowAccuracy,
     accuracy_against_window,
@@ -18,6 +17,7 @@ from labctl.analysis.evaluation import (
 )
 from labctl.analysis.splits import forward_in_time_split, random_splits
 from labctl.analysis.windows import WindowFeatures
+from labctl.errors import AnalysisError
 
 TAU = 40e-12
 

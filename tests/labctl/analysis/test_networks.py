@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from labctl.analysis import AnalysisError
 from labctl.analysis.networks import ReconstructionNetwork
 from labctl.analysis.regression import rmse
+from labctl.errors import AnalysisError
 
 torch = pytest.importorskip("torch", reason="needs the extra imaging")
 

@@ -8,8 +8,8 @@ from sklearn.metrics import r2_score
 from sklearn.model_selection import LeaveOneOut, cross_val_predict
 from sklearn.preprocessing import StandardScaler
 
-from labctl.analysis import AnalysisError
 from labctl.analysis.regression import ALPHAS, nmse, ridge_readout, rmse
+from labctl.errors import AnalysisError
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labctl.analysis import AnalysisError
 from labctl.analysis.symbols import one_step_ahead, require_causal, symbol_features
-from labctl.analysis.windows import resample
+from labctl.errors import AnalysisError
+from labctl.runs.read.records import resample
 
 SLOT = 80e-12
 SAMPLE = 20e-12

@@ -7,8 +7,9 @@ from sklearn.exceptions import NotFittedError
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from labctl.analysis import AnalysisError
-from labctl.analysis.windows import WindowFeatures, compressive_ratio, resample, sample_count, volts, wavelength_rows
+from labctl.analysis.windows import WindowFeatures, compressive_ratio, sample_count, wavelength_rows
+from labctl.errors import AnalysisError
+from labctl.runs.read.records import resample, volts
 
 TAU = 40e-12
 

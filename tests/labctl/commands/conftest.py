@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from labctl.main import main
+from labctl.commands.main import main
 from tests import command_line
 
 Typed = Callable[..., tuple[int, str, str]]

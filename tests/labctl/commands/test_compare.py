@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from labctl.runs.comparing import Difference, differences, settings_that_differ
+from labctl.runs.read.differences import Difference, differences, settings_that_differ
 from tests.labctl.commands.conftest import AsJson, Typed
 
 

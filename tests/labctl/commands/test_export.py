@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labctl.runs import open_run
+from labctl.runs.read.run import open_run
 from tests.labctl.commands.conftest import AsJson, Typed
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from labctl.runs import open_run
+from labctl.runs.read.run import open_run
 from tests.labctl.commands.conftest import AsJson, Typed
 
-RECORDING = Path(__file__).parents[1] / "check.rec"
+RECORDING = Path(__file__).parents[1] / "bench" / "recording" / "check.rec"
 
 
 def test_a_run_is_drawn_and_summed_up(bench_run: Path, as_json: AsJson) -> None:

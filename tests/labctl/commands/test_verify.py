@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from labctl.main import main
+from labctl.commands.main import main
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from labctl.dashboard import words
-from labctl.dashboard.drawing import picture
+from labctl.dashboard import wording
+from labctl.dashboard.sketches import picture
 from labctl.dashboard.state import LINES, Emission, Image, Phase, RunState, advanced
-from labctl.events import Event
+from labctl.runs.live.events import Event
 
 HOSTILE = "<script>alert(1)</script>"
 
@@ -46,7 +46,7 @@ def test_phase_and_emission(events: Any, phase: Phase, emission: Emission) -> No
 def test_a_killed_run_is_dark_only_if_somebody_says_so() -> None:
     lost = after(STARTED, LIT).without_writer()
     assert (lost.phase, lost.emission) == (Phase.LOST, Emission.UNKNOWN)
-    assert "LASER UNKNOWN" in words.emission(lost)
+    assert "LASER UNKNOWN" in wording.emission(lost)
     saved = after(
         STARTED, LIT, ("safe state", {"reached": True, "by": "supervisor", "text": "made safe"})
     ).without_writer()
@@ -80,9 +80,9 @@ def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
         "unheard of",
     )
     state = after(*((name, every) for name in kinds))
-    shown = words.emission(state) + words.progress(state, (0, 0)) + words.instruments(state) + words.log(state)
+    shown = wording.emission(state) + wording.progress(state, (0, 0)) + wording.instruments(state) + wording.log(state)
     assert "<script" not in shown
-    assert words.image(state)
+    assert wording.image(state)
 
 
 def test_text_of_a_run_is_escaped() -> None:
@@ -92,7 +92,13 @@ def test_text_of_a_run_is_escaped() -> None:
         ("warning", {"text": HOSTILE}),
         ("progress", {"kind": HOSTILE, "image": {"rows": 1, "columns": 1, "bits": HOSTILE}}),
     )
-    shown = words.progress(state, (0, 0)) + words.instruments(state) + words.log(state, HOSTILE) + words.image(state)
+    parts = (
+        wording.progress(state, (0, 0)),
+        wording.instruments(state),
+        wording.log(state, HOSTILE),
+        wording.image(state),
+    )
+    shown = "".join(parts)
     assert "<script" not in shown
     assert shown.count("&lt;script&gt;") >= 4
 
@@ -100,7 +106,7 @@ def test_text_of_a_run_is_escaped() -> None:
 def test_the_log_is_bounded_and_its_last_line_comes_first() -> None:
     state = after(*(("warning", {"text": f"number {n}"}) for n in range(LINES + 5)))
     assert len(state.log) == LINES
-    assert words.log(state).index(f"number {LINES + 4}") < words.log(state).index(f"number {LINES}")
+    assert wording.log(state).index(f"number {LINES + 4}") < wording.log(state).index(f"number {LINES}")
 
 
 def test_an_image_is_drawn_as_its_pixels() -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from labctl.datasets.binarisation import binarise, describe, otsu_threshold
-from labctl.datasets.errors import DatasetError
+from labctl.errors import DatasetError
 
 IMAGES = hnp.arrays(np.uint8, hnp.array_shapes(min_dims=3, max_dims=3, max_side=6))
 RULES = ("otsu", "fixed-100", "median-40", "median-0.7", "128", 128)

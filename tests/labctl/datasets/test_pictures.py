@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from labctl import datasets
-from labctl.datasets import DatasetError, pictures, store
+from labctl.datasets import pictures, store
 from labctl.datasets.cards import Card, card
 from labctl.datasets.images import read_image_set
+from labctl.errors import DatasetError
 
 SHAPE = (6, 8)
 FOLDERS = ("Negative", "Positive")

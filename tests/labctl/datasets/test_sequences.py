@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from labctl import datasets
-from labctl.datasets import DatasetError, store
+from labctl.datasets import store
 from labctl.datasets.cards import card
 from labctl.datasets.sequences import group_splits
 from labctl.datasets.series import parse_series
 from labctl.datasets.vowels import parse_vowels
+from labctl.errors import DatasetError
 
 ROW = "0, 0, 0, -3.639, 0.418, -0.670, 1.779, -0.168, 1.627, -0.388, 0.529, -0.874, -0.814, 0"
 RATIOS = st.lists(st.integers(-9999, 9999), min_size=10, max_size=10)

@@ -9,7 +9,7 @@ import pytest
 
 from labctl.reports import experiments
 from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
-from labctl.reports.html import Result
+from labctl.reports.page import Result
 from labctl.reports.pictures import ImageRow, image_rows_figure
 
 

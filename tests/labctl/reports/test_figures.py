@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from labctl.reports.drawing import Level
+from labctl.reports.axes import Level
 from labctl.reports.figures import (
     Claim,
     Curve,

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from labctl.reports.anomalies import RocCurve, roc_figure, scores_figure
+from labctl.reports.axes import Level, Series
 from labctl.reports.curves import (
     Sensitivity,
     decorrelation_figure,
@@ -20,7 +21,6 @@ from labctl.reports.curves import (
     rmse_window_figure,
     sensitivity_figure,
 )
-from labctl.reports.drawing import Level, Series
 from labctl.reports.figures import save_figure
 from labctl.reports.pictures import Bar, Bars, ImageRow, bars_figure, image_rows_figure
 from labctl.reports.signals import encoding_figure, prediction_figure, responses_figure

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labctl.runs import Durability, Measured, PlayedDrive, RunShape, RunWriter, ShotColumns
+from labctl.runs.format.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.write.writer import RunWriter
 
 MANIFEST = {"protocol": "image-readout", "started": "2026-11-21T09:15:00Z", "seed": 7, "twin_seed": 3}
 SMALL = RunShape(shots=7, passes=((2, 3, 4, 5), (6,)), samples=16, sample_interval_s=20e-12, start_s=-40e-12)

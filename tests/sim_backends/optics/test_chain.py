@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_backends.optics import cavity, chain, fibre
+from sim_backends.optics import cavity, chain, derived, fibre
 from sim_backends.parameters import Parameters
 
 PARAMETERS = Parameters()
@@ -18,7 +18,7 @@ def light() -> chain.DriveLight:
 @pytest.fixture(scope="module")
 def transfer(light: chain.DriveLight) -> NDArray[np.complex128]:
     chip = cavity.draw_cavity(
-        np.random.default_rng(1), modes=320, density=PARAMETERS.mode_density_per_hz, ports=14, transmission=0.9
+        np.random.default_rng(1), modes=320, density=derived.mode_density_per_hz(PARAMETERS), ports=14, transmission=0.9
     )
     return chain.chip_transfer(PARAMETERS, chip, step_s=light.step_s, detuning_hz=0.0)
 
@@ -88,7 +88,7 @@ def test_masks_change_within_one_symbol(
 ) -> None:
     fields = chain.port_fields(light, transfer, [(chain.BYPASS, 1.0)])
     times = np.arange(400, dtype=np.float64) * 40e-12
-    basis = fibre.speckle_basis(PARAMETERS.grain_superpixels, PARAMETERS.basis_cut, PARAMETERS.launch_profile)
+    basis = fibre.speckle_basis(derived.grain_superpixels(PARAMETERS), PARAMETERS.basis_cut, PARAMETERS.launch_profile)
     split = chain.masks(fields, taps, times, light.step_s).reshape(-1, 2, times.size)
     intensity = np.abs(basis @ (split[:, 0] + 1j * split[:, 1])) ** 2
     intensity = intensity - intensity.mean(axis=1, keepdims=True)
@@ -100,7 +100,7 @@ def test_mask_contrast_is_one(
     light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
 ) -> None:
     fields = chain.port_fields(light, transfer, [(chain.BYPASS, 1.0)])
-    basis = fibre.speckle_basis(PARAMETERS.grain_superpixels, PARAMETERS.basis_cut, PARAMETERS.launch_profile)
+    basis = fibre.speckle_basis(derived.grain_superpixels(PARAMETERS), PARAMETERS.basis_cut, PARAMETERS.launch_profile)
     split = chain.masks(fields, taps, np.arange(400, dtype=np.float64) * 40e-12, light.step_s).reshape(-1, 2, 400)
     intensity = np.abs(basis @ (split[:, 0] + 1j * split[:, 1])) ** 2
     assert intensity.mean() == pytest.approx(1.0, abs=0.15)

@@ -7,7 +7,7 @@ import pytest
 from sim_backends.parameters import Parameters
 from sim_backends.scpi.messages import Message, MessageReader
 from sim_backends.virtual import VirtualInstrument
-from sim_backends.world import World
+from sim_backends.world.world import World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
 Read = Callable[[str | bytes], list[Message]]

@@ -20,7 +20,7 @@ from sim_backends.virtual import (
     VirtualTlg220,
 )
 from sim_backends.virtual.instrument import ERROR_QUEUE
-from sim_backends.world import World
+from sim_backends.world.world import World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
 Read = Callable[[str | bytes], list[Message]]

@@ -15,7 +15,7 @@ from sim_backends.virtual import (
     VirtualInstrument,
     VirtualTlg220,
 )
-from sim_backends.world import World
+from sim_backends.world.world import World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
 

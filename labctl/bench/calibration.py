@@ -1,0 +1,178 @@
+"""The calibration of a bench: what an alignment found, with its date, and whether it still stands for the bench.
+
+A folder for each alignment: `calibration.json` beside its pictures. A run refers to the one that was the newest of its
+bench when it was begun.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
+
+from labctl.bench.station import Station
+from labctl.runs.format.durable import replace_file
+
+FILE = "calibration.json"
+FORMAT_VERSION = "1.0"
+LARGEST = 1 << 20
+"""Bytes; a calibration has some ten thousand."""
+SECTIONS = ("awg", "scope", "laser", "dmd", "patch_panel", "wiring")
+SET_ASIDE = ("timeout", "armed")
+"""Keys that change nothing of what is measured."""
+
+
+class Stored(BaseModel):
+    """What `calibration.json` holds."""
+
+    model_config = ConfigDict(frozen=True)
+
+    format_version: str
+    date: AwareDatetime
+    good: bool
+    bench: dict[str, Any]
+    settings: dict[str, dict[str, Any]]
+    instruments: dict[str, Any]
+    findings: list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibration as it was found on disk: its file, the SHA-256 of that, and what is in it."""
+
+    path: Path
+    sha256: str
+    stored: Stored
+
+    def reference(self) -> dict[str, Any]:
+        """What a run keeps of it."""
+        return {
+            "path": str(self.path),
+            "sha256": self.sha256,
+            "date": self.stored.date.isoformat(timespec="seconds"),
+            "good": self.stored.good,
+        }
+
+
+def folder_of(station: Station) -> Path:
+    """Where the calibrations of a station are: beside its file, or in the present folder if it has none."""
+    source = Path(station.source)
+    return (source.parent if source.is_file() else Path()) / station.calibration.folder
+
+
+def new_folder(station: Station, started: datetime) -> Path:
+    """Where an alignment goes that names no directory of its own."""
+    name = "".join(letter if letter.isascii() and letter.isalnum() else "-" for letter in station.name)
+    return folder_of(station) / f"{started.strftime('%Y%m%dT%H%M%SZ')}-{name}"
+
+
+def save(
+    directory: Path,
+    station: Station,
+    findings: Sequence[Mapping[str, Any]],
+    instruments: dict[str, Any],
+    started: datetime,
+) -> Path:
+    """Write `calibration.json` into `directory`, all or nothing; returns its path.
+
+    findings: what an alignment found, a map each; the calibration is good if `good` is true in all of them.
+
+    Raises:
+        RunError: It cannot be written.
+    """
+    stored = Stored(
+        format_version=FORMAT_VERSION,
+        date=started,
+        good=all(finding["good"] for finding in findings),
+        bench=_bench(station),
+        settings=_settings(station),
+        instruments=instruments,
+        findings=[dict(finding) for finding in findings],
+    )
+    path = directory / FILE
+    replace_file(path, (stored.model_dump_json(indent=1) + "\n").encode())
+    return path
+
+
+def newest(station: Station) -> Calibration | None:
+    """The latest calibration of the bench that `station` describes; None without any that can be read."""
+    found = [one for path in folder_of(station).glob(f"*/{FILE}") if (one := read(path)) is not None]
+    same = [one for one in found if one.stored.bench == _bench(station)]
+    return max(same, key=lambda one: one.stored.date, default=None)
+
+
+def concerns(calibration: Calibration, station: Station, now: datetime) -> list[str]:
+    """Why a calibration may no longer stand for the bench, a line each, with what to do."""
+    stored = calibration.stored
+    told = []
+    age = now - stored.date
+    if age > timedelta(seconds=station.calibration.valid):
+        told.append(
+            f"it is {age.days} days old, more than calibration.valid = {station.calibration.valid / 86400:g} days"
+        )
+    present, then = _flat(_settings(station)), _flat(stored.settings)
+    told += [
+        f"{key} was {then.get(key)!r}, is {present.get(key)!r}"
+        for key in sorted(present.keys() | then.keys())
+        if present.get(key) != then.get(key)
+    ]
+    if not stored.good:
+        told.append("not all of it was good")
+    return [f"{calibration.path}: {one}: measure again with 'labctl align'" for one in told]
+
+
+def warnings(reference: object, station: Station) -> list[str]:
+    """What must be said before light is switched on of the calibration that a run refers to; nothing if to none.
+
+    reference: as `Calibration.reference` gives it and the manifest keeps it; anything else says that there was none.
+    """
+    if not isinstance(reference, Mapping):
+        return []
+    latest = newest(station)
+    if latest is None:
+        gone = "the calibration that the run refers to is not here any more"
+        return [f"{folder_of(station)}: {gone}: measure again with 'labctl align'"]
+    told = concerns(latest, station, datetime.now(UTC))
+    if latest.sha256 != reference.get("sha256"):
+        told.insert(0, f"{latest.path}: aligned after the run was begun: look at its drift, or begin a new run")
+    return told
+
+
+def read(path: Path) -> Calibration | None:
+    """What a file holds, if it is a calibration that this version of labctl reads."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+        stored = Stored.model_validate_json(content)
+    except (OSError, ValidationError):
+        return None
+    if len(content) > LARGEST or stored.format_version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
+        return None
+    return Calibration(path, hashlib.sha256(content).hexdigest(), stored)
+
+
+def _bench(station: Station) -> dict[str, Any]:
+    """What tells one bench from another: its name, the light's way, the twin where one stands in for instruments."""
+    twin = station.sim.model_dump(mode="json") if station.simulated else None
+    return {"name": station.name, "projector": station.wiring.projector, "twin": twin}
+
+
+def _settings(station: Station) -> dict[str, dict[str, Any]]:
+    sections = {
+        section: {
+            key: value
+            for key, value in getattr(station, section).model_dump(mode="json").items()
+            if key not in SET_ASIDE
+        }
+        for section in SECTIONS
+    }
+    whole: dict[str, dict[str, Any]] = json.loads(json.dumps(sections))
+    return whole
+
+
+def _flat(settings: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    return {f"{section}.{key}": value for section, values in settings.items() for key, value in values.items()}

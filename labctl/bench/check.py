@@ -1,0 +1,108 @@
+"""Is every instrument of a bench there and well? Each one is asked, whatever another one says."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from instruments.errors import InstrumentError
+from instruments.interfaces import Instrument
+from instruments.transcripts import Transcript
+from instruments.values import Examination, Identity, Range
+from labctl.bench.opening import opened_one_by_one
+from labctl.bench.station import Station
+
+PASSED, NOT_RUN = "passed", "not run"
+UNKNOWN, UNTOLD = Identity("", "", "", ""), Examination()
+
+
+@dataclass
+class Finding:
+    """What one instrument told.
+
+    Attributes:
+        driver, address: As the station says.
+        identity: Who it is.
+        examination: Options, what the error queue held, limits of the driver.
+        allowed: The limits of the station for what is set here, by the names of `examination`.
+        self_test: `PASSED`, `NOT_RUN`, or what it said.
+        problem: Why it is not well, and what to do; empty if it is.
+    """
+
+    driver: str
+    address: str
+    identity: Identity = UNKNOWN
+    examination: Examination = UNTOLD
+    allowed: dict[str, Range] = field(default_factory=dict)
+    self_test: str = NOT_RUN
+    problem: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is there and well."""
+        return not self.problem
+
+
+def check_bench(station: Station, transcript: Transcript, *, attended: bool = False) -> dict[str, Finding]:
+    """Connect to every instrument in turn, ask who it is and how it is, and let it test itself; in the dark.
+
+    Raises:
+        StationError: the station is wrong.
+        OutOfRange: a level above its limit.
+    """
+    allowed = {
+        "laser": {"laser.power": Range(0.0, station.limits.optical_power, "W")},
+        "awg": {"awg.amplitude": Range(0.0, station.limits.rf_amplitude, "Vpp")},
+        "scope": {"detector": Range(-station.limits.detector, station.limits.detector, "V")},
+    }
+    with opened_one_by_one(station, transcript, attended=attended) as instruments:
+        findings = {}
+        for name, instrument in instruments.items():
+            section = getattr(station, name)
+            findings[name] = Finding(section.driver, section.address, allowed=allowed.get(name, {}))
+            try:
+                _ask(name, instrument, findings[name])
+            except InstrumentError as error:
+                findings[name].problem = str(error)
+    return findings
+
+
+def _ask(name: str, instrument: Instrument | InstrumentError, finding: Finding) -> None:
+    if isinstance(instrument, InstrumentError):
+        raise instrument
+    finding.identity = instrument.identify()
+    finding.examination = instrument.examine()
+    try:
+        instrument.self_test()
+    except InstrumentError as error:
+        finding.self_test = str(error)
+        raise
+    finding.self_test = PASSED
+    if finding.examination.errors:
+        told = "; ".join(dict.fromkeys(finding.examination.errors))
+        raise InstrumentError(
+            f"{name}: its error queue held {told}: it is emptied now, repeat the check to see whether they come again"
+        )
+
+
+def as_json(finding: Finding) -> dict[str, Any]:
+    """A finding as it is printed for scripts; a bound that there is not is null."""
+    limits = {**finding.examination.limits, **finding.allowed}
+    return {
+        "ok": finding.ok,
+        "driver": finding.driver,
+        "address": finding.address,
+        "identity": " ".join(part for part in vars(finding.identity).values() if part),
+        **vars(finding.identity),
+        "options": finding.examination.options,
+        "self_test": finding.self_test,
+        "errors": list(finding.examination.errors),
+        "limits": {
+            name: {"low": _bound(limit.low), "high": _bound(limit.high), "unit": limit.unit}
+            for name, limit in limits.items()
+        },
+        "problem": finding.problem,
+    }
+
+
+def _bound(value: float) -> float | None:
+    return value if math.isfinite(value) else None

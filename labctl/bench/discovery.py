@@ -1,0 +1,65 @@
+"""Which instruments answer on this computer's buses and network, and what each one is for labctl."""
+
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import pyvisa
+from pyvisa.highlevel import get_wrapper_class, list_backends
+
+from instruments.errors import InstrumentError
+from instruments.values import Identity
+from instruments.visa import VisaLink
+from labctl.bench.drivers import RECOGNISED
+
+SERIAL = "ASRL"
+PATIENCE_S = 1.0
+"""How long an address may take to answer; those that nobody named are instruments or nothing."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An address at which somebody answers `*IDN?`; `instrument` and `driver` are empty where no driver is for it."""
+
+    address: str
+    identity: Identity
+    instrument: str = ""
+    driver: str = ""
+
+    @property
+    def who(self) -> str:
+        """Who answers, in words."""
+        return " ".join(part for part in vars(self.identity).values() if part)
+
+
+def visible_addresses() -> tuple[str, ...]:
+    """What VISA lists: on the network, USB, GPIB and serial ports, by pyvisa-py and by a vendor's library if any."""
+    vendor = "ivi" in list_backends() and get_wrapper_class("ivi").get_library_paths()
+    found: dict[str, None] = {}
+    for backend in ("@py", "@ivi") if vendor else ("@py",):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of ways to search that are not installed, and sockets left to themselves
+            found |= dict.fromkeys(pyvisa.ResourceManager(backend).list_resources("?*"))
+    return tuple(found)
+
+
+def answers_at(addresses: Iterable[str]) -> Iterator[Answer]:
+    """Ask each address who is there; those that do not answer in time are left out. Nothing else is sent."""
+    for address in dict.fromkeys(addresses):
+        link = VisaLink(address, name="somebody", timeout_s=PATIENCE_S, transcript=lambda *_: None)
+        try:
+            identity = Identity.parse(link.query("*IDN?"))
+        except InstrumentError:
+            continue
+        finally:
+            link.close()
+        yield recognised(address, identity)
+
+
+def recognised(address: str, identity: Identity) -> Answer:
+    """What an instrument is for labctl, by its maker and model."""
+    told = f"{identity.manufacturer} {identity.model}"
+    for instrument, driver, pattern in RECOGNISED:
+        if pattern.search(told):
+            return Answer(address, identity, instrument, driver)
+    return Answer(address, identity)

@@ -1,0 +1,190 @@
+"""From a station to an opened bench."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from instruments.alnair_tlg220 import DEFAULT_TABLE
+from instruments.bench import Bench, Wiring, ending_with
+from instruments.errors import InstrumentError, NotConfigured
+from instruments.interfaces import Awg, Instrument
+from instruments.limits import Levels, Limits
+from instruments.transcripts import Transcript
+from instruments.values import EdgeTrigger
+from labctl.bench.drivers import Opening, driver
+from labctl.bench.recording.recorder import recorded
+from labctl.bench.recording.replay import redirected, replayed
+from labctl.bench.signals import stops_deferred
+from labctl.bench.simulation import SIMULATED_LASER
+from labctl.bench.simulation import simulated_bench as simulated_bench
+from labctl.bench.station import BY_HAND, SIMULATED, LaserSection, Station
+from labctl.errors import StationError
+
+if TYPE_CHECKING:  # a bench of real instruments does without
+    from labctl.bench.simulation import SimulatedBench
+
+
+@dataclass(frozen=True)
+class OpenBench:
+    """An opened bench; `simulation` is the simulated bench behind it, if this process runs one."""
+
+    bench: Bench
+    simulation: "SimulatedBench | None"
+
+
+@contextmanager
+def opened(
+    station: Station, transcript: Transcript, *, attended: bool = False, armed: bool = False
+) -> Iterator[OpenBench]:
+    """The bench of `station`, released at the end however the block ends.
+
+    Instruments whose address is "simulated" are served by a simulated bench in this process, over real sockets. No
+    message is sent here: a station that is wrong is refused before any instrument hears of it.
+
+    attended: somebody is at the bench. armed: light is allowed, whatever the station says; where there is no light but
+    in a simulation of this process or in a recording, nobody is asked to allow it.
+
+    Raises:
+        StationError: a driver that does not exist, or a laser that must not be switched on.
+        RecordingError: the bench was to be recorded, and the recording cannot be written.
+        OutOfRange: a level above its limit.
+    """
+    with _reached(station, transcript, attended=attended) as reach:
+        try:
+            bench = _bench(reach, armed=armed or _armed(reach.station))
+        except (NotConfigured, StationError) as error:
+            raise StationError(f"{station.source}: {error}") from None
+        with ending_with(bench.close):
+            yield OpenBench(bench, reach.simulation)
+
+
+@contextmanager
+def opened_one_by_one(
+    station: Station, transcript: Transcript, *, attended: bool = False
+) -> Iterator[dict[str, Instrument | InstrumentError]]:
+    """The instruments of `station` by name, each opened whatever becomes of another: one that cannot be is its error.
+
+    To look at a bench; it is no `Bench`, so there is no way to light. Released at the end like one.
+
+    Raises:
+        StationError: a driver that does not exist.
+        OutOfRange: a level above its limit.
+    """
+    _limits(station).check_levels(_levels(station), station.source)
+    with ExitStack() as stack:
+        reach = stack.enter_context(_reached(station, transcript, attended=attended))
+        found: dict[str, Instrument | InstrumentError] = {}
+        for name in ("laser", "awg", "dmd", "scope", "patch_panel"):
+            try:
+                found[name] = instrument = reach.open(name)
+                stack.enter_context(ending_with(instrument.close))
+                if isinstance(instrument, Awg):
+                    instrument.amplitude.check(f"{station.source}: awg.amplitude", station.awg.amplitude)
+            except InstrumentError as error:
+                found[name] = error
+            except StationError as error:
+                raise StationError(f"{station.source}: {error}") from None
+        yield found
+
+
+def laser_commands(station: Station) -> Path | None:
+    """The command table that the station's laser is driven from, None if its driver works without one."""
+    laser = station.laser
+    if laser.driver != LaserSection().driver:
+        return None
+    if str(laser.commands) == SIMULATED or (laser.commands is None and "laser" in station.simulations):
+        return SIMULATED_LASER
+    return laser.commands or DEFAULT_TABLE
+
+
+def _armed(station: Station) -> bool:
+    shines = "laser" not in station.simulations and not (replayed() and station.laser.driver not in BY_HAND)
+    return station.laser.armed or not shines
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """A station whose instruments can be opened: with the addresses of a replay, the simulated bench running."""
+
+    station: Station
+    transcript: Transcript
+    simulation: "SimulatedBench | None"
+    attended: bool
+
+    def open(self, name: str) -> Any:
+        """The instrument called `name`; no message is sent."""
+        section = getattr(self.station, name)
+        address = section.address
+        if self.simulation is not None and address == SIMULATED:
+            address = self.simulation.resources[name]["socket"]
+            if isinstance(section, LaserSection) and section.commands is None:
+                section = section.model_copy(update={"commands": SIMULATED})
+        opening = Opening(address, self.transcript, ask_operator, self.attended, SIMULATED_LASER)
+        return driver(section.driver)(section, opening)
+
+
+@contextmanager
+def _reached(station: Station, transcript: Transcript, *, attended: bool) -> Iterator[_Reach]:
+    with ExitStack() as stack:
+        transcript = stack.enter_context(recorded(transcript, station))
+        station = redirected(station)
+        simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
+        yield _Reach(station, transcript, simulation, attended)
+
+
+def _levels(station: Station) -> Levels:
+    return Levels(station.laser.power, station.awg.amplitude)
+
+
+def _limits(station: Station) -> Limits:
+    return Limits(station.limits.optical_power, station.limits.rf_amplitude, station.limits.detector)
+
+
+def _bench(reach: _Reach, *, armed: bool) -> Bench:
+    station, simulation = reach.station, reach.simulation
+    laser = reach.open("laser")
+    if not (laser.switches_itself or reach.attended):
+        raise NotConfigured(
+            f"laser.driver = {station.laser.driver!r}: software cannot switch this laser off, its key switch is "
+            f"the only interlock: stay at the bench and repeat with --attended"
+        )
+    trigger = station.scope
+    return Bench(
+        awg=reach.open("awg"),
+        scope=reach.open("scope"),
+        laser=laser,
+        dmd=reach.open("dmd"),
+        patch_panel=reach.open("patch_panel"),
+        levels=_levels(station),
+        limits=_limits(station),
+        wiring=Wiring(
+            trigger=EdgeTrigger(trigger.trigger_source, trigger.trigger_level, trigger.trigger_slope == "rise"),
+            channels=station.scope.channels,
+            bypass=station.patch_panel.bypass,
+            burst=station.wiring.burst,
+            projector=station.wiring.projector,
+        ),
+        armed=armed,
+        source=station.source,
+        now=(lambda: simulation.world.clock.now)
+        if simulation is not None and "scope" in station.simulations
+        else time.time,
+        undisturbed=stops_deferred,
+    )
+
+
+def ask_operator(request: str) -> str:
+    """Ask at the terminal and wait for an answer.
+
+    Raises:
+        InstrumentError: nobody is there to answer.
+    """
+    print(request, end=": ", file=sys.stderr, flush=True)  # noqa: T201
+    try:
+        return input()
+    except EOFError:
+        raise InstrumentError(f"nobody answered {request!r}: run this from a terminal") from None

@@ -1,0 +1,86 @@
+"""JSON Schema of the files that people write: station files, and the protocol files of every installed protocol."""
+
+import json
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from labctl.bench.station import Station
+from labctl.errors import UsageError
+from protocols.registry import GROUP
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+STATION = "station"
+
+Schema = dict[str, Any]
+
+
+def names() -> tuple[str, ...]:
+    """What there are schemas of: the station, and protocols by name."""
+    return (STATION, *sorted({point.name for point in entry_points(group=GROUP)}))
+
+
+def schema_of(name: str) -> Schema:
+    """The schema of station files, or of files of the protocol `name`.
+
+    It says less than the program checks: what it refuses is wrong, what it lets pass may still be, such as a level
+    above its limit. Quantities are numbers in SI, or text with one of the usual units.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name == STATION:
+        found: Schema = _tidy(Station.model_json_schema())
+        del found["properties"]["source"]  # which the reader sets
+        return {"$schema": DIALECT, "title": "Station file"} | found
+    chosen = [point for point in entry_points(group=GROUP) if point.name == name]
+    if not chosen:
+        raise UsageError(f"schema of {name!r}: there is none: choose one of {', '.join(names())}")
+    settings: Schema = _tidy(chosen[0].load().model_json_schema())
+    return {
+        "$schema": DIALECT,
+        "title": f"Protocol file of {name}",
+        "$defs": settings.pop("$defs", {}),
+        "type": "object",
+        "properties": {"protocol": {"const": name}, "settings": settings},
+        "required": ["protocol"],
+        "additionalProperties": False,
+    }
+
+
+def write_schemas(folder: Path) -> list[Path]:
+    """Write every schema into `folder`, in place of those there; returns the files.
+
+    Raises:
+        UsageError: it cannot be written there.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return [write_schema(folder / file_name(name), name) for name in names()]
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot be written ({error.strerror}): name another folder") from None
+
+
+def file_name(name: str) -> str:
+    """What the file with the schema of `name` is called."""
+    return f"{name}.schema.json"
+
+
+def write_schema(path: Path, name: str) -> Path:
+    """Write the schema of `name` to `path`, and return that.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path.write_text(json.dumps(schema_of(name), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return path
+
+
+def _tidy(schema: Any) -> Any:
+    """Without what pydantic adds for nobody: titles made of names, and bounds by words that JSON Schema lacks."""
+    if isinstance(schema, list):
+        return [_tidy(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    generated = {"gt", "ge", "lt", "le", *(("title",) if isinstance(schema.get("title"), str) else ())}
+    return {key: _tidy(value) for key, value in schema.items() if key not in generated}

@@ -1,0 +1,158 @@
+"""Stopping a run from outside: Ctrl-C once finishes the shot; twice, SIGTERM or a closed terminal stop at once."""
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from types import FrameType
+
+from labctl.errors import notes
+
+STOPS: tuple[signal.Signals, ...] = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
+)
+"""Ctrl-C, told to end, terminal closed; on Windows Ctrl-Break and the closed console."""
+SUSPEND: tuple[signal.Signals, ...] = (signal.SIGTSTP,) if hasattr(signal, "SIGTSTP") else ()
+"""Ctrl-Z: a process that stands still leaves the laser as it is."""
+STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
+
+
+@dataclass
+class Interruption:
+    """Whether somebody has asked the run to stop; `wait` passes seconds while it is paused."""
+
+    requested: bool = False
+    wait: Callable[[float], None] = time.sleep
+
+
+class StoppedBySignal(KeyboardInterrupt):
+    """The run was told to stop at once."""
+
+
+@contextmanager
+def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
+    """Call `stop` at whatever asks a process to end inside the block, and nothing else."""
+    with _handling(lambda _number, _frame: stop(), _taken_over()):
+        yield
+
+
+@contextmanager
+def interruptible() -> Iterator[Interruption]:
+    """Take over SIGINT, SIGTERM and SIGHUP inside the block; Ctrl-Z does not suspend it.
+
+    Whatever raises on the way out is not interrupted again: the safe state comes first. What fails there is told here,
+    since a stop asked for is no error that anybody else would tell. Outside the main thread signals cannot be received,
+    and the block runs without them.
+    """
+    interruption = Interruption()
+    if threading.current_thread() is not threading.main_thread():
+        yield interruption
+        return
+    terminals = [stream for stream in (STANDARD_OUTPUT, STANDARD_ERROR) if os.isatty(stream)]
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGINT and not interruption.requested:
+            interruption.requested = True
+            _tell("\nstopping after this shot; Ctrl-C again stops at once\n")
+            return
+        interruption.requested = True
+        for stop in _heeded():
+            signal.signal(stop, signal.SIG_IGN)
+        _leave_closed(terminals)
+        raise StoppedBySignal
+
+    def on_suspend(_number: int, _frame: FrameType | None) -> None:
+        _tell("\na run is not suspended, since its light would stay on; Ctrl-C ends it\n")
+
+    with _handling(on_signal, _taken_over()), _handling(on_suspend, SUSPEND):
+        try:
+            yield interruption
+        except KeyboardInterrupt as stopped:
+            with suppress(OSError):
+                for note in notes(stopped):
+                    sys.stderr.write(f"labctl: {note}\n")
+            raise
+
+
+@contextmanager
+def stops_deferred() -> Iterator[None]:
+    """Whatever asks the process to end inside the block is heard at its end: nothing cuts the safe state short.
+
+    What the block fails at is then a note to the stop.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pending: list[int] = []
+
+    def defer(number: int, _frame: FrameType | None) -> None:
+        pending.append(number)
+        _tell("\nthe bench is made safe first\n")
+
+    try:
+        with _handling(defer, _heeded()):
+            yield
+    except Exception as failure:
+        with _noting(failure):
+            _raise_again(pending)
+        raise
+    _raise_again(pending)
+
+
+def heeds_signals() -> bool:
+    """Whether SIGTERM ends this process in good order."""
+    return callable(signal.getsignal(signal.SIGTERM))
+
+
+def _raise_again(pending: list[int]) -> None:
+    for number in pending:
+        signal.raise_signal(number)
+
+
+@contextmanager
+def _noting(failure: Exception) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        stopped.add_note(str(failure))
+        raise
+
+
+@contextmanager
+def _handling(handler: Callable[[int, FrameType | None], None], numbers: Sequence[signal.Signals]) -> Iterator[None]:
+    """Call `handler` inside the block; what handled the signals before does so again afterwards."""
+    previous = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, before in previous.items():
+            signal.signal(number, before)
+
+
+def _taken_over() -> list[signal.Signals]:
+    """All but what `nohup` has turned off. Shells turn off Ctrl-C for what they start behind; a run must hear it."""
+    return [number for number in STOPS if number.name != "SIGHUP" or number in _heeded()]
+
+
+def _heeded() -> list[signal.Signals]:
+    """Those that are not ignored: what an earlier stop has turned off stays off."""
+    return [number for number in STOPS if signal.getsignal(number) is not signal.SIG_IGN]
+
+
+def _tell(text: str) -> None:
+    """Write to standard error past its buffer, which whatever is interrupted may be writing to."""
+    with suppress(OSError):
+        os.write(STANDARD_ERROR, text.encode(sys.stderr.encoding or "utf-8", "replace"))
+
+
+def _leave_closed(terminals: list[int]) -> None:
+    """Send to nowhere what would go to a terminal that is gone: its errors would come in the midst of the clean-up."""
+    for stream in terminals:
+        if not os.isatty(stream):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream)
+            os.close(nowhere)

@@ -1,0 +1,106 @@
+"""A run under supervision: whatever kills it, another process makes the bench safe."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from typing import Any, BinaryIO, cast
+
+from instruments.bench import Bench, UnsafeBench
+from labctl.bench.opening import laser_commands
+from labctl.bench.recording.replay import replayed
+from labctl.bench.station import Station
+from labctl.bench.supervisor import READY, TRYING, Task, within_reach
+from labctl.runs.live.commands import CommandLog
+
+COMMAND = (sys.executable, "-P", "-m", "labctl.bench.supervisor")
+"""`-P`: nothing is imported from the folder that the run is started in."""
+START_S = 30.0
+"""A supervisor that takes longer to start will not: no light is switched on."""
+REFUSED = "no light is switched on, since nothing would switch it off if this process were killed: repeat the command"
+
+
+@contextmanager
+def supervised(station: Station, log: CommandLog) -> Iterator[Callable[[Bench], None]]:
+    """One supervisor for the block, told off at its end; what is yielded binds it to the opened bench.
+
+    From then on the bench gives no light before the supervisor is ready, and none if it has died. A block that switched
+    light on and did not go the way into the safe state to its end leaves that to the supervisor. Around the opened
+    bench, so that its connections are closed by then.
+
+    A bench that is simulated in this process, or replayed, has none: it ends with the process.
+    """
+    if replayed() or not within_reach(station):
+        yield lambda _bench: None
+        return
+    supervisor = _Supervisor(station, log)
+    try:
+        yield supervisor.watch
+    finally:
+        supervisor.end()
+
+
+class _Supervisor:
+    def __init__(self, station: Station, log: CommandLog) -> None:
+        self._log = log
+        self._bench: Bench | None = None
+        try:
+            self._process = subprocess.Popen(  # noqa: S603
+                COMMAND, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **_a_session_of_its_own()
+            )
+        except OSError as error:
+            raise UnsafeBench(f"the supervisor cannot be started ({error}): {REFUSED}") from None
+        self._orders, self._replies = cast(BinaryIO, self._process.stdin), cast(BinaryIO, self._process.stdout)
+        self._starting = ThreadPoolExecutor(1, thread_name_prefix="supervisor")
+        self._ready = self._starting.submit(self._replies.readline)
+        task = Task(station=_with_commands(station), log_started=log.started)
+        with suppress(BrokenPipeError):  # it has ended: `_before_light` will find that
+            self._say(task.model_dump_json())
+
+    def watch(self, bench: Bench) -> None:
+        """Let `bench` give light under supervision only."""
+        self._bench = bench
+        bench.before_light = self._before_light
+
+    def end(self) -> None:
+        """End it; first let it make the bench safe if that was not seen to here.
+
+        A laser that it cannot reach either it goes on trying to reach, and nobody waits for that.
+        """
+        if self._bench is None or not (self._bench.lit or self._bench.left_lit):
+            self._process.kill()
+        self._orders.close()
+        self._starting.shutdown()
+        if self._replies.readline() != TRYING:
+            self._process.wait()
+        self._replies.close()
+
+    def _before_light(self) -> None:
+        try:
+            well = self._ready.result(START_S) == READY and self._process.poll() is None
+            if well and self._log.path is not None:
+                self._say(json.dumps(str(self._log.path.absolute())))
+        except OSError:  # a broken pipe, or too late
+            well = False
+        if not well:
+            raise UnsafeBench(f"the supervisor has not started or has ended: {REFUSED}")
+
+    def _say(self, line: str) -> None:
+        self._orders.write(f"{line}\n".encode())
+
+
+def _with_commands(station: Station) -> Station:
+    """The station with its laser's table by its path, since what a path or none stands for is not known elsewhere."""
+    table = laser_commands(station)
+    if table is None:
+        return station
+    return station.model_copy(update={"laser": station.laser.model_copy(update={"commands": table.absolute()})})
+
+
+def _a_session_of_its_own() -> dict[str, Any]:
+    """What keeps the signals of the terminal and of the process group from a new process."""
+    if sys.platform == "win32":
+        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.DETACHED_PROCESS}
+    return {"start_new_session": True}

@@ -1,0 +1,159 @@
+"""The supervisor: a small process that makes a bench safe when the process that works with it is gone.
+
+It is started before any light and holds no connection. It hears of the end of its parent by the end of its standard
+input, whose other end only the parent holds: whatever ends a process closes it, and no polling is needed. Only then
+are connections opened, so that instruments that take one client are free. A parent that ends well ends its supervisor
+first. A laser that cannot be reached is tried again and again: a cable that is plugged in later finds it lit.
+
+Standard input: a `Task` in JSON, one line; later, a line with the path of the run's log in JSON.
+Standard output: `READY`, once everything that the safe state needs is loaded; `TRYING`, if the laser is out of reach.
+"""
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+from pydantic import BaseModel
+
+from instruments.bench import UnsafeBench, safe_state
+from instruments.errors import InstrumentError
+from instruments.interfaces import Instrument
+from labctl.bench.drivers import Opening, driver
+from labctl.bench.station import BY_HAND, SIMULATED, Station
+from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.events import EVENTS, EventLog
+
+READY, TRYING = b"ready\n", b"trying\n"
+AGAIN_S, ATTEMPTS = 1.0, 600
+"""How long to wait before a laser that could not be reached is tried again, and how often."""
+ORDER = {"laser": "laser off", "awg": "AWG output off", "dmd": "DMD blank", "scope": "oscilloscope stopped"}
+"""The safe state in its order: what is reached with each instrument."""
+UNSAFE = "ended without making the bench safe"
+AT_LAST = f"{UNSAFE}, the supervisor did at last: {ORDER['laser']}"
+NEVER = f"{UNSAFE}: the laser could not be reached, switch it off by its key switch"
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
+
+
+Opener = Callable[[Any, Opening], Any]
+"""Opens an instrument from its section of the station."""
+
+
+class Task(BaseModel):
+    """What a supervisor is for: a bench, as its station says, and when the run's log began by the monotonic clock."""
+
+    station: Station
+    log_started: float
+
+
+def within_reach(station: Station) -> tuple[str, ...]:
+    """The instruments that another process can make safe: those at an address, in the order of the safe state.
+
+    A bench simulated in this process ends with it; what is set by hand, only a person can switch off.
+    """
+    return tuple(
+        name
+        for name in ORDER
+        if getattr(station, name).address != SIMULATED and getattr(station, name).driver not in BY_HAND
+    )
+
+
+def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[float], None] = time.sleep) -> None:
+    """Wait for the end of the parent, make the bench safe, and tell it in the run's log and on standard error."""
+    first = orders.readline()
+    if not first.endswith(b"\n"):
+        return  # the parent ended before there was anything to do
+    task = Task.model_validate_json(first)
+    names = within_reach(task.station)
+    drivers = {name: driver(getattr(task.station, name).driver) for name in names}
+    say(READY)
+    path = None
+    for order in orders:
+        path = Path(json.loads(order))
+    log = CommandLog(started=task.log_started)
+    began = time.monotonic()
+
+    def tell(what: str, *, safe: bool) -> None:
+        log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
+        events("safe state", reached=safe, by="supervisor", text=f"the run {what}")
+        with suppress(OSError):
+            os.write(STANDARD_ERROR, f"labctl: the run {what}\n".encode())
+
+    with log, EventLog() as events:
+        unsafe = _make_safe(task, drivers, log)
+        by_hand = task.station.laser.driver in BY_HAND
+        tell(_told(drivers, unsafe, by_hand=by_hand), safe=unsafe is None and not by_hand)
+        if path is not None:
+            events.keep_in(path.with_name(EVENTS))
+            with suppress(OSError):
+                log.keep_in(path)
+        if unsafe is not None and "laser" in unsafe.disobeyed:
+            say(TRYING)
+            dark = _darkened_later(task, drivers["laser"], log, pause)
+            tell(AT_LAST if dark else NEVER, safe=dark and unsafe.disobeyed == {"laser"})
+
+
+def main() -> None:
+    """Supervise the process that started this one."""
+    for name in SIGNALS:  # what ends the parent must not end this process as well
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+
+    def say(word: bytes) -> None:
+        with suppress(BrokenPipeError):  # the parent is gone already
+            os.write(STANDARD_OUTPUT, word)
+
+    supervise(sys.stdin.buffer, say)
+
+
+def _make_safe(task: Task, drivers: dict[str, Opener], log: CommandLog) -> UnsafeBench | None:
+    """Take every instrument that has a driver into the safe state; what went wrong, if anything did."""
+
+    def step(name: str) -> Callable[[], None]:
+        def make_safe() -> None:
+            section = getattr(task.station, name)
+            opening = Opening(section.address, log, _nobody, attended=True, simulated_laser=Path())
+            instrument: Instrument = drivers[name](section, opening)
+            with closing(instrument):
+                instrument.make_safe()
+
+        return make_safe
+
+    try:
+        safe_state({name: step(name) for name in drivers})
+    except UnsafeBench as error:
+        return error
+    return None
+
+
+def _told(drivers: dict[str, Opener], unsafe: UnsafeBench | None, *, by_hand: bool) -> str:
+    if unsafe is not None:
+        told = f"{UNSAFE}, and the supervisor could not: {unsafe}"
+        again = f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min"
+        return told + again if "laser" in unsafe.disobeyed else told
+    reached = ", ".join(ORDER[name] for name in drivers)
+    laser = "; the laser is set by hand: switch it off by its key switch" if by_hand else ""
+    return f"{UNSAFE}, the supervisor did: {reached}{laser}"
+
+
+def _darkened_later(task: Task, opener: Opener, log: CommandLog, pause: Callable[[float], None]) -> bool:
+    """Try to reach the laser until it is dark, or for long enough; whether it is."""
+    for _ in range(ATTEMPTS):
+        pause(AGAIN_S)
+        if _make_safe(task, {"laser": opener}, log) is None:
+            return True
+    return False
+
+
+def _nobody(request: str) -> NoReturn:
+    raise InstrumentError(f"nobody is asked {request!r} here")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""`labctl align`: measure what a bench must have before its first run, and keep it as its calibration."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from labctl.bench.signals import interruptible
+from labctl.bench.station import read_station
+from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
+from labctl.commands.options import ArmOption, StationOption
+from labctl.commands.output import JsonOption, errors, say, show
+from labctl.studies.alignment import alignment
+from labctl.studies.alignment.findings import COVERAGE, Finding
+
+
+def align(
+    station: StationOption = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Directory for it; must be new or empty.")] = None,
+    armed: ArmOption = False,
+    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Measure dark levels, ranges, repeatability, contrast, trigger-to-light delay, drive depth and decorrelation.
+
+    Each step says what it found, how sure that is, and what to do where it is not good.
+    """
+
+    def tell(finding: Finding) -> None:
+        if as_json:
+            errors.print(finding.line(), markup=False)
+        else:
+            say(finding.line())
+
+    with interruptible() as interruption:
+        aligned = alignment.align_bench(
+            read_station(station), directory=out, attended=attended, armed=armed, interruption=interruption, tell=tell
+        )
+    if aligned is None:
+        return INTERRUPTED
+    short = sum(not finding.good for finding in aligned.findings)
+    result: dict[str, Any] = {
+        "good": aligned.good,
+        "findings": [finding.values() for finding in aligned.findings],
+        "directory": str(aligned.directory),
+        "calibration": None if aligned.calibration is None else str(aligned.calibration),
+        "report": str(aligned.report),
+    }
+
+    def as_text() -> None:
+        verdict = "all good" if aligned.good else f"{short} of {len(aligned.findings)} to look at"
+        say(f"{verdict}; uncertainties are {COVERAGE:g} standard deviations")
+        if aligned.calibration is not None:
+            named = "calibration" if aligned.good else "calibration, not good, of which runs will warn"
+            say(f"{named}: {aligned.calibration}")
+        say(f"report: {aligned.report}")
+
+    show(result, as_json, as_text)
+    return DONE if aligned.good else FELL_SHORT

@@ -1,0 +1,62 @@
+"""Commands that are known by name and loaded when they are asked for: to list them imports none of them."""
+
+import ast
+import pkgutil
+from importlib.util import find_spec
+from typing import Any, cast
+
+from typer import Typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+from labctl.commands import COMMANDS
+
+PLAIN: dict[str, Any] = {"rich_markup_mode": None, "pretty_exceptions_enable": False}
+"""How every command prints its help and fails: as plain text, and by `labctl.commands.main`."""
+
+
+class Unloaded(TyperCommand):
+    """A command by its name and its place, "module:function" or "module:app"; enough to be listed and completed."""
+
+    def __init__(self, name: str, place: str) -> None:
+        """Nothing is imported yet."""
+        super().__init__(name)
+        self._place = place
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        """The first line of its help; whole, whatever `limit` says, since lists wrap their lines."""
+        return first_line(self._place)
+
+    def load(self) -> TyperCommand | TyperGroup:
+        """The command itself, its module imported."""
+        app = pkgutil.resolve_name(self._place)
+        if not isinstance(app, Typer):
+            function, app = app, Typer(add_completion=False, **PLAIN)
+            app.command(self.name)(function)
+        return cast(TyperCommand | TyperGroup, get_command(app))
+
+
+class UnloadedCommands(TyperGroup):
+    """The group of `COMMANDS`: one of them is loaded when it is run, or asked for its own help or completion."""
+
+    def __init__(self, **described: Any) -> None:
+        """What typer says of the group, with the table's commands."""
+        commands = {name: Unloaded(name, place) for name, place in COMMANDS.items()}
+        super().__init__(**(described | {"commands": commands}))
+
+    def resolve_command(
+        self, ctx: Any, args: list[str]
+    ) -> tuple[str | None, TyperCommand | TyperGroup | None, list[str]]:
+        """The command that `args` begin with, loaded, and what follows it."""
+        name, found, rest = super().resolve_command(ctx, args)
+        return name, found.load() if isinstance(found, Unloaded) else None, rest
+
+
+def first_line(place: str) -> str:
+    """First line of the docstring of "module:function", or of the module for "module:app"; imports neither."""
+    module, _, name = place.partition(":")
+    spec = find_spec(module)
+    source = cast(Any, spec.loader).get_source(module) if spec is not None else None
+    tree = ast.parse(source or "")
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    return (ast.get_docstring(functions.get(name, tree)) or "").partition("\n")[0]

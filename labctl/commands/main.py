@@ -1,0 +1,69 @@
+"""The command `labctl`: how it starts, and how every one of its commands ends."""
+
+import json
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+from typer.exceptions import Abort, TyperException
+
+from labctl.commands.command_group import PLAIN, UnloadedCommands
+from labctl.commands.exit_status import INTERRUPTED, WRONG_USE
+from labctl.errors import LabctlError, notes, one_line
+
+app = typer.Typer(
+    name="labctl",
+    cls=UnloadedCommands,
+    help="Runs a photonic machine-vision bench, real or simulated. Without --station the simulated bench is used.",
+    epilog="Errors are one line; --debug, anywhere on the line, adds the traceback.",
+    no_args_is_help=True,
+    **PLAIN,
+)
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        from labctl.runs.format.provenance import this_version
+
+        sys.stdout.write(f"labctl {this_version()}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def labctl(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Say which labctl this is.")
+    ] = False,
+) -> None:
+    """What comes before a command."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one command and end the process with its exit status."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in words
+    sys.exit(_status([word for word in words if word != "--debug"], debug=debug))
+
+
+def _status(words: list[str], *, debug: bool) -> int:
+    try:
+        status = app(words, prog_name="labctl", standalone_mode=False)
+    except (KeyboardInterrupt, Abort):
+        return INTERRUPTED
+    except TyperException as error:
+        return _complain(f"{error.format_message()} `labctl --help` lists what there is", WRONG_USE, words)
+    except LabctlError as error:
+        if debug:
+            raise
+        return _complain(one_line(error), error.exit_status, words, notes(error))
+    return status if isinstance(status, int) else 0
+
+
+def _complain(message: str, status: int, words: list[str], beside: Sequence[str] = ()) -> int:
+    for line in (message, *beside):
+        sys.stderr.write(f"labctl: {line}\n")
+    if "--json" in words:
+        told = {"error": message, "exit": status} | ({"notes": list(beside)} if beside else {})
+        sys.stdout.write(json.dumps(told) + "\n")
+    return status

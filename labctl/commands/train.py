@@ -1,0 +1,68 @@
+"""`labctl train`: a readout from a run. `labctl evaluate`: how good it is, honestly."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from instruments.units import quantity
+from labctl.commands.exit_status import DONE
+from labctl.commands.output import JsonOption, say, show, table
+from labctl.commands.ranges import ports_of
+from labctl.errors import UsageError
+from labctl.studies.readouts import evaluate_readout, train_readout
+
+
+def train(
+    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    readout: Annotated[str, typer.Option("--readout", help="softmax")] = "softmax",
+    window: Annotated[str, typer.Option("--window", help='Acquisition time T_N, such as "0.4 ns".')] = "0.4 ns",
+    ports: Annotated[
+        str | None, typer.Option("--ports", help='Ports, such as "2-6"; without it all of the run.')
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the split.")] = 1,
+    out: Annotated[Path | None, typer.Option("--out", help="Model file; default inside the run directory.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Train a readout on nine tenths of a run's images; the rest is kept for `labctl evaluate`."""
+    if readout != "softmax":
+        raise UsageError(f"--readout {readout}: unknown readout: choose softmax")
+    trained = train_readout(run, window_s=_seconds(window), ports=ports_of(ports), seed=seed, out=out)
+    show(trained, as_json, lambda: _print_training(trained))
+    return DONE
+
+
+def evaluate(
+    model: Annotated[Path, typer.Argument(help="Model file that labctl train wrote.")],
+    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    as_json: JsonOption = False,
+) -> int:
+    """Test a readout on shots it has not seen, and its kind on random and forward-in-time splits, with controls."""
+    found = evaluate_readout(model, run)
+    show(found, as_json, lambda: _print_evaluation(found))
+    return DONE
+
+
+def _seconds(text: str) -> float:
+    try:
+        return quantity(text, "s")
+    except ValueError as error:
+        raise UsageError(f"--window: {error}") from None
+
+
+def _print_training(trained: dict[str, Any]) -> None:
+    say(f"{trained['model']}: softmax on {trained['features']} features, {trained['training_shots']} training shots")
+    say(f"accuracy on the {trained['test_shots']} shots kept apart: {trained['accuracy']:.3f}")
+
+
+def _print_evaluation(found: dict[str, Any]) -> None:
+    rows = [
+        ("this readout, unseen shots", f"{found['accuracy']:.3f}", f"{found['test_shots']} shots"),
+        ("random splits", f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}", "10 splits"),
+        ("forward in time", f"{found['forward_in_time']:.3f}", "last tenth of the run"),
+    ]
+    for name, control in found["controls"].items():
+        verdict = "at chance" if control["at_chance"] else "NOT at chance"
+        rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))
+    table(("what", "accuracy", ""), rows)
+    say(f"report: {found['report']}")

@@ -1,0 +1,151 @@
+"""Accuracy of a run as it grows: the softmax readout, trained on the images that are there.
+
+Computed in a process of its own that gives way to everything else, so that it takes nothing from the acquisition, and
+only while somebody looks. A point is a pure function of the run's first images: a curve says the same whenever it is
+computed.
+"""
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.pool import AsyncResult, Pool
+from pathlib import Path
+
+import numpy as np
+
+from labctl.errors import AnalysisError, RunError
+from labctl.runs.read.follower import Following
+
+LEAST = 40
+"""Images of the first point."""
+GROWTH = 1.3
+"""Each point has so many times the images of the one before: all of them are little more work than the last."""
+MOST_SHOTS = 6000
+"""From the start of the run; what comes after does not move the curve."""
+SPLITS = 3
+TEST_PART = 0.2
+WINDOW_S = 0.4e-9
+"""Acquisition time, or the whole frame where that is shorter."""
+NICENESS = 19
+RESTS = 19
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Accuracy on unseen images (mean of random splits) against how many images were there, on which ports.
+
+    `chance` is the share of the largest class; None before the first point.
+    """
+
+    images: tuple[int, ...] = ()
+    accuracy: tuple[float, ...] = ()
+    ports: tuple[int, ...] = ()
+    chance: float | None = None
+    seen: int = 0
+
+
+def curve(directory: Path, known: Curve) -> Curve:
+    """The curve of a run as far as it is now; points that are `known`, on the same ports, are not computed again.
+
+    A run that nothing can be learnt from, such as one of scenes or of one class, has no points.
+    """
+    from labctl.analysis.evaluation import cross_validated_accuracy
+    from labctl.runs.read.records import read_records
+
+    try:
+        following = Following(directory)
+        while following.look():
+            pass
+        run = following.measured(LEAST, MOST_SHOTS)
+        records = None if run is None else read_records(run)
+    except (RunError, AnalysisError, KeyError):
+        return known
+    if records is None or np.unique(records.labels).size < 2:
+        return known
+    known = known if known.ports == records.ports else Curve(ports=records.ports)
+    available = records.labels.size
+    samples = min(records.traces.shape[-1], max(1, round(WINDOW_S / records.sample_interval_s)))
+    features = records.traces[:, :, :samples].reshape(available, -1)
+    points = dict(zip(known.images, known.accuracy, strict=True))
+    for count in counts(available):
+        if count not in points:
+            labels, groups = records.labels[:count], records.groups[:count]
+            try:
+                scores = cross_validated_accuracy(
+                    features[:count], labels, groups, splits=SPLITS, test_size=TEST_PART, seed=1
+                )
+            except AnalysisError:  # too few of a class so far
+                continue
+            points[count] = float(np.mean(scores))
+    chance = float(np.bincount(records.labels[records.labels >= 0]).max() / available)
+    return Curve(tuple(sorted(points)), tuple(points[n] for n in sorted(points)), records.ports, chance, available)
+
+
+def counts(available: int) -> list[int]:
+    """How many images the points have that a run of so many has."""
+    found, count = [], float(LEAST)
+    while round(count) <= available:
+        found.append(round(count))
+        count *= GROWTH
+    return found
+
+
+class Learning:
+    """Computes curves one at a time, in a process that is started with the first of them.
+
+    Beside a run that is growing it rests for `RESTS` times as long as the last one took.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """Start nothing yet."""
+        self._clock = clock
+        self._pool: Pool | None = None
+        self._known: dict[Path, Curve] = {}
+        self._computed: dict[Path, int] = {}
+        self._pending: tuple[Path, int, AsyncResult[Curve]] | None = None
+        self._began = self._rested = clock()
+
+    def curve(self, directory: Path, shots: int, *, growing: bool) -> Curve:
+        """What is known of a run that has `shots` on its first ports; if that is old, something newer comes later.
+
+        Of a run that is `growing` it is old when there may be another point.
+        """
+        self._collect()
+        computed = self._computed.get(directory, 0)
+        rested = self._clock() >= self._rested
+        old = rested and shots >= max(LEAST, GROWTH * computed) if growing else shots != computed
+        if old and self._pending is None:
+            known = self._known.get(directory, Curve())
+            self._began = self._clock()
+            self._pending = directory, shots, self._process().apply_async(curve, (directory, known))
+        return self._known.get(directory, Curve())
+
+    def close(self) -> None:
+        """End the process, whatever it computes."""
+        if self._pool is not None:
+            self._pool.terminate()
+
+    def _collect(self) -> None:
+        if self._pending is None or not self._pending[2].ready():
+            return
+        directory, shots, found = self._pending
+        self._pending = None
+        self._computed[directory] = shots
+        self._rested = self._clock() + RESTS * (self._clock() - self._began)
+        self._known[directory] = found.get()
+
+    def _process(self) -> Pool:
+        if self._pool is None:
+            self._pool = multiprocessing.get_context("spawn").Pool(1, _give_way)
+        return self._pool
+
+
+def _give_way() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the dashboard ends this one
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[name] = "1"
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)

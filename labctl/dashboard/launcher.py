@@ -1,0 +1,90 @@
+"""Starting a run from the page: the command `labctl run` in a process of its own, which outlives the dashboard."""
+
+import shlex
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import entry_points
+from pathlib import Path
+from secrets import token_hex
+from typing import IO
+
+from labctl.runs.format.layout import run_name
+
+COMMAND = (sys.executable, "-P", "-c", "from labctl.commands.main import main; main()")
+"""`-P`: nothing is imported from the folder that the dashboard is started in."""
+USUAL = "image-readout"
+LONGEST_TOLD = 2000
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A run as the form asks for it; an empty station is the simulated bench. `settings` are key=value, one a line."""
+
+    protocol: str
+    settings: str = ""
+    station: str = ""
+    armed: bool = False
+    attended: bool = False
+
+
+@dataclass
+class Started:
+    """A run that was started here: its directory, and its process with what that tells."""
+
+    directory: Path
+    process: subprocess.Popen[bytes]
+    told: IO[bytes]
+
+    def failure(self) -> str:
+        """What the command told if it has ended without making a run; empty otherwise."""
+        if self.process.poll() in (None, 0) or (self.directory / "manifest.json").exists():
+            return ""
+        self.told.seek(0)
+        lines = self.told.read(LONGEST_TOLD).decode(errors="replace").strip()
+        return lines or f"labctl run ended with status {self.process.returncode}"
+
+
+def protocols() -> list[str]:
+    """Names of the protocols that are installed."""
+    return sorted({entry.name for entry in entry_points(group="labctl.protocols")})
+
+
+def arguments(asked: Asked, directory: Path) -> list[str]:
+    """What is typed after `labctl` for it."""
+    settings = [line.strip() for line in asked.settings.splitlines() if line.strip()]
+    station = [f"--station={asked.station}"] if asked.station else []
+    allowed = [word for word, said in (("--arm", asked.armed), ("--attended", asked.attended)) if said]
+    return ["run", asked.protocol, *(f"--set={one}" for one in settings), *station, *allowed, f"--out={directory}"]
+
+
+def in_words(asked: Asked, directory: Path) -> str:
+    """The command as it would be typed."""
+    return f"labctl {shlex.join(arguments(asked, directory))}"
+
+
+def new_directory(folder: Path, asked: Asked) -> Path:
+    """Where the run goes."""
+    return folder / run_name(datetime.now(UTC), asked.protocol, token_hex(8))
+
+
+def start(asked: Asked, directory: Path) -> Started:
+    """Start the command.
+
+    Raises:
+        ValueError: there is no such protocol.
+        OSError: the process cannot be started.
+    """
+    if asked.protocol not in protocols():
+        raise ValueError(f"{asked.protocol!r}: no such protocol")
+    told = tempfile.TemporaryFile()  # noqa: SIM115  # for the process; a pipe would break when the dashboard ends
+    process = subprocess.Popen(  # noqa: S603
+        [*COMMAND, *arguments(asked, directory)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=told,
+        start_new_session=True,
+    )
+    return Started(directory, process, told)

@@ -1,0 +1,157 @@
+"""The runs in a folder, as far as somebody looks at them: read when a page asks, a few times a second at most.
+
+All pages share what was read. A run is known by its name in the folder and by nothing else.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from labctl.dashboard.accuracy import Curve, Learning
+from labctl.dashboard.state import ENDED, Phase, RunState, advanced
+from labctl.errors import RunError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import RunRow, run_directories, run_row
+from labctl.runs.live.events import EventReader
+from labctl.runs.live.owner import is_elsewhere, writer_named
+from labctl.runs.read.follower import Following, Latest
+
+LOOK_EVERY_S = 0.25
+LIST_EVERY_S = 2.0
+MOST_WATCHED = 20
+"""Runs that are kept in memory; those that were not looked at for longest are forgotten."""
+
+
+class WatchedRun:
+    """One run: its state, the last traces, its accuracy; `problem` is why part of that cannot be read, or empty."""
+
+    def __init__(self, directory: Path, learning: Learning, clock: Callable[[], float]) -> None:
+        """Watch the run in `directory`; nothing is read yet."""
+        self.directory = directory
+        self.state = RunState()
+        self.latest: list[Latest] = []
+        self.problem = ""
+        self._learning = learning
+        self._clock = clock
+        self._due = clock()
+        self._events = EventReader(RunPaths(directory).events)
+        self._told = RunState()
+        self._following: Following | None = None
+
+    def look(self) -> None:
+        """Read what came since the last look."""
+        if self._clock() < self._due:
+            return
+        self._due = self._clock() + LOOK_EVERY_S
+        while events := self._events.read():
+            for event in events:
+                self._told = advanced(self._told, event)
+        started = self._told.started
+        gone = (
+            started is not None
+            and not is_elsewhere(started)
+            and writer_named(started, RunPaths(self.directory)) is None
+        )
+        self.state = self._told.without_writer() if gone else self._told
+        try:
+            if self._following is None:
+                self._following = Following(self.directory)
+            grew = False
+            while self._following.look():
+                grew = True
+            if grew:
+                self.latest = self._following.latest()
+            self.problem = ""
+        except (RunError, KeyError) as error:
+            self.problem = str(error)
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """What was asked; empty while it cannot be read."""
+        return {} if self._following is None else dict(self._following.manifest.values)
+
+    @property
+    def sample_interval_s(self) -> float:
+        """Time between two samples, s; 0 while it is not known."""
+        return 0.0 if self._following is None else self._following.shape.sample_interval_s
+
+    @property
+    def records(self) -> tuple[int, int]:
+        """How many records are on disk, and how many there will be."""
+        if self._following is None:
+            return 0, 0
+        return sum(self._following.done), self._following.shape.shots * len(self._following.shape.passes)
+
+    def curve(self) -> Curve:
+        """Accuracy as it grows; asking for it keeps it growing."""
+        if self._following is None:
+            return Curve()
+        growing = self.state.phase not in (*ENDED, Phase.UNKNOWN)
+        return self._learning.curve(self.directory, max(self._following.done), growing=growing)
+
+
+class Watching:
+    """The runs in `folder`."""
+
+    def __init__(self, folder: Path, clock: Callable[[], float] = time.monotonic) -> None:
+        """Watch the runs in `folder`, which need not exist yet."""
+        self.folder = folder
+        self.learning = Learning()
+        self._clock = clock
+        self._due = clock()
+        self._rows: list[RunRow] = []
+        self._listed: dict[Path, tuple[Sizes, RunRow]] = {}
+        self._watched: dict[str, WatchedRun] = {}
+
+    def rows(self) -> list[RunRow]:
+        """All runs, the latest first."""
+        self._list()
+        return self._rows
+
+    def running(self) -> list[str]:
+        """Names of the runs that a process writes now, the latest first."""
+        return [row.name for row in self.rows() if row.running]
+
+    def forget_list(self) -> None:
+        """The next list is read anew."""
+        self._due = self._clock()
+
+    def run(self, name: str) -> WatchedRun | None:
+        """The run of that name, if the list has one."""
+        found = next((row for row in self.rows() if row.name == name), None)
+        if found is None:
+            return None
+        watched = self._watched.pop(name, None) or WatchedRun(found.path, self.learning, self._clock)
+        self._watched[name] = watched  # the one that was asked for last is the last
+        while len(self._watched) > MOST_WATCHED:
+            self._watched.pop(next(iter(self._watched)))
+        return watched
+
+    def _list(self) -> None:
+        if self._clock() < self._due:
+            return
+        self._due = self._clock() + LIST_EVERY_S
+        before, self._listed = self._listed, {}
+        for directory in run_directories(self.folder):
+            self._listed[directory] = _listed(RunPaths(directory), before.get(directory))
+        rows = (row for _, row in self._listed.values())
+        self._rows = sorted(rows, key=lambda row: (row.started, row.name), reverse=True)
+
+
+Sizes = tuple[int, int, int]
+
+
+def _listed(paths: RunPaths, before: tuple[Sizes, RunRow] | None) -> tuple[Sizes, RunRow]:
+    """How a run is listed; what has not changed since `before` is not read again."""
+    sizes = _size(paths.manifest), _size(paths.journal), _size(paths.events)
+    if before is not None and before[0] == sizes and not before[1].running:
+        return before
+    return sizes, run_row(paths)
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return -1

@@ -1,0 +1,102 @@
+"""Serving the dashboard: one address with one token, until it is told to stop."""
+
+import os
+import secrets
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ.setdefault("MATPLOTLIB", "false")  # NiceGUI looks for it: half a second for nothing
+
+import uvicorn
+from fastapi import FastAPI, HTTPException
+from fastapi.responses import HTMLResponse
+from nicegui import ui
+
+from labctl.dashboard import pages
+from labctl.dashboard.guard import Guard
+from labctl.dashboard.monitor import Watching
+from labctl.runs.format.layout import RunPaths
+
+REPORT_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; sandbox; frame-ancestors 'none'"
+"""A report is a picture book; that of a stranger's run may try to be more."""
+MOST_OF_A_REPORT = 1 << 27
+
+
+@dataclass(frozen=True)
+class Served:
+    """Where the dashboard is; `url` has the token in it."""
+
+    url: str
+    host: str
+    port: int
+
+
+class PortTaken(Exception):
+    """Something else listens there."""
+
+
+def serve(folder: Path, host: str, port: int, ready: Callable[[Served], None]) -> None:
+    """Serve the runs in `folder` at `host` and `port` (0: any free one) until a signal; `ready` is called once.
+
+    Raises:
+        PortTaken: the port is not free, or the address is not one of this machine.
+    """
+    try:
+        listener = socket.create_server(
+            (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET, reuse_port=False
+        )
+    except OSError as error:
+        raise PortTaken(f"{host}:{port}: cannot be listened at ({error.strerror})") from None
+    with listener:
+        bound = listener.getsockname()[1]
+        token = secrets.token_urlsafe(32)
+        watching = Watching(folder)
+        app = _application(watching)
+        guard = Guard(app, host=host, names=(socket.gethostname(), socket.getfqdn()), port=bound, token=token)
+        named = f"[{host}]" if ":" in host else socket.gethostname() if host in ("0.0.0.0", "::") else host  # noqa: S104
+        served = Served(f"http://{named}:{bound}/?token={token}", host, bound)
+        app.router.on_startup.append(lambda: ready(served))
+        config = uvicorn.Config(
+            guard,
+            log_level="critical",
+            access_log=False,
+            lifespan="on",
+            timeout_graceful_shutdown=1,
+            server_header=False,
+            proxy_headers=False,
+        )
+        try:
+            uvicorn.Server(config).run(sockets=[listener])
+        finally:
+            watching.learning.close()
+
+
+def _application(watching: Watching) -> FastAPI:
+    app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+
+    @app.get("/report/{name}")
+    def report(name: str) -> HTMLResponse:
+        watched = watching.run(name)
+        path = None if watched is None else RunPaths(watched.directory).report
+        if path is None or path.is_symlink() or not path.is_file() or path.stat().st_size > MOST_OF_A_REPORT:
+            raise HTTPException(404)
+        return HTMLResponse(path.read_bytes(), headers={"content-security-policy": REPORT_POLICY})
+
+    @ui.page("/")
+    def runs() -> None:
+        pages.show_list(watching)
+
+    @ui.page("/run/{name}")
+    def run(name: str) -> None:
+        pages.show_run(watching, name)
+
+    @ui.page("/compare/{one}/{other}")
+    def compare(one: str, other: str) -> None:
+        pages.show_comparison(watching, one, other)
+
+    ui.run_with(
+        app, title="labctl", dark=None, tailwind=False, binding_refresh_interval=0.2, show_welcome_message=False
+    )
+    return app

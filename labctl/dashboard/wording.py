@@ -1,0 +1,202 @@
+"""What the pages say, as HTML: all text from runs is escaped here, and nowhere else is HTML made of it."""
+
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from urllib.parse import quote
+
+import numpy as np
+
+from labctl.dashboard import sketches
+from labctl.dashboard.accuracy import Curve
+from labctl.dashboard.monitor import WatchedRun
+from labctl.dashboard.sketches import Line
+from labctl.dashboard.state import ENDED, Emission, Phase, RunState
+from labctl.runs.index import RunRow
+from labctl.runs.read.differences import Difference
+from labctl.runs.read.follower import Latest
+
+MOST_PLOTS = 16
+"""Of traces: where more were measured, as in a wavelength scan, the last ones."""
+SHOWN_ROWS = 200
+"""Of the list of runs; the filter finds the others."""
+
+
+def emission(state: RunState) -> str:
+    """Laser emission, large: the first thing to be seen on the page."""
+    light = "" if state.wavelength_nm is None else f"{state.wavelength_nm:.3f} nm"
+    power = "" if state.power_w is None else f"{state.power_w * 1e3:.3g} mW"
+    told = {
+        Emission.ON: ("LASER ON", " · ".join(filter(None, (light, power)))),
+        Emission.OFF: ("LASER OFF", "the bench is dark"),
+        Emission.UNKNOWN: ("LASER UNKNOWN", "take it for on: look at the laser itself"),
+    }
+    if state.phase is Phase.UNKNOWN:
+        told[Emission.UNKNOWN] = ("NO EVENTS", "this run tells nothing of its light")
+    word, beside = told[state.emission]
+    style = "none" if state.phase is Phase.UNKNOWN else str(state.emission)
+    return f'<div class="emission {style}"><strong>{word}</strong><span>{escape(beside)}</span></div>'
+
+
+def progress(state: RunState, records: tuple[int, int]) -> str:
+    """How far the run is, how fast, and how long it takes still."""
+    done, total = (state.done, state.total) if state.total else records
+    part = 100 * done / total if total else 0.0
+    leg = "" if state.leg is None or not state.legs else f"leg {state.leg + 1} of {state.legs}"
+    rate = "" if state.rate_per_s is None else f"{state.rate_per_s:.0f} records/s"
+    left = "" if state.remaining_s is None else f"{duration(state.remaining_s)} left"
+    bench = "" if not state.station else "simulated bench" if state.simulated else state.station
+    beside = " · ".join(filter(None, (f"{done} of {total} records", rate, left, leg, state.uploading, bench)))
+    return (
+        f'<div class="progress"><div class="line"><strong class="phase {state.phase.name.lower()}">'
+        f"{escape(str(state.phase))}</strong><span>{escape(beside)}</span></div>"
+        f'<div class="bar" role="progressbar" aria-valuenow="{part:.0f}">'
+        f'<div style="width:{part:.2f}%"></div></div></div>'
+    )
+
+
+def instruments(state: RunState) -> str:
+    """Every instrument with what is known of its state."""
+    ended = state.phase in ENDED
+    ports = ", ".join(f"{channel} ← port {port}" for channel, port in state.patching)
+    shown = "" if state.shot is None else f"{state.kind} of shot {state.shot}"
+    rows = (
+        ("laser", {Emission.ON: "emits", Emission.OFF: "dark", Emission.UNKNOWN: "not known"}[state.emission]),
+        ("AWG", {None: "not told yet", True: "plays the drive", False: "output off"}[state.drive]),
+        (
+            "DMD",
+            shown if state.image is not None else "blank" if state.drive is False or ended else shown or "not told yet",
+        ),
+        ("oscilloscope", state.scope or "not told yet"),
+        ("patch panel", ports or "not told yet"),
+    )
+    body = "".join(f"<dt>{name}</dt><dd>{escape(told)}</dd>" for name, told in rows)
+    return f'<dl class="instruments">{body}</dl>'
+
+
+def image(state: RunState) -> str:
+    """What the DMD shows."""
+    if state.image is None:
+        return '<p class="nothing">no image: the mirrors point away</p>'
+    label = "" if state.label is None or state.label < 0 else f"class {state.label}"
+    source = "" if state.dataset_index is None else f"image {state.dataset_index}"
+    kind = f"{state.kind}: " if state.kind != "image" and source else ""
+    caption = kind + ", ".join(filter(None, (source, label)))
+    return f'{sketches.picture(state.image)}<p class="caption">{escape(caption)}</p>'
+
+
+def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[Latest] = ()) -> str:
+    """The last shot on every port, of one run or of two over each other."""
+    if not latest:
+        return '<p class="nothing">no shot on disk yet</p>'
+    theirs = {
+        (port, one.wavelength_nm): volts for one in other for port, volts in zip(one.ports, one.volts, strict=True)
+    }
+    several = len({one.wavelength_nm for one in latest}) > 1
+    names, lines = [], []
+    for one in latest:
+        for port, volts in zip(one.ports, one.volts, strict=True):
+            light = f", {one.wavelength_nm:.3f} nm" if several else ""
+            names.append(f"port {port}{light} · {one.kind} {one.shot}")
+            time_s = np.arange(volts.size) * sample_interval_s
+            drawn = [Line(time_s, volts, "a")]
+            if (found := theirs.get((port, one.wavelength_nm))) is not None:
+                drawn.append(Line(np.arange(found.size) * sample_interval_s, found, "b"))
+            lines.append(drawn)
+    longest = max(one.volts.shape[1] for one in latest)
+    return sketches.traces(names[-MOST_PLOTS:], np.arange(longest) * sample_interval_s, lines[-MOST_PLOTS:])
+
+
+def accuracy(curve: Curve, other: Curve | None = None) -> str:
+    """Accuracy as it grows, of one run or of two over each other."""
+    curves = [curve] if other is None else [curve, other]
+    if not any(one.images for one in curves):
+        return '<p class="nothing">no accuracy yet: it takes some images of more than one class</p>'
+    title = "; ".join(_reached(one) for one in curves)
+    return sketches.accuracy(title, [(one.images, one.accuracy) for one in curves], curve.chance)
+
+
+def _reached(curve: Curve) -> str:
+    if not curve.images:
+        return "no accuracy yet"
+    ports = ", ".join(map(str, curve.ports))
+    return f"{100 * curve.accuracy[-1]:.1f} % after {curve.images[-1]} images, ports {ports}"
+
+
+def log(state: RunState, problem: str = "") -> str:
+    """What the run told, the last line first."""
+    if problem:
+        return f'<p class="problem">{escape(problem)}</p>' + log(state)
+    lines = "".join(
+        f'<li class="{"alarm" if line.alarming else "plain"}"><time>{escape(line.time[11:19])}</time>'
+        f"{escape(line.text)}</li>"
+        for line in reversed(state.log)
+    )
+    return f'<ol class="log">{lines}</ol>' if lines else '<p class="nothing">no events</p>'
+
+
+def run_list(rows: Sequence[RunRow], wanted: str) -> str:
+    """The list of runs that have every word of `wanted`."""
+    found = [row for row in rows if _matches(row, wanted)]
+    if not found:
+        return '<p class="nothing">no runs</p>' if not rows else '<p class="nothing">no run has these words</p>'
+    more = f'<p class="nothing">{len(found) - SHOWN_ROWS} more: filter</p>' if len(found) > SHOWN_ROWS else ""
+    return f'<div class="runs">{"".join(map(_row, found[:SHOWN_ROWS]))}</div>{more}'
+
+
+def _matches(row: RunRow, wanted: str) -> bool:
+    """Whether every word that is wanted begins one of the run's; so "complete" finds no incomplete one."""
+    text = f"{row.name} {row.protocol} {row.started} {row.state} seed={row.seed} twin={row.twin_seed}"
+    found = _split(text)
+    return all(any(one.startswith(word) for one in found) for word in _split(wanted))
+
+
+def _split(text: str) -> list[str]:
+    return [word for word in re.split(r"[^\w=.:]+", text.lower()) if word]
+
+
+def _row(row: RunRow) -> str:
+    seeds = " · ".join(
+        f"{name} {seed}" for name, seed in (("seed", row.seed), ("twin", row.twin_seed)) if seed is not None
+    )
+    return (
+        f'<a class="run" href="/run/{quote(row.name, safe="")}"><span class="name">{escape(row.name)}</span>'
+        f'<span class="seeds">{escape(seeds)}</span><span class="shots">{row.shots} of {row.planned} shots</span>'
+        f'<span class="state {row.state}">{row.state}</span></a>'
+    )
+
+
+def live(runs: Iterable[tuple[str, WatchedRun]]) -> str:
+    """A strip for every run that is running."""
+    strips = "".join(
+        f'<a class="live" href="/run/{quote(name, safe="")}"><span class="name">{escape(name)}</span>'
+        f"{emission(watched.state)}{progress(watched.state, watched.records)}</a>"
+        for name, watched in runs
+    )
+    return strips or '<p class="nothing">no run is running</p>'
+
+
+def differing(found: Sequence[Difference], one: str, other: str) -> str:
+    """A table of the settings that differ."""
+    if not found:
+        return '<p class="nothing">no setting differs</p>'
+    rows = "".join(
+        f"<tr><th>{escape(each.setting)}</th><td>{escape(_value(each.then))}</td>"
+        f"<td>{escape(_value(each.now))}</td></tr>"
+        for each in found[:SHOWN_ROWS]
+    )
+    head = f'<tr><th></th><th class="a">{escape(one)}</th><th class="b">{escape(other)}</th></tr>'
+    return f'<div class="wide"><table class="differing">{head}{rows}</table></div>'
+
+
+def _value(value: object) -> str:
+    text = "not there" if value is None else str(value)
+    return text if len(text) <= 120 else f"{text[:120]}..."
+
+
+def duration(seconds: float) -> str:
+    """So long, in words for people."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

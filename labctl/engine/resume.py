@@ -1,0 +1,150 @@
+"""Going on with a run in another process: what it was begun with, from its manifest, and what must not have changed."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from instruments.toml_files import describe
+from labctl.bench.station import Station
+from labctl.errors import RunError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.plan import read_plan
+from labctl.runs.format.shots import PlayedDrive, RunShape, ShotColumns
+from labctl.runs.read.differences import Difference, differences
+from protocols.base import Inputs, Measurement
+from protocols.registry import protocol_from
+
+SENT_ANEW = {
+    "awg": ("sample_rate", "amplitude_vpp", "dac_bits", "waveform", "run_mode", "output"),
+    "scope": (
+        "sample_rate",
+        "record_length",
+        "acquisition_mode",
+        "trigger_source",
+        "ch?_scale_v_per_div",
+        "ch?_offset_v",
+    ),
+    "laser": ("wavelength_nm", "power_dbm", "emitting"),
+    "dmd": ("free_pictures", "display_mode"),
+    "patch_panel": ("routes", "ch?"),
+}
+"""Settings that every run sends before its first record and reads back: what they are meanwhile says nothing."""
+MAY_CHANGE = ("source", "durability.*", "*.address", "laser.armed")
+"""Of the station: where the instruments are reached, how much may be lost, and whether light is allowed."""
+
+
+class SettingsChanged(RunError):
+    """The bench is not the one the run was begun on; nothing was lit.
+
+    Attributes:
+        differences: everything that differs.
+    """
+
+    def __init__(self, directory: Path, differences: tuple[Difference, ...]) -> None:
+        """Of the run in `directory`."""
+        self.differences = differences
+        first = differences[0]
+        super().__init__(
+            f"{directory}: {len(differences)} settings are not those that the run was begun with, "
+            f"{first.setting} first ({first.then} then, {first.now} now): set them back, or begin a new run"
+        )
+
+
+def protocol_of_manifest(directory: Path, manifest: Mapping[str, Any]) -> Measurement[Any]:
+    """The protocol as it was asked for.
+
+    Raises:
+        RunError: the manifest does not say, or this version of labctl takes the settings otherwise.
+        ProtocolError: no such protocol any more, or no such setting.
+    """
+    try:
+        asked = manifest["protocol"]
+        protocol = protocol_from(asked["name"], asked["settings"], origin=str(directory))
+        digest = asked["digest"]
+    except (KeyError, TypeError) as error:
+        raise RunError(f"{directory}: the manifest does not say what was asked for: begin a new run") from error
+    if protocol.digest() != digest:
+        raise RunError(
+            f"{directory}: this labctl takes the settings of the protocol otherwise: go on with the version in the "
+            f"manifest, or begin a new run"
+        )
+    return protocol
+
+
+def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Station | None) -> Station:
+    """The station the run was begun on, or the one that is `given` in its place with new addresses.
+
+    Raises:
+        SettingsChanged: `given` differs in more than addresses, durability and arm.
+        RunError: the manifest does not say, or not in words that this version of labctl knows.
+    """
+    try:
+        begun = Station.model_validate(manifest["station"])
+    except KeyError:
+        raise RunError(f"{directory}: the manifest does not name the station: begin a new run") from None
+    except ValidationError as error:
+        raise RunError(f"{directory}: station in the manifest: {describe(error)}") from None
+    if given is None:
+        return begun
+    then, now = (station.model_dump(mode="json") for station in (begun, given))
+    _refuse(directory, differences(then, now, of="station", ignored=MAY_CHANGE))
+    return given
+
+
+def refuse_other_inputs(directory: Path, manifest: Mapping[str, Any], inputs: Inputs) -> None:
+    """Compare what is shown or played with what was.
+
+    Raises:
+        RunError: the data set has changed.
+    """
+    if inputs.digest != manifest.get("inputs_sha256"):
+        raise RunError(
+            f"{directory}: the data set is not the one that the run was begun with: name its folder by --data, or "
+            f"begin a new run"
+        )
+
+
+def refuse_other_plan(
+    paths: RunPaths, manifest: Mapping[str, Any], shape: RunShape, shots: ShotColumns, drive: PlayedDrive
+) -> None:
+    """Compare what is about to be measured with what the run was begun for.
+
+    Raises:
+        RunError: size, shots or drive are others, as they are where another version of labctl plans otherwise.
+    """
+    planned, played = read_plan(paths, manifest["plan_sha256"])
+    same = {
+        "size": shape == RunShape.from_json(manifest["shape"]),
+        "list of shots": np.array_equal(shots.table(), planned),
+        "drive": played is not None
+        and drive.sample_rate == played.sample_rate
+        and np.array_equal(drive.samples, played.samples)
+        and np.array_equal(drive.marker, played.marker),
+    }
+    if changed := [what for what, found in same.items() if not found]:
+        raise RunError(
+            f"{paths.directory}: this labctl makes another {changed[0]} of the run's settings: go on with the version "
+            f"in the manifest, or begin a new run"
+        )
+
+
+def refuse_changed_instruments(directory: Path, manifest: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Compare instruments, each a map of `identity` and `settings`, with the manifest's; both taken in the same way.
+
+    Raises:
+        SettingsChanged: another instrument, other firmware, or a setting that no run sends by itself.
+    """
+    then = manifest["instruments"]
+    found: list[Difference] = []
+    for name in now:
+        ignored = tuple(f"settings.{setting}" for setting in SENT_ANEW.get(name, ()))
+        found += differences(then.get(name, {}), now[name], of=name, ignored=ignored)
+    _refuse(directory, found)
+
+
+def _refuse(directory: Path, found: Sequence[Difference]) -> None:
+    if found:
+        raise SettingsChanged(directory, tuple(found))

@@ -1,0 +1,62 @@
+"""Every failure that a person meets, one class for each kind of thing that can be wrong; all are `LabctlError`.
+
+Those of instruments and protocols are where these are: `instruments.errors`, `protocols.base`.
+"""
+
+from instruments.errors import LabctlError
+
+__all__ = [
+    "AnalysisError",
+    "DatasetError",
+    "ExperimentError",
+    "LabctlError",
+    "RecordingError",
+    "RunError",
+    "RunExists",
+    "StationError",
+    "UsageError",
+    "notes",
+    "one_line",
+]
+
+
+class UsageError(LabctlError):
+    """A command was asked for something that cannot be: one line that names the option and what to do."""
+
+
+class StationError(LabctlError):
+    """The station file is wrong: one line that names file, key, value and what to do."""
+
+
+class DatasetError(LabctlError):
+    """A data set is missing, damaged or asked for something it does not hold; one line that says what to do."""
+
+
+class RunError(LabctlError):
+    """A run cannot be written or read: one line that says what, where and what to do."""
+
+
+class RunExists(RunError):
+    """The directory asked for already holds something; nothing in it was touched."""
+
+
+class RecordingError(UsageError):
+    """A recording that cannot be written or read: one line with the file, what is wrong and what to do."""
+
+
+class AnalysisError(LabctlError, ValueError):
+    """Data and settings of an analysis do not fit together; one line that says what to do."""
+
+
+class ExperimentError(LabctlError):
+    """An experiment that does not exist, or whose file is wrong: one line that says what to do."""
+
+
+def notes(error: BaseException) -> tuple[str, ...]:
+    """What failed after it, such as the safe state or the closing of a connection: one line each."""
+    return tuple(dict.fromkeys(" ".join(note.split()) for note in getattr(error, "__notes__", ())))
+
+
+def one_line(error: Exception) -> str:
+    """The failure as it is printed, in one line whatever it quotes."""
+    return " ".join(str(error).split())

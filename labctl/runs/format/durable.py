@@ -1,0 +1,76 @@
+"""Putting bytes on a disk so that they are still there after the power fails."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import FileIO
+from pathlib import Path
+
+from labctl.errors import RunError
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[FileIO]:
+    """A new file that takes the place of `path` when the block ends without error.
+
+    It is written under a temporary name in the same folder, fsynced, renamed, and the folder is fsynced: at every
+    moment `path` is either what it was or whole. The temporary file never outlives the block.
+
+    Raises:
+        RunError: the disk is full or refuses; names the path.
+    """
+    temporary = path.with_name(path.name + ".tmp")
+    try:
+        with FileIO(temporary, "w+") as file:
+            yield file
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        sync_folder(path.parent)
+    except OSError as error:
+        raise not_written(path, error) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write `data` to `path`, all or nothing, as `replacing` does.
+
+    Raises:
+        RunError: the disk is full or refuses; names the path.
+    """
+    with replacing(path) as file:
+        write_all(file, data)
+
+
+def write_all(file: FileIO, data: bytes | memoryview) -> None:
+    """Write every byte; a raw file may take fewer at a time, most of all when the disk is nearly full."""
+    rest = memoryview(data).cast("B")
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
+def make_folder(folder: Path) -> None:
+    """Make `folder` and those above it that are not there yet, so that all of their names outlive the power."""
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for one in new or [folder]:
+        sync_folder(one.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make renames in `folder` durable. Windows has no such call and needs none."""
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def not_written(path: Path, error: OSError) -> RunError:
+    """The one line for a file that could not be written."""
+    return RunError(
+        f"{path}: cannot be written: {error.strerror or error}; what was stored before is safe: "
+        "make room, then `labctl resume` the run"
+    )

@@ -1,0 +1,211 @@
+"""journal.jsonl: one line per closed shard, each with its own checksum. The state of a run is derived from it.
+
+A line is a JSON object such as
+
+    {"shard": 3, "pass": 1, "passes": 2, "first": 20, "shots": 20, "count": 20, "sha256": "9f...", "crc": "0a1b2c3d"}
+
+`count` shots from `first` on were measured in `pass`; `shots` of them are thereby complete on all passes (0 before the
+last pass). `crc` is always the last key: the CRC-32 (as in zip), 8 hex digits, of the line without it, that is of
+`{"shard": ..., "sha256": "9f..."}`. A line with `discarded` takes back the shots of a shard that was found damaged: its
+`shots` is negative or 0, so that the sum over all lines remains the number of complete shots.
+"""
+
+import json
+import os
+import re
+import sys
+import zlib
+from dataclasses import dataclass
+from io import BytesIO, FileIO
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from labctl.errors import RunError
+from labctl.runs.format.durable import not_written, write_all
+
+_LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}')
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line: see the module's description. `discarded` is the reason for taking the shard back, or empty."""
+
+    shard: int
+    pass_index: int
+    passes: int
+    first: int
+    shots: int
+    count: int
+    sha256: str
+    discarded: str = ""
+
+    def encode(self) -> bytes:
+        """The line, with its checksum and newline."""
+        values: dict[str, int | str] = {
+            "shard": self.shard,
+            "pass": self.pass_index,
+            "passes": self.passes,
+            "first": self.first,
+            "shots": self.shots,
+            "count": self.count,
+            "sha256": self.sha256,
+        }
+        if self.discarded:
+            values["discarded"] = self.discarded
+        body = json.dumps(values).encode()
+        return body[:-1] + f', "crc": "{zlib.crc32(body):08x}"}}\n'.encode()
+
+    @classmethod
+    def decode(cls, line: bytes) -> "Entry":
+        """The inverse of `encode`; keys of later minor versions are ignored.
+
+        Raises:
+            ValueError: not a journal line, or its checksum is wrong.
+        """
+        found = _LINE.fullmatch(line.rstrip(b"\r\n"))
+        if not found:
+            raise TornLine("not a whole line")
+        body = found[1] + b"}"
+        if zlib.crc32(body) != int(found[2], 16):
+            raise ValueError("checksum is wrong")
+        try:
+            values = json.loads(body)
+            return cls(
+                shard=int(values["shard"]),
+                pass_index=int(values["pass"]),
+                passes=int(values["passes"]),
+                first=int(values["first"]),
+                shots=int(values["shots"]),
+                count=int(values["count"]),
+                sha256=str(values["sha256"]),
+                discarded=str(values.get("discarded", "")),
+            )
+        except (KeyError, TypeError, OverflowError, RecursionError) as error:
+            raise ValueError(f"lacks {error}") from error
+
+
+class TornLine(ValueError):
+    """A line that ends too early: what a crash in the middle of an append leaves behind."""
+
+
+@dataclass(frozen=True)
+class Journal:
+    """What a journal says.
+
+    Attributes:
+        entries: the good lines, in order.
+        problems: one line of text for every bad line that no crash explains.
+        damaged: the first and last byte of the first such line, or None.
+        whole_bytes: length of the file without a torn last line.
+    """
+
+    entries: tuple[Entry, ...]
+    problems: tuple[str, ...]
+    damaged: tuple[int, int] | None
+    whole_bytes: int
+
+
+def read_journal(path: Path) -> Journal:
+    """Read a journal; it may be growing at the same time.
+
+    Raises:
+        RunError: the file cannot be read.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RunError(f"{path}: cannot be read: {error.strerror}; the run needs its journal") from error
+    entries: list[Entry] = []
+    problems: list[str] = []
+    damaged: tuple[int, int] | None = None
+    lines = BytesIO(data).readlines()
+    whole = 0
+    for number, line in enumerate(lines, start=1):
+        try:
+            entries.append(Entry.decode(line))
+        except TornLine as error:
+            if number == len(lines):
+                break
+            problems.append(f"{path.name} line {number}: {error}")
+        except ValueError as error:
+            problems.append(f"{path.name} line {number}: {error}")
+        if problems and damaged is None:
+            damaged = whole, whole + len(line) - 1
+        whole += len(line)
+    return Journal(tuple(entries), tuple(problems), damaged, whole)
+
+
+class JournalFile:
+    """The journal of a run that is being written. Only one process can hold it open."""
+
+    def __init__(self, path: Path) -> None:
+        """Open for appending, after cutting off a line that a crash has torn.
+
+        Raises:
+            RunError: another process is writing this run, or the file cannot be opened.
+        """
+        self._path = path
+        try:
+            self._file = FileIO(path, "a+")
+        except OSError as error:
+            raise not_written(path, error) from error
+        try:
+            self._lock()
+            self._mend()
+        except RunError:
+            self._file.close()
+            raise
+
+    def append(self, entry: Entry) -> None:
+        """Append one line and fsync it.
+
+        Raises:
+            RunError: the disk is full or refuses. The journal is then as it was before.
+        """
+        length = self._file.seek(0, os.SEEK_END)
+        try:
+            write_all(self._file, entry.encode())
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self._file.truncate(length)
+            raise not_written(self._path, error) from error
+
+    def close(self) -> None:
+        """Let go of the file and of the lock."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _lock(self) -> None:
+        if sys.platform == "win32":  # its locks would keep readers out of a running run
+            return
+        import fcntl
+
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise RunError(
+                f"{self._path.parent}: another process is writing this run; wait for it or stop it"
+            ) from None
+        except OSError:
+            return  # some network file systems have no locks: then nothing guards against a second writer
+
+    def _mend(self) -> None:
+        whole = read_journal(self._path).whole_bytes
+        try:
+            if self._file.seek(0, os.SEEK_END) > whole:
+                self._file.truncate(whole)
+            if whole:
+                self._file.seek(whole - 1)
+                if self._file.read(1) != b"\n":
+                    write_all(self._file, b"\n")
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise not_written(self._path, error) from error

@@ -1,0 +1,33 @@
+"""Where a run came from: the packages, the interpreter and the source revision that made it."""
+
+import platform
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+
+DISTRIBUTION = "photonic-labctl"
+PACKAGES = (DISTRIBUTION, "numpy", "scipy", "scikit-learn", "h5py", "pydantic", "pyvisa", "pyvisa-py")
+
+
+def versions() -> dict[str, str]:
+    """Version of Python and of every package that can change a result."""
+    return {"python": platform.python_version()} | {package: version(package) for package in PACKAGES}
+
+
+def this_version() -> str:
+    """Version of the distribution, and the revision of the checkout that it runs from, if it does."""
+    revision = git_revision()
+    return version(DISTRIBUTION) + (f", git {revision}" if revision else "")
+
+
+def git_revision() -> str | None:
+    """The commit of the checkout that labctl runs from, with "-dirty" for local changes; None outside a checkout."""
+    root = Path(__file__).parents[3]
+    if not (root / ".git").exists():
+        return None
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)  # noqa: S603
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip()

@@ -1,0 +1,157 @@
+"""Which runs are there, and how far did they get?
+
+Read from manifests and journals alone, so it is quick; of a run that lacks shots also who writes it.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from labctl.errors import RunError
+from labctl.runs.format.journal import read_journal
+from labctl.runs.format.layout import Manifest, RunPaths
+from labctl.runs.live.owner import writer_of
+
+State = Literal["complete", "running", "incomplete", "unreadable"]
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """One run of the catalogue.
+
+    Attributes:
+        path: the run directory.
+        protocol: name of the protocol, empty if the manifest does not say.
+        started: UTC time, ISO 8601, empty if the manifest does not say.
+        seed: of the protocol.
+        twin_seed: of the simulated bench, None on a real one.
+        shots: how many are complete.
+        planned: how many were planned.
+        running: a process of this machine measures what is missing.
+        problem: why the run cannot be read, or empty.
+    """
+
+    path: Path
+    protocol: str = ""
+    started: str = ""
+    seed: int | None = None
+    twin_seed: int | None = None
+    shots: int = 0
+    planned: int = 0
+    running: bool = False
+    problem: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the directory."""
+        return self.path.name
+
+    @property
+    def complete(self) -> bool:
+        """Whether no shot is missing."""
+        return not self.problem and self.shots == self.planned
+
+    @property
+    def state(self) -> State:
+        """Whether shots are missing, and whether somebody measures them; or nobody can tell."""
+        if self.problem:
+            return "unreadable"
+        if self.complete:
+            return "complete"
+        return "running" if self.running else "incomplete"
+
+    @property
+    def began(self) -> datetime | None:
+        """When the run began; None if the manifest does not say."""
+        try:
+            found = datetime.fromisoformat(self.started)
+        except ValueError:
+            return None
+        return found if found.tzinfo else found.replace(tzinfo=UTC)
+
+
+_LONG_AGO = datetime.min.replace(tzinfo=UTC)
+ORDERS: Mapping[str, Callable[[RunRow], Any]] = {
+    "started": lambda row: row.began or _LONG_AGO,
+    "name": lambda row: row.name,
+    "protocol": lambda row: row.protocol,
+    "seed": lambda row: -1 if row.seed is None else row.seed,
+    "shots": lambda row: row.shots,
+}
+"""What runs can be sorted by; equal ones stay in the order of their names."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which runs are asked for; None asks for all.
+
+    Attributes:
+        protocol: name of the protocol.
+        since: runs that began then or later.
+        state: how far they got.
+        seed: of the protocol.
+        limit: the last so many, in the order asked for.
+    """
+
+    protocol: str | None = None
+    since: datetime | None = None
+    state: State | None = None
+    seed: int | None = None
+    limit: int | None = None
+
+    def of(self, rows: Iterable[RunRow], order: str = "started") -> list[RunRow]:
+        """The chosen ones of `rows`, sorted by one of `ORDERS`, the newest or largest last."""
+        found = sorted((row for row in rows if self._takes(row)), key=ORDERS[order])
+        return found if self.limit is None else found[max(0, len(found) - self.limit) :]
+
+    def _takes(self, row: RunRow) -> bool:
+        return (
+            self.protocol in (None, row.protocol)
+            and self.state in (None, row.state)
+            and self.seed in (None, row.seed)
+            and (self.since is None or (row.began is not None and row.began >= self.since))
+        )
+
+
+def list_runs(folder: Path | str) -> list[RunRow]:
+    """The runs in `folder`, by name, which is by time; none if there is no such folder.
+
+    A run that cannot be read is a row with its `problem`; what is no run directory is left out.
+    """
+    return [run_row(RunPaths(path)) for path in run_directories(Path(folder))]
+
+
+def run_directories(folder: Path) -> list[Path]:
+    """The run directories in `folder`, by name; none if there is no such folder."""
+    if not folder.is_dir():
+        return []
+    return [path for path in sorted(folder.iterdir()) if RunPaths(path).manifest.is_file()]
+
+
+def run_row(paths: RunPaths) -> RunRow:
+    """One run as the catalogue has it; one that cannot be read has its `problem`."""
+    try:
+        manifest = Manifest.read(paths)
+        shots = sum(entry.shots for entry in read_journal(paths.journal).entries)
+    except RunError as error:
+        return RunRow(paths.directory, problem=str(error))
+    values = manifest.values
+    protocol = values.get("protocol", "")
+    seeds = values.get("seeds", values)
+    return RunRow(
+        path=paths.directory,
+        protocol=str(protocol.get("name", "") if isinstance(protocol, dict) else protocol),
+        started=str(values.get("started", "")),
+        seed=_number(seeds, "seed"),
+        twin_seed=_number(seeds, "twin_seed"),
+        shots=shots,
+        planned=manifest.shape.shots,
+        running=shots < manifest.shape.shots and writer_of(paths) is not None,
+    )
+
+
+def _number(values: Any, name: str) -> int | None:
+    found = values.get(name) if isinstance(values, dict) else None
+    return found if isinstance(found, int) else None

@@ -1,0 +1,1 @@
+"""What can be told of a run, and asked of it, while it goes on."""

@@ -1,0 +1,61 @@
+"""What can be asked of a running run from outside: one word in the file `control` of its directory.
+
+Whoever asks needs nothing but the right to write there, so it works on every system and over a shared folder. Only what
+must not wait for the end of a record is a signal besides. `labctl.engine.control` is the run's side of it.
+"""
+
+import os
+import signal
+import sys
+from contextlib import suppress
+from enum import StrEnum
+from pathlib import Path
+
+CONTROL = "control"
+"""Name of the file in a run directory."""
+
+
+class Word(StrEnum):
+    """What can be asked.
+
+    PAUSE: go dark after this record and wait. GO_ON: the end of a pause. STOP: end after this record. STOP_NOW: end.
+    """
+
+    PAUSE = "pause"
+    GO_ON = "go on"
+    STOP = "stop"
+    STOP_NOW = "stop now"
+
+
+def ask(directory: Path, word: Word) -> None:
+    """Ask the run in `directory` for something; the file appears whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path = directory / CONTROL
+    aside = path.with_name(f"{CONTROL}.{os.getpid()}.tmp")
+    try:
+        aside.write_text(f"{word}\n", encoding="utf-8")
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def stop_at_once(directory: Path, process: int | None) -> None:
+    """Ask the run in `directory` to end now, in the safe state, by a signal to `process` too.
+
+    `process` is None where it is not known for certain which process writes the run, and on Windows, which would kill
+    it: then the run hears of it at its next record.
+
+    Raises:
+        OSError: the word cannot be written, and there is no process to signal.
+    """
+    try:
+        ask(directory, Word.STOP_NOW)
+    except OSError:
+        if process is None:
+            raise
+    if process is not None and sys.platform != "win32":
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGTERM)

@@ -1,0 +1,81 @@
+"""Which process writes a run: asked before a run is signalled, or shown as running."""
+
+import os
+import platform
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.live.events import Event, EventReader
+
+_PROCESSES = Path("/proc")
+
+
+@dataclass(frozen=True)
+class Writer:
+    """A process of this machine; `heeds_signals`: SIGTERM brings its bench into the safe state."""
+
+    process: int
+    heeds_signals: bool
+
+
+STARTS = ("run started", "run resumed")
+"""The events that say which process writes the run from then on."""
+
+
+def writer_of(paths: RunPaths) -> Writer | None:
+    """The process that writes a run, as far as its events tell; None where there is none or it has ended."""
+    reader, found = EventReader(paths.events), None
+    while events := reader.read():
+        found = next((event for event in reversed(events) if event.name in STARTS), found)
+    return None if found is None else writer_named(found, paths)
+
+
+def writer_named(started: Event, paths: RunPaths) -> Writer | None:
+    """The process that told one of `STARTS`, if it still writes the run."""
+    process = started.fields.get("process")
+    if not isinstance(process, int) or is_elsewhere(started) or not _writes(process, paths):
+        return None
+    return Writer(process, started.fields.get("heeds_signals") is True)
+
+
+def is_elsewhere(started: Event) -> bool:
+    """Whether another machine carries the run out: nothing here can tell if it still does."""
+    return started.fields.get("host") != platform.node()
+
+
+def _writes(process: int, paths: RunPaths) -> bool:
+    """Whether a process of this machine writes the run.
+
+    Linux tells by the lock on the journal, which the writer holds to its end, so that neither a reader nor another
+    process that got the same number is taken for it. Other systems tell only whether there is such a process; Windows
+    not even that, and it is taken to be there.
+    """
+    if process <= 0 or sys.platform == "win32":
+        return process > 0
+    if _PROCESSES.is_dir():
+        return _locks(process, paths.journal)
+    try:
+        os.kill(process, 0)
+    except OSError:
+        return False
+    return True
+
+
+def _locks(process: int, journal: Path) -> bool:
+    own = _PROCESSES / str(process)
+    try:
+        wanted = os.stat(journal)
+        descriptors = list((own / "fd").iterdir())
+    except OSError:
+        return False
+    return any(_is_locked(descriptor, own / "fdinfo" / descriptor.name, wanted) for descriptor in descriptors)
+
+
+def _is_locked(descriptor: Path, about: Path, wanted: os.stat_result) -> bool:
+    """Whether a descriptor is the wanted file's and has its lock. Source: proc_pid_fdinfo(5)."""
+    try:
+        return os.path.samestat(os.stat(descriptor), wanted) and "\nlock:" in about.read_text("ascii")
+    except OSError:  # closed meanwhile
+        return False

@@ -1,0 +1,1 @@
+"""A run read: complete, running or cut short."""

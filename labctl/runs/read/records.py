@@ -1,0 +1,123 @@
+"""What a readout is trained on, from a run: volts on the grid that starts at the trigger, labels, groups."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+
+from labctl.errors import AnalysisError
+from labctl.runs.read.run import Run
+
+KERNEL_HALF_WIDTH = 16
+KERNEL_SHAPE = 8.0
+GRID_TOLERANCE = 0.01
+"""A trigger offset may exceed a sample by this part of it: it is never exact."""
+
+
+@dataclass(frozen=True)
+class Records:
+    """The shots of one kind, in the order they were measured.
+
+    traces: (shots, ports, samples) V, first sample at the trigger. labels, groups: (shots,). ports: waveguide of each
+    entry of the second axis. sample_interval_s: s. indices: (shots,) place of each shot in the run.
+    """
+
+    traces: NDArray[np.floating]
+    labels: NDArray[np.int64]
+    groups: NDArray[np.int64]
+    ports: tuple[int, ...]
+    sample_interval_s: float
+    indices: NDArray[np.int64]
+
+
+def read_records(run: Run, kind: str = "image") -> Records:
+    """The shots of `kind` of a run: "image", "reference" or "dark".
+
+    Raises:
+        AnalysisError: the run holds none.
+    """
+    shots: NDArray[Any] = run.shots
+    chosen = np.flatnonzero(shots["kind"] == kind)
+    if not chosen.size:
+        raise AnalysisError(f"{run.path}: holds no {kind} shots: acquire some first")
+    frames = volts(run.frames[chosen], run.scale, run.offset)
+    interval = run.shape.sample_interval_s
+    return Records(
+        traces=resample(frames, run.trigger_offset_s[chosen], sample_interval_s=interval),
+        labels=shots["label"][chosen].astype(np.int64),
+        groups=shots["group"][chosen].astype(np.int64),
+        ports=run.ports,
+        sample_interval_s=interval,
+        indices=chosen,
+    )
+
+
+def volts(frames: NDArray[np.integer], scale: ArrayLike, offset: ArrayLike) -> NDArray[np.float32]:
+    """Volts of digitiser codes: scale * code + offset.
+
+    Args:
+        frames: (shots, ports, samples) codes.
+        scale: (ports,) V per code.
+        offset: (ports,) V.
+
+    Example:
+        >>> import numpy as np
+        >>> from labctl.runs.read.records import volts
+        >>> codes = np.array([[[-128, 0, 127]]], np.int8)  # one shot, one port, three samples
+        >>> volts(codes, scale=[0.5], offset=[64])
+        array([[[  0. ,  64. , 127.5]]], dtype=float32)
+    """
+    by_port = (slice(None), np.newaxis)
+    volts_per_code = np.asarray(scale, np.float32)[by_port]
+    return frames * volts_per_code + np.asarray(offset, np.float32)[by_port]
+
+
+def resample(frames: NDArray[Any], trigger_offset_s: ArrayLike, *, sample_interval_s: float) -> NDArray[np.floating]:
+    """Records on the grid that starts at the trigger: sample k at k * sample_interval_s, whatever the phase was.
+
+    The oscilloscope reports for each record the time between the trigger and its sampling grid; sample k was taken at
+    k * sample_interval_s + offset. Band-limited interpolation by a Kaiser-windowed sinc of 33 taps, good up to 0.8 of
+    the Nyquist frequency and normalised so that a constant stays a constant. Beyond the ends the record is continued by
+    point reflection, so within 16 samples of an end the accuracy is that of the continuation.
+    Source: Oppenheim & Schafer, Discrete-Time Signal Processing, ch. 4 and 7.
+
+    Args:
+        frames: (shots, ports, samples), codes or volts.
+        trigger_offset_s: (shots,) or (shots, ports), s, at most one sample interval either way.
+        sample_interval_s: s.
+
+    Returns:
+        (shots, ports, samples), float64 for float64 frames and else float32. Records without offset are copied exactly.
+
+    Raises:
+        AnalysisError: The shapes do not fit, or an offset exceeds one sample.
+    """
+    records = np.asarray(frames)
+    shots, ports, samples = records.shape
+    offsets = np.asarray(trigger_offset_s, np.float64)
+    if offsets.shape not in {(shots,), (shots, ports)}:
+        raise AnalysisError(
+            f"trigger offsets have shape {offsets.shape}, frames {records.shape}: give one for each shot, or for each "
+            "shot and port"
+        )
+    shifts = np.broadcast_to(offsets.reshape(shots, -1) / sample_interval_s, (shots, ports))
+    if not np.all(np.abs(shifts) <= 1 + GRID_TOLERANCE):
+        raise AnalysisError(
+            f"a trigger offset of {np.max(np.abs(offsets)):g} s is more than one sample of {sample_interval_s:g} s: "
+            "cut the record at whole samples first"
+        )
+    result: NDArray[np.floating] = records.astype(np.float64 if records.dtype == np.float64 else np.float32)
+    moved = shifts != 0
+    if moved.any():
+        half = min(KERNEL_HALF_WIDTH, samples - 1)
+        rows = result[moved].astype(np.float64)
+        padded = np.pad(rows, ((0, 0), (half, half)), mode="reflect", reflect_type="odd") if half else rows
+        taps = np.arange(-half, half + 1)
+        distance = taps + shifts[moved][:, np.newaxis]
+        taper = np.i0(KERNEL_SHAPE * np.sqrt(np.clip(1 - (distance / (half + 1)) ** 2, 0, None)))
+        kernel = np.sinc(distance) * taper
+        kernel /= kernel.sum(axis=1, keepdims=True)
+        result[moved] = np.einsum("rnk,rk->rn", sliding_window_view(padded, taps.size, axis=1), kernel)
+    return result

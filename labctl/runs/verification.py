@@ -1,0 +1,267 @@
+"""Is everything that was measured still there, and is data.h5 what the shards say?"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.errors import RunError
+from labctl.runs.format.journal import read_journal
+from labctl.runs.format.layout import HDF5_ERRORS, Manifest, RunPaths
+from labctl.runs.format.plain_hdf5 import check_plain, opened
+from labctl.runs.format.plan import read_drive, read_plan
+from labctl.runs.format.shards import Shards
+from labctl.runs.format.shots import PlayedDrive
+from labctl.runs.read.run import MOST_BYTES, damaged
+from labctl.runs.write.data_file import shard_in_data_file, write_data_file
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Where a run is damaged: a file in its directory, and the first and last byte that are not what they were.
+
+    Where nothing tells more closely it is the whole file; `last` is None for one that is missing.
+    """
+
+    file: str
+    first: int
+    last: int | None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is wrong, in words, and where."""
+
+    text: str
+    damage: Damage | None = None
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What `verify_run` found.
+
+    Attributes:
+        path: the run directory.
+        complete: every planned shot is there and intact.
+        shots: how many shots are intact on all passes.
+        planned: how many were planned.
+        passes: how many intact shots each pass has.
+        shards: how many shards are intact.
+        data_file: whether data.h5 holds what the shards hold; "stale" is one made before the run was resumed.
+        problems: what is wrong, a line each. An incomplete run is no problem.
+        damaged: the first place in it that is damaged; manifest, plan, journal, shards and data.h5 in this order.
+        notes: what is worth knowing: traces of a crash, a missing data.h5.
+    """
+
+    path: str
+    complete: bool = False
+    shots: int = 0
+    planned: int = 0
+    passes: tuple[int, ...] = ()
+    shards: int = 0
+    data_file: Literal["current", "stale", "missing", "damaged"] = "missing"
+    problems: tuple[str, ...] = ()
+    damaged: Damage | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def intact(self) -> bool:
+        """Whether nothing is wrong; shots may be missing still."""
+        return not self.problems
+
+
+def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
+    """Check the manifest, the plan, every line of the journal, every shard, and data.h5 against the shards.
+
+    `rebuild` makes data.h5 anew first, unless a shard is damaged: then the old data.h5 may be the last copy.
+
+    Raises:
+        RunError: not a run directory at all, or `rebuild` finds the disk full.
+
+    Example:
+        >>> from labctl.runs.verification import verify_run
+        >>> report = verify_run("runs/mine")
+        >>> report.intact, report.complete, report.passes, report.data_file
+        (True, True, (220, 220), 'current')
+    """
+    paths = RunPaths(Path(path))
+    if not paths.manifest.exists():
+        raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)")
+    reading = paths.manifest
+    try:
+        manifest = Manifest.read(paths)
+        reading = paths.plan
+        plan, drive = read_plan(paths, manifest.values["plan_sha256"])
+        reading = paths.journal
+        journal = read_journal(paths.journal)
+        named = Shards(paths, manifest.shape, plan, journal.entries)
+    except (RunError, KeyError) as error:
+        return RunReport(str(path), problems=(str(error),), damaged=_whole(paths, reading))
+    line = journal.damaged and Damage(paths.journal.name, *journal.damaged)
+    problems = [Problem(text, line) for text in journal.problems]
+    problems += [Problem(text, _whole(paths, paths.journal)) for text in _measured_twice(named)]
+    notes = _traces(named, torn=paths.journal.stat().st_size > journal.whole_bytes)
+    lost = set()
+    for number in sorted(named.entries):
+        try:
+            named.read(number)
+        except RunError as error:
+            text = f"{error}; `labctl resume` measures its shots again"
+            problems.append(Problem(text, _in_shard(named, number)))
+            lost.add(number)
+    intact = Shards(paths, manifest.shape, plan, [named.entries[n] for n in named.entries if n not in lost])
+    if rebuild and lost:
+        notes.append("data.h5 was not rebuilt: a shard is damaged")
+    elif rebuild:
+        write_data_file(intact, manifest, drive)
+    state, differences = _data_file(paths, manifest, drive, named, intact)
+    if state == "stale" or (state == "missing" and intact.completed):
+        notes.append(f"data.h5 is {state}: `labctl verify --rebuild` makes it from the shards")
+    shots = len(intact.complete)
+    return RunReport(
+        path=str(path),
+        complete=shots == manifest.shape.shots,
+        shots=shots,
+        planned=manifest.shape.shots,
+        passes=intact.done,
+        shards=len(intact.entries),
+        data_file=state,
+        problems=tuple(problem.text for problem in (*problems, *differences)),
+        damaged=next((problem.damage for problem in (*problems, *differences)), None),
+        notes=tuple(notes),
+    )
+
+
+def _measured_twice(shards: Shards) -> list[str]:
+    measured = np.zeros((len(shards.shape.passes), shards.shape.shots), np.int64)
+    for entry in shards.entries.values():
+        measured[entry.pass_index, entry.first : entry.first + entry.count] += 1
+    return [
+        f"journal.jsonl: pass {pass_index} has shot {int(shot)} more than once"
+        for pass_index, shot in np.argwhere(measured > 1)[:1]
+    ]
+
+
+def _traces(shards: Shards, *, torn: bool) -> list[str]:
+    folder = shards.paths.shards
+    notes = ["the last line of journal.jsonl is torn: a crash; `labctl resume` mends it"] if torn else []
+    notes += [f"{found.name}: half-written, of no use" for found in sorted(folder.glob("*.tmp"))]
+    notes += [f"{found.name}: set aside as damaged by a resume" for found in sorted(folder.glob("*.damaged"))]
+    known = {shards.paths.shard(number) for number in shards.entries}
+    unknown = sorted(set(folder.glob("*.h5")) - known)
+    return notes + [f"{found.name}: not in the journal; `labctl resume` takes it in" for found in unknown]
+
+
+def _data_file(
+    paths: RunPaths, manifest: Manifest, drive: PlayedDrive | None, named: Shards, intact: Shards
+) -> tuple[Literal["current", "stale", "missing", "damaged"], list[Problem]]:
+    """The state of data.h5, and in what it differs from the run."""
+    whole = _whole(paths, paths.data)
+    if not paths.data.exists():
+        return "missing", []
+    try:
+        with opened(paths.data) as file:
+            check_plain(file, MOST_BYTES, besides="frames")
+            current = file.attrs["evidence"] == named.evidence
+            differences = [
+                *_different_constants(file, manifest, drive, intact),
+                *_different_columns(file, intact),
+            ]
+            if current and not np.array_equal(file["shots"]["index"], named.complete):
+                text = f"{paths.data}: /shots.index is not the list of complete shots"
+                differences.append(Problem(text, _in_dataset(paths, file["shots"])))
+    except HDF5_ERRORS as error:
+        return "damaged", [Problem(str(damaged(paths.data, error)), whole)]
+    if differences:
+        return "damaged", differences
+    return ("current" if current else "stale"), []
+
+
+def _different_constants(
+    file: h5py.File, manifest: Manifest, drive: PlayedDrive | None, shards: Shards
+) -> list[Problem]:
+    paths = shards.paths
+    differences = []
+    if json.loads(file.attrs["manifest"]) != dict(manifest.values):
+        text = f"{paths.data}: the manifest in it is not manifest.json"
+        differences.append(Problem(text, _whole(paths, paths.data)))
+    scale, offset = shards.all_scales()
+    expected = {"ports": np.asarray(shards.shape.ports), "time": shards.shape.time, "scale": scale, "offset": offset}
+    for name, values in expected.items():
+        known = ~np.isnan(values) if name in ("scale", "offset") else slice(None)
+        if not np.array_equal(file[name][:][known], values[known]):
+            text = f"{paths.data}: /{name} differs from the run's"
+            differences.append(Problem(text, _in_dataset(paths, file[name])))
+    if _drive_bytes(read_drive(file)) != _drive_bytes(drive):
+        text = f"{paths.data}: /drive differs from the planned one"
+        differences.append(Problem(text, _whole(paths, paths.data)))
+    return differences
+
+
+def _drive_bytes(drive: PlayedDrive | None) -> tuple[bytes, bytes, float] | None:
+    return None if drive is None else (drive.samples.tobytes(), drive.marker.tobytes(), drive.sample_rate)
+
+
+def _different_columns(file: h5py.File, shards: Shards) -> list[Problem]:
+    """Compare every shot that intact shards hold with its row in data.h5; the first difference of each column."""
+    index: NDArray[Any] = file["shots"]["index"]
+    if not np.array_equal(index, np.unique(index)):
+        text = f"{shards.paths.data}: /shots.index is not ascending"
+        return [Problem(text, _in_dataset(shards.paths, file["shots"]))]
+    different: dict[str, Problem] = {}
+    complete = shards.complete[np.isin(shards.complete, index)]
+    for start in range(0, len(complete), shards.rows_per_block):
+        chosen = complete[start : start + shards.rows_per_block]
+        rows = np.searchsorted(index, chosen)
+        window = slice(int(rows[0]), int(rows[-1]) + 1)
+        for name, expected in shards.block(chosen).items():
+            found = file[name][window][rows - rows[0]]
+            equal = np.array([a.tobytes() == b.tobytes() for a, b in zip(found, expected, strict=True)])
+            if not equal.all():
+                place = int(np.argmin(equal))
+                text = f"{shards.paths.data}: /{name} differs from the shards at shot {chosen[place]}"
+                different.setdefault(name, Problem(text, _in_dataset(shards.paths, file[name], int(rows[place]))))
+    return list(different.values())
+
+
+def _whole(paths: RunPaths, path: Path) -> Damage:
+    last = max(path.stat().st_size - 1, 0) if path.exists() else None
+    return Damage(path.relative_to(paths.directory).as_posix(), 0, last)
+
+
+def _in_shard(shards: Shards, number: int) -> Damage:
+    """Where a damaged shard differs from what it was, if data.h5 still has all that was in it."""
+    whole = _whole(shards.paths, shards.paths.shard(number))
+    try:
+        with opened(shards.paths.data) as file:
+            expected = shard_in_data_file(file, shards, shards.entries[number])
+    except HDF5_ERRORS:
+        return whole
+    if whole.last is None or hashlib.sha256(expected).hexdigest() != shards.entries[number].sha256:
+        return whole
+    found = shards.paths.shard(number).read_bytes()
+    length = max(len(found), len(expected))
+    sides = [np.frombuffer(side.ljust(length, b"\0"), np.uint8) for side in (found, expected)]
+    different = np.flatnonzero(sides[0] != sides[1])
+    if len(found) != len(expected):
+        different = np.append(different, [min(len(found), len(expected)), length - 1])
+    return Damage(whole.file, int(different.min()), int(different.max()))
+
+
+def _in_dataset(paths: RunPaths, dataset: h5py.Dataset, row: int | None = None) -> Damage:
+    """The bytes of a data set in data.h5, or of the chunk or the row of it that has `row`."""
+    if row is not None and dataset.chunks:
+        first_row = row // dataset.chunks[0] * dataset.chunks[0]
+        chunk = dataset.id.get_chunk_info_by_coord((first_row, *(0,) * (dataset.ndim - 1)))
+        first, size = chunk.byte_offset, chunk.size
+    elif dataset.id.get_offset() is None:
+        return _whole(paths, paths.data)
+    else:
+        size = dataset.nbytes if row is None else dataset.nbytes // len(dataset)
+        first = dataset.id.get_offset() + (row or 0) * size
+    return Damage(paths.data.name, first, first + size - 1)

@@ -1,0 +1,1 @@
+"""A run written: nothing that was reported as stored is lost."""

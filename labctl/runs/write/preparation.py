@@ -1,0 +1,74 @@
+"""The first files of a run directory, written before its first shot."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from numpy.typing import NDArray
+
+from labctl.errors import RunExists
+from labctl.runs.format.durable import make_folder, not_written, replace_file, sync_folder
+from labctl.runs.format.layout import FORMAT_VERSION, Manifest, RunPaths
+from labctl.runs.format.plan import encode_plan
+from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.write.room import require, samples_of, shots_a_shard, sizes_of
+
+
+def prepare(
+    paths: RunPaths,
+    manifest: Mapping[str, Any],
+    shape: RunShape,
+    plan: ShotColumns,
+    drive: PlayedDrive | None,
+    durability: Durability,
+    seconds_a_shot: float,
+) -> tuple[Manifest, NDArray[Any]]:
+    """Make the directory, its folder of shards, plan.h5, an empty journal and, last, manifest.json.
+
+    Returns the manifest and the planned `/shots`.
+
+    Raises:
+        RunExists: the directory holds something; nothing in it was touched.
+        RunError: no room for the run, or it cannot be written.
+        ValueError, TypeError: `plan` has another number of shots than `shape`, or `manifest` is not JSON.
+    """
+    shots = plan.table()
+    if len(shots) != shape.shots:
+        raise ValueError(f"the plan has {len(shots)} shots, the shape {shape.shots}")
+    image = encode_plan(shots, drive)
+    text = json.dumps(
+        {"format_version": FORMAT_VERSION}
+        | dict(manifest)
+        | {
+            "format_version": FORMAT_VERSION,
+            "shape": shape.to_json(),
+            "durability": asdict(durability),
+            "plan_sha256": hashlib.sha256(image).hexdigest(),
+        },
+        indent=2,
+        allow_nan=False,
+    )
+    sizes = sizes_of(shape, samples_of(drive))
+    require(paths.directory, sizes.whole_run(len(image), shots_a_shard(shape, durability, seconds_a_shot)))
+    _claim(paths)
+    replace_file(paths.plan, image)
+    replace_file(paths.journal, b"")  # before the manifest: what has that is a run, and one without journal is damaged
+    replace_file(paths.manifest, text.encode())
+    return Manifest.parse(text, paths.manifest), shots
+
+
+def _claim(paths: RunPaths) -> None:
+    """Make the run directory and its folder of shards."""
+    directory = paths.directory
+    try:
+        make_folder(directory)
+        if any(directory.iterdir()):
+            raise RunExists(f"{directory}: exists and is not empty; pick another --out, or `labctl resume {directory}`")
+        paths.shards.mkdir()
+        sync_folder(directory)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise RunExists(f"{directory}: is a file; pick another --out") from error
+    except OSError as error:
+        raise not_written(directory, error) from error

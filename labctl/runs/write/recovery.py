@@ -1,0 +1,84 @@
+"""Putting a run in order after a crash, before it goes on."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from labctl.errors import RunError
+from labctl.runs.format.durable import not_written, sync_folder
+from labctl.runs.format.journal import JournalFile
+from labctl.runs.format.shards import Shard, Shards
+from labctl.runs.write.storage import enter
+
+
+def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]:
+    """Make disk and journal agree; returns what was found, a line each, and the number of the next shard.
+
+    A shard that the journal names but that is missing or damaged is set aside as `.damaged` and discarded in the
+    journal: its shots are to be measured again. A whole shard that the journal does not name, because the process died
+    between renaming it and writing the line, is taken in. Half-written files go.
+
+    Raises:
+        RunError: the disk is full or refuses.
+    """
+    folder = shards.paths.shards
+    for with_new_names in (shards.paths.directory, folder):
+        _keep_names(with_new_names)
+    found = [*_discard_damaged(shards, journal), *_adopt_unnamed(shards, journal)]
+    for half_written in [*folder.glob("*.tmp"), *shards.paths.directory.glob("*.tmp")]:
+        half_written.unlink()
+        found.append(f"{half_written.name}: half-written, removed")
+    return tuple(found), max(_numbers(shards), default=-1) + 1
+
+
+def _keep_names(folder: Path) -> None:
+    """A killed process may have renamed a file that the journal is about to name, and not made the name durable."""
+    try:
+        sync_folder(folder)
+    except OSError as error:
+        raise not_written(folder, error) from error
+
+
+def _discard_damaged(shards: Shards, journal: JournalFile) -> list[str]:
+    found = []
+    for number, entry in sorted(shards.entries.items()):
+        try:
+            shards.image(number)
+        except RunError as error:
+            path = shards.paths.shard(number)
+            try:
+                if path.exists():
+                    path.replace(path.with_suffix(".h5.damaged"))
+                    sync_folder(path.parent)
+            except OSError as failure:
+                raise not_written(path, failure) from failure
+            line = replace(entry, discarded=str(error), shots=0)
+            journal.append(replace(line, shots=shards.add(line)))
+            found.append(f"{error}; its {entry.count} shots will be measured again")
+    return found
+
+
+def _adopt_unnamed(shards: Shards, journal: JournalFile) -> list[str]:
+    found = []
+    for path in sorted(shards.paths.shards.glob("*.h5")):
+        number = int(path.stem) if path.stem.isdigit() else -1
+        if number < 0 or number in shards.entries:
+            continue
+        image = path.read_bytes()
+        try:
+            shard = Shard.decode(image, shards.shape, str(path))
+        except RunError as error:
+            found.append(f"{error}; the journal does not name it, ignored")
+            continue
+        if shards.has(shard.pass_index, shard.first, len(shard.rows)):
+            found.append(f"{path}: the journal does not name it and has its shots, ignored")
+            continue
+        enter(shards, journal, number, shard, image)
+        found.append(f"{path}: was not in the journal yet, its {len(shard.rows)} shots are kept")
+    return found
+
+
+def _numbers(shards: Shards) -> set[int]:
+    """Every shard number in use, by a file of any state or by the journal."""
+    names = (re.match(r"\d+", path.name) for path in shards.paths.shards.iterdir())
+    return {int(name[0]) for name in names if name} | set(shards.entries)

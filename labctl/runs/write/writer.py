@@ -1,0 +1,370 @@
+"""Writing a run: shots in, shards and journal out, data.h5 at the end."""
+
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labctl.errors import RunError
+from labctl.runs.format.durable import sync_folder
+from labctl.runs.format.journal import JournalFile, read_journal
+from labctl.runs.format.layout import Manifest, RunPaths, noted_on
+from labctl.runs.format.plan import read_plan
+from labctl.runs.format.shards import Shard, Shards
+from labctl.runs.format.shots import Durability, Measured, MeasuredBurst, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.read.run import data_file_evidence
+from labctl.runs.write.data_file import write_data_file
+from labctl.runs.write.preparation import prepare
+from labctl.runs.write.recovery import recover
+from labctl.runs.write.room import Room, require, samples_of, shots_a_shard, sizes_of
+from labctl.runs.write.storage import Storing
+
+
+class Timer(Protocol):
+    """What `RunWriter` needs of `threading.Timer`."""
+
+    def start(self) -> None:
+        """Begin to count."""
+
+    def cancel(self) -> None:
+        """Never call back, unless that has begun."""
+
+
+TimerFactory = Callable[[float, Callable[[], None]], Timer]
+
+
+def wall_timer(seconds: float, call: Callable[[], None]) -> Timer:
+    """A timer by the wall that does not keep the process alive."""
+    timer = threading.Timer(seconds, call)
+    timer.daemon = True
+    return timer
+
+
+class RunWriter:
+    """Writes one run; the only thing that changes a run directory while the run lasts.
+
+    Shots of one pass go into an open shard in memory. It is closed, that is written, fsynced, renamed and entered in
+    the journal, when `Durability` says so, when the pass changes and when the next planned shot of the pass is there
+    already. The age limit is kept by a timer, so that it holds while the bench waits for an instrument or a person.
+
+    `room` watches the free space of the disk.
+
+    As a context manager: at the end of the block the open shard is closed and data.h5 is made, however the block ends.
+    """
+
+    def __init__(
+        self,
+        manifest: Manifest,
+        shards: Shards,
+        drive: PlayedDrive | None,
+        durability: Durability,
+        journal: JournalFile,
+        *,
+        seconds_a_shot: float = 0.0,
+        next_shard: int = 0,
+        recovered: tuple[str, ...] = (),
+        timer: TimerFactory = wall_timer,
+    ) -> None:
+        """Not for callers: `create` and `resume` open a run."""
+        self.recovered = recovered
+        self._manifest = manifest
+        self._shape = manifest.shape
+        self._shards = shards
+        self._drive = drive
+        self._durability = durability
+        self._journal = journal
+        expected = shots_a_shard(self._shape, durability, seconds_a_shot)
+        self.room = Room(shards.paths.directory, sizes_of(self._shape, samples_of(drive)), expected)
+        self._storing = Storing(shards, journal, self.room, next_shard)
+        self._new_timer = timer
+        self._timer: Timer | None = None
+        self._guard = threading.RLock()
+        self._open: list[Measured] = []
+        self._open_pass = 0
+        self._failure: RunError | None = None
+        self._closed = False
+        self._scales = {
+            index: found for index in range(len(self._shape.passes)) if (found := shards.scales(index)) is not None
+        }
+
+    @classmethod
+    def create(
+        cls,
+        directory: Path,
+        manifest: Mapping[str, Any],
+        shape: RunShape,
+        plan: ShotColumns,
+        drive: PlayedDrive | None = None,
+        durability: Durability | None = None,
+        *,
+        seconds_a_shot: float = 0.0,
+        timer: TimerFactory = wall_timer,
+    ) -> Self:
+        """Begin a run in `directory`, which must be new or empty.
+
+        `manifest` is anything JSON can hold. The catalogue shows its keys `protocol` (a name, or a map with `name`),
+        `started` (ISO 8601, UTC), `seed` and `twin_seed` (or a map `seeds` of both). Added are `format_version`,
+        `shape`, `durability` and `plan_sha256`. `seconds_a_shot` is how long a shot is expected to take on one pass.
+
+        Raises:
+            RunExists: the directory holds something.
+            RunError: it cannot be written, or the disk has too little room for all of it; nothing was made then.
+            ValueError, TypeError: `plan` has another number of shots than `shape`, or `manifest` is not JSON.
+        """
+        durability = durability or Durability()
+        paths = RunPaths(directory)
+        checked, shots = prepare(paths, manifest, shape, plan, drive, durability, seconds_a_shot)
+        journal = JournalFile(paths.journal)
+        sync_folder(directory)
+        shards = Shards(paths, shape, shots, ())
+        return cls(checked, shards, drive, durability, journal, seconds_a_shot=seconds_a_shot, timer=timer)
+
+    @classmethod
+    def resume(cls, directory: Path, durability: Durability | None = None, *, timer: TimerFactory = wall_timer) -> Self:
+        """Go on with an interrupted run: `missing` says what is still to be measured.
+
+        What a crash left behind is put in order first, and `recovered` says in words what was found: a shard that did
+        not reach the journal is taken in, a damaged one is set aside and its shots are missing again.
+
+        Raises:
+            RunError: no run, a run that another process is writing, a damaged manifest or plan, or too little room on
+                the disk for what is still to come.
+        """
+        paths = RunPaths(directory)
+        manifest = Manifest.read(paths)
+        plan, drive = read_plan(paths, manifest.values["plan_sha256"])
+        journal = JournalFile(paths.journal)
+        try:
+            shards = Shards(paths, manifest.shape, plan, read_journal(paths.journal).entries)
+            recovered, next_shard = recover(shards, journal)
+            writer = cls(
+                manifest,
+                shards,
+                drive,
+                durability or Durability.from_json(manifest.values["durability"]),
+                journal,
+                next_shard=next_shard,
+                recovered=recovered,
+                timer=timer,
+            )
+            require(directory, writer.room.to_come(shards, data_file=not writer._has_data_file()))
+            return writer
+        except BaseException:
+            journal.close()
+            raise
+
+    @property
+    def paths(self) -> RunPaths:
+        """Where things lie."""
+        return self._shards.paths
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """What manifest.json holds."""
+        return self._manifest.values
+
+    @property
+    def done(self) -> tuple[int, ...]:
+        """How many shots of each pass are on disk."""
+        with self._guard:
+            return self._shards.done
+
+    @property
+    def complete(self) -> int:
+        """How many shots are on disk for all passes."""
+        with self._guard:
+            return self._shards.completed
+
+    def missing(self, pass_index: int) -> NDArray[np.int64]:
+        """Indices of the shots that a pass still lacks on disk, ascending: what a resumed run measures."""
+        with self._guard:
+            return self._shards.missing(pass_index)
+
+    def stored(self, pass_index: int) -> NDArray[np.int64]:
+        """Indices of the shots that a pass has on disk, ascending."""
+        with self._guard:
+            return self._shards.stored(pass_index)
+
+    def codes(self, pass_index: int, shot: int) -> NDArray[Any]:
+        """Codes of a shot that is on disk, shape (ports of the pass, samples).
+
+        Raises:
+            RunError: its shard is missing or damaged.
+        """
+        return self._shards.codes(pass_index, shot)
+
+    def latest(self) -> tuple[float, int] | None:
+        """Time (s since the run began) and epoch of the shot that was stored last; None before the first.
+
+        Raises:
+            RunError: its shard is missing or damaged.
+        """
+        with self._guard:
+            return self._shards.latest()
+
+    def locked_scales(self, pass_index: int) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Scale (V per code) and offset (V) per port that this run uses on a pass; None before the first shard."""
+        return self._scales.get(pass_index)
+
+    def scales(self, pass_index: int, scale: ArrayLike, offset: ArrayLike) -> None:
+        """Set volts = scale * code + offset of a pass, per port or one for all. It holds for the whole run.
+
+        Raises:
+            RunError: the run was begun with other values: codes of the two ranges would be mixed.
+        """
+        ports = len(self._shape.passes[pass_index])
+        found = tuple(np.broadcast_to(np.asarray(values, np.float64), ports).copy() for values in (scale, offset))
+        with self._guard:
+            locked = self._scales.setdefault(pass_index, (found[0], found[1]))
+        if not (np.array_equal(locked[0], found[0]) and np.array_equal(locked[1], found[1])):
+            raise RunError(
+                f"{self.paths.directory}: vertical range of pass {pass_index} is locked at {locked[0].tolist()} V per "
+                f"code, offset {locked[1].tolist()} V, and cannot become {found[0].tolist()}, {found[1].tolist()}: "
+                "set the oscilloscope to the locked range"
+            )
+
+    def append(self, pass_index: int, measured: Measured) -> None:
+        """Take one shot of a pass, to be on disk after at most the configured shots or seconds.
+
+        Raises:
+            RunError: the disk is full or refuses; from then on the writer takes nothing more.
+            ValueError: arrays of another shape or type than the run's, no scales yet, or a shot that is there already.
+        """
+        measured.check(self._shape, pass_index)
+        self._check_scales(pass_index)
+        with self._guard:
+            self._raise_failure()
+            expected = self._open[-1].shot + 1 if self._open else measured.shot
+            if (pass_index, measured.shot) != (
+                self._open_pass,
+                expected,
+            ) or self._bytes() > self._durability.shard_bytes:
+                self._close_shard()
+            if self._shards.has(pass_index, measured.shot):
+                raise ValueError(f"shot {measured.shot} of pass {pass_index} is in the run already")
+            self._open_pass = pass_index
+            self._open.append(measured.copied())
+            if len(self._open) >= self._durability.shots or self._is_last(pass_index, measured.shot):
+                self._close_shard()
+            elif self._timer is None:
+                self._timer = self._new_timer(self._durability.seconds, self._close_aged)
+                self._timer.start()
+
+    def append_burst(self, pass_index: int, burst: MeasuredBurst) -> None:
+        """Take the shots of a burst; all of them are on disk when this returns.
+
+        Raises:
+            RunError: the disk is full or refuses; from then on the writer takes nothing more.
+            ValueError: arrays of another shape or type than the run's, no scales yet, or shots that are there already.
+        """
+        burst.check(self._shape, pass_index)
+        self._check_scales(pass_index)
+        count = len(burst.codes)
+        rows = max(1, self._durability.shard_bytes // burst.codes[0].nbytes)
+        with self._guard:
+            self._raise_failure()
+            self._close_shard()
+            if self._shards.has(pass_index, burst.first, count):
+                raise ValueError(f"shots {burst.first}.. of pass {pass_index} are in the run already")
+            for start in range(0, count, rows):
+                part = burst.part(start, min(start + rows, count))
+                self._write_shard(Shard.of_burst(pass_index, part, *self._scales[pass_index]))
+
+    def sync(self) -> None:
+        """Close the open shard: every shot appended so far is then on disk.
+
+        Raises:
+            RunError: the disk is full or refuses.
+        """
+        with self._guard:
+            self._raise_failure()
+            self._close_shard()
+
+    def finish(self, *, compression: str | None = None) -> bool:
+        """Close the last shard, make data.h5 of the complete shots, let go of the run; True if no shot is missing.
+
+        Raises:
+            RunError: the disk is full or refuses, or a shard turned out damaged. The shards stay valid.
+        """
+        with self._guard:
+            if self._closed:
+                return self.complete == self._shape.shots
+            try:
+                self.sync()
+                if not self._has_data_file():
+                    write_data_file(self._shards, self._manifest, self._drive, compression=compression)
+            finally:
+                self.abandon()
+            return self.complete == self._shape.shots
+
+    def abandon(self) -> None:
+        """Let go of the run at once: the open shard is lost, data.h5 is not made. For tests and hopeless disks."""
+        with self._guard:
+            self._stop_timer()
+            self._open.clear()
+            self._closed = True
+            self._journal.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with noted_on(error):
+            self.finish()
+
+    def _check_scales(self, pass_index: int) -> None:
+        if pass_index not in self._scales:
+            raise ValueError(f"scales of pass {pass_index} are not set")
+
+    def _has_data_file(self) -> bool:
+        """Whether data.h5 was made from just these shards: a run that is resumed may be complete already."""
+        try:
+            return self.paths.data.exists() and data_file_evidence(self.paths.data) == self._shards.evidence
+        except RunError:
+            return False
+
+    def _bytes(self) -> int:
+        return (len(self._open) + 1) * self._open[0].codes.nbytes if self._open else 0
+
+    def _is_last(self, pass_index: int, shot: int) -> bool:
+        return shot + 1 == self._shape.shots or self._shards.has(pass_index, shot + 1)
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        if self._closed:
+            raise RunError(f"{self.paths.directory}: this run is closed; `labctl resume` opens it again")
+
+    def _close_aged(self) -> None:
+        with self._guard:
+            self._timer = None
+            if not self._closed and self._failure is None:
+                try:
+                    self._close_shard()
+                except RunError as error:
+                    self._failure = error  # nobody listens on this thread: the next call on the writer raises it
+
+    def _close_shard(self) -> None:
+        self._stop_timer()
+        if not self._open:
+            return
+        self._write_shard(Shard.of(self._open_pass, self._open, *self._scales[self._open_pass]))
+        self._open.clear()
+
+    def _write_shard(self, shard: Shard) -> None:
+        try:
+            self._storing.store(shard)
+        except RunError as error:
+            self._failure = error
+            raise
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None

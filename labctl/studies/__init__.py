@@ -1,0 +1,1 @@
+"""What is made of runs: experiments, alignments, comparisons, readouts."""

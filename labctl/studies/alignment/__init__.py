@@ -1,0 +1,1 @@
+"""Measuring a bench before its first run."""

@@ -1,0 +1,222 @@
+"""Aligning a bench: the pieces of `protocols.alignment` one after the other, what each says, and its picture."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.bench import Bench
+from instruments.errors import NoTrigger
+from instruments.interfaces import BYPASS_PORT
+from instruments.values import Scaling
+from labctl.analysis.decorrelation import Scan
+from labctl.bench import calibration
+from labctl.bench.laser_limits import check_laser
+from labctl.bench.opening import opened
+from labctl.bench.signals import Interruption
+from labctl.bench.station import Station
+from labctl.bench.supervision import supervised
+from labctl.engine.inputs import images_for
+from labctl.errors import AnalysisError, StationError, UsageError
+from labctl.reports.alignment import alignment_report
+from labctl.runs.live.commands import CommandLog
+from labctl.studies.alignment.findings import Finding
+from labctl.studies.alignment.steps import (
+    Result,
+    lit_channels,
+    of_contrast,
+    of_dark,
+    of_decorrelation,
+    of_delay,
+    of_depth,
+    of_range,
+    of_repeats,
+    told,
+)
+from protocols.alignment import (
+    DIRECT_STEP_NM,
+    DIRECT_WAVELENGTHS,
+    PROBES,
+    Answered,
+    Dark,
+    Hopped,
+    Piece,
+    Ranged,
+    Repeated,
+    align,
+)
+from protocols.base import Images, LegStarted, Record, ShotKind
+from protocols.image_readout import DRIVE_RATE, ImageReadout
+from protocols.wavelength_scan import WavelengthScan
+
+SEED = 1
+SCAN = WavelengthScan(steps=14, seed=SEED)
+STEPS = ("dark", "range", "repeatability", "contrast", "delay", "depth", "decorrelation")
+WITH_PROJECTOR = ("contrast", "depth", "decorrelation")
+
+Tell = Callable[[Finding], None]
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """How an alignment went: its folder, its calibration (None where nothing was measured), its report and findings."""
+
+    directory: Path
+    calibration: Path | None
+    report: Path
+    findings: tuple[Finding, ...]
+
+    @property
+    def good(self) -> bool:
+        """Whether there is nothing to do."""
+        return all(finding.good for finding in self.findings)
+
+
+def align_bench(
+    station: Station, *, directory: Path | None, attended: bool, armed: bool, interruption: Interruption, tell: Tell
+) -> Aligned | None:
+    """Measure the bench of `station`; `tell` hears of each finding at once. None: interrupted.
+
+    A step that falls short does not keep those from being measured that make sense without it.
+
+    Raises:
+        StationError, OutOfRange, NotConfigured: The station is wrong or not armed; no light was switched on.
+        InstrumentError: An instrument failed; the bench is in the safe state.
+        RunError: The folder cannot be written.
+    """
+    started = datetime.now(UTC)
+    folder = directory or calibration.new_folder(station, started)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"{folder}: is not empty: name a new directory")
+    images = images_for(ImageReadout(images=PROBES, seed=SEED))
+    results: list[Result] = []
+    with ExitStack() as stack:
+        log = stack.enter_context(CommandLog())
+        watch = stack.enter_context(supervised(station, log))
+        bench = stack.enter_context(opened(station, log, attended=attended, armed=armed)).bench
+        watch(bench)
+        last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
+        check_laser(station, (station.laser.wavelength, last))
+        bench.require_arm()
+        instruments = {
+            name: {"identity": vars(instrument.identify()), "settings": instrument.settings()}
+            for name, instrument in bench.instruments.items()
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+        log.keep_in(folder / "commands.log")
+        for result in _measured(station, bench, images):
+            for finding in result.findings:
+                tell(finding)
+            results.append(result)
+            if interruption.requested:
+                return None
+    findings = tuple(finding for result in results for finding in result.findings)
+    measured = any(finding.estimate is not None for finding in findings)
+    kept = (
+        calibration.save(folder, station, [one.values() for one in findings], instruments, started)
+        if measured
+        else None
+    )
+    return Aligned(folder, kept, alignment_report(folder, station.name, started, results), findings)
+
+
+def _measured(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
+    """What each step says, in their order; those that cannot be measured say why."""
+    done: set[str] = set()
+    reason = ""
+    try:
+        for result in _results(station, bench, images):
+            done.add(result.step)
+            yield result
+            reason = result.ends
+            if reason:
+                break
+    except NoTrigger as error:
+        reason = str(error)
+    for step in STEPS:
+        if step not in done and (station.wiring.projector or step not in WITH_PROJECTOR):
+            yield Result(step, (Finding(step, step, None, None, "1", f"not measured: {reason}"),))
+
+
+def _results(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
+    ports = [port for port in station.patch_panel.ports if port != BYPASS_PORT] or [BYPASS_PORT]
+    patching = bench.passes_for(ports)[0]
+    channels = tuple(patching)
+    nm = station.laser.wavelength
+    pieces = align(bench, images, ports=tuple(patching.values()), wavelength_nm=nm, seed=SEED)
+    with closing(pieces):
+        dark = next(piece for piece in pieces if isinstance(piece, Dark))
+        yield of_dark(dark, channels)
+        ranged = next(piece for piece in pieces if isinstance(piece, Ranged))
+        yield of_range(ranged, dark, channels)
+        lit = lit_channels(ranged, dark)
+        if bench.wiring.projector:
+            yield of_contrast(ranged, dark, channels, lit)
+        for piece in pieces:
+            yield _said(piece, channels, lit)
+    if bench.wiring.projector:
+        yield _scanned(station, bench)
+
+
+def _said(piece: Piece, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
+    match piece:
+        case Answered():
+            step, what = "delay", "trigger to light"
+        case _:
+            step, what = "depth", "drive depth"
+    try:
+        match piece:
+            case Repeated():
+                return of_repeats(piece, channels, lit)
+            case Answered():
+                return of_delay(piece)
+            case Hopped():
+                return of_depth(piece)
+    except AnalysisError as error:
+        return told(step, what, error)
+    raise TypeError(f"{type(piece).__name__} comes first")
+
+
+def _scanned(station: Station, bench: Bench) -> Result:
+    """A scan as `labctl run wavelength-scan` does, from the station's wavelength on; of the fibre if it is wired."""
+    step, what = "decorrelation", "half width of the speckle's correlation with wavelength"
+    port = BYPASS_PORT if BYPASS_PORT in bench.patch_panel.ports else station.patch_panel.ports[0]
+    scan = SCAN.model_copy(update={"start": station.laser.wavelength, "ports": (port,)})
+    try:
+        check_laser(station, scan.wavelengths)
+        return of_decorrelation(_scan(scan, bench))
+    except (AnalysisError, StationError) as error:
+        return Result(step, (Finding(step, what, None, None, "m", f"not measured: {error}"),))
+
+
+def _scan(protocol: WavelengthScan, bench: Bench) -> Scan:
+    inputs = images_for(protocol)
+    parts = protocol.parts(bench, inputs)
+    traces: dict[tuple[int, int], NDArray[np.float64]] = {}
+    again: dict[int, NDArray[np.float64]] = {}
+    scalings: tuple[Scaling, ...] = ()
+    events = protocol.acquire(bench, inputs, parts)
+    with closing(events):
+        for event in events:
+            if isinstance(event, LegStarted):
+                scalings = event.scalings
+            elif isinstance(event, Record) and event.shot.kind is not ShotKind.DARK:
+                volts = scalings[0].scale_v * event.frames.codes.astype(np.float64) + scalings[0].offset_v
+                key = event.leg.index, event.shot.dataset_index
+                if event.shot.kind is ShotKind.REFERENCE:
+                    again[event.leg.index] = volts - traces[key]
+                else:
+                    traces[key] = volts
+    shown = sorted({image for _, image in traces})
+    return Scan(
+        traces=np.array([[traces[leg, image] for image in shown] for leg in range(protocol.steps)]),
+        repeats=np.array([[again[leg]] for leg in range(protocol.steps)]),
+        centre_nm=float(np.mean(protocol.wavelengths)),
+        step_nm=protocol.step,
+        symbol_s=1 / DRIVE_RATE,
+        ports=protocol.ports,
+    )

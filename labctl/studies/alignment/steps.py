@@ -1,0 +1,199 @@
+"""What each piece of an alignment says: findings with verdicts, and the picture that shows why."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from labctl.analysis.alignment import contrast, flat_top, level, noise, repeatability_db, used_range
+from labctl.analysis.decorrelation import Scan, decorrelation
+from labctl.analysis.drive_depth import drive_depth
+from labctl.analysis.estimates import Estimate
+from labctl.analysis.light_delay import light_delay, responses
+from labctl.errors import AnalysisError
+from labctl.reports import alignment as pictures
+from labctl.studies.alignment.findings import COVERAGE, Finding
+from protocols.alignment import Answered, Dark, Hopped, Ranged, Repeated
+
+NOISY_V = 5e-3
+"""Noise in the dark that a detector of this kind does not have by itself."""
+REPEATABLE_DB = 10.0
+DIFFERENT = 0.1
+"""Contrast between images below which a readout has little to learn from."""
+PART_OF_A_SAMPLE = 0.25
+"""Standard uncertainty of the delay, in samples of the drive, that is well below one."""
+SAMPLE_S = 40e-12
+SHALLOW, DEEP = math.pi, 3 * math.pi
+"""Drive depths, rad: below, much of the speckle stands still; above, the amplifier is beyond what 2 pi needs."""
+LONGEST_DELAY_S = 1e-6
+
+
+@dataclass(frozen=True)
+class Result:
+    """A step's findings and picture; `ends` says why no later step can be measured, if so."""
+
+    step: str
+    findings: tuple[Finding, ...]
+    figure: Figure | None = None
+    ends: str = ""
+
+
+def of_dark(piece: Dark, channels: tuple[int, ...]) -> Result:
+    """Dark level and noise of every channel."""
+    findings: list[Finding] = []
+    for place, channel in enumerate(channels):
+        volts = piece.volts[:, place]
+        found, spread = level(volts), noise(volts)
+        advice = ""
+        if piece.clipped[place]:
+            advice = "beyond the finest range: look for stray light, or for an offset of the detector"
+        findings.append(Finding("dark", "dark level", channel, found, "V", advice))
+        advice = ""
+        if spread.value == 0:
+            advice = "no noise at all: the channel is off or its input grounded; check its cable"
+        elif spread.value > NOISY_V:
+            advice = f"more than {NOISY_V * 1e3:g} mV: check the detector's supply and its cable"
+        findings.append(Finding("dark", "noise in the dark", channel, spread, "V", advice))
+    return Result("dark", tuple(findings), pictures.dark_figure(piece.volts, channels))
+
+
+def lit_channels(piece: Ranged, dark: Dark) -> NDArray[np.bool_]:
+    """Which channels see light: more than their noise in the dark, on average over all images, (channels,)."""
+    light = piece.volts.mean(axis=(0, 1, 3)) - dark.volts.mean(axis=(0, 2))
+    return np.asarray(light > dark.volts.std(axis=(0, 2)))
+
+
+def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
+    """How much of each channel's range the images use, and whether they reach its ends or the detector's.
+
+    Images that are cut say nothing of delay, depth or noise: those wait until it is mended. A single frame may clip by
+    its noise.
+    """
+    lit = lit_channels(piece, dark)
+    findings = []
+    cut: list[int] = []
+    for place, channel in enumerate(channels):
+        used = used_range(piece.volts[:, :, place], float(piece.full_scale_v[place]))
+        flat = bool(lit[place]) and flat_top(piece.volts[:, :, place])
+        advice = ""
+        if piece.clipped[place]:
+            why = "the coarsest range: attenuate the light" if piece.coarsest[place] else "lower the gain or the light"
+            top = f"{piece.volts[:, :, place].max() * 1e3:.3g} mV"
+            advice = f"clips at {top}: {why}"
+        elif not lit[place]:
+            advice = "no light: check the laser's shutter, the fibre into this detector and its patching"
+        elif flat:
+            top = f"{piece.volts[:, :, place].max() * 1e3:.3g} mV"
+            advice = f"flat at {top}, below the range's end: the detector gives no more: attenuate its light"
+        elif used.value < pictures.WELL_USED:
+            why = "more light or gain is needed" if piece.finest[place] else "find out what the brightest image is"
+            advice = f"less than {pictures.WELL_USED:.0%} of the range is used: {why}"
+        if flat:
+            cut.append(channel)
+        findings.append(Finding("range", "range used", channel, used, "1", advice))
+    ends = f"mend channel {', '.join(map(str, cut))} first, whose signal is cut" if cut else ""
+    if not lit.any():
+        ends = "no light on any channel"
+    return Result("range", tuple(findings), pictures.range_figure(piece, channels), ends)
+
+
+def of_repeats(piece: Repeated, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
+    """Signal to noise of one image, shown again and again."""
+    findings = []
+    for place in np.flatnonzero(lit):
+        found = repeatability_db(piece.volts[:, place])
+        advice = ""
+        if found.value < REPEATABLE_DB:
+            more = 2 ** math.ceil((REPEATABLE_DB - found.value) / 3)
+            advice = f"below {REPEATABLE_DB:g} dB: more light, or --set averages={more}"
+        findings.append(Finding("repeatability", "signal to noise", channels[place], found, "dB", advice))
+    return Result("repeatability", tuple(findings), pictures.repeats_figure(piece.volts, channels))
+
+
+def of_contrast(piece: Ranged, dark: Dark, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
+    """How much different images differ."""
+    findings = []
+    for place in np.flatnonzero(lit):
+        found = contrast(piece.volts[:, :, place], level(dark.volts[:, place]))
+        advice = "" if found.value >= DIFFERENT else "images hardly differ: check the picture on the DMD and its focus"
+        findings.append(Finding("contrast", "contrast between images", channels[place], found, "1", advice))
+    return Result("contrast", tuple(findings), pictures.contrast_figure(piece.volts, channels))
+
+
+def of_delay(piece: Answered) -> Result:
+    """From the trigger to the first light of the sample that begins with it.
+
+    Raises:
+        AnalysisError: Every image was clipped, or the light does not follow the drive.
+    """
+    if not all(len(one.upright) for one in (piece, piece.coarse or piece)):
+        raise AnalysisError("every image clips: attenuate the light into this detector")
+    fine, coarse = (
+        light_delay(
+            responses(one.upright, one.inverted, one.sequence),
+            interval_s=one.interval_s,
+            hold_s=one.hold_s,
+            scope_hz=one.scope_hz,
+        )
+        for one in (piece, piece.coarse or piece)
+    )
+    periods = [one.sequence.size * one.hold_s for one in (piece, piece.coarse or piece)]
+    candidates = fine.delay.value + periods[0] * np.arange(round(LONGEST_DELAY_S / periods[0]))
+    off = np.abs((candidates - coarse.delay.value + periods[1] / 2) % periods[1] - periods[1] / 2)
+    whole = Estimate(float(candidates[np.argmin(off)]), fine.delay.uncertainty)
+    advice = ""
+    if whole.uncertainty > PART_OF_A_SAMPLE * SAMPLE_S:
+        advice = (
+            f"uncertain by more than {PART_OF_A_SAMPLE:g} sample: more light, or check the trigger's level and slope"
+        )
+    finding = Finding("delay", "trigger to light", None, whole, "s", advice)
+    return Result("delay", (finding,), pictures.delay_figure(fine, whole))
+
+
+def of_depth(piece: Hopped) -> Result:
+    """Phase between the lowest and the highest level of the drive."""
+    found = drive_depth(
+        piece.idle,
+        piece.hopping,
+        pairs=piece.pairs,
+        levels=piece.levels,
+        hold_s=piece.hold_s,
+        sequence=piece.sequence,
+    )
+    advice = ""
+    if found.depth.value < SHALLOW:
+        advice = "less than pi: the speckle stands still in part; raise awg.amplitude or the RF gain"
+    elif found.depth.value > DEEP:
+        advice = "more than 3 pi: lower awg.amplitude or the RF gain"
+    depth = Finding("depth", "drive depth", None, found.depth, "rad", advice)
+    return Result("depth", (depth,), pictures.depth_figure(found))
+
+
+def of_decorrelation(scan: Scan) -> Result:
+    """Detuning at which the speckle has half forgotten.
+
+    Such widths scatter evenly in their logarithm: the uncertainty is that of the end that is farther away.
+    """
+    found = decorrelation(scan)
+    if found.half_width_nm is None:
+        finding = Finding(
+            "decorrelation",
+            "half width of the speckle's correlation with wavelength",
+            None,
+            None,
+            "m",
+            f"the scan is {found.verdict}: measure it with 'labctl run wavelength-scan' and other steps",
+        )
+    else:
+        spread = found.uncertainty_nm if found.uncertainty_nm is not None else found.half_width_nm
+        reach = math.expm1(COVERAGE * spread / found.half_width_nm) / COVERAGE
+        half = Estimate(1e-9 * found.half_width_nm, 1e-9 * found.half_width_nm * reach)
+        finding = Finding("decorrelation", "half width of the speckle's correlation with wavelength", None, half, "m")
+    return Result("decorrelation", (finding,), pictures.decorrelation_picture(found))
+
+
+def told(step: str, what: str, error: AnalysisError) -> Result:
+    """A step whose frames do not say what was asked."""
+    return Result(step, (Finding(step, what, None, None, "1", str(error)),))

@@ -1,0 +1,220 @@
+"""Two runs beside each other: what was set otherwise, how many shots, the same image, how well both are read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.analysis.evaluation import WindowAccuracy, accuracy_against_window, mean_and_sd, window_key, windows_to_try
+from labctl.analysis.windows import WindowFeatures
+from labctl.errors import AnalysisError, RunError
+from labctl.reports.comparison import SameImage, same_image_figure
+from labctl.reports.figures import Curve, accuracy_figure, save_png
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.read.differences import Difference, settings_that_differ
+from labctl.runs.read.records import read_records
+from labctl.runs.read.run import Run, open_run
+from labctl.studies.inspection import port_names, signals
+
+SPLITS = 5
+SEED = 1
+MOST_IMAGES = 3
+
+Columns = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Entries of the port axis of each of two runs that belong together."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What two runs have in common and what not.
+
+    Attributes:
+        names: of the two runs.
+        differences: settings that differ.
+        shots: of each run: `planned`, `complete` and the number of each kind.
+        same_image: records of images that both showed, on ports that both measured; None where there are none.
+        accuracies: accuracy against the acquisition time of each run, on those ports; None where it has no labels.
+        sample_interval_s: of the first run.
+        left_out: a line for everything that could not be compared.
+    """
+
+    names: tuple[str, str]
+    differences: tuple[Difference, ...]
+    shots: tuple[dict[str, int], dict[str, int]]
+    same_image: SameImage | None
+    accuracies: tuple[tuple[WindowAccuracy, ...] | None, tuple[WindowAccuracy, ...] | None]
+    sample_interval_s: float
+    left_out: tuple[str, ...]
+
+
+def compare(first: Path, second: Path) -> Comparison:
+    """Read two runs and put them beside each other.
+
+    Raises:
+        RunError: one of them is no run, or damaged.
+    """
+    left_out: list[str] = []
+    same: SameImage | None = None
+    accuracies: list[tuple[WindowAccuracy, ...] | None] = [None, None]
+    with open_run(first) as one, open_run(second) as other:
+        columns = _common_columns(one, other)
+        if not columns[0].size:
+            left_out.append("traces and accuracy are left out: the runs have no port in common")
+        else:
+            try:
+                same = _same_image((one, other), columns)
+            except AnalysisError as error:
+                left_out.append(f"traces are left out: {error}")
+            for place, run in enumerate((one, other)):
+                try:
+                    accuracies[place] = _accuracy(run, columns[place])
+                except AnalysisError as error:
+                    left_out.append(f"the accuracy of {run.path} is left out: {error}")
+        return Comparison(
+            _names(first, second),
+            settings_that_differ(one.manifest, other.manifest),
+            (_shots(one), _shots(other)),
+            same,
+            (accuracies[0], accuracies[1]),
+            one.shape.sample_interval_s,
+            tuple(left_out),
+        )
+
+
+def draw(comparison: Comparison, out: Path) -> list[Path]:
+    """Write `traces.png` and `accuracy.png`, as far as there is something to draw, into the folder `out`.
+
+    Raises:
+        RunError: they cannot be written.
+    """
+    pictures: list[Path] = []
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if comparison.same_image is not None:
+            pictures.append(save_png(same_image_figure(comparison.same_image, comparison.names), out / "traces"))
+        named = zip(comparison.names, comparison.accuracies, strict=True)
+        if curves := [_curve(name, table) for name, table in named if table is not None]:
+            figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=0, claim=None)
+            pictures.append(save_png(figure, out / "accuracy"))
+    except OSError as error:
+        raise RunError(f"{out}: pictures cannot be written ({error.strerror}): name another folder by --out") from None
+    return pictures
+
+
+def as_json(comparison: Comparison) -> dict[str, Any]:
+    """The comparison without its traces, as a JSON object."""
+    same = comparison.same_image
+    return {
+        "runs": list(comparison.names),
+        "differences": [asdict(one) for one in comparison.differences],
+        "shots": list(comparison.shots),
+        "same_image": None
+        if same is None
+        else {
+            "dataset_index": [int(index) for index in same.dataset_index],
+            "labels": [int(label) for label in same.labels],
+            "correlation": dict(zip(same.ports, same.correlation, strict=True)),
+        },
+        "accuracy": [
+            None if table is None else {window_key(row.window_s): mean_and_sd(row.scores) for row in table}
+            for table in comparison.accuracies
+        ],
+        "left_out": list(comparison.left_out),
+    }
+
+
+def default_folder(first: Path, second: Path) -> Path:
+    """Where the pictures lie if nobody says: in the figures of the first run, under the name of the second."""
+    directory = first if first.is_dir() else first.parent
+    return RunPaths(directory).figures / f"compared-with-{_names(first, second)[1]}"
+
+
+def _names(first: Path, second: Path) -> tuple[str, str]:
+    """The shortest names that tell two runs apart."""
+    one, other = first.resolve(), second.resolve()
+    return (one.name, other.name) if one.name != other.name else (str(first), str(second))
+
+
+def _curve(name: str, table: Sequence[WindowAccuracy]) -> Curve:
+    scores = [mean_and_sd(row.scores) for row in table]
+    return Curve(name, [row.window_s for row in table], [one["mean"] for one in scores], [one["sd"] for one in scores])
+
+
+def _shots(run: Run) -> dict[str, int]:
+    kinds, counts = np.unique(run.planned["kind"], return_counts=True)
+    found = {str(kind): int(count) for kind, count in zip(kinds, counts, strict=True)}
+    return {"planned": run.shape.shots, "complete": len(run.frames)} | found
+
+
+def _common_columns(one: Run, other: Run) -> Columns:
+    """Entries of each port axis that stand for the same port, at the same wavelength where ports have several."""
+    several = any(len(set(run.ports)) < len(run.ports) for run in (one, other))
+    traces = [
+        list(zip(run.ports, run.shape.wavelength_of_port if several else run.ports, strict=True))
+        for run in (one, other)
+    ]
+    common = [trace for trace in traces[0] if trace in traces[1]]
+    first, second = (np.array([found.index(trace) for trace in common], np.intp) for found in traces)
+    return first, second
+
+
+def _same_image(runs: tuple[Run, Run], columns: Columns) -> SameImage:
+    """One image each of up to `MOST_IMAGES` classes that both runs showed.
+
+    Raises:
+        AnalysisError: nobody can tell that both showed the same image.
+    """
+    source = [_images_of(run.manifest) for run in runs]
+    if source[0] is None or source[0] != source[1]:
+        raise AnalysisError("the runs did not show images of one data set, made binary in one way")
+    shots = [np.flatnonzero(run.planned["kind"] == "image") for run in runs]
+    one, other = (run.planned["dataset_index"][at] for run, at in zip(runs, shots, strict=True))
+    common, *places = np.intersect1d(one, other, return_indices=True)
+    if not common.size:
+        raise AnalysisError("the runs have no image in common")
+    labels = runs[0].planned["label"][shots[0][places[0]]]
+    _, chosen = np.unique(labels, return_index=True)
+    chosen = chosen[:MOST_IMAGES]
+    first, second = (
+        np.concatenate([signals(run, at[[place]], column) for place in of[chosen]])
+        for run, at, of, column in zip(runs, shots, places, columns, strict=True)
+    )
+    return SameImage(
+        dataset_index=common[chosen],
+        labels=labels[chosen],
+        ports=tuple(port_names(runs[0])[place] for place in columns[0]),
+        time_s=(runs[0].time, runs[1].time),
+        volts=(first, second),
+    )
+
+
+def _images_of(manifest: Mapping[str, Any]) -> tuple[Any, ...] | None:
+    """What makes images of two runs the same by their index: data set and binarisation; None where nobody says."""
+    protocol = manifest.get("protocol")
+    settings = protocol.get("settings") if isinstance(protocol, dict) else None
+    if not isinstance(settings, dict) or "dataset" not in settings:
+        return None
+    return settings["dataset"], settings.get("binarisation", settings.get("threshold"))
+
+
+def _accuracy(run: Run, columns: NDArray[np.intp]) -> tuple[WindowAccuracy, ...]:
+    """Accuracy of the softmax readout on some entries of the port axis at each acquisition time.
+
+    Raises:
+        AnalysisError: the run has no labels to learn, or too few images.
+    """
+    records = read_records(run)
+    if np.unique(records.labels).size < 2:
+        raise AnalysisError("its images are of one class")
+    return accuracy_against_window(
+        records.traces[:, columns],
+        records.labels,
+        records.groups,
+        windows_s=windows_to_try(run.shape.samples, run.shape.sample_interval_s),
+        window=WindowFeatures(sample_interval_s=run.shape.sample_interval_s),
+        splits=SPLITS,
+        seed=SEED,
+    )

@@ -1,0 +1,226 @@
+"""The experiments of the paper: one TOML file each under `protocols/experiments/`; a new file is a new experiment."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError, model_validator
+
+from instruments.toml_files import TomlError, describe, read_toml
+from instruments.units import Seconds
+from labctl.errors import ExperimentError
+from protocols.base import Measurement
+from protocols.registry import protocol_from
+
+FOLDER = Path(str(files("protocols") / "experiments"))
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Acquiring(_Table):
+    """A run that the experiment needs: a protocol by name, and its settings without the seed."""
+
+    protocol: str
+    settings: dict[str, Any] = {}
+
+
+class Beside(_Table):
+    """What a digital method reaches on the same data: in words, and the keys that lead to it in `baseline`."""
+
+    what: str
+    path: tuple[str, ...]
+
+
+class Must(_Table):
+    """A figure to reach.
+
+    Attributes:
+        what: In words.
+        path: Keys that lead to the figure in `here`; a result with a spread stands for its mean.
+        minus: Keys of another figure that is subtracted first; empty: none.
+        less_standard_errors: So many standard errors of the mean are allowed for ("se" beside "mean").
+        at_least, at_most: The bound; exactly one of the two.
+        paper: What the paper says.
+        percent: Whether to print it in per cent.
+        beside: A digital baseline to compare with, in the same unit.
+    """
+
+    what: str
+    path: tuple[str, ...] = Field(min_length=1)
+    minus: tuple[str, ...] = ()
+    less_standard_errors: float = 0.0
+    at_least: float | None = None
+    at_most: float | None = None
+    paper: str = ""
+    percent: bool = False
+    beside: Beside | None = None
+
+    @model_validator(mode="after")
+    def _one_bound(self) -> Self:
+        if (self.at_least is None) == (self.at_most is None):
+            raise ValueError(f"{self.what!r} needs one bound: give at_least or at_most")
+        return self
+
+    def figure(self, here: Mapping[str, Any]) -> float:
+        """The figure in `here`, standard errors allowed for.
+
+        Raises:
+            ExperimentError: there is none.
+        """
+        value = mean_at(here, self.path)
+        if self.minus:
+            value -= mean_at(here, self.minus)
+        if self.less_standard_errors:
+            allowed = self.less_standard_errors * mean_at(here, (*self.path, "se"))
+            value += allowed if self.at_most is None else -allowed
+        return value
+
+    def reached(self, here: Mapping[str, Any]) -> bool:
+        """Whether the figure in `here` keeps its bound."""
+        return self.kept(self.figure(here))
+
+    def kept(self, figure: float) -> bool:
+        """Whether `figure` keeps the bound."""
+        return (self.at_least is None or figure >= self.at_least) and (self.at_most is None or figure <= self.at_most)
+
+
+class Varied(_Table):
+    """A parameter of the twin and the values it is given.
+
+    Attributes:
+        name: In words, with the unit of `values` in brackets.
+        parameter: Its name in the twin's parameters.
+        values: In the unit that `name` says.
+        unit, exponent: A value v stands for the parameter `unit` * v ** `exponent`, in its own unit.
+        default: What every experiment uses, in the unit of `values`.
+        logarithmic: Whether the values are spaced by factors.
+    """
+
+    name: str
+    parameter: str
+    values: tuple[float, ...]
+    unit: float = 1.0
+    exponent: int = 1
+    default: float
+    logarithmic: bool = False
+
+    def parameter_at(self, value: float) -> float:
+        """The twin's parameter that one of `values` stands for."""
+        return self.unit * value**self.exponent
+
+
+class Sensitivity(_Table):
+    """How a result depends on the twin: accuracy of one run at one acquisition time, parameter by parameter."""
+
+    run: str
+    window: Seconds
+    twins: PositiveInt = 3
+    quick_twins: PositiveInt = 1
+    required: float | None = None
+    parameters: tuple[Varied, ...]
+
+
+class Experiment(_Table):
+    """One experiment.
+
+    Attributes:
+        name: Its name on the command line: that of its file.
+        title: A few words.
+        paper: What the paper reached, in short.
+        statement: What is done here, a few sentences.
+        analysis: Name of the analysis in `labctl.studies.paper`.
+        twins: Over how many twins it is repeated.
+        splits: On how many random splits each twin's readouts are judged.
+        quick_twins, quick_splits: The same for a quick look.
+        runs: What must be acquired, by name.
+        settings: Settings of the analysis.
+        must: Figures to reach.
+        sensitivity: What `--sensitivity` varies.
+        notes: Pitfalls, and what a reader must know to judge the figures.
+        cause: Why a figure falls short where one does; printed only then.
+    """
+
+    name: str
+    title: str
+    paper: str
+    statement: str
+    analysis: str
+    twins: PositiveInt = 5
+    splits: PositiveInt = 10
+    quick_twins: PositiveInt = 1
+    quick_splits: PositiveInt = 2
+    runs: dict[str, Acquiring] = Field(min_length=1)
+    settings: dict[str, Any] = {}
+    must: tuple[Must, ...] = ()
+    sensitivity: Sensitivity | None = None
+    notes: tuple[str, ...] = ()
+    cause: str = ""
+
+    @cached_property
+    def protocols(self) -> dict[str, Measurement[Any]]:
+        """The protocols of the runs, with their default seed.
+
+        Raises:
+            ProtocolError: no such protocol or setting.
+        """
+        return {
+            name: protocol_from(run.protocol, run.settings, origin=f"experiment {self.name}, runs.{name}")
+            for name, run in self.runs.items()
+        }
+
+
+def experiments(names: Sequence[str] = (), *, folder: Path = FOLDER) -> tuple[Experiment, ...]:
+    """The experiments called by name, or all of them, in the order of their names.
+
+    Raises:
+        ExperimentError: no such experiment, or a file that is wrong.
+    """
+    found = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    for name in names:
+        if name not in found:
+            raise ExperimentError(f"no experiment is called {name!r}: choose 'all' or from {', '.join(found)}")
+    return tuple(_read(path) for stem, path in found.items() if not names or stem in names)
+
+
+def _read(path: Path) -> Experiment:
+    try:
+        return Experiment.model_validate(read_toml(path) | {"name": path.stem})
+    except OSError as error:
+        raise ExperimentError(f"{path}: cannot be read ({error.strerror})") from None
+    except TomlError as error:
+        raise ExperimentError(f"{path}: is not TOML ({error}): correct that line") from None
+    except ValidationError as error:
+        raise ExperimentError(f"{path}: {describe(error)}") from None
+
+
+def found_at(results: Mapping[str, Any], path: Sequence[str]) -> Any:
+    """What the keys in `path` lead to.
+
+    Raises:
+        ExperimentError: nothing.
+    """
+    value: Any = results
+    for key in path:
+        if not isinstance(value, Mapping) or key not in value:
+            raise ExperimentError(
+                f"the analysis gives no figure {'.'.join(path)}: correct `must` in the experiment file"
+            )
+        value = value[key]
+    return value
+
+
+def mean_at(results: Mapping[str, Any], path: Sequence[str]) -> float:
+    """The same as a number: of a result with a spread its mean.
+
+    Raises:
+        ExperimentError: there is none.
+    """
+    value = found_at(results, path)
+    number = value.get("mean") if isinstance(value, Mapping) else value
+    if not isinstance(number, int | float):
+        raise ExperimentError(f"the analysis gives no number {'.'.join(path)}: correct `must` in the experiment file")
+    return float(number)

@@ -1,0 +1,108 @@
+"""What cannot be carried out, found out before anything starts: no folder is made, no run begins, nothing is lit."""
+
+from contextlib import ExitStack
+from typing import Any
+
+from instruments.bench import Bench
+from instruments.errors import LinkError
+from labctl.bench.laser_limits import check_laser
+from labctl.bench.opening import opened
+from labctl.bench.station import BY_HAND, Station
+from labctl.engine.inputs import inputs_for
+from labctl.errors import LabctlError, StationError, UsageError
+from labctl.runs.live.commands import CommandLog
+from labctl.studies.paper.analyses import analysis_of
+from labctl.studies.paper.experiments import Experiment
+from labctl.studies.paper.reproduction import Plan
+from protocols.base import Measurement
+
+
+def check(plan: Plan) -> dict[str, Exception]:
+    """Find out what cannot be carried out: missing data or torch, wrong files, a bench that is not for it or not armed.
+
+    The instruments of a bench that others serve are asked who they are, in the dark.
+
+    Returns:
+        Name of each experiment that cannot -> why.
+
+    Raises:
+        UsageError: the folder for the runs holds something.
+        LinkError: an instrument cannot be reached.
+    """
+    if plan.folder.is_file() or (plan.folder.is_dir() and any(plan.folder.iterdir())):
+        raise UsageError(f"--out = {plan.folder}: is not empty: name a new folder")
+    problems: dict[str, Exception] = {}
+    with ExitStack() as stack:
+        benches = _Benches(plan, stack)
+        for experiment in plan.experiments:
+            try:
+                _check(experiment, plan, benches)
+            except LinkError:
+                raise
+            except LabctlError as error:
+                problems[experiment.name] = error
+    return problems
+
+
+def _check(experiment: Experiment, plan: Plan, benches: "_Benches") -> None:
+    """In the order of what it costs: files first, then what the station says, then what its instruments say."""
+    analysis_of(experiment)
+    for protocol in experiment.protocols.values():
+        inputs = inputs_for(protocol, plan.data)
+        protocol.shots(inputs)
+        station = plan.station_for(protocol, plan.seeds_of(experiment)[0])
+        bench = benches.opened(station)
+        _check_light_path(station, protocol)
+        protocol.check_cabling(bench)
+        check_laser(station, [leg.wavelength_nm for leg in protocol.legs(bench)])
+        bench.require_arm()
+        benches.identify(station)
+        protocol.check(bench, inputs)
+
+
+def _check_light_path(station: Station, protocol: Measurement[Any]) -> None:
+    """Light does not go from a real instrument to a simulated one; the DMD counts where it is in the light's way.
+
+    Raises:
+        StationError: some instruments are simulated and others are not, or the chip is bypassed for good.
+    """
+    if station.patch_panel.bypass:
+        raise StationError(
+            f"{station.source}: patch_panel.bypass = true: experiments reach the fibre before the chip as port 0 and "
+            f"the chip by its own: wire both, list them in patch_panel.ports, and set patch_panel.bypass = false"
+        )
+    used = [name for name in station.addresses if name != "dmd" or protocol.projector]
+    simulated = [name for name in used if name in station.simulations]
+    real = [name for name in used if name not in simulated and getattr(station, name).driver not in BY_HAND]
+    if simulated and real:
+        raise StationError(
+            f"{station.source}: {simulated[0]}.address = 'simulated', but {protocol.name} needs {', '.join(simulated)} "
+            f"on the bench of {', '.join(real)}: give its VISA address"
+        )
+
+
+class _Benches:
+    """The benches that the runs would use, each opened when the first run asks for it and closed with `stack`."""
+
+    def __init__(self, plan: Plan, stack: ExitStack) -> None:
+        self._plan = plan
+        self._stack = stack
+        self._opened: dict[str, Bench] = {}
+        self._identified: set[str] = set()
+
+    def opened(self, station: Station) -> Bench:
+        """The bench of `station`; no message is sent."""
+        key = station.model_dump_json()
+        if key not in self._opened:
+            log = self._stack.enter_context(CommandLog())
+            found = opened(station, log, attended=self._plan.attended, armed=self._plan.armed)
+            self._opened[key] = self._stack.enter_context(found).bench
+        return self._opened[key]
+
+    def identify(self, station: Station) -> None:
+        """Ask every instrument once who it is, unless they are simulated in this process and cannot be missing."""
+        key = station.model_dump_json()
+        if key not in self._identified and not station.wholly_simulated:
+            for instrument in self._opened[key].instruments.values():
+                instrument.identify()
+        self._identified.add(key)

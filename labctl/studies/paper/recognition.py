@@ -1,0 +1,297 @@
+"""Which class an image is of: accuracy against acquisition time for any ports, wavelengths and runs, and confusion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt
+
+from instruments.units import Seconds
+from labctl.analysis.baselines import numerical_network_accuracy, raw_pixel_accuracy
+from labctl.analysis.evaluation import mean_and_sd, validate, window_key
+from labctl.analysis.learning_curve import learning_curve
+from labctl.analysis.splits import Split, random_splits
+from labctl.analysis.windows import WindowFeatures, sample_count, wavelength_rows
+from labctl.reports.axes import Level, Series
+from labctl.reports.curves import learning_figure
+from labctl.reports.experiments import ExperimentFigure
+from labctl.reports.figures import PAPER_CLAIM, Claim, Curve, accuracy_figure, confusion_figure, images_figure
+from labctl.runs.read.records import read_records
+from labctl.runs.read.run import open_run
+from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
+from labctl.studies.paper.shown_images import shown_images
+from protocols.settings import Ports
+
+TEST_PART = 0.1
+TAU_S = 40e-12
+
+
+class CurveSettings(BaseModel):
+    """One curve: which records it is learned from.
+
+    Attributes:
+        key: Its name in the results.
+        label: Its name in the figure.
+        run: Name of the run.
+        ports: Ports used; None = all of the run.
+        wavelengths: How many of the run's wavelengths, the first ones; None = all.
+        stretch: Its windows are longer than the named ones by this factor: equal numbers of features on fewer ports.
+        windows: Acquisition times of its own.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    key: str
+    label: str
+    run: str
+    ports: Ports | None = None
+    wavelengths: PositiveInt | None = None
+    stretch: PositiveInt = 1
+    windows: tuple[Seconds, ...] | None = None
+
+
+class Settings(AnalysisSettings):
+    """Settings of the analysis.
+
+    Attributes:
+        windows: Acquisition times T_N.
+        curves: The curves; digital baselines are made from the images of the first one's run, on as many ports.
+        confusion_window: T_N of the confusion matrices; None = no matrices.
+        confusion: Keys of the curves that have one.
+        classes: Names of the classes.
+        numerical_windows: T_N for which the paper's numerical network is trained.
+        numerical_splits: On how many of the splits.
+        learning_window: T_N of the learning curve; None = none.
+        learning_sizes: Numbers of training images.
+        show_runs: Runs of which the images of each class are shown, by binarisation.
+        claim: Whether the paper's claim of 90 % from 0.4 ns on belongs into the figure.
+    """
+
+    windows: Annotated[tuple[Seconds, ...], Field(min_length=1)]
+    curves: Annotated[tuple[CurveSettings, ...], Field(min_length=1)]
+    confusion_window: Seconds | None = None
+    confusion: tuple[str, ...] = ()
+    classes: tuple[str, ...]
+    numerical_windows: tuple[Seconds, ...] = ()
+    numerical_splits: PositiveInt = 2
+    learning_window: Seconds | None = None
+    learning_sizes: tuple[PositiveInt, ...] = ()
+    show_runs: tuple[str, ...] = ()
+    claim: bool = False
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return (*(curve.run for curve in self.curves), *self.show_runs)
+
+
+Scores = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What one twin shows: scores (splits,) of each curve at each T_N (text, ns), and of the baselines."""
+
+    scores: dict[str, dict[str, Scores]]
+    confusion: dict[str, NDArray[np.int64]]
+    raw_pixels: Scores
+    numerical: dict[str, dict[str, Scores]]
+    learning: dict[int, Scores]
+    shown: dict[str, NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class _Traces:
+    """The records of one curve: (shots, rows, samples), labels and groups (shots,)."""
+
+    traces: NDArray[np.floating]
+    labels: NDArray[np.int64]
+    groups: NDArray[np.int64]
+    sample_interval_s: float
+
+    def features(self, window_s: float) -> NDArray[np.floating]:
+        """Features of the first `window_s` of every record."""
+        window = WindowFeatures(window_s=window_s, tau_s=TAU_S, sample_interval_s=self.sample_interval_s)
+        features: NDArray[np.floating] = window.fit_transform(self.traces)
+        return features
+
+
+def examine(material: Material, settings: Settings) -> Findings:
+    """Train and test every curve of one twin, and the digital baselines on the same splits of the same images."""
+    scores: dict[str, dict[str, Scores]] = {}
+    confusion: dict[str, NDArray[np.int64]] = {}
+    for curve in settings.curves:
+        records = _traces(material, curve)
+        splits = _splits(records.labels, records.groups, material)
+        scores[curve.key] = {}
+        for window_s in curve.windows or settings.windows:
+            judged = validate(records.features(window_s * curve.stretch), records.labels, splits)
+            scores[curve.key][window_key(window_s)] = judged.scores
+            if curve.key in settings.confusion and window_s == settings.confusion_window:
+                confusion[curve.key] = judged.confusion
+    first = settings.curves[0]
+    records = _traces(material, first)
+    images = shown_images(material, first.run, records.groups)
+    splits = _splits(records.labels, records.groups, material)
+    return Findings(
+        scores,
+        confusion,
+        raw_pixel_accuracy(images, records.labels, splits),
+        _numerical(images, records, splits[: settings.numerical_splits], settings, material.seed),
+        _learning(records, settings, material),
+        {run: _examples(material, run, len(settings.classes)) for run in settings.show_runs},
+    )
+
+
+def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
+    """Pool all twins and splits."""
+    here: dict[str, Any] = {
+        curve.key: {
+            window: mean_and_sd(np.concatenate([found.scores[curve.key][window] for found in findings]))
+            for window in findings[0].scores[curve.key]
+        }
+        for curve in settings.curves
+    }
+    raw = mean_and_sd(np.concatenate([found.raw_pixels for found in findings]))
+    baseline: dict[str, Any] = {"raw_pixels": raw} | {
+        rows: {
+            window: mean_and_sd(np.concatenate([found.numerical[rows][window] for found in findings]))
+            for window in windows
+        }
+        for rows, windows in findings[0].numerical.items()
+    }
+    figures = [_accuracy(here, baseline, settings)]
+    if settings.confusion:
+        figures.append(_confusion(findings, settings))
+    if settings.learning_sizes:
+        here["learning"] = {
+            str(size): mean_and_sd(np.concatenate([found.learning[size] for found in findings]))
+            for size in findings[0].learning
+        }
+        figures.append(_learning_curve(here["learning"], raw["mean"], settings))
+    figures += [
+        ExperimentFigure(
+            f"images-{run}", images_figure(images, settings.classes), f"One image of each class as shown in run {run}."
+        )
+        for run, images in findings[0].shown.items()
+    ]
+    return Conclusion(here, baseline, tuple(figures))
+
+
+ANALYSIS = Analysis(Settings, examine, conclude)
+
+
+def _traces(material: Material, curve: CurveSettings) -> _Traces:
+    with open_run(material.runs[curve.run]) as run:
+        records = read_records(run)
+        present = run.shape.wavelength_of_port
+    count = curve.wavelengths or len(set(present))
+    rows = wavelength_rows(tuple(dict.fromkeys(present))[:count], present)
+    if curve.ports is not None:
+        rows = np.array([row for row in rows if records.ports[row] in curve.ports])
+    return _Traces(records.traces[:, rows], records.labels, records.groups, records.sample_interval_s)
+
+
+def _splits(labels: NDArray[np.int64], groups: NDArray[np.int64], material: Material) -> list[Split]:
+    return list(random_splits(labels, groups, splits=material.splits, test_size=TEST_PART, seed=material.seed))
+
+
+def _examples(material: Material, run: str, classes: int) -> NDArray[np.bool_]:
+    shown = material.images(run)
+    return np.stack(
+        [shown.images[np.flatnonzero(shown.labels == label)[0]] for label in np.unique(shown.labels)[:classes]]
+    )
+
+
+def _numerical(
+    images: NDArray[np.bool_], records: _Traces, splits: Sequence[Split], settings: Settings, seed: int
+) -> dict[str, dict[str, Scores]]:
+    """The paper's numerical network: as many neurons as the bench has features; N rows of masks, and M N rows."""
+    ports = records.traces.shape[1]
+    found: dict[str, dict[str, Scores]] = {}
+    for name, per_port in (("numerical_network_n_rows", 1), ("numerical_network_mn_rows", ports)):
+        found[name] = {
+            window_key(window_s): numerical_network_accuracy(
+                images,
+                records.labels,
+                splits,
+                rows=per_port * sample_count(window_s, TAU_S),
+                hidden=ports * sample_count(window_s, TAU_S),
+                seed=seed,
+            )
+            for window_s in settings.numerical_windows
+        }
+    return {name: windows for name, windows in found.items() if windows}
+
+
+def _learning(records: _Traces, settings: Settings, material: Material) -> dict[int, Scores]:
+    if settings.learning_window is None:
+        return {}
+    points = learning_curve(
+        records.features(settings.learning_window),
+        records.labels,
+        records.groups,
+        settings.learning_sizes,
+        splits=material.splits,
+        test_size=TEST_PART,
+        seed=material.seed,
+    )
+    return {point.images: point.scores for point in points}
+
+
+def _accuracy(here: dict[str, Any], baseline: dict[str, Any], settings: Settings) -> ExperimentFigure:
+    names = {
+        "numerical_network_n_rows": "numerical network, $N$ mask rows",
+        "numerical_network_mn_rows": "numerical network, $MN$ mask rows",
+    }
+    curves = [_curve(curve.label, here[curve.key]) for curve in settings.curves]
+    curves += [_curve(label, baseline[name]) for name, label in names.items() if name in baseline]
+    claim: Claim | None = PAPER_CLAIM if settings.claim else None
+    figure = accuracy_figure(
+        curves,
+        tau_s=TAU_S,
+        chance=1 / len(settings.classes),
+        claim=claim,
+        levels=[Level("raw pixels, digital", baseline["raw_pixels"]["mean"])],
+    )
+    return ExperimentFigure(
+        "accuracy",
+        figure,
+        "Accuracy on test images against acquisition time; mean and standard deviation over twins and splits.",
+    )
+
+
+def _curve(label: str, accuracy: dict[str, Any]) -> Curve:
+    return Curve(
+        label,
+        [float(window) * 1e-9 for window in accuracy],
+        [reached["mean"] for reached in accuracy.values()],
+        [reached["sd"] for reached in accuracy.values()],
+    )
+
+
+def _confusion(findings: Sequence[Findings], settings: Settings) -> ExperimentFigure:
+    labels = {curve.key: curve.label for curve in settings.curves}
+    window_ns = f"{(settings.confusion_window or 0) * 1e9:g} ns"
+    panels = [
+        (f"{labels[key]}, {window_ns}", np.sum([found.confusion[key] for found in findings], axis=0))
+        for key in settings.confusion
+    ]
+    return ExperimentFigure(
+        "confusion",
+        confusion_figure(panels, settings.classes),
+        "Test images of all splits and twins: true class by row, share of each predicted class in per cent.",
+    )
+
+
+def _learning_curve(learning: dict[str, Any], raw: float, settings: Settings) -> ExperimentFigure:
+    series = Series(
+        f"with the chip, {(settings.learning_window or 0) * 1e9:g} ns",
+        [float(size) for size in learning],
+        [reached["mean"] for reached in learning.values()],
+        [reached["sd"] for reached in learning.values()],
+    )
+    figure = learning_figure([series], chance=1 / len(settings.classes), levels=[Level("raw pixels, 900 images", raw)])
+    return ExperimentFigure("learning", figure, "Accuracy against the number of training images, same test images.")

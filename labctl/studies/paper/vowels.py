@@ -1,0 +1,158 @@
+"""Figure S3: vowels, ten numbers in series as phases of the light, recognised from the samples of every port."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import PositiveInt
+
+from labctl.analysis.baselines import vowel_network_accuracy
+from labctl.analysis.evaluation import mean_and_sd, validate
+from labctl.analysis.splits import Split, random_splits
+from labctl.datasets.cards import card
+from labctl.datasets.sequences import group_splits
+from labctl.errors import AnalysisError
+from labctl.reports.axes import Level, Series
+from labctl.reports.curves import ports_figure
+from labctl.reports.experiments import ExperimentFigure
+from labctl.reports.figures import confusion_figure
+from labctl.runs.read.run import open_run
+from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
+
+DATA_SET = "vowels"
+WAYS = {"random": "random split", "by_speaker": "by speaker"}
+
+
+class Settings(AnalysisSettings):
+    """What is tested on the run `vowels`.
+
+    Attributes:
+        test: Utterances of the test part of a random split.
+        test_speakers: Speakers of the test part of a split by speaker.
+        hidden: Neurons of the digital network.
+    """
+
+    test: PositiveInt = 180
+    test_speakers: PositiveInt = 7
+    hidden: PositiveInt = 100
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return ("vowels",)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What one twin shows; the keys of the mappings are those of `WAYS`.
+
+    Attributes:
+        classes: Names of the vowels.
+        accuracy: (M, splits) with the first 1..M ports.
+        confusion: (classes, classes) with all ports, counts over all splits.
+        regression: (splits,) accuracy of logistic regression on the numbers themselves.
+        network: (splits,) accuracy of the digital network on them.
+    """
+
+    classes: tuple[str, ...]
+    accuracy: dict[str, NDArray[np.float64]]
+    confusion: dict[str, NDArray[np.int64]]
+    regression: dict[str, NDArray[np.float64]]
+    network: dict[str, NDArray[np.float64]]
+
+
+def examine(material: Material, settings: Settings) -> Findings:
+    """Accuracy against the number of ports, and of digital methods on the same utterances and splits.
+
+    Raises:
+        AnalysisError: The run holds utterances that its protocol does not play.
+    """
+    played = material.sequences("vowels")
+    with open_run(material.runs["vowels"]) as run:
+        frames, ports, shots = run.volts(), len(run.ports), run.shots
+    place = {index: row for row, index in enumerate(played.indices.tolist())}
+    if strange := set(shots["dataset_index"].tolist()) - set(place):
+        raise AnalysisError(
+            f"utterances {sorted(strange)} of the run are not what its protocol plays: measure it again"
+        )
+    rows = np.array([place[index] for index in shots["dataset_index"].tolist()])
+    labels, speakers, numbers = played.labels[rows], played.groups[rows], played.values[rows]
+    splits = _splits(labels, speakers, material, settings)
+    tables = {
+        way: [validate(_features(frames, count), labels, chosen) for count in range(1, ports + 1)]
+        for way, chosen in splits.items()
+    }
+    names = card(DATA_SET).classes
+    return Findings(
+        classes=tuple(names[label] for label in np.unique(labels)),
+        accuracy={way: np.stack([one.scores for one in table]) for way, table in tables.items()},
+        confusion={way: table[-1].confusion for way, table in tables.items()},
+        regression={way: validate(numbers, labels, chosen).scores for way, chosen in splits.items()},
+        network={
+            way: vowel_network_accuracy(numbers, labels, chosen, hidden=settings.hidden, seed=material.seed)
+            for way, chosen in splits.items()
+        },
+    )
+
+
+def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
+    """Accuracy against the number of ports over all twins and splits, confusion with all ports."""
+    first = findings[0]
+    counts = list(range(1, 1 + len(first.accuracy["random"])))
+    pooled = {way: np.concatenate([one.accuracy[way] for one in findings], axis=1) for way in WAYS}
+    here: dict[str, Any] = {
+        way: {str(count): mean_and_sd(scores[count - 1]) for count in counts} for way, scores in pooled.items()
+    }
+    baseline = {
+        name: {way: mean_and_sd(np.concatenate([getattr(one, key)[way] for one in findings])) for way in WAYS}
+        for name, key in (
+            ("logistic regression on the numbers", "regression"),
+            (f"network of {settings.hidden} neurons", "network"),
+        )
+    }
+    curves = [
+        Series(name, counts, pooled[way].mean(axis=1).tolist(), pooled[way].std(axis=1, ddof=1).tolist())
+        for way, name in WAYS.items()
+    ]
+    panels = [(name, np.sum([one.confusion[way] for one in findings], axis=0)) for way, name in WAYS.items()]
+    network = [Level("network", next(reversed(baseline.values()))["random"]["mean"])]
+    return Conclusion(
+        here,
+        baseline,
+        figures=(
+            ExperimentFigure(
+                "confusion",
+                confusion_figure(panels, first.classes),
+                f"Confusion of the vowels with {len(counts)} ports, all twins and splits together: speakers mixed on "
+                "the left, unknown speakers on the right.",
+            ),
+            ExperimentFigure(
+                "ports",
+                ports_figure(curves, quantity="accuracy", levels=network, chance=1 / len(first.classes)),
+                "Accuracy against the number of ports, in the order of the waveguides; the line is the digital network "
+                "on the numbers themselves, random split.",
+            ),
+        ),
+        notes=(
+            "The data set has 15 speakers who said each vowel six times: a random split has every speaker on both "
+            f"sides. By speaker, {settings.test_speakers} speakers are tested who were not trained on.",
+        ),
+    )
+
+
+def _features(frames: NDArray[Any], ports: int) -> NDArray[Any]:
+    return frames[:, :ports].reshape(len(frames), -1)
+
+
+def _splits(
+    labels: NDArray[np.int64], speakers: NDArray[np.int64], material: Material, settings: Settings
+) -> dict[str, list[Split]]:
+    utterances = np.arange(labels.size)
+    mixed = random_splits(labels, utterances, splits=material.splits, test_size=settings.test, seed=material.seed)
+    apart = group_splits(speakers, splits=material.splits, test_groups=settings.test_speakers, seed=material.seed)
+    return {"random": list(mixed), "by_speaker": list(apart)}
+
+
+ANALYSIS = Analysis(Settings, examine, conclude)

@@ -1,0 +1,226 @@
+"""Trained readouts as files: arrays and JSON in HDF5, readable by anything that reads HDF5 and never executed.
+
+Attributes of the file: `format` ("labctl-readout"), `format_version`, `metadata` (JSON object), `steps` (JSON list of
+the steps' names in order). One group a step, with attributes `estimator` (class name) and `parameters` (JSON object of
+the settings that differ from the class's defaults) and one data set for each fitted array. Where an estimator contains
+another, that is a group in its group: a pipeline with attribute `steps` like the file itself, or an estimator.
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
+from sklearn.linear_model import LogisticRegression, RidgeCV
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.validation import check_is_fitted
+
+from labctl.analysis.anomaly import CovarianceScore, NormalityScore
+from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
+from labctl.analysis.windows import WindowFeatures
+from labctl.errors import AnalysisError
+from labctl.runs.format.plain_hdf5 import check_plain, opened
+
+FORMAT = "labctl-readout"
+FORMAT_VERSION = "1.0"
+LARGEST = 1 << 30
+"""Bytes of all arrays of a file, unpacked."""
+
+FITTED: Mapping[str, tuple[type, tuple[str, ...]]] = {
+    "WindowFeatures": (WindowFeatures, ("rows_", "samples_", "ports_in_", "samples_in_")),
+    "StandardScaler": (StandardScaler, ("mean_", "var_", "scale_", "n_samples_seen_", "n_features_in_")),
+    "LogisticRegression": (LogisticRegression, ("classes_", "coef_", "intercept_", "n_iter_", "n_features_in_")),
+    "RidgeCV": (RidgeCV, ("alpha_", "best_score_", "coef_", "intercept_", "n_features_in_")),
+    "NormalityScore": (NormalityScore, ("mean_", "coef_", "n_features_in_")),
+    "CovarianceScore": (CovarianceScore, ("mean_", "scale_", "precision_", "shrinkage_", "n_features_in_")),
+    "LinearReconstruction": (LinearReconstruction, ("pipeline_", "alpha_", "range_", "n_features_in_")),
+    "KernelReconstruction": (
+        KernelReconstruction,
+        (
+            "gamma_",
+            "alphas_",
+            "dual_coef_",
+            "mean_",
+            "range_",
+            "n_features_in_",
+            "_scaler",
+            "_shots",
+            "_column_means",
+            "_pixels",
+        ),
+    ),
+}
+"""What may be in a file: class name -> class and the fitted attributes that make up its state."""
+
+
+def save_model(path: Path, pipeline: Pipeline, metadata: Mapping[str, Any]) -> None:
+    """Write a fitted pipeline of `FITTED` classes; the file appears complete or not at all.
+
+    Args:
+        path: File to write; an existing one is replaced.
+        pipeline: Fitted pipeline.
+        metadata: Anything JSON can hold: run, protocol, window, accuracy, seeds, versions.
+
+    Raises:
+        AnalysisError: A step is of another class, or not fitted to plain arrays.
+        sklearn.exceptions.NotFittedError: The pipeline is not fitted.
+    """
+    _require_savable(pipeline)
+    partial = path.with_name(path.name + ".partial")
+    with h5py.File(partial, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["metadata"] = _json(dict(metadata))
+        _write(file, pipeline)
+    os.replace(partial, path)
+
+
+def load_model(path: Path) -> Pipeline:
+    """The fitted pipeline in a file that `save_model` wrote; it predicts exactly what the saved one did.
+
+    Raises:
+        AnalysisError: The file is not a readout, is newer than this program, or holds an unknown class.
+    """
+    with _open(path) as file:
+        pipeline = _read(file, path)
+        if not isinstance(pipeline, Pipeline) or not pipeline.steps:
+            raise ValueError("it holds no steps")
+        return pipeline
+
+
+def load_metadata(path: Path) -> dict[str, Any]:
+    """The metadata saved with a readout.
+
+    Raises:
+        AnalysisError: The file is not a readout, or is newer than this program.
+    """
+    with _open(path) as file:
+        metadata = json.loads(file.attrs["metadata"])
+        if not isinstance(metadata, dict):
+            raise ValueError("its metadata are no mapping")
+        return metadata
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[h5py.File]:
+    """A readout's file; whatever reading raises on one that somebody changed becomes the one error."""
+    try:
+        file = opened(path)
+    except OSError as error:
+        raise AnalysisError(f"{path}: cannot be read as HDF5: name a file that 'labctl train' wrote") from error
+    with file:
+        try:
+            check_plain(file, LARGEST)
+            _require_readable(file, path)
+            yield file
+        except AnalysisError:
+            raise
+        except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError) as error:
+            reason = " ".join(str(error).split())[:300]
+            raise AnalysisError(f"{path}: a damaged readout ({reason}): name another file, or train it again") from None
+
+
+def _require_readable(file: h5py.File, path: Path) -> None:
+    if str(file.attrs.get("format")) != FORMAT:
+        raise AnalysisError(f"{path}: an HDF5 file, but not a readout: name a file that 'labctl train' wrote")
+    version = str(file.attrs.get("format_version", ""))[:20]
+    if _numbers(version) > _numbers(FORMAT_VERSION):
+        raise AnalysisError(
+            f"{path}: format version {version!r}, this labctl reads up to {FORMAT_VERSION}: update labctl"
+        )
+
+
+def _numbers(version: str) -> tuple[float, ...]:
+    """Version as numbers to compare; a part that is none counts as newer than everything."""
+    return tuple(int(part) if part.isdecimal() else float("inf") for part in version.split("."))
+
+
+def _require_savable(estimator: Any) -> None:
+    if isinstance(estimator, Pipeline):
+        for _, step in estimator.steps:
+            _require_savable(step)
+        return
+    if type(estimator).__name__ not in FITTED:
+        raise AnalysisError(
+            f"a step of class {type(estimator).__name__} cannot be saved: only {', '.join(FITTED)} have a file format"
+        )
+    check_is_fitted(estimator)
+
+
+def _write(group: h5py.Group, estimator: Any) -> None:
+    if isinstance(estimator, Pipeline):
+        group.attrs["steps"] = json.dumps([name for name, _ in estimator.steps])
+        for name, step in estimator.steps:
+            _write(group.create_group(name), step)
+        return
+    group.attrs["estimator"] = type(estimator).__name__
+    group.attrs["parameters"] = _json(_changed_parameters(estimator))
+    for attribute in FITTED[type(estimator).__name__][1]:
+        value = getattr(estimator, attribute)
+        if isinstance(value, BaseEstimator):
+            _write(group.create_group(attribute), value)
+        elif value is not None:
+            group.create_dataset(attribute, data=_storable(np.asarray(value)))
+
+
+def _read(group: h5py.Group, path: Path) -> Any:
+    if "steps" in group.attrs:
+        return Pipeline([(name, _read(group[name], path)) for name in json.loads(group.attrs["steps"])])
+    name = str(group.attrs["estimator"])
+    if name not in FITTED:
+        raise AnalysisError(f"{path}: holds a step of unknown class '{name}': this labctl knows {', '.join(FITTED)}")
+    estimator, attributes = FITTED[name]
+    parameters = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in json.loads(group.attrs["parameters"]).items()
+    }
+    step = estimator(**parameters)
+    for attribute in attributes:
+        stored = group.get(attribute)
+        if isinstance(stored, h5py.Group):
+            setattr(step, attribute, _read(stored, path))
+        else:
+            setattr(step, attribute, None if stored is None else _restored(stored))
+    return step
+
+
+def _changed_parameters(step: Any) -> dict[str, Any]:
+    """Settings that differ from the class's defaults: what other versions of scikit-learn understand too."""
+    defaults = type(step)().get_params()
+    return {key: value for key, value in step.get_params(deep=False).items() if _json(value) != _json(defaults[key])}
+
+
+def _json(value: Any) -> str:
+    """JSON with sorted keys; NumPy numbers and arrays become plain ones."""
+
+    def plain(entry: object) -> Any:
+        if isinstance(entry, np.ndarray | np.generic):
+            return entry.tolist()
+        if isinstance(entry, Sequence):
+            return list(entry)
+        raise AnalysisError(f"{entry!r} cannot be saved with a readout: use numbers, text, lists and mappings")
+
+    return json.dumps(value, sort_keys=True, default=plain)
+
+
+def _storable(value: NDArray[Any]) -> Any:
+    """Text as HDF5 strings; numbers as they are."""
+    if value.dtype.kind in "UO" and all(isinstance(entry, str) for entry in value.flat):
+        return value.astype(h5py.string_dtype())
+    if value.dtype.kind not in "biuf":
+        raise AnalysisError(f"fitted values of type {value.dtype} cannot be saved: use numbers or text as class labels")
+    return value
+
+
+def _restored(dataset: h5py.Dataset) -> Any:
+    if h5py.check_string_dtype(dataset.dtype) is not None:
+        return dataset.asstr()[...].astype(np.str_)
+    value = dataset[()]
+    return value.item() if np.ndim(value) == 0 else value

@@ -1,0 +1,207 @@
+"""Readouts from run to model file and back: training on a part of a run, testing on what was kept apart."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from sklearn.base import clone
+from threadpoolctl import threadpool_limits
+
+from instruments.toml_files import describe
+from labctl.analysis.evaluation import (
+    accuracy_against_window,
+    control,
+    mean_and_sd,
+    shuffled_labels,
+    validate,
+    window_key,
+    windows_to_try,
+)
+from labctl.analysis.readouts import softmax_readout
+from labctl.analysis.splits import forward_in_time_split, random_splits
+from labctl.errors import AnalysisError
+from labctl.reports.page import Result
+from labctl.reports.recognition import Confusion, recognition_report
+from labctl.runs.read.records import Records, read_records
+from labctl.runs.read.run import Run, open_run
+from labctl.studies.readout_file import load_metadata, load_model, save_model
+
+SPLITS = 10
+
+
+class _Trained(BaseModel):
+    """What a readout says about how it was trained, as far as a test of it depends on that."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    frames_sha256: str
+    window_s: float = Field(gt=0)
+    ports: tuple[int, ...]
+    seed: int = Field(ge=0)
+    test_groups: tuple[int, ...]
+
+    @classmethod
+    def of(cls, model: Path) -> "_Trained":
+        """What the file `model` says; AnalysisError if it does not."""
+        try:
+            return cls.model_validate(load_metadata(model))
+        except ValidationError as error:
+            raise AnalysisError(f"{model}: not a readout of a run ({describe(error)}): name another file") from None
+
+
+def train_readout(
+    directory: Path, *, window_s: float, ports: tuple[int, ...] | None, seed: int, out: Path | None
+) -> dict[str, Any]:
+    """Train a softmax readout on nine tenths of the images of a run and save it.
+
+    Raises:
+        AnalysisError: a port or window that the run does not have, or too few images.
+        RunError: no such run.
+    """
+    with open_run(directory) as run:
+        records, digest = read_records(run), run.digest()
+    chosen = ports or records.ports
+    pipeline = softmax_readout(
+        ports=ports,
+        window_s=window_s,
+        sample_interval_s=records.sample_interval_s,
+        recorded_ports=records.ports if ports else None,
+    )
+    train, test = next(iter(random_splits(records.labels, records.groups, splits=1, seed=seed)))
+    with threadpool_limits(1):
+        pipeline.fit(records.traces[train], records.labels[train])
+    score = float(np.mean(pipeline.predict(records.traces[test]) == records.labels[test]))
+    path = out or directory / "models" / f"softmax-{window_key(window_s)}ns-ports-{'-'.join(map(str, chosen))}.h5"
+    metadata = {
+        "readout": "softmax",
+        "run": str(directory),
+        "frames_sha256": digest,
+        "window_s": window_s,
+        "ports": list(chosen),
+        "features": int(len(chosen) * round(window_s / records.sample_interval_s)),
+        "seed": seed,
+        "training_shots": int(train.size),
+        "test_shots": int(test.size),
+        "test_groups": np.unique(records.groups[test]).tolist(),
+        "accuracy": score,
+    }
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_model(path, pipeline, metadata)
+    except OSError as error:
+        raise AnalysisError(f"{path}: cannot be written ({error.strerror}): name another --out") from None
+    return {"model": str(path)} | {key: value for key, value in metadata.items() if key != "test_groups"}
+
+
+def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
+    """Test a saved readout on a run, and the same kind of readout trained anew on parts of that run.
+
+    On the run it was trained on only the shots kept apart are tested. Controls train on what says nothing about the
+    labels (shuffled labels, a fixed image, darkness) and must stay at chance. Writes figures and report of the run.
+
+    Raises:
+        AnalysisError: not a readout, or a run it does not fit.
+        RunError: no such run.
+    """
+    readout, trained = load_model(model), _Trained.of(model)
+    with open_run(directory) as run:
+        records = read_records(run)
+        test = _unseen(records, trained, run.digest())
+        controls = _controls(run, records, trained.seed)
+    unfitted = clone(readout)
+    predicted = readout.predict(records.traces[test])
+    random = validate(
+        records.traces,
+        records.labels,
+        random_splits(records.labels, records.groups, splits=SPLITS, seed=trained.seed),
+        readout=unfitted,
+    )
+    forward = validate(records.traces, records.labels, [forward_in_time_split(records.groups)], readout=unfitted)
+    found: dict[str, Any] = {
+        "model": str(model),
+        "run": str(directory),
+        "test_shots": int(test.size),
+        "accuracy": float(np.mean(predicted == records.labels[test])),
+        "random_splits": mean_and_sd(random.scores),
+        "forward_in_time": float(forward.scores[0]),
+        "controls": controls,
+        "classes": random.classes.tolist(),
+        "confusion": random.confusion.tolist(),
+    }
+    windows = accuracy_against_window(
+        records.traces,
+        records.labels,
+        records.groups,
+        windows_s=windows_to_try(records.traces.shape[2], records.sample_interval_s),
+        window=readout[0],
+        splits=SPLITS,
+        seed=trained.seed,
+    )
+    report = recognition_report(
+        directory,
+        title=f"Image recognition: {directory.name}",
+        summary=(
+            f"{records.labels.size} images on ports {', '.join(map(str, trained.ports))}; softmax readout, "
+            f"{SPLITS} random splits with a tenth of the images to test."
+        ),
+        accuracies={"softmax readout": {window_key(row.window_s): mean_and_sd(row.scores) for row in windows}},
+        results=[
+            Result(
+                f"accuracy at {window_key(trained.window_s)} ns",
+                "",
+                "",
+                f"{100 * np.mean(random.scores):.1f} %",
+                None,
+            ),
+            Result("forward in time", "", "", f"{100 * found['forward_in_time']:.1f} %", None),
+            *(
+                Result(f"control: {name}", "", "at chance", f"{100 * entry['accuracy']:.1f} %", entry["at_chance"])
+                for name, entry in controls.items()
+            ),
+        ],
+        confusions=[Confusion(f"{window_key(trained.window_s)} ns", random.confusion)],
+        classes=[str(label) for label in random.classes],
+    )
+    return found | {"report": str(report)}
+
+
+def _unseen(records: Records, trained: _Trained, digest: str) -> NDArray[np.intp]:
+    """Places of the shots the readout was not trained on: all of another run, the kept ones of its own."""
+    if trained.frames_sha256 != digest:
+        return np.arange(records.labels.size)
+    return np.flatnonzero(np.isin(records.groups, trained.test_groups))
+
+
+def _controls(run: Run, records: Records, seed: int) -> dict[str, dict[str, Any]]:
+    """Accuracy on what must not be recognisable, beside chance.
+
+    A reference or dark shot is given the label of the image shown last before it: were anything but the mirrors to
+    carry the label (drift, a trace read twice), it would be found there.
+    """
+    flat = records.traces.reshape(records.labels.size, -1)
+    candidates = {"shuffled labels": (flat, shuffled_labels(records.labels, records.groups, seed=seed), records.groups)}
+    for name, kind in (("fixed image", "reference"), ("dark", "dark")):
+        try:
+            blank = read_records(run, kind)
+        except AnalysisError:
+            continue
+        before = np.searchsorted(records.indices, blank.indices) - 1
+        candidates[name] = (
+            blank.traces.reshape(blank.labels.size, -1),
+            records.labels[before],
+            np.arange(blank.labels.size),
+        )
+    found = {}
+    for name, (features, labels, groups) in candidates.items():
+        try:
+            checked = control(features, labels, groups, splits=SPLITS, seed=seed)
+        except AnalysisError:
+            continue  # too few such shots to split
+        found[name] = {
+            "accuracy": float(np.mean(checked.scores)),
+            "chance": checked.chance,
+            "at_chance": checked.at_chance,
+        }
+    return found

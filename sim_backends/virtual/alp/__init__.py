@@ -1,0 +1,1 @@
+"""The virtual DMD with the calls of the ALP library."""

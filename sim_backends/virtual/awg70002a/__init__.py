@@ -1,0 +1,1 @@
+"""The virtual arbitrary waveform generator AWG70002A."""

@@ -1,0 +1,183 @@
+"""The mass-memory commands of the virtual AWG: files, and the waveforms and sequences loaded from them.
+
+Source: instrument facts 1.4. Formats of older instruments (.wfm, .pat, .isf, .mat ...) are refused with -200.
+"""
+
+from pathlib import PureWindowsPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backends.scpi.arguments import block, boolean, integer, keyword, optional, quoted
+from sim_backends.scpi.commands import Action, Chunk, Query, Setting, definite_block
+from sim_backends.scpi.status import ScpiError
+from sim_backends.virtual.awg70002a import edits
+from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk
+from sim_backends.virtual.awg70002a.sequences import SequenceList
+from sim_backends.virtual.awg70002a.seqx import SequenceFile, read_seqx
+from sim_backends.virtual.awg70002a.waveforms import WaveformList, calendar
+from sim_backends.virtual.awg70002a.wfmx import WaveformFile, read_text, read_wfmx, write_wfmx
+from sim_backends.world.clock import VirtualClock
+
+NORMALISATION = keyword("NONE", "FSCale", "ZREFerence")
+TEXT_BITS = {"TXT": None, "TXT8": 8, "TXT9": 9, "TXT10": 10}
+_DEPTH = keyword("ANALog", "DIG8", "DIG9", "DIG10")
+_DEPTH_BITS = {"ANALog": None, "DIG8": 8, "DIG9": 9, "DIG10": 10}
+_FORMAT = keyword(*TEXT_BITS, "TXT14", "ISF", "TDS", "WFM", "PAT", "TFW", "IQT", "TIQ", "WFMX")
+_NUMBER = optional(integer(0, CAPACITY))
+
+FILE_COMMANDS = (
+    Query("MMEMory:CATalog?", "files.catalogue", optional(quoted)),
+    Action("MMEMory:CDIRectory", "files.change_folder", optional(quoted)),
+    Setting("MMEMory:CDIRectory?", "files.disk.folder", quoted),
+    Action("MMEMory:MSIS", "files.change_drive", optional(quoted)),
+    Setting("MMEMory:MSIS?", "files.disk.drive", quoted),
+    Action("MMEMory:MDIRectory", "files.disk.make_folder", quoted),
+    Action("MMEMory:DELete", "files.delete", quoted, optional(quoted)),
+    Action("MMEMory:DATA", "files.write", quoted, _NUMBER, block("u1")),
+    Query("MMEMory:DATA?", "files.read", quoted, _NUMBER, _NUMBER),
+    Query("MMEMory:DATA:SIZE?", "files.size", quoted),
+    Action("MMEMory:IMPort", "files.import_waveform", quoted, quoted, _FORMAT),
+    Setting("MMEMory:IMPort:PARameter:NORMalize", "files.normalisation", NORMALISATION),
+    Setting("MMEMory:OPEN:PARameter:NORMalize", "files.normalisation", NORMALISATION),
+    Setting("MMEMory:OPEN:PARameter:SIQ", "files.separates_iq", boolean),
+    Action("MMEMory:OPEN", "files.open", quoted),
+    Action("MMEMory:OPEN:TXT", "files.open_text", quoted, optional(_DEPTH)),
+    Action("MMEMory:OPEN:SASSet[:WAVeform]", "files.open_waveforms", quoted, optional(quoted)),
+    Action("MMEMory:OPEN:SASSet:SEQuence", "files.open_sequences", quoted, optional(quoted)),
+    Query("MMEMory:OPEN:SASSet:SEQuence:MROPened?", "files.last_sequence"),
+    Action("MMEMory:SAVE:WAVeform:WFMX", "files.save_waveform", quoted, quoted),
+)
+
+
+def _suffix(name: str) -> str:
+    return PureWindowsPath(name).suffix.lower()
+
+
+class MassMemory:
+    """The disk, and what is loaded from it into the lists of the instrument."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self._clock = clock
+        self.disk = Disk()
+        waveforms = WaveformList(clock)
+        self.reset(waveforms, SequenceList(clock, waveforms))
+
+    def reset(self, waveforms: WaveformList, sequences: SequenceList) -> None:
+        """`*RST`: other lists and no normalisation; the files stay."""
+        self.waveforms, self.sequences = waveforms, sequences
+        self.normalisation = "NONE"
+        self.separates_iq = False
+        self._last_sequence = ""
+
+    # --- files
+
+    def catalogue(self, drive: str | None) -> str:
+        """Bytes used and free, then `"name,type,size"` for everything in the current folder."""
+        if drive is not None:
+            self.disk.drive = drive
+        lines = [
+            quoted.format(f"{entry.name},{'DIR' if entry.size is None else ''},{entry.size or 0}", verbose=False)
+            for entry in self.disk.entries()
+        ]
+        return ",".join([str(self.disk.used), str(CAPACITY - self.disk.used), *lines])
+
+    def change_folder(self, name: str | None) -> None:
+        """Another current folder, or the drive's uppermost one."""
+        self.disk.folder = name or "\\"
+
+    def change_drive(self, name: str | None) -> None:
+        """Another drive: there is only one."""
+        if name is not None:
+            self.disk.drive = name
+
+    def delete(self, name: str, drive: str | None) -> None:
+        """Delete a file or an empty folder; -256 if there is none."""
+        if drive is not None:
+            self.disk.drive = drive
+        self.disk.delete(name)
+
+    def write(self, name: str, start: int | None, data: NDArray[np.uint8]) -> None:
+        """Write a file, or from byte `start` on."""
+        self.disk.write(name, data.data, start)
+
+    def read(self, name: str, start: int | None, size: int | None) -> list[Chunk]:
+        """A file as a block, from byte `start` on, `size` bytes; -222 beyond its end."""
+        data, begin = self.disk.read(name), start or 0
+        if begin > data.nbytes or (size is not None and begin + size > data.nbytes):
+            raise ScpiError(-222, f"{name} has {data.nbytes} bytes")
+        return definite_block(data[begin : data.nbytes if size is None else begin + size])
+
+    def size(self, name: str) -> int:
+        """Bytes of a file."""
+        return self.disk.read(name).nbytes
+
+    # --- loading
+
+    def open(self, name: str) -> None:
+        """Load a `.wfmx` file under its own name, or all of a `.seqx` file."""
+        suffix = _suffix(name)
+        if suffix == ".seqx":
+            self.open_sequences(name, None)
+            return
+        data = self.disk.read(name)
+        if suffix != ".wfmx":
+            raise ScpiError(-200, f"files of the kind {suffix or 'without a name'} are not simulated")
+        self.waveforms.put(PureWindowsPath(name).stem, read_wfmx(data))
+
+    def open_text(self, name: str, depth: str | None) -> None:
+        """Load a text file under its own name."""
+        self._put_text(PureWindowsPath(name).stem, name, _DEPTH_BITS[depth or "ANALog"])
+
+    def import_waveform(self, name: str, path: str, form: str) -> None:
+        """Load a text file (or `.wfmx`) as the waveform `name`; -200 for the other formats."""
+        if form in TEXT_BITS:
+            self._put_text(name, path, TEXT_BITS[form])
+        elif form == "WFMX":
+            self.waveforms.put(name, read_wfmx(self.disk.read(path)))
+        else:
+            self.disk.read(path)  # absent: -256
+            raise ScpiError(-200, f"files of the format {form} are not simulated")
+
+    def open_waveforms(self, path: str, name: str | None) -> None:
+        """Load all waveforms of an archive, or one; -224 if it is not there."""
+        found = self._archive(path).waveforms
+        if name is not None and name not in found:
+            raise ScpiError(-224, f"no waveform {name} in {path}")
+        for key in found if name is None else (name,):
+            self.waveforms.put(key, found[key])
+
+    def open_sequences(self, path: str, name: str | None) -> None:
+        """Load all sequences of an archive with all its waveforms, or one with what it uses."""
+        archive = self._archive(path)
+        waveforms, sequences = (archive.waveforms, archive.sequences) if name is None else archive.needed(name)
+        for key, waveform in waveforms.items():
+            self.waveforms.put(key, waveform)
+        for sequence in sequences.values():
+            self.sequences.put(sequence)
+        self._last_sequence = name or next(reversed(sequences), "")
+
+    def last_sequence(self) -> str:
+        """Name of the sequence loaded last."""
+        return quoted.format(self._last_sequence, verbose=False)
+
+    def save_waveform(self, name: str, path: str) -> None:
+        """Write a waveform to a `.wfmx` file."""
+        waveform = self.waveforms[name]
+        recommended = (waveform.sample_rate, waveform.amplitude_v, waveform.offset_v)
+        file = WaveformFile(waveform.samples, waveform.markers, *recommended)
+        stamp = f"{calendar(self._clock.now):%Y-%m-%dT%H:%M:%S.000+00:00}"
+        self.disk.write(path, memoryview(write_wfmx(file, time_stamp=stamp)))
+
+    def _archive(self, path: str) -> SequenceFile:
+        data = self.disk.read(path)
+        if _suffix(path) not in (".seqx", ".awgx"):
+            raise ScpiError(-200, f"files of the kind {_suffix(path) or 'without a name'} are not simulated")
+        return read_seqx(data, self._clock)
+
+    def _put_text(self, name: str, path: str, bits: int | None) -> None:
+        file = read_text(self.disk.read(path), bits)
+        if self.normalisation != "NONE":
+            samples = edits.normalised(file.samples, keep_zero=self.normalisation == "ZREFerence")
+            file = WaveformFile(samples, file.markers)
+        self.waveforms.put(name, file)

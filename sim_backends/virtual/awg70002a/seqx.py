@@ -1,0 +1,164 @@
+"""Sequence files of the virtual AWG: `.seqx` and `.awgx`, zip archives of sequences (`.sml`) and waveforms (`.wfmx`).
+
+An `.sml` file lists the steps of one sequence: its repeats, what it waits for, where it goes on, and an asset a track.
+Source: instrument facts 1.4 and 1.7; the layout is that of the files the QCoDeS driver writes.
+"""
+
+import struct
+import zipfile
+import zlib
+from dataclasses import dataclass
+from io import BytesIO
+from math import nan
+from pathlib import PurePosixPath
+from typing import Any
+from xml.etree import ElementTree
+
+from sim_backends.scpi.status import ScpiError
+from sim_backends.virtual.awg70002a.sequences import (
+    MOST_REPEATS,
+    MOST_STEPS,
+    MOST_TRACKS,
+    SequenceEntry,
+    Step,
+    new_step,
+)
+from sim_backends.virtual.awg70002a.wfmx import WaveformFile, parse_xml, read_wfmx, text_at
+from sim_backends.world.clock import VirtualClock
+
+LARGEST_UNPACKED = 2**28  # bytes
+MOST_MEMBERS = 10_000
+
+_ZIP_ERRORS = (
+    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError),
+    *(ValueError, LookupError, NotImplementedError, RuntimeError),
+)
+_INPUTS = {"None": "OFF", "TrigA": "ATRigger", "TrigB": "BTRigger", "Internal": "ITRigger"}
+_FLAGS = {"NoChange": "NCHange", "High": "HIGH", "Low": "LOW", "Toggle": "TOGGle", "Pulse": "PULSe"}
+_REPEATS = {"Once": "ONCE", "Infinite": "INFinite"}
+_TARGETS = {"Next": "NEXT", "First": "FIRSt", "Last": "LAST", "End": "END"}
+_TIMING = {"JumpImmed": "IMMediate", "JumpAtEnd": "END"}
+
+
+@dataclass(frozen=True)
+class SequenceFile:
+    """What an archive holds: waveforms and sequences by name, in the order of the archive."""
+
+    waveforms: dict[str, WaveformFile]
+    sequences: dict[str, SequenceEntry]
+
+    def needed(self, name: str) -> tuple[dict[str, WaveformFile], dict[str, SequenceEntry]]:
+        """A sequence, the sub-sequences and waveforms it uses; -224 if it is not in the archive."""
+        if name not in self.sequences:
+            raise ScpiError(-224, f"no sequence {name} in the file")
+        wanted, waiting = {name: self.sequences[name]}, [self.sequences[name]]
+        used: dict[str, WaveformFile] = {}
+        while waiting:
+            for step in waiting.pop().entries:
+                for asset in filter(None, step.assets):
+                    if step.subsequence and asset in self.sequences and asset not in wanted:
+                        wanted[asset] = self.sequences[asset]
+                        waiting.append(self.sequences[asset])
+                    elif not step.subsequence and asset in self.waveforms:
+                        used[asset] = self.waveforms[asset]
+        return used, wanted
+
+
+def read_seqx(data: memoryview, clock: VirtualClock) -> SequenceFile:
+    """Read a `.seqx` or `.awgx` archive; -200 for anything else."""
+    waveforms: dict[str, WaveformFile] = {}
+    sequences: dict[str, SequenceEntry] = {}
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            members = archive.infolist()
+            if len(members) > MOST_MEMBERS:
+                raise ScpiError(-225, f"more than {MOST_MEMBERS} files in the archive")
+            if sum(member.file_size for member in members) > LARGEST_UNPACKED:
+                raise ScpiError(-225, f"more than {LARGEST_UNPACKED} bytes in the archive")
+            for member in members:
+                path = PurePosixPath(member.filename.replace("\\", "/"))
+                if path.suffix.lower() not in (".wfmx", ".sml"):
+                    continue
+                if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ScpiError(-200, "an archive packed in an unusual way")
+                with archive.open(member) as file:
+                    content = file.read(member.file_size + 1)  # without a number: all it unpacks to, whatever it says
+                if path.suffix.lower() == ".wfmx":
+                    waveforms[path.stem] = read_wfmx(memoryview(content))
+                else:
+                    sequence = read_sml(content, path.stem, clock)
+                    sequences[sequence.name] = sequence
+    except _ZIP_ERRORS as error:
+        raise ScpiError(-200, f"no archive that can be read: {str(error)[:200]}") from None
+    if not all(name.isprintable() for name in (*waveforms, *sequences)):
+        raise ScpiError(-200, "an archive with a name that does not fit on one line")
+    return SequenceFile(waveforms, sequences)
+
+
+def read_sml(text: bytes, name: str, clock: VirtualClock) -> SequenceEntry:
+    """The sequence of an `.sml` file, called `name` unless it says otherwise; -200 for anything else."""
+    root = parse_xml(text)
+    found = [step for step in root.iter() if step.tag.rpartition("}")[2] == "Step"]
+    tracks = max((len(_named(step, "Asset")) for step in found), default=0)
+    steps = root.find(".//{*}Steps")
+    if steps is not None:
+        tracks = max(tracks, _whole(steps.get("TrackCount", "1"), 1, MOST_TRACKS))
+    if not 1 <= len(found) <= MOST_STEPS or tracks > MOST_TRACKS:
+        raise ScpiError(-200, f"a sequence of {len(found)} steps and {tracks} tracks")
+    entries = [_step(element, tracks) for element in found]
+    sequence = SequenceEntry(text_at(root, "SequenceName") or name, tracks, entries, clock)
+    sequence.jump_timing = _TIMING.get(text_at(root, "JumpTiming"), "END")
+    sequence.repeats_flags = text_at(root, "RepeatFlag").lower() == "true"
+    try:
+        sequence.sample_rate = float(text_at(root, "RecSampleRate", "nan"))
+    except ValueError:
+        sequence.sample_rate = nan
+    return sequence
+
+
+def _named(element: ElementTree.Element, name: str) -> list[ElementTree.Element]:
+    return element.findall(f".//{{*}}{name}")
+
+
+def _whole(text: str, lowest: int, highest: int) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 20) or not lowest <= int(text) <= highest:
+        raise ScpiError(-200, f"{text[:20]} is not within {lowest}..{highest}")
+    return int(text)
+
+
+def _word(words: dict[str, str], element: ElementTree.Element, name: str) -> str:
+    text = text_at(element, name, next(iter(words)))
+    if text not in words:
+        raise ScpiError(-200, f"{name} {text[:20]}")
+    return words[text]
+
+
+def _target(element: ElementTree.Element, name: str) -> int | str:
+    if text_at(element, name) == "StepIndex":
+        return _whole(text_at(element, name + "Step"), 1, MOST_STEPS)
+    return _word(_TARGETS, element, name)
+
+
+def _step(element: ElementTree.Element, tracks: int) -> Step:
+    step = new_step(tracks)
+    step.wait = _word(_INPUTS, element, "WaitInput")
+    step.jump_input = _word(_INPUTS, element, "EventJumpInput")
+    step.jump_to = _target(element, "EventJumpTo")
+    step.goto = _target(element, "GoTo")
+    if text_at(element, "Repeat") == "RepeatCount":
+        step.repeats = _whole(text_at(element, "RepeatCount"), 1, MOST_REPEATS)
+    else:
+        step.repeats = _word(_REPEATS, element, "Repeat")
+    names = [text_at(asset, "AssetName") for asset in _named(element, "Asset")]
+    step.subsequence = "Sequence" in [text_at(asset, "AssetType") for asset in _named(element, "Asset")]
+    step.assets = (names[:1] * tracks if step.subsequence else names + [""] * tracks)[:tracks]
+    for flags, found in zip(step.track_flags, _named(element, "FlagSet"), strict=False):
+        _read_flags(flags, found)
+    return step
+
+
+def _read_flags(flags: Any, element: ElementTree.Element) -> None:
+    for flag in _named(element, "Flag"):
+        name = (flag.get("name") or "").lower()
+        if name in ("a", "b", "c", "d") and (flag.text or "") in _FLAGS:
+            setattr(flags, name, _FLAGS[flag.text or ""])

@@ -1,0 +1,1 @@
+"""The virtual oscilloscope DPO72504DX."""

@@ -1,0 +1,1 @@
+"""Where the virtual instruments meet: one light path, one clock, every trigger."""

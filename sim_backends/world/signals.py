@@ -1,0 +1,165 @@
+"""What travels between the instruments and the world: light, waveforms, patterns, trigger conditions, records."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backends.world import noise as chance
+
+AUX = 0
+BYPASS = 0
+
+
+@dataclass(frozen=True)
+class Emission:
+    """What the laser puts out: wavelength (nm) and power (W); power 0 is dark."""
+
+    wavelength_nm: float
+    power_w: float
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """What the generator's channel 1 is putting out.
+
+    volts: (n,) DAC volts into 50 ohm in front of the output stage, scaled, quantised and clipped.
+    marker: (n,) marker 1, between `marker_low_v` and `marker_high_v`. sample_rate: S/s.
+    lengths: None: one period, repeated for ever from t = 0 of the virtual clock. Otherwise `volts` and `marker` are cut
+        into segments of these lengths; each edge at the trigger input starts the next one, cyclically, and is ignored
+        while one plays; in between the output idles at 0 V with the marker low.
+    runs_on: the last segment, once reached, repeats for ever.
+
+    Raises:
+        ValueError: `volts` and `marker` are not equally long, or `lengths` do not add up to them.
+    """
+
+    volts: NDArray[np.float32]
+    marker: NDArray[np.bool_]
+    marker_low_v: float
+    marker_high_v: float
+    sample_rate: float
+    lengths: tuple[int, ...] | None = None
+    runs_on: bool = False
+
+    def __post_init__(self) -> None:
+        if self.volts.ndim != 1 or self.volts.size == 0 or self.marker.shape != self.volts.shape:
+            raise ValueError(
+                f"playback: volts {self.volts.shape}, marker {self.marker.shape}: give two equally long periods"
+            )
+        if self.lengths is not None and (sum(self.lengths) != self.volts.size or min(self.lengths) < 1):
+            raise ValueError(
+                f"playback: segments {self.lengths} of {self.volts.size} samples: they must add up to them"
+            )
+        if self.lengths is None and self.runs_on:
+            raise ValueError("playback: only a triggered playback runs on: give lengths")
+
+    @property
+    def period(self) -> float:
+        """Period (s); of a triggered playback the duration of all segments together."""
+        return float(self.volts.size / self.sample_rate)
+
+    def segment(self, number: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Volts and marker of segment `number`, from 0; all of them when there are no segments."""
+        if self.lengths is None:
+            return self.volts, self.marker
+        begin = sum(self.lengths[:number])
+        part = slice(begin, begin + self.lengths[number])
+        return self.volts[part], self.marker[part]
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Names the playback, computed once."""
+        triggered: tuple[chance.Purpose, ...] = (
+            () if self.lengths is None else ("triggered", *self.lengths, self.runs_on)
+        )
+        return chance.digest(
+            self.volts.astype("<f4").tobytes(),
+            np.packbits(self.marker).tobytes(),
+            float(self.marker_low_v),
+            float(self.marker_high_v),
+            float(self.sample_rate),
+            *triggered,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Pictures that the DMD shows one after another.
+
+    counts: (n, 784) mirrors turned to the collecting fibre in every superpixel, as `mirrors.on_counts` has them: all
+        that the light tells of a picture, in a sixtieth of its memory.
+    start_s: virtual time at which the first one is latched; the others follow every `picture_time_s`.
+    synch_delay_s: from the latch to the frame synch pulse that goes to the generator's trigger input A.
+    loop: from the beginning again after the last one, for ever; otherwise the last one stays.
+    triggered: slave mode; each edge at the DMD's trigger input latches the next one, the first one included, but none
+        sooner than `picture_time_s` after the one before. The generator's marker 1 supplies the edges, one a segment.
+    synch_pulse_s: width of the frame synch pulse. synch_high: whether the pulse goes from 0 up to 3.3 V or down.
+    repeats: how often a finite projection shows all its patterns.
+
+    Raises:
+        ValueError: counts of another shape, or none; no picture time.
+    """
+
+    counts: NDArray[np.uint16]
+    start_s: float
+    picture_time_s: float
+    synch_delay_s: float = 0.0
+    loop: bool = False
+    triggered: bool = False
+    synch_pulse_s: float = 10e-6
+    synch_high: bool = True
+    repeats: int = 1
+
+    def __post_init__(self) -> None:
+        if self.counts.ndim != 2 or len(self.counts) == 0 or not self.picture_time_s > 0:
+            raise ValueError(
+                f"projection: counts {self.counts.shape} every {self.picture_time_s} s: "
+                "give mirrors on in every superpixel (n, 784) and a time above 0"
+            )
+
+
+@dataclass(frozen=True)
+class TriggerCondition:
+    """An edge on `source` (`AUX` or a channel 1..4) through `level_v`."""
+
+    source: int
+    level_v: float
+    rising: bool
+
+
+@dataclass(frozen=True)
+class Acquisition:
+    """What the oscilloscope samples after each trigger; `start_s` is the first sample's time from the trigger."""
+
+    channels: tuple[int, ...]
+    sample_rate: float
+    samples: int
+    start_s: float
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Names the acquisition."""
+        return chance.digest(*self.channels, "at", float(self.sample_rate), self.samples, float(self.start_s))
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Volts at the oscilloscope's inputs, (triggers, channels, samples) float32: detector and receiver noise included.
+
+    trigger_offset_s: (triggers,) how much later than `start_s` after its trigger the first sample was really taken.
+    keys: one noise key a trigger.
+    """
+
+    volts: NDArray[np.float32]
+    trigger_offset_s: NDArray[np.float64]
+    keys: tuple[bytes, ...]
+
+    def digitiser_noise(self) -> NDArray[np.float32]:
+        """Unit noise of the shape of `volts`; a trigger's is the same however many triggers the record has."""
+        noise = np.empty(self.volts.shape, np.float32)
+        rekeyed = chance.Rekeyed()
+        for key, frame in zip(self.keys, noise, strict=True):
+            rekeyed.generator(chance.digest(key, "digitiser")).standard_normal(out=frame, dtype=np.float32)
+        return noise

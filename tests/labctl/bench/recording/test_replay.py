@@ -1,0 +1,296 @@
+"""`labctl record` and `labctl replay`, as they are typed: a run is played again without any physics."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from instruments.errors import LinkError
+from instruments.tektronix_awg70002a import Awg70002a
+from instruments.visa import VisaLink
+from labctl.bench.opening import opened
+from labctl.bench.recording.format import Kind, read_recording
+from labctl.bench.recording.recorder import Masks, RecordingRequest, asking_to_record, recordings
+from labctl.bench.recording.replay import leading_to, redirected, replay_of
+from labctl.bench.station import DmdSection, LaserSection, SimSection, Station, read_station
+from labctl.errors import StationError
+from tests.command_line import labctl
+
+LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
+MOST_POLLS = 1000
+STORED = Path(__file__).with_name("check.rec")
+"""`labctl record check.rec --mask -- check`, on the simulated bench: make it anew when a driver is meant to differ."""
+
+RUN = ("run", "image-readout", "--set", "images=8", "--set", "window=0.4 ns")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A recording of a small run, and what the run printed."""
+    folder = tmp_path_factory.mktemp("recorded")
+    command = [*LABCTL, "record", str(folder / "bench.rec"), "--", *RUN, "--out", str(folder / "run"), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "recorded in" in done.stderr
+    return folder / "bench.rec", json.loads(done.stdout)
+
+
+def test_the_replay_gives_the_same_frames(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, run = recorded
+    status, out, err = labctl(capsys, "replay", recording, "--json", "--", *RUN, "--out", tmp_path / "again")
+    assert (status, err) == (0, "")
+    assert json.loads(out)["frames_sha256"] == run["frames_sha256"]
+
+
+def test_the_drivers_say_what_they_said_when_it_was_recorded(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = labctl(capsys, "replay", STORED, "--json", "--", "check")
+    assert (status, err) == (0, "")
+    assert json.loads(out)["instruments"]["scope"]["identity"].startswith("TEKTRONIX DPO72504DX serial-1")
+
+
+def test_blocks_are_recorded_whole(recorded: tuple[Path, dict[str, Any]]) -> None:
+    recording = read_recording(recorded[0])
+    assert recording.complete
+    assert {connection.instrument for connection in recording.connections} == set(Station().addresses)
+    sent = [record.read() for record in recording.records if record.kind is Kind.SENT]
+    put = next(message for message in sent if message.startswith(b"ALP:SEQPUT"))
+    assert re.match(rb"ALP:SEQPUT \d+,0,1,#598304", put)
+    assert put.endswith(b"\n")
+    assert len(put) == put.index(b"#598304") + 7 + 98304 + 1
+    assert any(record.read().startswith(b"#") for record in recording.records if record.kind is Kind.RECEIVED)
+
+
+def test_a_changed_driver_is_named(
+    recorded: tuple[Path, dict[str, Any]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Awg70002a, "MARKER_RESOLUTION_BITS", 8)
+    status, out, err = labctl(capsys, "replay", recorded[0], "--", *RUN, "--out", tmp_path / "again")
+    (difference,) = [line for line in err.splitlines() if line.startswith("replay:")]
+    assert (status, out) == (1, "")
+    assert re.fullmatch(
+        r"replay: awg: message \d+ of connection 1: "
+        r"expected 'SOURce1:DAC:RESolution 9', was sent 'SOURce1:DAC:RESolution 8'",
+        difference,
+    )
+    assert "cannot be reached" in err.splitlines()[-2]
+    assert "labctl resume" in err.splitlines()[-1]
+
+
+def test_a_changed_block_is_named_by_its_first_byte(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = [*RUN, "--set", "seed=2", "--out", str(tmp_path / "again")]
+    status, _, err = labctl(capsys, "replay", recorded[0], "--", *other)
+    assert status == 1
+    assert re.search(r"#<\d+ bytes, crc32 \w{8}>, was sent .*; first differing byte of the block \d+: 0x", err)
+
+
+def test_a_command_that_does_less_is_told(
+    recorded: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, err = labctl(capsys, "replay", recorded[0], "--", "run", "image-readout", "--dry-run")
+    assert status == 1
+    assert re.search(r"replay: the command ended after 0 of \d+ messages", err)
+
+
+def test_a_torn_recording_is_played_to_its_end(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    torn = tmp_path / "torn.rec"
+    torn.write_bytes(recorded[0].read_bytes()[:-20_000])
+    status, _, err = labctl(capsys, "replay", torn, "--", *RUN, "--out", tmp_path / "again")
+    assert status == 1
+    assert "is incomplete" in err.splitlines()[0]
+    (difference,) = [line for line in err.splitlines() if line.startswith("replay:")]
+    assert "nothing more" in difference
+
+
+def test_damaged_and_existing_files(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    damaged = bytearray(recorded[0].read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    (tmp_path / "damaged.rec").write_bytes(damaged)
+    status, out, err = labctl(capsys, "replay", tmp_path / "damaged.rec", "--json")
+    assert status == 2
+    assert "is damaged at byte" in err
+    assert json.loads(out)["exit"] == 2
+    status, _, err = labctl(capsys, "record", recorded[0], "--", "check")
+    assert status == 2
+    assert "exists" in err
+    (tmp_path / "a-2.rec").touch()
+    status, _, err = labctl(capsys, "record", tmp_path / "a.rec", "--", "check")
+    assert status == 2
+    assert "a-2.rec: exists" in err
+
+
+@pytest.mark.parametrize("nested", [("replay", "a.rec"), ("record", "a.rec", "--", "check")])
+def test_neither_is_nested(nested: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("record", "replay"):
+        status, _, err = labctl(capsys, command, tmp_path / "b.rec", "--", *nested)
+        assert status == 2
+        assert "cannot be recorded or played to" in err
+
+
+def test_what_is_for_clients_of_your_own_is_refused_with_a_command(
+    recorded: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, err = labctl(capsys, "replay", recorded[0], "--port-base", "5000", "--", "check")
+    assert status == 2
+    assert "leave the command out" in err
+
+
+def test_a_masked_recording_tells_no_serial_number_and_still_matches(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, _ = labctl(capsys, "record", tmp_path / "m.rec", "--mask", "--", "check")
+    assert status == 0
+    whole = b"".join(record.read() for record in read_recording(tmp_path / "m.rec").records)
+    assert b"SIM0001" not in whole
+    assert b"127.0.0.1" not in (tmp_path / "m.rec").read_bytes()
+    assert b"serial-1" in whole
+    status, out, _ = labctl(capsys, "replay", tmp_path / "m.rec", "--json", "--", "check")
+    assert status == 0
+    assert "serial-1" in json.loads(out)["instruments"]["awg"]["identity"]
+
+
+def test_nothing_spoken_nothing_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, err = labctl(capsys, "record", tmp_path / "m.rec", "--", "data", "list")
+    assert status == 0
+    assert "nothing recorded" in err
+    assert not (tmp_path / "m.rec").exists()
+
+
+def test_every_bench_of_a_command_has_its_file(tmp_path: Path) -> None:
+    asked = RecordingRequest(str(tmp_path / "a.rec"), mask=False, command=("twice",))
+    with asking_to_record(asked):
+        for _ in range(2):
+            with opened(Station(), lambda *_: None) as found:
+                found.bench.awg.identify()
+    for name in ("a.rec", "a-2.rec"):
+        recording = read_recording(tmp_path / name)
+        assert recording.complete
+        assert [connection.instrument for connection in recording.connections] == ["awg"]
+        assert recording.heading["command"] == ["twice"]
+
+
+class TestServing:
+    """Without a command: until everything is played, a difference, or a signal."""
+
+    def serve(self, recording: Path, *options: str) -> "subprocess.Popen[str]":
+        command = [*LABCTL, "replay", str(recording), "--json", *options]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def test_ends_well_when_all_is_played(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        labctl(capsys, "record", tmp_path / "c.rec", "--", "check")
+        station = tmp_path / "station.toml"
+        with self.serve(tmp_path / "c.rec", "--save-station", str(station)) as server:
+            assert server.stdout is not None
+            resources = json.loads(server.stdout.readline())["resources"]
+            assert list(resources) == list(Station().addresses)
+            status, _, _ = labctl(capsys, "check", "--station", station)
+            _, err = server.communicate(timeout=30)
+        assert (status, server.returncode) == (0, 0)
+        assert re.search(r"replay: (\d+) of \1 messages were played", err)
+
+    def test_a_signal_before_the_end(self, recorded: tuple[Path, dict[str, Any]]) -> None:
+        with self.serve(recorded[0]) as server:
+            assert server.stdout is not None
+            server.stdout.readline()
+            server.send_signal(signal.SIGTERM)
+            _, err = server.communicate(timeout=30)
+        assert server.returncode == 130
+        assert "replay: 0 of" in err
+
+
+def test_a_difference_ends_the_serving(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    station = tmp_path / "station.toml"
+    with ThreadPoolExecutor(1) as client:
+        failure = client.submit(identify, station)
+        status, out, err = labctl(capsys, "replay", recorded[0], "--save-station", station)
+        assert isinstance(failure.result(30), LinkError)
+    assert status == 1
+    assert re.search(r"patch_panel +TCPIP0::127", out)
+    assert re.search(r"replay: awg: message 1 of connection 1: expected .*, was sent 'HELLO\?'", err)
+
+
+def identify(station: Path) -> LinkError | None:
+    """Ask the AWG of `station`, as soon as there is one, what nobody has asked it before."""
+    pause = threading.Event()
+    for _ in range(MOST_POLLS):
+        if station.exists() and "patch_panel" in station.read_text():
+            break
+        pause.wait(0.02)
+    link = VisaLink(read_station(station).awg.address, name="awg", timeout_s=10, transcript=lambda *_: None)
+    try:
+        link.query("HELLO?")
+    except LinkError as error:
+        return error
+    finally:
+        link.close()
+    return None
+
+
+def test_a_taken_port_is_told(recorded: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        status, _, err = labctl(capsys, "replay", recorded[0], "--port-base", str(taken.getsockname()[1]))
+    assert status == 2
+    assert "choose another port" in err
+
+
+def test_masks() -> None:
+    masks = Masks()
+    assert masks.identity(b"TEKTRONIX,AWG70002A,B010203,FV:6.1\n") == b"TEKTRONIX,AWG70002A,serial-1,FV:6.1\n"
+    assert masks.identity(b"TEKTRONIX,DPO,C1,FV\n") == b"TEKTRONIX,DPO,serial-2,FV\n"
+    assert masks.identity(b"TEKTRONIX,AWG70002A,B010203,FV:6.1\n") == b"TEKTRONIX,AWG70002A,serial-1,FV:6.1\n"
+    assert masks.resource("TCPIP0::scope.lab.example::inst0::INSTR") == "TCPIP0::host-1::inst0::INSTR"
+    assert masks.resource("TCPIP0::scope.lab.example::4000::SOCKET") == "TCPIP0::host-1::4000::SOCKET"
+    assert masks.resource("USB0::0x0699::0x0503::B010203::INSTR") == "USB0::0x0699::0x0503::serial-1::INSTR"
+    assert masks.resource("ASRL/dev/ttyUSB0::INSTR") == "ASRL/dev/ttyUSB0::INSTR"
+
+
+def test_it_does_not_matter_which_of_several_benches_is_opened_first(tmp_path: Path) -> None:
+    first, second, unknown = (Station(sim=SimSection(twin_seed=seed)) for seed in (1, 2, 3))
+    with asking_to_record(RecordingRequest(str(tmp_path / "a.rec"), mask=False, command=("several",))):
+        for station in (first, second, first):
+            with opened(station, lambda *_: None) as found:
+                (found.bench.awg if station is first else found.bench.scope).identify()
+    files = recordings(tmp_path / "a.rec")
+    assert [file.name for file in files] == ["a.rec", "a-2.rec", "a-3.rec"]
+    played = [read_recording(file) for file in files]
+    with replay_of(played) as replay, leading_to(replay, played):
+        for station in (second, first, first):
+            with opened(station, lambda *_: None) as found:
+                assert found.simulation is None
+                (found.bench.awg if station is first else found.bench.scope).identify()
+        with pytest.raises(StationError, match="no bench with these settings was recorded"), opened(unknown, print):
+            pass
+        replay.stop()
+        assert replay.complete
+
+
+def test_stations_are_led_to_the_replay_only_inside_it(recorded: tuple[Path, dict[str, Any]]) -> None:
+    station = Station(laser=LaserSection(commands=Path("own.toml")), dmd=DmdSection(address="TCPIP0::a::1::SOCKET"))
+    played = [read_recording(recorded[0])]
+    with replay_of(played) as replay, leading_to(replay, played):
+        (addresses,) = replay.resources.values()
+        assert redirected(station).addresses == addresses
+        assert redirected(station).laser.commands == Path("own.toml")
+        assert str(redirected(Station()).laser.commands) == "simulated"
+    assert redirected(station) is station
+    assert not any(name.startswith("LABCTL_RE") for name in os.environ)

@@ -1,0 +1,143 @@
+"""`labctl check` over sockets: something is wrong with one instrument, and the others are checked all the same."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labctl.bench.station import write_addresses
+from sim_backends.faults.bench import Befalling, FaultyBench
+from sim_backends.faults.catalogue import QUEUE, START, WIRE, Fault, Moment
+from sim_backends.faults.distortions import instead
+from tests.command_line import labctl
+
+ROLES = ("awg", "scope", "laser", "dmd", "patch_panel")
+NOBODY, START_OF_ALL = START["nobody there"], Moment("", 0)
+TEST_FAILED = Fault("the self-test fails", answers={"*TST?": instead(b"3")})
+
+
+@contextmanager
+def station_of(bench: FaultyBench, path: Path) -> Iterator[Path]:
+    with bench:
+        write_addresses(path, {name: found["socket"] for name, found in bench.resources.items()})
+        text = path.read_text("utf-8")
+        path.write_text(text.replace("[awg]\n", "[awg]\ntimeout = '0.3 s'\n"), "utf-8")
+        yield path
+
+
+def checked(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
+    status, out, err = labctl(capsys, "check", "--station", path, "--json")
+    assert not err
+    return status, json.loads(out)
+
+
+def with_fault(
+    role: str, fault: Fault, moment: Moment, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> dict[str, Any]:
+    """What `labctl check` finds at the instrument with the fault; everything else must be well."""
+    with station_of(FaultyBench([Befalling(role, fault, moment)]), folder / "bench.toml") as path:
+        status, found = checked(path, capsys)
+    assert status == 1
+    assert not found["ok"]
+    assert {name for name, finding in found["instruments"].items() if not finding["ok"]} == {role}
+    assert all(found["instruments"][name]["self_test"] == "passed" for name in ROLES if name != role)
+    broken: dict[str, Any] = found["instruments"][role]
+    return broken
+
+
+def test_everything_is_told_of_a_bench_that_is_well(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with station_of(FaultyBench([]), tmp_path / "bench.toml") as path:
+        status, found = checked(path, capsys)
+    assert (status, found["ok"]) == (0, True)
+    awg = found["instruments"]["awg"]
+    assert awg["address"].startswith("TCPIP0::127.0.0.1::")
+    assert (awg["manufacturer"], awg["model"], awg["firmware"]) == ("TEKTRONIX", "AWG70002A", "FV:6.1.0123")
+    assert (awg["options"], awg["self_test"], awg["errors"]) == ("03,225", "passed", [])
+    assert awg["limits"]["amplitude"] == {"low": 0.25, "high": 0.5, "unit": "Vpp"}
+    assert awg["limits"]["awg.amplitude"]["high"] == 0.5
+    assert found["instruments"]["scope"]["options"].startswith("STD")
+    assert found["instruments"]["laser"]["limits"]["wavelength"]["unit"] == "nm"
+    assert found["instruments"]["laser"]["limits"]["laser.power"] == {"low": 0.0, "high": 0.03, "unit": "W"}
+    assert list(found["instruments"]) == ["laser", "awg", "dmd", "scope", "patch_panel"]
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_one_that_is_not_there_keeps_no_other_from_being_checked(
+    role: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = with_fault(role, NOBODY, START_OF_ALL, tmp_path, capsys)
+    assert found["identity"] == ""
+    assert found["self_test"] == "not run"
+    assert found["address"] in found["problem"]
+    assert "check address, cable and power" in found["problem"]
+
+
+def test_one_that_stops_answering(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = with_fault("awg", WIRE["dead"], Moment("*OPT?"), tmp_path, capsys)
+    assert "AWG70002A" in found["identity"]
+    assert "did not answer in time (at '*OPT?')" in found["problem"]
+
+
+@pytest.mark.parametrize("role", ["awg", "scope"])
+def test_one_whose_self_test_fails(role: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = with_fault(role, TEST_FAILED, Moment("*IDN?"), tmp_path, capsys)
+    assert (
+        found["self_test"] == found["problem"] == f"{role}: self-test failed with code 3: see the instrument's screen"
+    )
+
+
+@pytest.mark.parametrize(
+    ("role", "header"), [("awg", "*IDN?"), ("scope", "*IDN?"), ("laser", "*IDN?"), ("patch_panel", "*IDN?")]
+)
+def test_what_the_error_queue_held_is_told_once(
+    role: str, header: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with station_of(
+        FaultyBench([Befalling(role, QUEUE["error queued"], Moment(header))]), tmp_path / "bench.toml"
+    ) as path:
+        status, found = checked(path, capsys)
+        assert status == 1
+        assert "injected" in " ".join(found["instruments"][role]["errors"])
+        assert found["instruments"][role]["self_test"] == "passed"
+        assert "repeat the check" in found["instruments"][role]["problem"]
+        assert checked(path, capsys)[0] == 0
+
+
+def test_a_driver_whose_library_is_missing_is_one_instrument_that_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text("[dmd]\naddress = 'usb'\n", encoding="utf-8")
+    status, found = checked(path, capsys)
+    assert status == 1
+    assert found["instruments"]["dmd"]["problem"].startswith("dmd: ")
+    assert "labctl[alp]" in found["instruments"]["dmd"]["problem"] or find_spec("ALP4")
+    assert found["instruments"]["awg"]["ok"]
+
+
+def test_a_level_above_its_limit_is_refused_before_anything_is_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text("[laser]\npower = '40 mW'\n", encoding="utf-8")
+    status, _, err = labctl(capsys, "check", "--station", path)
+    assert status == 2
+    assert "laser.power = 40 mW exceeds limits.optical_power" in err
+
+
+def test_people_read_addresses_options_limits_and_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with station_of(FaultyBench([Befalling("scope", NOBODY, START_OF_ALL)]), tmp_path / "bench.toml") as path:
+        status, out, _ = labctl(capsys, "check", "--station", path)
+    assert status == 1
+    assert "FAILS" in out
+    assert "03,225" in out
+    assert "0.25 to 0.5" in out
+    assert out.count("self-test passed") == 4
+    (told,) = [line for line in out.splitlines() if line.startswith("scope at ")]
+    assert told.endswith("check address, cable and power")

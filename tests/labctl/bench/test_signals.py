@@ -1,0 +1,136 @@
+"""Signals."""
+
+import os
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+
+import pytest
+
+from instruments.bench import UnsafeBench
+from labctl.bench.opening import opened
+from labctl.bench.signals import Interruption, StoppedBySignal, interruptible, on_stop_signal, stops_deferred
+from labctl.bench.station import Station
+
+STOPS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+AT_ONCE = [[signal.SIGINT, signal.SIGINT], [signal.SIGTERM], [signal.SIGHUP]]
+
+
+def send(signals: Sequence[signal.Signals]) -> None:
+    for number in signals:
+        os.kill(os.getpid(), number)
+
+
+@pytest.fixture(autouse=True)
+def handlers_as_before() -> Iterator[None]:
+    before = [signal.getsignal(number) for number in STOPS]
+    yield
+    assert [signal.getsignal(number) for number in STOPS] == before
+
+
+def test_the_first_interrupt_asks(capfd: pytest.CaptureFixture[str]) -> None:
+    with interruptible() as interruption:
+        send([signal.SIGINT])
+        assert interruption.requested
+    assert "after this shot" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("signals", AT_ONCE)
+def test_the_second_interrupt_or_another_signal_stops_and_is_not_interrupted_itself(
+    signals: list[signal.Signals],
+) -> None:
+    with interruptible() as interruption:
+        with pytest.raises(StoppedBySignal):
+            send(signals)
+        send(STOPS)
+        assert interruption.requested
+
+
+def test_a_run_is_not_suspended_with_its_light_on(capfd: pytest.CaptureFixture[str]) -> None:
+    with interruptible() as interruption:
+        send([signal.SIGTSTP])
+        assert not interruption.requested
+    assert "not suspended" in capfd.readouterr().err
+
+
+def test_what_nohup_has_turned_off_stays_off() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruptible() as interruption:
+            send([signal.SIGHUP])
+            with stops_deferred():
+                send([signal.SIGHUP])
+            assert not interruption.requested
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_other_threads_run_without_signals() -> None:
+    found: list[Interruption] = []
+
+    def work() -> None:
+        with interruptible() as interruption, stops_deferred():
+            found.append(interruption)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert not found[0].requested
+
+
+@pytest.mark.parametrize("number", STOPS)
+def test_a_service_is_told_to_stop(number: signal.Signals) -> None:
+    stop = threading.Event()
+    with on_stop_signal(stop.set):
+        os.kill(os.getpid(), number)
+        assert stop.wait(1)
+
+
+class SignalsInTheCleanUp:
+    """A transcript that gets this process signalled at the first message of the safe state."""
+
+    def __init__(self, signals: Sequence[signal.Signals]) -> None:
+        self.said: list[tuple[str, str]] = []
+        self.arrived = False
+        self._signals = signals
+
+    def __call__(self, instrument: str, direction: str, message: str, /) -> None:
+        self.said.append((instrument, message))
+        if message == "OUTPUT OFF" and not self.arrived:
+            self.arrived = True
+            send(self._signals)
+
+
+@pytest.mark.parametrize("signals", [*AT_ONCE, [signal.SIGINT] * 5, [*STOPS, *STOPS]])
+def test_signals_in_the_clean_up_wait_until_the_bench_is_safe(signals: list[signal.Signals]) -> None:
+    transcript = SignalsInTheCleanUp(signals)
+    with opened(Station(), transcript) as found:
+        with pytest.raises(StoppedBySignal), interruptible(), found.bench.emitting(1550.0):
+            transcript.said.clear()
+        assert transcript.arrived
+        assert list(dict.fromkeys(name for name, _ in transcript.said)) == ["laser", "awg", "dmd", "scope"]
+        assert found.bench.laser.settings()["emitting"] == 0
+        assert found.bench.awg.settings()["output"] == 0
+        assert not found.bench.lit
+
+
+def test_one_interrupt_in_the_clean_up_asks_only() -> None:
+    transcript = SignalsInTheCleanUp([signal.SIGINT])
+    with opened(Station(), transcript) as found:
+        with interruptible() as interruption, found.bench.emitting(1550.0):
+            pass
+        assert interruption.requested
+        assert found.bench.laser.settings()["emitting"] == 0
+
+
+def test_a_stop_that_waited_tells_what_the_safe_state_failed_at(capfd: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        with interruptible(), stops_deferred():
+            send([signal.SIGTERM])
+            raise UnsafeBench("the safe state is not confirmed")
+
+    with pytest.raises(StoppedBySignal):
+        fail()
+    said = capfd.readouterr().err
+    assert "the bench is made safe first" in said
+    assert "labctl: the safe state is not confirmed" in said

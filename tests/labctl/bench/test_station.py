@@ -1,0 +1,118 @@
+"""The station file and what it refuses."""
+
+from pathlib import Path
+
+import pytest
+
+from labctl.bench.station import read_station, write_addresses
+from labctl.errors import StationError
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "bench.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_without_a_file_the_bench_is_simulated() -> None:
+    station = read_station(None)
+    assert station.simulated
+    assert station.wiring.burst
+
+
+def test_units_are_understood(tmp_path: Path) -> None:
+    text = """
+    name = "room 2"
+    [awg]
+    address = "TCPIP0::192.0.2.1::inst0::INSTR"
+    amplitude = "400 mVpp"
+    [laser]
+    power = "13 dBm"
+    wavelength = "1551 nm"
+    [patch_panel]
+    ports = "2-6"
+    [scope]
+    trigger_source = "auxiliary"
+    """
+    station = read_station(write(tmp_path, text))
+    assert station.awg.amplitude == pytest.approx(0.4)
+    assert station.laser.power == pytest.approx(0.01995, rel=1e-3)
+    assert station.patch_panel.ports == (2, 3, 4, 5, 6)
+    assert station.scope.trigger_source == "AUX"
+    assert station.source.endswith("bench.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[awg]\ncolour = 1", r"bench\.toml: awg\.colour = 1: unknown key"),
+        ("[laser]\npower = '30 V'", r"laser\.power = '30 V': '30 V' is not in W: write it like '1 W'"),
+        ("[laser]\npower = '30'", r"laser\.power = '30': '30' has no unit"),
+        ("[scope]\nchannels = [5]", r"scope\.channels\.0 = 5: "),
+        ("[patch_panel]\nports = 'all'", r"patch_panel\.ports = 'all': 'all' is not a list of ports"),
+        ("[awg\n", r"is not TOML"),
+        ("[durability]\nshots = 0", r"durability\.shots = 0"),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(StationError, match=message) as refused:
+        read_station(write(tmp_path, text))
+    assert "\n" not in str(refused.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(StationError, match=r"nowhere\.toml: cannot be read"):
+        read_station(tmp_path / "nowhere.toml")
+
+
+def test_addresses_survive_the_file(tmp_path: Path) -> None:
+    names = ("awg", "scope", "laser", "dmd", "patch_panel")
+    addresses = {name: f"TCPIP0::127.0.0.1::{5000 + rank}::SOCKET" for rank, name in enumerate(names)}
+    path = tmp_path / "served.toml"
+    write_addresses(path, addresses)
+    station = read_station(path)
+    assert station.addresses == addresses
+    assert str(station.laser.commands) == "simulated"
+    assert station.laser.armed
+    assert not station.simulated
+    with pytest.raises(StationError, match="name a new file"):
+        write_addresses(path, addresses)
+
+
+def test_a_saved_station_says_all_that_its_bench_said(tmp_path: Path) -> None:
+    text = """
+    name = "twin of \\"room 2\\""
+    [laser]
+    power = "10 mW"
+    commands = "table.toml"
+    [patch_panel]
+    ports = "0,2-6"
+    [wiring]
+    projector = false
+    [durability]
+    seconds = 0.5
+    [sim]
+    twin_seed = 3
+    parameters = { enob = 4.5, shared_reference = false }
+    """
+    said = read_station(write(tmp_path, text))
+    addresses = {name: f"TCPIP0::127.0.0.1::{5000 + rank}::SOCKET" for rank, name in enumerate(said.addresses)}
+    path = tmp_path / "served.toml"
+    write_addresses(path, addresses, said)
+    saved = read_station(path)
+    assert saved.addresses == addresses
+    assert saved.laser.commands == tmp_path / "table.toml"
+    for section in ("name", "wiring", "limits", "durability", "sim"):
+        assert getattr(saved, section) == getattr(said, section)
+    assert saved.patch_panel.ports == said.patch_panel.ports
+    assert saved.laser.power == said.laser.power
+
+
+def test_instruments_that_are_set_by_hand_need_no_address(tmp_path: Path) -> None:
+    address = 'address = "TCPIP0::192.0.2.1::inst0::INSTR"'
+    instruments = "".join(f"[{name}]\n{address}\n" for name in ("awg", "scope", "dmd"))
+    by_hand = '[laser]\ndriver = "manual-laser"\n[patch_panel]\ndriver = "manual-patch-panel"\n'
+    assert not read_station(write(tmp_path, instruments + by_hand)).simulated
+    partly = read_station(write(tmp_path, by_hand))
+    assert partly.simulations == ("awg", "scope", "dmd")
+    assert not partly.wholly_simulated

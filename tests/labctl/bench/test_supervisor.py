@@ -1,0 +1,177 @@
+"""What a supervisor does when its parent is gone, told by a pipe that ends."""
+
+import io
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from instruments.bench import Bench
+from labctl.bench.opening import opened
+from labctl.bench.simulation import SIMULATED_LASER
+from labctl.bench.station import SIMULATED_STATION, Station
+from labctl.bench.supervision import supervised
+from labctl.bench.supervisor import AGAIN_S, ATTEMPTS, READY, TRYING, Task, supervise, within_reach
+from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.events import EventReader
+from sim_backends.bench import SimulatedBench
+
+
+@pytest.fixture
+def station() -> Iterator[Station]:
+    """A bench at addresses, served from here."""
+    with SimulatedBench() as bench:
+        sections = {name: {"address": found["socket"]} for name, found in bench.resources.items()}
+        yield Station.model_validate(sections | {"laser": sections["laser"] | {"commands": SIMULATED_LASER}})
+
+
+def orders(station: Station, *later: object) -> io.BytesIO:
+    task = Task(station=station, log_started=time.monotonic() - 1000)
+    return io.BytesIO("".join(f"{line}\n" for line in (task.model_dump_json(), *map(json.dumps, later))).encode())
+
+
+def ignored(_said: bytes) -> None:
+    pass
+
+
+def test_a_parent_that_ended_leaves_a_safe_bench_and_a_line_in_the_log(
+    station: Station, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "commands.log"
+    path.write_text("999.5 > laser OUTPUT ON\n999.6 > scope CURV")
+    with CommandLog() as log, opened(station, log) as found:
+        found.bench.laser.emit()
+        supervise(orders(station, str(tmp_path / "no run"), str(path)), ignored)
+        assert found.bench.laser.settings()["emitting"] == 0
+    lines = path.read_text().splitlines()
+    assert lines[1] == "999.6 > scope CURV"
+    assert lines[2].endswith("> laser OUTPUT OFF")
+    assert 1000 < float(lines[2].split()[0]) < 1100
+    done = "the supervisor did: laser off, AWG output off, DMD blank, oscilloscope stopped"
+    assert f" ! run ended without making the bench safe, {done} (" in lines[-1]
+    assert capfd.readouterr().err == f"labctl: the run ended without making the bench safe, {done}\n"
+    (told,) = EventReader(tmp_path / "events.jsonl").read()
+    assert (told.name, told.fields["reached"], told.fields["by"]) == ("safe state", True, "supervisor")
+
+
+def test_a_laser_set_by_hand_is_left_to_a_person(station: Station, capfd: pytest.CaptureFixture[str]) -> None:
+    by_hand = station.model_copy(update={"laser": station.laser.model_copy(update={"driver": "manual-laser"})})
+    supervise(orders(by_hand), ignored)
+    said = capfd.readouterr().err
+    assert "did: AWG output off, DMD blank, oscilloscope stopped; the laser is set by hand: switch it off" in said
+
+
+def test_what_cannot_be_reached_is_told(station: Station, capfd: pytest.CaptureFixture[str]) -> None:
+    nobody = {"address": "TCPIP0::127.0.0.1::9::SOCKET"}
+    supervise(orders(station.model_copy(update={"awg": station.awg.model_copy(update=nobody)})), ignored)
+    said = capfd.readouterr().err
+    assert "the supervisor could not: the safe state is not confirmed (awg: awg at TCPIP0" in said
+    assert said.endswith("the laser is off\n")
+    assert said.count("\n") == 1
+
+
+def test_a_laser_that_cannot_be_reached_is_tried_until_it_can(
+    station: Station, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Its cable is plugged in again while the supervisor waits for the third time."""
+    pauses: list[float] = []
+    said: list[bytes] = []
+    with CommandLog() as log, opened(station, log) as found, socket.create_server(("127.0.0.1", 0)) as unplugged:
+        found.bench.laser.emit()
+        port = unplugged.getsockname()[1]
+        unplugged.close()
+        away = station.laser.model_copy(update={"address": f"TCPIP0::127.0.0.1::{port}::SOCKET"})
+
+        def plug_in(seconds: float) -> None:
+            pauses.append(seconds)
+            if len(pauses) == 3:
+                stack.enter_context(forwarded(port, station.laser.address))
+
+        with ExitStack() as stack:
+            supervise(orders(station.model_copy(update={"laser": away})), said.append, plug_in)
+        assert found.bench.laser.settings()["emitting"] == 0
+    assert pauses == [AGAIN_S] * 3
+    assert said == [READY, TRYING]
+    first, last = capfd.readouterr().err.splitlines()
+    assert "the laser may still emit, switch it off by its key switch; the laser is tried again for 10 min" in first
+    assert last == "labctl: the run ended without making the bench safe, the supervisor did at last: laser off"
+
+
+def test_a_laser_that_is_never_reached_is_left_to_its_key_switch(
+    station: Station, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pauses: list[float] = []
+    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
+    supervise(orders(station.model_copy(update={"laser": nobody})), ignored, pauses.append)
+    assert len(pauses) == ATTEMPTS
+    told = capfd.readouterr().err.splitlines()[-1]
+    assert told.endswith("the laser could not be reached, switch it off by its key switch")
+
+
+@contextmanager
+def forwarded(port: int, address: str) -> Iterator[None]:
+    """What comes to `port` goes to the instrument at `address`, and back."""
+    with socket.create_server(("127.0.0.1", port)) as listener:
+        threading.Thread(target=_forward, args=(listener, int(address.split("::")[2])), daemon=True).start()
+        yield
+
+
+def _forward(listener: socket.socket, port: int) -> None:
+    with suppress(OSError):
+        while True:
+            client, _ = listener.accept()
+            instrument = socket.create_connection(("127.0.0.1", port))
+            for source, target in ((client, instrument), (instrument, client)):
+                threading.Thread(target=_carry, args=(source, target), daemon=True).start()
+
+
+def _carry(source: socket.socket, target: socket.socket) -> None:
+    with source, suppress(OSError):
+        while data := source.recv(65536):
+            target.sendall(data)
+        target.shutdown(socket.SHUT_RDWR)
+
+
+@pytest.mark.parametrize("nothing", [b"", b'{"station": {'])
+def test_a_parent_that_ended_before_it_said_anything_had_no_light(nothing: bytes) -> None:
+    said: list[bytes] = []
+    supervise(io.BytesIO(nothing), said.append)
+    assert not said
+
+
+def test_a_bench_in_this_process_or_by_hand_is_out_of_reach(station: Station) -> None:
+    assert within_reach(station) == ("laser", "awg", "dmd", "scope")
+    assert within_reach(SIMULATED_STATION) == ()
+    mixed = {"laser": {"driver": "manual-laser", "address": "by hand"}, "awg": {"address": "TCPIP0::192.0.2.1::INSTR"}}
+    assert within_reach(Station.model_validate(mixed)) == ("awg",)
+
+
+def test_a_replay_is_not_supervised(station: Station, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LABCTL_REPLAY", "{}")
+    unwatched = bench.before_light
+    with CommandLog() as log, supervised(station, log) as watch:
+        watch(bench)
+        assert bench.before_light is unwatched
+
+
+def test_it_starts_without_what_only_a_run_needs() -> None:
+    heavy = (
+        "scipy",
+        "sklearn",
+        "h5py",
+        "matplotlib",
+        "rich",
+        "pint",
+        "sim_backends",
+        "labctl.runs.read",
+        "labctl.runs.write",
+    )
+    loaded = f"import sys, labctl.bench.supervisor; print([name for name in {heavy} if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", loaded], capture_output=True, check=True).stdout == b"[]\n"

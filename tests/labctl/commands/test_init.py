@@ -1,0 +1,209 @@
+"""`labctl init` on a bench that answers, on one that does not, and on a person who types."""
+
+import io
+import json
+import re
+import socketserver
+import threading
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from instruments.values import Identity
+from labctl.bench.discovery import Answer, answers_at, recognised
+from labctl.bench.schema import STATION, schema_of
+from labctl.bench.station import Station, read_station
+from sim_backends.bench import SimulatedBench
+from tests.command_line import labctl
+
+SILENT = "TCPIP0::127.0.0.1::9::SOCKET"
+
+
+class Terminal(io.StringIO):
+    """A person's answers."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def written(path: Path) -> Station:
+    """What the file says, once it is known to be right."""
+    content = tomllib.loads(path.read_text("utf-8"))
+    jsonschema.Draft202012Validator(schema_of(STATION)).validate(content)
+    return read_station(path)
+
+
+@pytest.fixture(scope="module")
+def addresses() -> Iterator[dict[str, str]]:
+    """A bench that answers."""
+    with SimulatedBench() as bench:
+        yield {name: found["socket"] for name, found in bench.resources.items()}
+
+
+def test_instruments_that_answer_are_known_by_what_they_say(
+    addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named = [word for address in reversed(addresses.values()) for word in ("--address", address)]
+    path = tmp_path / "bench.toml"
+    status, out, err = labctl(capsys, "init", path, "--no-search", *named, "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)
+    assert {name: told["address"] for name, told in found["instruments"].items()} == addresses
+    assert written(path).addresses == addresses
+    text = path.read_text("utf-8")
+    assert text.startswith("#:schema station.schema.json\n")
+    assert json.loads((tmp_path / "station.schema.json").read_text("utf-8")) == schema_of(STATION)
+    assert "# Answered here: TEKTRONIX AWG70002A SIM0001" in text
+    assert "class 3B" in text
+    status, out, _ = labctl(capsys, "check", "--station", path, "--json")
+    assert (status, json.loads(out)["ok"]) == (0, True)
+
+
+def test_nobody_answers_and_nothing_is_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.toml"
+    status, out, _ = labctl(capsys, "init", path, "--no-search", "--yes", "--address", SILENT)
+    assert status == 0
+    station = written(path)
+    assert station.wholly_simulated
+    assert not station.laser.armed
+    assert station.limits.optical_power == station.laser.power == 0.03
+    assert path.read_text("utf-8").count("# Not found") == 5
+    assert f"next: labctl check --station {path}" in out
+
+
+def test_every_key_is_there_with_its_default(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every line that is a comment of a key is right when its # is taken away."""
+    path = tmp_path / "bench.toml"
+    labctl(capsys, "init", path, "--no-search", "--yes")
+    whole = tomllib.loads(re.sub(r"^# (?=\w+ = )", "", path.read_text("utf-8"), flags=re.MULTILINE))
+    assert whole.pop("name") == "bench"
+    whole = {table: {key: value for key, value in keys.items() if value != ""} for table, keys in whole.items()}
+    assert Station.model_validate(whole) == Station(name="simulated bench")
+    for table, keys in whole.items():
+        assert keys.keys() | {"commands", "library"} >= Station.model_fields[table].annotation.model_fields.keys()  # type: ignore[union-attr]
+
+
+def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.toml"
+    said = ("--awg", SILENT, "--laser", "manual", "--dmd", "usb", "--patch-panel", "manual", "--ports", "2-6")
+    more = ("--optical-power", "5 mW", "--name", "room 2", "--burst", "--address", addresses["awg"])
+    status, out, _ = labctl(capsys, "init", path, "--no-search", *said, *more, "--json")
+    assert status == 0
+    station = written(path)
+    assert (station.awg.address, station.dmd.address, station.scope.address) == (SILENT, "usb", "simulated")
+    assert (station.laser.driver, station.patch_panel.driver) == ("manual-laser", "manual-patch-panel")
+    assert (station.limits.optical_power, station.laser.power) == (0.005, 0.005)
+    assert (station.name, station.wiring.burst, station.patch_panel.ports) == ("room 2", True, (2, 3, 4, 5, 6))
+    assert json.loads(out)["silent"] == ["awg"]
+    assert "# Did not answer when this file was written." in path.read_text("utf-8")
+    assert [other["address"] for other in json.loads(out)["others"]] == [addresses["awg"]]
+
+
+def test_a_real_laser_needs_a_command_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.toml"
+    labctl(capsys, "init", path, "--no-search", "--laser", SILENT, "--laser-commands", "ours.toml")
+    assert written(path).laser.commands == Path("ours.toml").absolute()
+    assert "# Its command set is not public" in path.read_text("utf-8")
+
+
+def test_a_person_is_asked_and_may_just_press_enter(
+    addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "room2.toml"
+    typed = ["", addresses["scope"], "by hand", "manual", "usb", "manual", "two", "2-6", "20", "20 mW", "y", ""]
+    monkeypatch.setattr("sys.stdin", Terminal("\n".join(typed) + "\n"))
+    status, out, err = labctl(capsys, "init", path, "--no-search", "--address", addresses["awg"], "--json")
+    assert (status, out.count("\n")) == (0, 1)
+    assert f"Address of the arbitrary waveform generator [{addresses['awg']}]:  TEKTRONIX AWG70002A SIM0001" in err
+    assert "Address of the oscilloscope [simulated]:  TEKTRONIX DPO72504DX" in err
+    assert "Error: 'by hand' is no address: write one such as TCPIP0::192.0.2.10::inst0::INSTR, or simulated or" in err
+    assert "Error: ports = 'two': 'two' is not a list of ports: write it like '2-6'" in err
+    assert "Error: '20' has no unit: write it like '20 W'" in err
+    station = written(path)
+    assert (station.awg.address, station.scope.address) == (addresses["awg"], addresses["scope"])
+    assert (station.laser.driver, station.limits.optical_power, station.name) == ("manual-laser", 0.02, "room2")
+    assert station.wiring.burst
+    assert "# Answered here: TEKTRONIX DPO72504DX" in path.read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--awg", "manual"], "--awg manual: this instrument is not set by hand"),
+        (["--optical-power", "30 V"], "--optical-power: '30 V' is not in W"),
+        (["--ports", "2-x"], "patch_panel.ports = '2-x'"),
+        (["--dmd", 'a"b'], "dmd.address"),
+    ],
+)
+def test_what_would_be_wrong_is_not_written(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, err = labctl(capsys, "init", tmp_path / "bench.toml", "--no-search", "--yes", *words)
+    assert (status, err.count("\n")) == (2, 1)
+    assert message in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_exists_is_not_touched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text("mine", encoding="utf-8")
+    status, _, err = labctl(capsys, "init", path, "--no-search", "--yes")
+    assert (status, path.read_text("utf-8")) == (2, "mine")
+    assert "exists: name a new file" in err
+    assert [found.name for found in tmp_path.iterdir()] == ["bench.toml"]
+
+
+def test_whoever_is_there_hears_one_question_and_nothing_else() -> None:
+    heard: list[bytes] = []
+
+    class Listener(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            for line in self.rfile:
+                heard.append(line)
+                self.wfile.write(b"Somebody,Else,1,2\n")
+
+    with socketserver.TCPServer(("127.0.0.1", 0), Listener) as server:
+        threading.Thread(target=server.handle_request).start()
+        address = f"TCPIP0::127.0.0.1::{server.server_address[1]}::SOCKET"
+        assert list(answers_at([address, address])) == [Answer(address, Identity("Somebody", "Else", "1", "2"))]
+    assert heard == [b"*IDN?\n"]
+
+
+@pytest.mark.parametrize(
+    ("maker", "model", "instrument"),
+    [
+        ("TEKTRONIX", "AWG70001A", "awg"),
+        ("TEKTRONIX", "DPO72504DX", "scope"),
+        ("TEKTRONIX", "MSO73304DX", "scope"),
+        ("TEKTRONIX", "MDO3024", ""),
+        ("Alnair Labs", "TLG-220", "laser"),
+        ("ACME", "Fibre Switch 16", "patch_panel"),
+        ("ACME", "Toaster", ""),
+    ],
+)
+def test_makers_and_models(maker: str, model: str, instrument: str) -> None:
+    assert recognised("", Identity(maker, model, "", "")).instrument == instrument
+
+
+def test_a_person_hears_at_once_who_is_at_an_address(
+    addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("\n".join([SILENT, addresses["awg"], *[""] * 7]) + "\n"))
+    status, out, err = labctl(capsys, "init", tmp_path / "bench.toml", "--no-search")
+    assert status == 0
+    assert "An address is written as VISA does, such as TCPIP0::192.0.2.10::inst0::INSTR" in err
+    assert "generator [simulated]:  nobody answers there now" in err
+    assert "FV:6.1.0123: not what labctl knows as oscilloscope" in err
+    assert "awg: nobody answers at its address" in out
+
+
+def test_people_read_who_else_answers(
+    addresses: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--scope", "simulated", "--address", addresses["scope"])
+    _, out, _ = labctl(capsys, "init", tmp_path / "bench.toml", "--no-search", *words)
+    assert f"{addresses['scope']} answers too: TEKTRONIX DPO72504DX" in out

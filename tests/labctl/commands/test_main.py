@@ -1,0 +1,375 @@
+"""Commands as they are typed: what comes out, and how they end."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from instruments.alnair_tlg220 import Tlg220
+from instruments.errors import InstrumentError
+from instruments.tektronix_dpo72504dx import Dpo72504dx
+from labctl.bench.signals import StoppedBySignal
+from labctl.commands.main import main
+from labctl.studies import demonstration
+from protocols.image_readout import ImageReadout
+from tests.command_line import as_json, labctl
+
+SMALL = ("--set", "images=40", "--set", "window=0.8 ns")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small run that several tests look at."""
+    directory = tmp_path_factory.mktemp("runs") / "small"
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "image-readout", "--set", "images=80", "--out", str(directory)])
+    assert ended.value.code == 0
+    return directory
+
+
+def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = labctl(capsys, "--help")
+    assert status == 0
+    for command in (
+        "demo",
+        "check",
+        "run",
+        "resume",
+        "verify",
+        "runs",
+        "show",
+        "compare",
+        "export",
+        "train",
+        "evaluate",
+        "record",
+        "replay",
+        "data",
+        "sim",
+    ):
+        assert f"  {command}" in out
+
+
+class TestWrongUse:
+    """Exit 2, one line, nothing written, no light."""
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            (["run"], "Missing argument"),
+            (["run", "image-readout", "--bogus"], "No such option: --bogus"),
+            (["fly"], "No such command 'fly'"),
+            (["run", "image-readout", "--set", "images=many"], "images = 'many'"),
+            (["run", "image-readout", "--set", "ports=10"], "port 10 is not patched"),
+            (["run", "image-readout", "--set", "dataset=nothing"], "no data set is called 'nothing'"),
+            (["run", "image-readout", "--set", "images=100000"], "were asked for, the data set has"),
+            (["run", "image-readout", "--station", "nowhere.toml"], "nowhere.toml: cannot be read"),
+            (["show", "nowhere"], "nowhere: no such file"),
+            (["train", "nowhere"], "nowhere"),
+            (["evaluate", "nowhere.h5", "nowhere"], "nowhere.h5"),
+            (["data", "path", "nothing"], "no data set is called"),
+        ],
+    )
+    def test_is_told_in_one_line(
+        self,
+        arguments: list[str],
+        message: str,
+        capsys: pytest.CaptureFixture[str],
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        status, out, err = labctl(capsys, *arguments)
+        assert status == 2
+        assert not out
+        assert message in err
+        assert err.startswith("labctl: ")
+        assert err.count("\n") == 1
+        assert not list(tmp_path.iterdir())
+
+    @pytest.mark.parametrize(
+        ("station", "message"),
+        [
+            ("[awg]\ncolour = 'red'", "awg.colour = 'red': unknown key"),
+            ("[laser]\npower = '30 V'", "laser.power = '30 V'"),
+            ("[laser]\npower = '40 mW'", "laser.power = 40 mW exceeds limits.optical_power = 30 mW"),
+            ("[laser]\naddress = 'TCPIP0::127.0.0.1::9::SOCKET'", "write = '<unknown>'"),
+            ("[laser]\ndriver = 'manual-laser'", "key switch is the only interlock"),
+            ("[patch_panel]\nports = '2-5'", "port 6 is not patched"),
+            ("[wiring]\nburst = false", "needs wiring.burst = true"),
+        ],
+    )
+    def test_a_wrong_station_is_named_with_its_file(
+        self, station: str, message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    ) -> None:
+        path = tmp_path / "bench.toml"
+        path.write_text(station, encoding="utf-8")
+        out = tmp_path / "run"
+        status, _, err = labctl(
+            capsys, "run", "image-readout", *SMALL, "--set", "timing=burst", "--station", path, "--out", out
+        )
+        assert status == 2
+        assert "bench.toml" in err
+        assert message in err
+        assert err.count("\n") == 1
+        assert not out.exists()
+
+    def test_an_unverified_laser_table_is_named(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+        from labctl.bench.simulation import SIMULATED_LASER
+
+        table = tmp_path / "laser.toml"
+        table.write_text(SIMULATED_LASER.read_text("utf-8").replace("verified = true", "verified = false"), "utf-8")
+        station = tmp_path / "bench.toml"
+        station.write_text(f"[laser]\ncommands = '{table}'\n", encoding="utf-8")
+        status, _, err = labctl(capsys, "run", "image-readout", *SMALL, "--station", station, "--out", tmp_path / "run")
+        assert status == 2
+        assert "laser.toml: verified = false" in err
+
+    def test_an_address_that_does_not_answer_ends_in_1(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    ) -> None:
+        station = tmp_path / "bench.toml"
+        station.write_text("[awg]\naddress = 'TCPIP0::127.0.0.1::9::SOCKET'\ntimeout = '0.5 s'\n", encoding="utf-8")
+        out = tmp_path / "run"
+        status, _, err = labctl(capsys, "run", "image-readout", *SMALL, "--station", station, "--out", out)
+        assert status == 1
+        assert "awg at TCPIP0::127.0.0.1::9::SOCKET" in err
+        assert not out.exists()
+        status, found = as_json(capsys, "check", "--station", station)
+        assert status == 1
+        assert not found["instruments"]["awg"]["ok"]
+        assert found["instruments"]["scope"]["ok"]
+
+    def test_images_of_the_wrong_size(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+        path = tmp_path / "large.npz"
+        np.savez(path, images=np.ones((8, 800, 800), bool), labels=np.arange(8) % 2)
+        out = tmp_path / "run"
+        status, _, err = labctl(
+            capsys, "run", "image-readout", "--set", f"dataset={path}", "--set", "images=8", "--out", out
+        )
+        assert status == 2
+        assert "800x800 pixels do not fit a DMD of 768x1024" in err
+        assert not out.exists()
+
+    def test_a_run_directory_that_exists_is_not_touched(self, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
+        status, _, err = labctl(capsys, "run", "image-readout", *SMALL, "--out", run)
+        assert status == 2
+        assert "exists" in err
+        assert before == {path: path.stat().st_mtime_ns for path in run.rglob("*")}
+
+    def test_a_debugger_gets_the_traceback(self, capsys: pytest.CaptureFixture[str]) -> None:
+        from protocols.base import ProtocolError
+
+        with pytest.raises(ProtocolError):
+            main(["--debug", "run", "nothing"])
+
+    def test_scripts_get_the_error_as_json(self, capsys: pytest.CaptureFixture[str]) -> None:
+        status, found = as_json(capsys, "run", "nothing")
+        assert status == found["exit"] == 2
+        assert "nothing" in found["error"]
+
+
+class TestRun:
+    def test_a_dry_run_writes_nothing(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        status, plan = as_json(capsys, "run", "image-readout", *SMALL, "--dry-run")
+        assert status == 0
+        assert (plan["images"], plan["shots"], plan["passes"]) == (40, 44, 2)
+        assert plan["estimated_seconds_on_a_real_bench"] > 1
+        assert plan["bytes_needed"] > 10**5
+        assert not list(tmp_path.iterdir())
+
+    def test_a_profile_accounts_for_the_time(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+        status, found = as_json(capsys, "run", "image-readout", *SMALL, "--profile", "--out", tmp_path / "run")
+        assert status == 0
+        budget = found["profile_ms_per_shot"]
+        assert list(budget) == ["upload", "dmd", "arm", "trigger", "physics", "transfer", "storage"]
+        assert all(spent > 0 for spent in budget.values())
+        assert sum(budget.values()) <= 1.3e3 * found["seconds"] / found["shots"]
+
+    def test_averages_are_stored_as_sixteen_bits(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+        arguments = ("run", "image-readout", "--set", "images=20", "--set", "averages=4", "--out", tmp_path / "run")
+        assert labctl(capsys, *arguments)[0] == 0
+        with h5py.File(tmp_path / "run" / "data.h5") as file:
+            assert file["frames"].dtype == np.int16
+
+    def test_several_wavelengths_stand_side_by_side(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+        settings = ("--set", "images=20", "--set", "ports=2", "--set", "wavelengths=1550 nm,1551 nm")
+        assert labctl(capsys, "run", "image-readout", *settings, "--out", tmp_path / "run")[0] == 0
+        with h5py.File(tmp_path / "run" / "data.h5") as file:
+            assert file["ports"][:].tolist() == [2, 2]
+            assert file["wavelength_of_port"][:].tolist() == [1550.0, 1551.0]
+
+    def test_the_data_file_is_plain_hdf5(self, run: Path) -> None:
+        with h5py.File(run / "data.h5") as file:
+            frames, scale, offset = (file[name][:] for name in ("frames", "scale", "offset"))
+            volts = scale[:, None] * frames + offset[:, None]
+            assert volts.shape == (88, 5, 50)
+            assert file["time"][1] == pytest.approx(40e-12)
+            kinds = file["shots"]["kind"]
+            assert set(kinds) == {b"image", b"reference", b"dark"}
+            dark = file["frames"][:][kinds == b"dark"]
+            lit = file["frames"][:][kinds == b"image"]
+            assert dark.std() < lit.std() / 3
+
+    def test_every_message_is_in_the_command_log(self, run: Path) -> None:
+        lines = (run / "commands.log").read_text().splitlines()
+        assert any("> awg WLISt:WAVeform:DATA" in line and "crc32" in line for line in lines)
+        assert sum("> scope CURVe?" in line for line in lines) > 88 * 5
+        last = [line.split(" ", 3)[2:] for line in lines if " > " in line]
+        assert ["laser", "OUTPUT OFF"] in last[-40:]
+
+    def test_the_manifest_says_where_it_came_from(self, run: Path) -> None:
+        manifest = json.loads((run / "manifest.json").read_text())
+        assert manifest["protocol"]["settings"]["images"] == 80
+        assert manifest["instruments"]["scope"]["identity"]["model"] == "DPO72504DX"
+        assert manifest["seeds"] == {"seed": 1, "twin_seed": 1}
+        assert manifest["versions"]["numpy"]
+
+
+class TestLooking:
+    def test_runs_are_listed(self, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        status, found = as_json(capsys, "runs", run.parent)
+        assert status == 0
+        assert [(row["run"], row["complete"]) for row in found["runs"]] == [(str(run), True)]
+        assert "small" in labctl(capsys, "runs", run.parent)[1]
+
+    def test_an_empty_folder_says_so(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+        assert "no runs yet" in labctl(capsys, "runs", tmp_path)[1]
+
+    def test_a_run_is_shown(self, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        status, found = as_json(capsys, "show", run)
+        assert status == 0
+        assert found["kinds"] == {"dark": 4, "image": 80, "reference": 4}
+        assert found["ports"] == [2, 3, 4, 5, 6]
+        assert "frames_sha256" in labctl(capsys, "show", run / "data.h5")[1]
+
+    def test_data_sets_are_listed_and_verified(self, capsys: pytest.CaptureFixture[str]) -> None:
+        status, found = as_json(capsys, "data", "list")
+        assert status == 0
+        assert "mnist-0-3" in {card["name"] for card in found["datasets"]}
+        status, found = as_json(capsys, "data", "verify", "mnist-0-3")
+        assert (status, found["ok"]) == (0, True)
+        assert "mnist-0-3" in labctl(capsys, "data", "path", "mnist-0-3")[1]
+        assert "CC BY-SA" in labctl(capsys, "data", "list")[1]
+
+    def test_check_prints_a_table(self, capsys: pytest.CaptureFixture[str]) -> None:
+        status, out, _ = labctl(capsys, "check")
+        assert status == 0
+        assert out.count("self-test passed") == 5
+
+
+def test_a_demonstration_is_an_object_for_scripts_and_a_table_for_people(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At a small size; `make demo` runs the whole."""
+    small = partial(demonstration.demonstrate, protocol=ImageReadout(images=40), twin_seeds=(1,))
+    monkeypatch.setattr(demonstration, "demonstrate", small)
+    status, found = as_json(capsys, "demo", "--out", tmp_path)
+    keys = {"experiment", "shots", "shots_per_second", "accuracy", "accuracy_without_reservoir", "paper", "passed"}
+    assert keys | {"run", "seconds"} <= found.keys()
+    assert status == (0 if found["passed"] else 1)
+    assert {"mean", "sd"} == found["accuracy"]["0.4"].keys()
+
+    monkeypatch.setattr(demonstration, "demonstrate", lambda *_, **__: found)
+    again, out, _ = labctl(capsys, "demo")
+    assert again == status
+    assert "without chip" in out
+    assert f"report: {found['report']}" in out.replace("\n", "")
+
+
+class TestReadout:
+    def test_trained_evaluated_and_reported(self, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        status, trained = as_json(capsys, "train", run, "--window", "0.4 ns", "--ports", "2-4")
+        assert status == 0
+        assert (trained["features"], trained["training_shots"], trained["test_shots"]) == (30, 72, 8)
+        status, found = as_json(capsys, "evaluate", trained["model"], run)
+        assert status == 0
+        assert found["test_shots"] == 8
+        assert found["accuracy"] == trained["accuracy"]
+        assert all(control["at_chance"] for control in found["controls"].values())
+        report = Path(found["report"]).read_text()
+        assert "http://" not in report.replace("http://www.w3.org", "")
+        assert {path.name for path in (run / "figures").iterdir()} >= {
+            f"{name}.{kind}" for name in ("accuracy", "confusion", "traces") for kind in ("png", "svg")
+        }
+        Path(found["report"]).unlink()
+        assert as_json(capsys, "report", run) == (
+            0,
+            {"run": str(run), "protocol": "image-readout", "report": found["report"]},
+        )
+        assert Path(found["report"]).read_text() == report
+        status, shown = as_json(capsys, "show", trained["model"])
+        assert shown["ports"] == [2, 3, 4]
+        assert "controls" not in labctl(capsys, "evaluate", trained["model"], run)[1]
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            (["--readout", "psychic"], "--readout psychic"),
+            (["--window", "3"], "--window: '3' has no unit"),
+            (["--window", "9 ns"], "9 ns"),
+            (["--ports", "2-x"], "--ports: "),
+            (["--ports", "9"], "9"),
+        ],
+    )
+    def test_what_cannot_be_trained_is_named(
+        self, run: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        status, _, err = labctl(capsys, "train", run, *options)
+        assert status == 2
+        assert message in err
+        assert err.count("\n") == 1
+
+
+class TestFailureAfterFailure:
+    """The first error is told first; what the end of the run then failed at follows on a line of its own."""
+
+    @pytest.fixture(autouse=True)
+    def stuck(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        close = Tlg220.close
+
+        def refuse(laser: Tlg220) -> None:
+            close(laser)
+            raise InstrumentError("laser: does not obey")
+
+        monkeypatch.setattr(Tlg220, "make_safe", refuse)
+        monkeypatch.setattr(Tlg220, "close", refuse)
+
+    def test_of_an_instrument(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def fail(_scope: Dpo72504dx) -> None:
+            raise InstrumentError("scope: on fire")
+
+        monkeypatch.setattr(Dpo72504dx, "wait", fail)
+        status, out, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run", "--json")
+        advice = "the laser may still emit, switch it off by its key switch"
+        unsafe = f"the safe state is not confirmed (laser: laser: does not obey): {advice}"
+        assert status == 1
+        assert told.splitlines() == [
+            "labctl: scope: on fire",
+            f"labctl: {unsafe}",
+            "labctl: laser: does not obey",
+            f"labctl: the run can go on: labctl resume {tmp_path / 'run'}",
+        ]
+        notes = [line.removeprefix("labctl: ") for line in told.splitlines()[1:]]
+        assert json.loads(out) == {"error": "scope: on fire", "exit": 1, "notes": notes}
+
+    def test_of_an_operator_who_stops_the_run_at_once(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def stop(_scope: Dpo72504dx) -> None:
+            raise StoppedBySignal
+
+        monkeypatch.setattr(Dpo72504dx, "wait", stop)
+        status, _, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run")
+        assert status == 130
+        assert "labctl: the safe state is not confirmed (laser: laser: does not obey)" in told
+        assert told.splitlines()[-1] == f"labctl: the run can go on: labctl resume {tmp_path / 'run'}"

@@ -1,0 +1,109 @@
+"""Accuracy as a run grows, and what is asked of the form that starts one."""
+
+from pathlib import Path
+
+import pytest
+
+from labctl.bench.station import Station
+from labctl.commands.main import main
+from labctl.dashboard import launcher
+from labctl.dashboard.accuracy import LEAST, Curve, Learning, counts, curve
+from labctl.dashboard.launcher import Asked
+from labctl.dashboard.monitor import Watching
+from labctl.engine.session import Acquisition, acquire
+from protocols.image_readout import ImageReadout
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("runs") / "run"
+    acquire(Acquisition(ImageReadout(images=60, window=0.8e-9, ports=(2, 3)), Station(), directory))
+    return directory
+
+
+def test_the_points_lie_ever_further_apart() -> None:
+    assert counts(LEAST - 1) == []
+    assert counts(100) == [40, 52, 68, 88]
+
+
+def test_a_curve_says_the_same_however_often_it_is_computed(run: Path) -> None:
+    whole = curve(run, Curve())
+    assert whole.images == (40, 52)
+    assert whole.ports == (2, 3)
+    assert whole.chance == pytest.approx(0.25)
+    assert all(0.25 < accuracy <= 1 for accuracy in whole.accuracy)
+    begun = Curve(whole.images[:1], whole.accuracy[:1], whole.ports, whole.chance, LEAST)
+    assert curve(run, begun) == whole
+    assert curve(run, Curve((40,), (0.0,), (7,))) == whole, "points on other ports are no points"
+
+
+def test_a_run_without_classes_or_none_at_all_has_no_points(tmp_path: Path) -> None:
+    assert curve(tmp_path / "nothing", Curve()) == Curve()
+
+
+def test_nothing_is_computed_before_it_is_old_and_the_process_has_rested(run: Path) -> None:
+    seconds = [0.0]
+    learning = Learning(lambda: seconds[0])
+    known = Curve((40,), (0.5,))
+    learning._known[run], learning._computed[run], learning._rested = known, 100, 9.0
+    for shots, growing, at, begins in (
+        (129, True, 9.0, False),
+        (100, False, 9.0, False),
+        (130, True, 8.9, False),
+        (130, True, 9.0, True),
+    ):
+        seconds[0] = at
+        assert learning.curve(run, shots, growing=growing) == known
+        assert (learning._pending is not None) is begins
+    learning.close()
+
+
+def test_runs_are_found_by_their_names_only(run: Path) -> None:
+    watching = Watching(run.parent)
+    assert watching.run("run") is watching.run("run")
+    for name in ("..", "run/shards", str(run), "", "run\x00"):
+        assert watching.run(name) is None
+    watched = watching.run("run")
+    assert watched is not None
+    watched.look()
+    assert watched.records == (66, 66)
+    assert [latest.kind for latest in watched.latest] == ["reference"]
+    assert watching.running() == []
+    watching.learning.close()
+
+
+def test_the_command_that_is_started_is_one_that_labctl_takes(tmp_path: Path) -> None:
+    asked = Asked("image-readout", " images=4 \n\nwindow=1 ns\n", "no such.toml", armed=True, attended=True)
+    assert launcher.arguments(asked, tmp_path / "run") == [
+        "run",
+        "image-readout",
+        "--set=images=4",
+        "--set=window=1 ns",
+        "--station=no such.toml",
+        "--arm",
+        "--attended",
+        f"--out={tmp_path / 'run'}",
+    ]
+    with pytest.raises(SystemExit) as ended:
+        main(launcher.arguments(asked, tmp_path / "run"))
+    assert ended.value.code == 2
+    with pytest.raises(ValueError, match="no such protocol"):
+        launcher.start(Asked("--help"), tmp_path / "run")
+
+
+@pytest.mark.full
+def test_what_the_command_refuses_is_told(tmp_path: Path) -> None:
+    started = launcher.start(Asked("image-readout", "images=many"), tmp_path / "run")
+    started.process.wait(60)
+    assert "images = 'many'" in started.failure()
+    started.told.close()
+
+
+def test_a_dashboard_without_its_extra_names_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("labctl.commands.dashboard.find_spec", lambda _name: None)
+    with pytest.raises(SystemExit) as ended:
+        main(["dashboard", "--no-open"])
+    assert ended.value.code == 2
+    assert "pip install 'photonic-labctl[dashboard]'" in capsys.readouterr().err

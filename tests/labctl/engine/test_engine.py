@@ -1,0 +1,83 @@
+"""The engine: what it refuses to store, and how it stops."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from instruments.errors import InstrumentError
+from instruments.values import Frames
+from labctl.bench.opening import OpenBench, ask_operator
+from labctl.bench.signals import Interruption
+from labctl.bench.station import Station
+from labctl.engine.engine import Listeners, Outcome, Request, carry_out
+from labctl.engine.inputs import images_for
+from labctl.engine.profile import Stopwatch
+from labctl.engine.recorder import Progress
+from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.events import EventLog
+from labctl.runs.read.run import open_run
+from protocols.image_readout import ImageReadout
+
+PROTOCOL = ImageReadout(images=40)
+
+
+def run(
+    open_bench: OpenBench,
+    directory: Path,
+    *,
+    progress: Progress = lambda _done, _total: None,
+    interruption: Interruption | None = None,
+) -> Outcome:
+    request = Request(PROTOCOL, images_for(PROTOCOL), Station())
+    with CommandLog() as log, EventLog() as events:
+        listeners = Listeners(log, events, progress, interruption or Interruption(), Stopwatch(lambda: 0.0))
+        return carry_out(request, open_bench.bench, listeners, directory)
+
+
+def test_the_same_trace_twice_is_an_error_and_what_was_measured_is_kept(
+    open_bench: OpenBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = open_bench.bench.scope.read
+    taken: list[Frames] = []
+
+    def stuck() -> Frames:
+        """An oscilloscope that stops acquiring after a while and returns its last trace."""
+        taken.append(read() if len(taken) < 120 else taken[-1])
+        return taken[-1]
+
+    monkeypatch.setattr(open_bench.bench.scope, "read", stuck)
+    with pytest.raises(InstrumentError, match="byte-identical traces: it did not acquire anew"):
+        run(open_bench, tmp_path / "run")
+    assert open_bench.bench.laser.settings()["emitting"] == 0
+    with open_run(tmp_path / "run") as stored:
+        assert not stored.complete
+        assert stored.done[0] > 0
+
+
+def test_an_interruption_finishes_the_shot(open_bench: OpenBench, tmp_path: Path) -> None:
+    interruption = Interruption()
+
+    def progress(done: int, _total: int) -> None:
+        interruption.requested = done == 50
+
+    outcome = run(open_bench, tmp_path / "run", interruption=interruption, progress=progress)
+    assert not outcome.complete
+    assert outcome.shots == 6
+    assert open_bench.bench.laser.settings()["emitting"] == 0
+    with open_run(tmp_path / "run") as stored:
+        assert stored.done == (44, 6)
+        assert np.array_equal(stored.shots["index"], np.arange(6))
+
+
+def test_nobody_at_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("builtins.input", lambda: "")
+    assert ask_operator("press Enter") == ""
+
+    def closed() -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", closed)
+    with pytest.raises(InstrumentError, match="nobody answered"):
+        ask_operator("press Enter")
+    assert "press Enter" in capsys.readouterr().err

@@ -1,0 +1,119 @@
+"""What a run may go on with: what its manifest says, and nothing else."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from labctl.bench.station import Station
+from labctl.engine.resume import (
+    SettingsChanged,
+    protocol_of_manifest,
+    refuse_changed_instruments,
+    refuse_other_inputs,
+    station_of_manifest,
+)
+from labctl.engine.session import Resumption, resume
+from labctl.errors import RunError
+from protocols.base import Images
+from protocols.dynamic_scene import DynamicScene
+from protocols.image_readout import ImageReadout
+from protocols.sequence_readout import SequenceReadout
+from protocols.wavelength_scan import WavelengthScan
+
+HERE = Path("run")
+INSTRUMENTS = {
+    "awg": {"identity": {"serial": "B1"}, "settings": {"clock_source": "INT", "run_mode": "CONT"}},
+    "scope": {"identity": {"serial": "C1"}, "settings": {"ch1_bandwidth_hz": 25e9, "ch1_offset_v": 0.0}},
+}
+
+
+def through_json(values: Any) -> Any:
+    return json.loads(json.dumps(values))
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [
+        ImageReadout(images=(20, 10), window=0.8e-9, ports=(0, 3), wavelengths=(1550.0, 1551.5), classes=(0, 1)),
+        DynamicScene(scenes=1, averages=3),
+        SequenceReadout(symbols=100),
+        WavelengthScan(steps=3),
+    ],
+)
+def test_every_protocol_comes_back_from_a_manifest(protocol: Any) -> None:
+    asked = {"name": protocol.name, "digest": protocol.digest(), "settings": protocol.model_dump(mode="json")}
+    assert protocol_of_manifest(HERE, through_json({"protocol": asked})) == protocol
+    with pytest.raises(RunError, match="takes the settings of the protocol otherwise"):
+        protocol_of_manifest(HERE, {"protocol": asked | {"digest": "0" * 64}})
+    with pytest.raises(RunError, match="does not say what was asked for"):
+        protocol_of_manifest(HERE, {"protocol": "image-readout"})
+
+
+def test_a_station_comes_back_and_may_change_its_addresses_durability_and_arm() -> None:
+    begun = Station.model_validate({"scope": {"channels": [1, 2]}, "sim": {"parameters": {"enob": 6.0}}})
+    manifest = through_json({"station": begun.model_dump(mode="json")})
+    assert station_of_manifest(HERE, manifest, None) == begun
+    moved = begun.model_copy(
+        update={
+            "source": "bench.toml",
+            "awg": begun.awg.model_copy(update={"address": "TCPIP0::1.2.3.4::INSTR"}),
+            "laser": begun.laser.model_copy(update={"armed": True}),
+            "durability": begun.durability.model_copy(update={"shots": 1}),
+        }
+    )
+    assert station_of_manifest(HERE, manifest, moved) == moved
+    with pytest.raises(SettingsChanged) as changed:
+        station_of_manifest(HERE, manifest, begun.twin(2))
+    (difference,) = changed.value.differences
+    assert (difference.setting, difference.then, difference.now) == ("station sim.twin_seed", 1, 2)
+    with pytest.raises(RunError, match="does not name the station"):
+        station_of_manifest(HERE, {}, None)
+    with pytest.raises(RunError, match=r"awg\.colour = 'red': unknown key"):
+        station_of_manifest(HERE, {"station": {"awg": {"colour": "red"}}}, None)
+
+
+@pytest.mark.parametrize(
+    ("change", "differences"),
+    [
+        (lambda found: None, []),
+        (lambda found: found["awg"]["settings"].update(run_mode="TRIG"), []),
+        (lambda found: found["scope"]["settings"].update(ch1_offset_v=0.2), []),
+        (lambda found: found["scope"]["settings"].update(ch1_bandwidth_hz=25e9 + 1), []),
+        (lambda found: found["awg"]["identity"].update(serial="B2"), [("awg identity.serial", "B1", "B2")]),
+        (
+            lambda found: found["scope"]["settings"].pop("ch1_bandwidth_hz"),
+            [("scope settings.ch1_bandwidth_hz", 25e9, None)],
+        ),
+        (
+            lambda found: found["awg"]["settings"].update(clock_source="EXT", filter="on"),
+            [("awg settings.clock_source", "INT", "EXT"), ("awg settings.filter", None, "on")],
+        ),
+    ],
+)
+def test_instruments_are_compared_but_for_what_every_run_sends(
+    change: Callable[[Any], object], differences: list[tuple[object, ...]]
+) -> None:
+    now = through_json(INSTRUMENTS)
+    change(now)
+    if not differences:
+        refuse_changed_instruments(HERE, {"instruments": INSTRUMENTS}, now)
+        return
+    with pytest.raises(SettingsChanged) as changed:
+        refuse_changed_instruments(HERE, {"instruments": INSTRUMENTS}, now)
+    assert [tuple(vars(one).values()) for one in changed.value.differences] == differences
+
+
+def test_other_images_are_refused() -> None:
+    images = Images(np.zeros((1, 2, 2), np.bool_), np.zeros(1, np.int64), np.zeros(1, np.int64))
+    refuse_other_inputs(HERE, {"inputs_sha256": images.digest}, images)
+    with pytest.raises(RunError, match="data set is not the one"):
+        refuse_other_inputs(HERE, {"inputs_sha256": "0"}, images)
+
+
+def test_what_is_no_run_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="not a run directory"):
+        resume(Resumption(tmp_path))

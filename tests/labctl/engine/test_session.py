@@ -1,0 +1,144 @@
+"""One acquisition from station and protocol to a stored run, on the simulated bench."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from instruments.alnair_tlg220 import Tlg220
+from instruments.errors import NoTrigger
+from instruments.tektronix_awg70002a import Awg70002a
+from labctl.bench.opening import opened
+from labctl.bench.signals import Interruption
+from labctl.bench.station import Station, WiringSection
+from labctl.engine.engine import Request, bytes_needed
+from labctl.engine.inputs import inputs_for
+from labctl.engine.session import Acquisition, Resumption, acquire, resume
+from labctl.runs.format.journal import read_journal
+from labctl.runs.live.commands import CommandLog
+from labctl.runs.read.run import open_run
+from protocols.dynamic_scene import DynamicScene
+from protocols.image_readout import ImageReadout
+
+BURSTS = Station(wiring=WiringSection(burst=True))
+SHOTS = 22
+PERIOD_SAMPLES, BURST_SAMPLES = 2500, 7500
+ABOVE_ANY_PULSE_V = 4.0
+"""A trigger level that the frame sync never crosses: the AWG sees as much of it as with its cable out."""
+
+
+def bursts(**settings: Any) -> ImageReadout:
+    return ImageReadout(images=20, timing="burst", **settings)
+
+
+def test_a_frame_sync_that_stays_away_is_no_lost_link_and_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("instruments.tektronix_dpo72504dx.STALLED_S", 0.05)
+
+    def cable_out_after_the_first_pass(done: int, _total: int) -> None:
+        if done == SHOTS:
+            monkeypatch.setattr(Awg70002a, "TRIGGER_LEVEL_V", ABOVE_ANY_PULSE_V)
+
+    with pytest.raises(NoTrigger, match="DMD frame sync -> AWG trigger input"):
+        acquire(Acquisition(bursts(), BURSTS, tmp_path / "run"), progress=cable_out_after_the_first_pass)
+    assert "lost link" not in caplog.text
+    with open_run(tmp_path / "run") as stored:
+        assert stored.done == (SHOTS, 0)
+    log = (tmp_path / "run" / "commands.log").read_text()
+    assert log.count("> laser OUTPUT ON") == 1
+    assert log.rindex("> laser OUTPUT OFF") > log.rindex("> laser OUTPUT ON")
+
+
+@pytest.mark.parametrize(
+    ("protocol", "steps"),
+    [
+        (bursts(), ["upload", "dmd", "arm", "physics", "transfer", "storage_beside_the_next_burst"]),
+        (ImageReadout(images=20), ["upload", "dmd", "arm", "trigger", "physics", "transfer", "storage"]),
+    ],
+)
+def test_the_time_of_a_shot_by_steps(protocol: ImageReadout, steps: list[str], tmp_path: Path) -> None:
+    acquired = acquire(Acquisition(protocol, BURSTS, tmp_path / "run", profile=True))
+    measured = {step for step, milliseconds in acquired.budget.items() if milliseconds > 0}
+    assert measured >= set(steps)
+    assert not {"storage", "storage_beside_the_next_burst"} - set(steps) & measured
+    assert 0 < sum(acquired.budget.values()) / 1e3 * acquired.outcome.shots < 1.5 * acquired.outcome.seconds
+
+
+def test_uploads_are_told_while_they_last(tmp_path: Path) -> None:
+    told: list[tuple[str, int, int]] = []
+    acquire(Acquisition(bursts(ports=(2,)), BURSTS, tmp_path / "run"), uploading=lambda *upload: told.append(upload))
+    assert told[0] == ("DMD patterns", SHOTS, SHOTS)
+    assert set(told[1:]) == {("waveform", PERIOD_SAMPLES, PERIOD_SAMPLES), ("waveform", BURST_SAMPLES, BURST_SAMPLES)}
+
+
+def test_a_burst_is_reported_as_done_once_it_is_on_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("protocols.bursts.LONGEST_BURST", 8)
+    reported: list[int] = []
+
+    def compare(done: int, _total: int) -> None:
+        reported.append(done)
+        stored = read_journal(tmp_path / "run" / "journal.jsonl").entries
+        assert done <= sum(entry.count for entry in stored)
+
+    acquire(Acquisition(bursts(), BURSTS, tmp_path / "run"), progress=compare)
+    assert reported == [8, 16, SHOTS, SHOTS + 8, SHOTS + 16, 2 * SHOTS]
+
+
+def test_the_manifest_has_the_light_as_the_laser_settled_on_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Tlg220, "_number", near_what_was_asked(Tlg220._number))
+    protocol = ImageReadout(images=20, ports=(2,), wavelengths=(1551.0, 1552.0))
+    acquire(Acquisition(protocol, Station(), tmp_path / "run"))
+    with open_run(tmp_path / "run") as stored:
+        light, laser = stored.manifest["light"], stored.manifest["instruments"]["laser"]["settings"]
+    assert light["wavelength_nm"] == pytest.approx(1551.004, abs=1e-6)
+    assert light["power_w"] == pytest.approx(Station().laser.power, rel=1e-2)
+    assert laser["wavelength_nm"] == light["wavelength_nm"]
+    assert laser["emitting"] == 0
+
+
+@pytest.mark.parametrize(
+    ("protocol", "records"),
+    [
+        (DynamicScene(images=40, scenes=2, averages=3, ports=(2,), switch_after=0.5e-6, window=0.8e-6), 1),
+        (ImageReadout(images=10, reference_every=3, averages=2, window=0.8e-9, wavelengths=(1550.0, 1551.0)), 40),
+        (ImageReadout(images=10, reference_every=3, window=0.8e-9, ports=(2,)), 3),
+        (bursts(window=0.8e-9), SHOTS),
+    ],
+)
+def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, records: int, tmp_path: Path) -> None:
+    interruption = Interruption()
+
+    def stop(done: int, _total: int) -> None:
+        interruption.requested = done == records
+
+    acquire(Acquisition(protocol, BURSTS, tmp_path / "whole"))
+    stopped = acquire(Acquisition(protocol, BURSTS, tmp_path / "run"), interruption=interruption, progress=stop)
+    assert not stopped.outcome.complete
+    assert resume(Resumption(tmp_path / "run")).complete
+    with open_run(tmp_path / "whole") as whole, open_run(tmp_path / "run") as resumed:
+        assert resumed.digest() == whole.digest()
+        assert resumed.manifest["seeds"] == whole.manifest["seeds"]
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [
+        ImageReadout(images=20, window=0.4e-9),
+        bursts(window=0.8e-9),
+        DynamicScene(images=40, scenes=2, averages=3, ports=(2,), switch_after=0.5e-6, window=0.8e-6),
+    ],
+)
+def test_a_run_takes_no_more_room_than_was_asked_for(protocol: Any, tmp_path: Path) -> None:
+    with CommandLog() as log, opened(BURSTS, log) as found:
+        allowed = bytes_needed(Request(protocol, inputs_for(protocol, None), BURSTS), found.bench)
+    acquire(Acquisition(protocol, BURSTS, tmp_path / "run"))
+    files = [path.stat() for path in (tmp_path / "run").rglob("*") if path.is_file()]
+    taken = sum(max(file.st_size, 512 * file.st_blocks) for file in files)
+    assert taken <= allowed
+
+
+def near_what_was_asked(number: Callable[[Tlg220, str], float]) -> Callable[[Tlg220, str], float]:
+    """The replies of a laser that settles 4 pm beside what it is asked for."""
+    return lambda laser, name: number(laser, name) + (0.004 if name == "get_wavelength" else 0.0)

@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from labctl.reports.axes import Series, draw_series, legend_below, spread_out
+from labctl.reports.envelope import envelope, reduced, volt_scale
+from labctl.reports.style import DASHES, MARKERS, PALETTE, look
+
+
+@given(st.lists(st.floats(0, 1), max_size=12))
+def test_labels_keep_their_order_and_their_distance(heights: list[float]) -> None:
+    placed = spread_out(heights, 0.05)
+    assert len(placed) == len(heights)
+    ordered = np.array(placed)[np.argsort(heights, kind="stable")]
+    assert np.all(np.diff(ordered) > 0.035)
+    assert all(-1e-9 <= height <= 1 + 1e-9 for height in placed)
+
+
+def test_labels_that_stand_clear_stay() -> None:
+    assert spread_out([0.9, 0.1, 0.5], 0.1) == [0.9, 0.1, 0.5]
+
+
+@given(st.integers(1, 5000), st.integers(1, 50))
+def test_thinning_keeps_the_ends_and_the_extremes(count: int, bins: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    x, y = reduced(np.arange(count), values, bins=bins)
+    assert x.size == y.size <= 2 * bins + 2
+    assert x[0] == 0
+    assert x[-1] == count - 1
+    assert np.all(np.diff(x) > 0)
+    assert (y.min(), y.max()) == (values.min(), values.max())
+    np.testing.assert_array_equal(values[x], y)
+
+
+def test_an_envelope_holds_all_values() -> None:
+    values = np.random.default_rng(0).normal(size=10_007)
+    middle, low, median, high = envelope(np.arange(values.size), values, bins=100)
+    assert middle.size == 100
+    assert (low.min(), high.max()) == (values.min(), values.max())
+    assert np.all((low <= median) & (median <= high))
+    short = envelope([0, 1], [3, 4])
+    np.testing.assert_array_equal(short, [[0, 1], [3, 4], [3, 4], [3, 4]])
+
+
+@pytest.mark.parametrize(("peak", "unit"), [(0.5, "V"), (0.1, "V"), (0.05, "mV"), (0.0, "mV")])
+def test_small_signals_are_drawn_in_millivolts(peak: float, unit: str) -> None:
+    assert volt_scale([0, -peak])[1] == unit
+
+
+def test_curves_differ_in_colour_marker_and_line() -> None:
+    assert len({look(position).marker for position in range(7)}) == len(MARKERS) == len(PALETTE) == len(DASHES)
+    assert look(7) == look(0)
+
+
+@pytest.mark.parametrize(("count", "bands"), [(3, 3), (4, 0)])
+def test_many_curves_carry_bars_in_place_of_bands(count: int, bands: int) -> None:
+    axes = Figure().add_subplot()
+    draw_series(axes, [Series(f"{number}", [1, 2], [90, 99], [5, 5]) for number in range(count)], highest=100)
+    kinds = [type(collection).__name__ for collection in axes.collections]
+    assert sum(kind != "LineCollection" for kind in kinds) == bands
+    assert len(kinds) == count
+
+
+def test_a_spread_of_nothing_is_not_drawn() -> None:
+    axes = Figure().add_subplot()
+    draw_series(axes, [Series("a", [1, 2], [0, 1], [float("nan"), 0])])
+    assert not axes.collections
+    assert len(axes.lines) == 1
+
+
+@pytest.mark.parametrize("characters", [3, 16, 20, 60])
+def test_a_legend_is_not_wider_than_its_figure(characters: int) -> None:
+    figure = Figure(figsize=(6.4, 4), layout="constrained")
+    handles = [Line2D([], [], marker="o") for _ in range(5)]
+    legend_below(figure, handles, ["M" * (characters // 3) + " " * (characters - characters // 3)] * 5)
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.width

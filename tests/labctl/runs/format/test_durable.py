@@ -1,0 +1,46 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from labctl.errors import RunError
+from labctl.runs.format.durable import replace_file, replacing
+
+
+def test_readers_see_the_old_file_or_the_new_one(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    replace_file(path, b"old")
+    with path.open("rb") as reader:
+        replace_file(path, b"new")
+        assert reader.read() == b"old"
+    assert path.read_bytes() == b"new"
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fsync, replace = os.fsync, os.replace
+    order: list[tuple[str, int]] = []
+
+    def noted_fsync(descriptor: int) -> None:
+        order.append(("fsync", os.fstat(descriptor).st_ino))
+        fsync(descriptor)
+
+    def noted_replace(source: Path, target: Path) -> None:
+        order.append(("rename", source.stat().st_ino))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", noted_fsync)
+    monkeypatch.setattr(os, "replace", noted_replace)
+    replace_file(tmp_path / "file", b"content")
+    file, folder = (tmp_path / "file").stat().st_ino, tmp_path.stat().st_ino
+    assert order == [("fsync", file), ("rename", file), ("fsync", folder)]
+
+
+def test_an_error_in_between_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    replace_file(path, b"old")
+    with pytest.raises(ZeroDivisionError), replacing(path):
+        raise ZeroDivisionError
+    with pytest.raises(RunError, match="file: cannot be written: no room"), replacing(path):
+        raise OSError(28, "no room")
+    assert [found.name for found in tmp_path.iterdir()] == ["file"]
+    assert path.read_bytes() == b"old"

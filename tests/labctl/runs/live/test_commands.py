@@ -1,0 +1,46 @@
+"""commands.log."""
+
+from pathlib import Path
+
+import pytest
+
+from labctl.runs.live.commands import CommandLog
+
+
+def test_messages_before_and_after_the_file_is_there(tmp_path: Path) -> None:
+    ticks = iter([10.0, 10.5, 11.25])
+    path = tmp_path / "commands.log"
+    with CommandLog(clock=lambda: next(ticks)) as log:
+        log("awg", ">", "*IDN?")
+        log.keep_in(path)
+        log("awg", "<", 'two\r\nlines"')
+    assert path.read_text() == '0.500000 > awg *IDN?\n1.250000 < awg two\\r\\nlines"\n'
+
+
+def test_a_line_that_a_killed_process_left_without_its_end_stays_apart(tmp_path: Path) -> None:
+    path = tmp_path / "commands.log"
+    path.write_text("0.5 > awg *ID")
+    with CommandLog(clock=lambda: 12.0, started=10.0) as log:
+        log.keep_in(path)
+        assert log.path == path
+        log("awg", ">", "*IDN?")
+    assert path.read_text() == "0.5 > awg *ID\n2.000000 > awg *IDN?\n"
+
+
+def test_without_a_file_nothing_is_left() -> None:
+    with CommandLog() as log:
+        log("awg", ">", "*IDN?")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
+def test_a_full_disk_ends_the_log_and_nothing_else(caplog: pytest.LogCaptureFixture) -> None:
+    with CommandLog() as log:
+        log.keep_in(Path("/dev/full"))
+        for _ in range(2):
+            log("laser", ">", "x" * 100_000)
+    assert caplog.messages == ["commands.log cannot be written (No space left on device): it ends here"]
+
+
+def test_a_log_that_cannot_be_opened_is_told(tmp_path: Path) -> None:
+    with CommandLog() as log, pytest.raises(FileNotFoundError):
+        log.keep_in(tmp_path / "no" / "commands.log")

@@ -1,0 +1,65 @@
+"""A run is running while a process holds its lock, and at no other time."""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from labctl.commands.main import main
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import list_runs
+from labctl.runs.live.events import EventLog
+from labctl.runs.live.owner import writer_of
+from labctl.runs.write.writer import RunWriter
+
+
+def states(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) -> dict[str, str]:
+    """By name, as `labctl runs` lists them."""
+    with pytest.raises(SystemExit) as ended:
+        main(["runs", str(folder), *options, "--json"])
+    assert ended.value.code == 0
+    return {Path(row["run"]).name: row["state"] for row in json.loads(capsys.readouterr().out)["runs"]}
+
+
+def claim(directory: Path, process: int) -> None:
+    """Events that name a process."""
+    with EventLog() as events:
+        events("run started", process=process, host=platform.node(), heeds_signals=True)
+        events.keep_in(RunPaths(directory).events)
+
+
+def test_a_run_is_running_as_long_as_its_writer_lives(
+    cut: Path, whole: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, live = cut.parent, cut.parent / "live"
+    command = [sys.executable, str(Path(__file__).with_name("running_writer.py")), str(live)]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[4])}
+    talk = partial(subprocess.Popen[str], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    with talk(command, env=environment) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "writing\n"
+        claim(whole, process.pid)
+        claim(cut, process.pid)
+        assert states(capsys, folder) == {"cut": "incomplete", "live": "running", "whole": "complete"}
+        assert states(capsys, folder, "--state", "running") == {"live": "running"}
+        found = writer_of(RunPaths(live))
+        assert found is not None
+        assert (found.process, found.heeds_signals) == (process.pid, True)
+    assert states(capsys, folder)["live"] == "incomplete"
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="only Linux tells who holds a lock")
+def test_whoever_reads_a_run_does_not_write_it(cut: Path, measure_missing: Callable[[RunWriter], None]) -> None:
+    claim(cut, os.getpid())
+    with RunPaths(cut).journal.open("rb"), RunPaths(cut).events.open("ab"):
+        assert [row.state for row in list_runs(cut.parent)] == ["incomplete"]
+    with RunWriter.resume(cut) as writer:
+        assert [row.state for row in list_runs(cut.parent)] == ["running"]
+        measure_missing(writer)
+    assert [row.state for row in list_runs(cut.parent)] == ["complete"]

@@ -1,0 +1,67 @@
+"""A run while it grows: what was measured last, and what is there on the first ports."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from labctl.errors import RunError
+from labctl.runs.format.journal import JournalFile
+from labctl.runs.read.follower import Following
+from labctl.runs.read.run import open_run
+from labctl.runs.write.writer import RunWriter
+
+
+def test_it_sees_what_was_added_and_nothing_twice(
+    tmp_path: Path, small: Any, begin: Callable[..., RunWriter], measure: Callable[..., Any]
+) -> None:
+    with begin(tmp_path / "run") as writer:
+        following = Following(tmp_path / "run")
+        assert not following.look()
+        assert following.latest() == []
+        writer.scales(0, 1e-3, 0.05)
+        for shot in range(3):  # one shard, of a reference, a dark frame and an image
+            writer.append(0, measure(small, 0, shot))
+        assert following.look()
+        assert not following.look()
+        assert following.done == (3, 0)
+        (latest,) = following.latest()
+        assert (latest.shot, latest.kind, latest.ports) == (2, "image", (2, 3, 4, 5))
+        expected = 1e-3 * measure(small, 0, 2).codes + 0.05
+        assert np.allclose(latest.volts, expected)
+        assert following.measured(4, 100) is None
+
+
+def test_the_first_ports_stand_for_all_until_there_are_enough(cut: Path) -> None:
+    following = Following(cut)
+    while following.look():
+        pass
+    assert following.done == (7, 3)
+    first = following.measured(4, 100)
+    assert first is not None
+    assert first.ports == (2, 3, 4, 5)
+    assert len(first.frames) == 7
+    whole = following.measured(3, 100)
+    assert whole is not None
+    with open_run(cut) as stored:
+        assert np.array_equal(whole.frames[:], stored.frames[:])
+        assert np.array_equal(whole.shots["label"], stored.shots["label"])
+    assert len(following.measured(3, 3).frames) == 3  # type: ignore[union-attr]
+
+
+def test_damage_is_said_and_a_torn_line_waits(cut: Path) -> None:
+    following = Following(cut)
+    journal = cut / "journal.jsonl"
+    lines = journal.read_bytes()
+    journal.write_bytes(lines + b'nonsense\n{"shard": 9')
+    while following.look():
+        pass
+    assert following.entries == lines.count(b"\n")
+    (cut / "shards" / "000000.h5").write_bytes(b"")
+    (cut / "shards" / "000002.h5").write_bytes(b"")
+    with pytest.raises(RunError, match=r"000002\.h5: damaged"):
+        following.latest()
+    JournalFile(journal).close()  # which mends it, as a resumed run does
+    assert not following.look()

@@ -1,0 +1,113 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from labctl.errors import RunError
+from labctl.runs.index import list_runs
+from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
+from labctl.runs.write.writer import RunWriter
+
+Finish = Callable[..., None]
+
+
+def resume_to_the_end(directory: Path, measure_missing: Finish) -> tuple[str, ...]:
+    with RunWriter.resume(directory) as writer:
+        measure_missing(writer)
+    report = verify_run(directory)
+    assert (report.complete, report.shots, report.data_file) == (True, 7, "current")
+    return writer.recovered
+
+
+def digest(directory: Path) -> str:
+    with open_run(directory) as run:
+        return run.digest()
+
+
+def test_a_resumed_run_ends_like_an_uninterrupted_one(cut: Path, whole: Path, measure_missing: Finish) -> None:
+    with RunWriter.resume(cut) as writer:
+        assert writer.recovered == ()
+        assert [writer.missing(p).tolist() for p in (0, 1)] == [[], [3, 4, 5, 6]]
+        measure_missing(writer)
+    assert digest(cut) == digest(whole)
+    for name in ("journal.jsonl", "data.h5", "shards/000004.h5"):
+        assert (cut / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_a_shard_that_missed_the_journal_is_taken_in(cut: Path, whole: Path, measure_missing: Finish) -> None:
+    lines = (cut / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    (cut / "journal.jsonl").write_bytes(b"".join(lines[:-1]) + lines[-1][:40])
+    assert open_run(cut).done == (7, 0)
+    assert any("torn" in note for note in verify_run(cut).notes)
+    assert any("not in the journal" in note for note in verify_run(cut).notes)
+    found = resume_to_the_end(cut, measure_missing)
+    assert len(found) == 1
+    assert "its 3 shots are kept" in found[0]
+    assert not verify_run(cut).problems
+    assert digest(cut) == digest(whole)
+
+
+@pytest.mark.parametrize("shard", [0, 3])
+@pytest.mark.parametrize("harm", ["flip", "remove"])
+def test_a_damaged_shard_is_measured_again(
+    cut: Path, whole: Path, measure_missing: Finish, shard: int, harm: str
+) -> None:
+    path = cut / "shards" / f"{shard:06d}.h5"
+    if harm == "flip":
+        image = bytearray(path.read_bytes())
+        image[len(image) // 2] ^= 4
+        path.write_bytes(image)
+    else:
+        path.unlink()
+    assert len(verify_run(cut).problems) == 1
+    with pytest.raises(RunError, match=rf"{shard:06d}\.h5: (damaged|cannot be read)"):
+        open_run(cut).frames[:]
+    found = resume_to_the_end(cut, measure_missing)
+    assert "its 3 shots will be measured again" in found[0]
+    assert (cut / "shards" / f"{shard:06d}.h5.damaged").exists() == (harm == "flip")
+    assert not verify_run(cut).problems
+    assert digest(cut) == digest(whole)
+    lines = [json.loads(line) for line in (cut / "journal.jsonl").read_text().splitlines()]
+    assert sum(line["shots"] for line in lines) == 7
+    assert list_runs(cut.parent)[0].shots == 7
+
+
+def test_half_written_files_go(cut: Path, measure_missing: Finish) -> None:
+    (cut / "shards" / "000004.h5.tmp").write_bytes(b"half")
+    (cut / "data.h5.tmp").write_bytes(b"half")
+    assert "000004.h5.tmp: half-written, of no use" in verify_run(cut).notes
+    assert len(resume_to_the_end(cut, measure_missing)) == 2
+    assert not list(cut.rglob("*.tmp"))
+
+
+def test_strange_files_among_the_shards_are_left_alone(cut: Path, measure_missing: Finish) -> None:
+    shards = cut / "shards"
+    (shards / "notes.h5").write_bytes(b"mine")
+    (shards / "000090.h5").write_bytes(b"no shard")
+    (shards / "000091.h5").write_bytes((shards / "000001.h5").read_bytes())
+    found = resume_to_the_end(cut, measure_missing)
+    assert "000090.h5: damaged shard" in found[0]
+    assert "ignored" in found[0]
+    assert "000091.h5: the journal does not name it and has its shots, ignored" in found[1]
+    assert (shards / "000090.h5").read_bytes() == b"no shard"
+    assert (shards / "000092.h5").exists()
+
+
+def test_resuming_a_whole_run_makes_its_data_file_again(whole: Path, measure_missing: Finish) -> None:
+    before = (whole / "data.h5").read_bytes()
+    (whole / "data.h5").unlink()
+    assert resume_to_the_end(whole, measure_missing) == ()
+    assert (whole / "data.h5").read_bytes() == before
+
+
+def test_what_is_no_run_cannot_be_resumed(tmp_path: Path, cut: Path) -> None:
+    with pytest.raises(RunError, match="not a run directory"):
+        RunWriter.resume(tmp_path)
+    (cut / "plan.h5").write_bytes(b"")
+    with pytest.raises(RunError, match=r"plan\.h5: damaged"):
+        RunWriter.resume(cut)
+    (cut / "plan.h5").unlink()
+    with pytest.raises(RunError, match=r"plan\.h5: cannot be read"):
+        RunWriter.resume(cut)

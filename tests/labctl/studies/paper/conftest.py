@@ -1,0 +1,53 @@
+"""Small runs with given frames, and what an analysis is given to examine."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from labctl.runs.format.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.write.writer import RunWriter
+from protocols.base import Shot
+
+SCALE_V = 1e-3
+MANIFEST = {"protocol": "synthetic", "started": "2026-11-21T09:15:00Z", "seed": 1, "twin_seed": 1}
+
+WriteRun = Callable[..., Path]
+
+
+def write(
+    directory: Path, shots: list[Shot], codes: NDArray[np.integer], ports: tuple[int, ...], interval_s: float
+) -> Path:
+    """A finished run of `codes` (shots, ports, samples), 1 mV each."""
+    shape = RunShape(len(shots), (ports,), codes.shape[-1], interval_s, "int16")
+    columns: dict[str, Any] = {
+        name: np.array([getattr(shot, name) for shot in shots])
+        for name in ("dataset_index", "label", "group", "next_dataset_index", "next_label")
+    }
+    plan = ShotColumns(
+        kind=np.array([str(shot.kind) for shot in shots]), wavelength_nm=np.full(len(shots), 1550.0), **columns
+    )
+    drive = PlayedDrive(np.zeros(50, np.float32), np.arange(50) < 10, 25e9)
+    with RunWriter.create(directory, MANIFEST, shape, plan, drive, Durability(shots=100, seconds=3600)) as writer:
+        writer.scales(0, SCALE_V, 0.0)
+        for number, frame in enumerate(codes):
+            writer.append(
+                0,
+                Measured(
+                    shot=number,
+                    codes=frame.astype(np.int16),
+                    trigger_offset_s=np.zeros(len(ports)),
+                    time_s=0.01 * number,
+                    clipped=np.zeros(len(ports), np.bool_),
+                    epoch=1,
+                ),
+            )
+    return directory
+
+
+@pytest.fixture(name="write_run")
+def write_run_fixture() -> WriteRun:
+    return write

@@ -1,0 +1,96 @@
+"""Experiment files: every one is whole, a wrong one says what is wrong, and figures are judged as they say."""
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from labctl.errors import ExperimentError
+from labctl.studies.paper.analyses import analysis_of
+from labctl.studies.paper.experiments import Experiment, Must, experiments
+from sim_backends.parameters import Parameters
+
+HERE = {"accuracy": {"0.4": {"mean": 0.91, "sd": 0.03, "se": 0.005}, "1.0": {"mean": 0.95, "sd": 0.02}}, "ratio": 7.5}
+
+
+@pytest.mark.parametrize("experiment", experiments(), ids=lambda experiment: experiment.name)
+def test_every_experiment_of_the_house_is_whole(experiment: Experiment) -> None:
+    analysis_of(experiment)
+    assert experiment.must
+    for protocol in experiment.protocols.values():
+        assert protocol.averages == 16, "no parameter differs between experiments"
+
+
+def test_an_unknown_experiment_is_told_with_those_there_are() -> None:
+    with pytest.raises(ExperimentError, match=r"no experiment is called 'fig99': choose 'all' or from fig2, fig3"):
+        experiments(["fig99"])
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("title = 1", "title"),
+        ("title = [", "is not TOML"),
+        ('title = "a"\npaper = ""\nstatement = ""\nanalysis = "recognition"\nruns = {}', "runs"),
+    ],
+)
+def test_a_wrong_file_is_one_line(tmp_path: Path, content: str, complaint: str) -> None:
+    (tmp_path / "mine.toml").write_text(content)
+    with pytest.raises(ExperimentError, match=complaint) as raised:
+        experiments(folder=tmp_path)
+    assert "\n" not in str(raised.value)
+
+
+def test_another_file_is_another_experiment(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(
+        'title = "a"\npaper = "b"\nstatement = "c"\nanalysis = "nothing"\n[runs.a]\nprotocol = "image-readout"\n'
+    )
+    (mine,) = experiments(folder=tmp_path)
+    assert mine.name == "mine"
+    with pytest.raises(ExperimentError, match="no analysis is called 'nothing'"):
+        analysis_of(mine)
+
+
+class TestMust:
+    def test_a_mean_is_compared_with_its_bound(self) -> None:
+        assert Must(what="", path=("accuracy", "0.4"), at_least=0.9).reached(HERE)
+        assert not Must(what="", path=("accuracy", "0.4"), at_most=0.9).reached(HERE)
+        assert Must(what="", path=("ratio",), at_least=5).reached(HERE)
+
+    def test_a_difference_is_compared(self) -> None:
+        must = Must(what="", path=("accuracy", "1.0"), minus=("accuracy", "0.4"), at_least=0.03)
+        assert must.figure(HERE) == pytest.approx(0.04)
+        assert must.reached(HERE)
+
+    def test_standard_errors_are_allowed_for_on_either_side(self) -> None:
+        assert Must(what="", path=("accuracy", "0.4"), at_least=0.915, less_standard_errors=1.0).reached(HERE)
+        assert Must(what="", path=("accuracy", "0.4"), at_most=0.905, less_standard_errors=1.0).reached(HERE)
+
+    def test_a_figure_that_is_not_there_is_told(self) -> None:
+        with pytest.raises(ExperimentError, match=r"no figure accuracy\.9"):
+            Must(what="", path=("accuracy", "9"), at_least=0).reached(HERE)
+        with pytest.raises(ExperimentError, match=r"no figure accuracy\.1\.0\.se"):
+            Must(what="", path=("accuracy", "1.0"), at_least=0, less_standard_errors=1.0).reached(HERE)
+
+    def test_what_is_no_number_is_told(self) -> None:
+        with pytest.raises(ExperimentError, match="no number accuracy: correct"):
+            Must(what="", path=("accuracy",), at_least=0).reached(HERE)
+
+    @pytest.mark.parametrize("bounds", [{}, {"at_least": 0.0, "at_most": 1.0}])
+    def test_one_bound_is_needed(self, bounds: dict[str, float]) -> None:
+        with pytest.raises(ValidationError, match="needs one bound"):
+            Must(what="", path=("ratio",), **bounds)
+
+
+def test_images_of_each_class_are_written_without_a_complaint() -> None:
+    for experiment in experiments(["fig5"]):
+        assert '"images":[2000,500]' in experiment.protocols["median"].model_dump_json()
+
+
+def test_what_is_varied_starts_from_what_all_experiments_use() -> None:
+    """Values stand rounded in the file: to three digits."""
+    for experiment in experiments():
+        for varied in experiment.sensitivity.parameters if experiment.sensitivity else ():
+            used = getattr(Parameters(), varied.parameter)
+            assert varied.parameter_at(varied.default) == pytest.approx(used, rel=0.005)
+            assert varied.default in varied.values

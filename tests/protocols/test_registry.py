@@ -1,0 +1,45 @@
+"""Protocols by name and by file."""
+
+from pathlib import Path
+
+import pytest
+
+from protocols.base import ProtocolError
+from protocols.image_readout import ImageReadout
+from protocols.registry import read_protocol
+
+
+def test_by_name_with_settings() -> None:
+    assert read_protocol("image-readout", ["images=40", "window=1 ns", "ports=2,3"]) == ImageReadout(
+        images=40, window=1e-9, ports=(2, 3)
+    )
+
+
+def test_the_command_line_wins_over_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('protocol = "image-readout"\n[settings]\nimages = 40\nwindow = "1 ns"\n', encoding="utf-8")
+    assert read_protocol(str(path), ["images=80"]) == ImageReadout(images=80, window=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("nothing", [], "protocol 'nothing' is not installed: choose one of dynamic-scene, image"),
+        ("image-readout", ["colour=red"], "colour: image-readout has no such setting: choose from"),
+        ("image-readout", ["images"], "--set images: write it as key=value"),
+        ("image-readout", ["images=-3"], "images = '-3': "),
+        ("image-readout", ["window=3 V"], "window = '3 V': '3 V' is not in s"),
+        ("nowhere.toml", [], "nowhere.toml: cannot be read"),
+    ],
+)
+def test_what_is_wrong_is_named(name: str, settings: list[str], message: str) -> None:
+    with pytest.raises(ProtocolError, match=message):
+        read_protocol(name, settings)
+
+
+@pytest.mark.parametrize("text", ["[settings", "", 'protocol = "image-readout"\ncolour = 1'])
+def test_a_file_that_is_no_protocol(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ProtocolError, match=r"mine\.toml"):
+        read_protocol(str(path), [])

@@ -1,0 +1,148 @@
+"""The function-generator mode and the clock settings of the virtual AWG."""
+
+import numpy as np
+import pytest
+
+from sim_backends.virtual import VirtualAwg70002a
+from sim_backends.virtual.awg70002a.function_generator import Function, SharedFrequency
+from sim_backends.world.world import World
+from tests.sim_backends.virtual.awg70002a.session import Ask, errors
+
+NOISE = np.random.default_rng(1)
+
+
+@pytest.fixture
+def awg(world: World) -> VirtualAwg70002a:
+    return VirtualAwg70002a(world)
+
+
+def test_reset_state(ask: Ask, awg: VirtualAwg70002a) -> None:
+    for query, reply in {
+        "TYPE?": "SINE",
+        "FREQ?": "1.2000000000E+06",
+        "PER?": "8.3333333333E-07",
+        "AMPL?": "5.0000000000E-01",
+        "AMPL:VOLT?": "5.0000000000E-01",
+        "OFFS?": "0.0000000000E+00",
+        "HIGH?": "2.5000000000E-01",
+        "LOW?": "-2.5000000000E-01",
+        "DCL?": "0.0000000000E+00",
+        "PHAS?": "0.0000000000E+00",
+        "SYMM?": "100",
+        "PATH?": "DIR",
+    }.items():
+        assert ask(awg, f"FGEN:CHAN2:{query}").decode() == reply, query
+    assert float(ask(awg, "FGEN:CHAN1:AMPL:POW?")) == pytest.approx(-2.04, abs=0.01)
+
+
+def test_levels(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "FGEN:CHAN1:AMPL 0.2;OFFS 0.3")
+    assert ask(awg, "FGEN:CHAN1:OFFS?;HIGH?") == b"1.5000000000E-01;2.5000000000E-01"
+    ask(awg, "FGEN:CHAN1:LOW -0.05;HIGH 0.05")
+    assert [float(ask(awg, f"FGEN:CHAN1:{node}?")) for node in ("AMPL", "OFFS")] == pytest.approx([0.1, 0.0])
+    ask(awg, "FGEN:CHAN1:AMPL:POW -10")
+    assert float(ask(awg, "FGEN:CHAN1:AMPL?")) == pytest.approx(0.2, abs=1e-4)
+    assert errors(ask, awg) == "0"
+
+
+@pytest.mark.parametrize(
+    ("sent", "reply"), [("GAUS", "GAUSS"), ("GAUSS", "GAUSS"), ("SQUARE", "SQU"), ("EXPR", "EXPR")]
+)
+def test_shapes_by_name(ask: Ask, awg: VirtualAwg70002a, sent: str, reply: str) -> None:
+    ask(awg, f"FGEN:CHAN1:TYPE {sent}")
+    assert ask(awg, "FGEN:CHAN1:TYPE?").decode() == reply
+    assert errors(ask, awg) == "0"
+
+
+def test_the_frequency_is_shared_and_limited(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "FGEN:CHAN1:FREQ 12.5e9")
+    assert ask(awg, "FGEN:CHAN2:FREQ?") == b"1.2500000000E+10"
+    ask(awg, "FGEN:CHAN1:TYPE TRI")
+    assert ask(awg, "FGEN:CHAN2:FREQ?") == b"6.2500000000E+09"
+    ask(awg, "FGEN:CHAN1:FREQ 1e10")
+    assert errors(ask, awg) == "-222"
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        ("FGEN:CHAN1:AMPL 0.6", -222),
+        ("FGEN:CHAN1:AMPL:POW 10", -222),
+        ("FGEN:CHAN1:LOW 0.1;HIGH 0.05", -222),
+        ("FGEN:CHAN1:DCL 0.3", -222),
+        ("FGEN:CHAN1:PHAS 181", -222),
+        ("FGEN:CHAN1:TYPE SAW", -224),
+        ("FGEN:CHAN1:FREQ 0.5", -222),
+        ("FGEN:CHAN1:PATH AC", -222),
+        ("FGEN:CHAN3:TYPE SINE", -114),
+        ("CLOC:ECL:FREQ 1e9", -222),
+        ("CLOC:ECL:FREQ:DET", -241),
+        ("CLOC:EREF:FREQ:DET", -241),
+    ],
+)
+def test_errors(ask: Ask, awg: VirtualAwg70002a, command: str, code: int) -> None:
+    ask(awg, command)
+    assert errors(ask, awg) == str(code)
+
+
+def test_it_plays(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "INST:MODE FGEN;:FGEN:CHAN1:FREQ 1e9;:OUTP1 1;:AWGC:RUN;*OPC?;*TRG")
+    assert ask(awg, "AWGC:RST?;:INST:MODE?") == b"2;FGEN"
+    assert errors(ask, awg) == "0"
+
+
+def function(shape: str, hz: float = 1e9, **settings: float) -> Function:
+    made = Function(SharedFrequency(hz))
+    made.shape = shape
+    for name, value in settings.items():
+        setattr(made, name, value)
+    return made
+
+
+@pytest.mark.parametrize("hz", [1.0, 3e3, 1.2e6, 7e8, 12.5e9])
+def test_a_period_has_the_right_frequency(hz: float) -> None:
+    volts, rate = function("SINE", hz, amplitude_v=0.4).rendered(NOISE)
+    assert rate <= 25e9 * (1 + 1e-12)
+    periods = volts.size / rate * hz
+    assert periods == pytest.approx(round(periods))
+    spectrum = np.abs(np.fft.rfft(volts)) / volts.size
+    assert int(spectrum.argmax()) == round(periods)
+    if hz < 1e10:
+        assert volts.max() == pytest.approx(0.2, abs=0.005)
+
+
+@pytest.mark.parametrize("shape", ["SQUare", "TRIangle", "GAUSSian", "EXPRise", "EXPDecay", "NOISe"])
+def test_shapes_fill_their_range(shape: str) -> None:
+    volts, _ = function(shape, 1e6, amplitude_v=0.2, offset_v=0.1, symmetry=50).rendered(NOISE)
+    assert volts.min() == pytest.approx(0.0, abs=0.01)
+    assert volts.max() == pytest.approx(0.2, abs=0.01)
+    assert volts.dtype == np.float32
+
+
+def test_shapes() -> None:
+    square, _ = function("SQUare", 1e6).rendered(NOISE)
+    assert square[: square.size // 2].min() == 0.25
+    ramp, _ = function("TRIangle", 1e6, symmetry=100).rendered(NOISE)
+    assert np.all(np.diff(ramp) > 0)
+    late, _ = function("SINE", 1e6, phase_deg=90).rendered(NOISE)
+    assert late[0] == pytest.approx(0.25)
+    level, _ = function("DC", dc_level_v=0.1).rendered(NOISE)
+    assert np.all(level == np.float32(0.1))
+    none, _ = function("NONE", dc_level_v=0.1).rendered(NOISE)
+    assert not none.any()
+
+
+def test_clock(ask: Ask, awg: VirtualAwg70002a) -> None:
+    assert ask(awg, "CLOC:ECL:FREQ?;:CLOC:EREF:FREQ?") == b"6.2500000000E+09;3.5000000000E+07"
+    ask(awg, "CLOC:SOUR EXT")
+    assert ask(awg, "CLOC:SRAT?;:CLOC:OUTP:FREQ?") == b"1.2500000000E+10;6.2500000000E+09"
+    ask(awg, "CLOC:SRAT 2e10")
+    assert errors(ask, awg) == "-222"
+    ask(awg, "CLOC:ECL:FREQ 1e10;:CLOC:SRAT 2e10")
+    assert ask(awg, "CLOC:SRAT?;:SOUR:FREQ?") == b"2.0000000000E+10;2.0000000000E+10"
+    ask(awg, "CLOC:JITT 1;OUTP 1;SOUT:STAT 1;:CLOC:PHAS:ADJ:DEGR 10;TIM 1e-12;:CLOC:ECL:FREQ:ADJ")
+    ask(awg, "CLOC:EREF:MULT 2;DIV 3;:CLOC:ECL:MULT 4;DIV 5")
+    assert ask(awg, "CLOC:JITT?;OUTP?;SOUT?;PHAS:ADJ:DEGR?") == b"1;1;1;10"
+    assert ask(awg, "CLOC:EREF:MULT?;DIV?;:CLOC:ECL:MULT?;DIV?;:SOUR:ROSC:MULT?") == b"2;3;4;5;2"
+    assert ask(awg, "CLOC:PHAS:ADJ:TIM?") == b"1.0000000000E-12"
+    assert errors(ask, awg) == "0"

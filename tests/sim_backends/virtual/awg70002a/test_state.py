@@ -1,0 +1,86 @@
+"""The virtual generator's state after reset, its marker levels, errors and system commands."""
+
+from sim_backends.virtual import VirtualAwg70002a
+from tests.sim_backends.virtual.awg70002a.session import Ask, Heard, errors, start
+
+
+def test_waiting_values(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "TRIG:WVAL FIRS")
+    assert ask(awg, "TRIG:WVAL?;:OUTP2:WVAL:ANAL?;MARK2?") == b"FIRS;FIRS;FIRS"
+    ask(awg, "OUTP1:SVAL:ANAL:STAT OFF;:OUTP1:SVAL:MARK1 OFF;:OUTP1:WVAL:MARK1 HIGH")
+    assert ask(awg, "OUTP1:SVAL:ANAL?;MARK1?;:OUTP1:WVAL:MARK1?") == b"OFF;OFF;HIGH"
+
+
+def test_error_queue_overflow(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "NONSENSE\n" * 40)
+    assert ask(awg, "SYST:ERR:COUN?") == b"32"
+    assert errors(ask, awg).split(",")[-1] == "-350"
+
+
+def test_reset_state(ask: Ask, awg: VirtualAwg70002a) -> None:
+    start(ask, awg)
+    ask(awg, "TRIG:LEV 0.5,BTR;:TRIG:SLOP NEG;:TRIG:MODE SYNC;:TRIG:IMP 1000")
+    assert ask(awg, "TRIG:LEV? BTR;LEV?;SLOP?;MODE?;IMP?") == b"5.0000000000E-01;1.4000000000E+00;NEG;SYNC;1000"
+    ask(awg, "*RST")
+    for query, reply in {
+        "CLOC:SRAT?": "2.5000000000E+10",
+        "CLOC:SOUR?": "INT",
+        "SOUR1:RMOD?": "CONT",
+        "OUTP1?": "0",
+        "SOUR1:DAC:RES?": "10",
+        "SOUR1:VOLT?": "5.0000000000E-01",
+        "SOUR1:VOLT:LEV:IMM:HIGH?": "2.5000000000E-01",
+        "SOUR1:VOLT:LOW?": "-2.5000000000E-01",
+        "OUTP1:PATH?": "DIR",
+        "SOUR1:TINP?": "ATR",
+        "TRIG:LEV? BTR": "1.4000000000E+00",
+        "TRIG:SLOP?": "POS",
+        "TRIG:IMP?": "50",
+        "TRIG:MODE?": "ASYN",
+        "TRIG:SOUR?": "EXT",
+        "OUTP1:WVAL:ANAL:STAT?": "ZERO",
+        "OUTP1:WVAL:MARK1?": "LOW",
+        "OUTP1:SVAL:ANAL:STAT?": "ZERO",
+        "TRIG:WVAL?": "ZERO",
+        "CLOC:JITT?": "0",
+        "SLIS:SIZE?": "0",
+        "SOUR1:MARK1:VOLT:HIGH?": "1.0000000000E+00",
+        "SOUR1:MARK2:VOLT:LOW?": "0.0000000000E+00",
+        "SOUR1:MARK1:VOLT?": "1.0000000000E+00",
+        "SOUR1:MARK1:VOLT:OFFS?": "5.0000000000E-01",
+        "SOUR1:SKEW?": "0.0000000000E+00",
+        "INST:MODE?": "AWG",
+        "WLIS:SIZE?": "0",
+        "AWGC:CONF:CNUM?": "2",
+        "SYST:ERR:DIAL?": "1",
+    }.items():
+        assert ask(awg, query).decode() == reply, query
+
+
+def test_marker_levels_as_amplitude_and_offset(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "SOUR1:MARK1:VOLT 0.6;VOLT:OFFS 0.2")
+    assert ask(awg, "SOUR1:MARK1:VOLT:HIGH?;LOW?") == b"5.0000000000E-01;-1.0000000000E-01"
+    assert errors(ask, awg) == "0"
+
+
+def test_an_error_text_that_holds_a_line_end(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "OUTPUT1:PATH DCA")
+    assert ask(awg, "*ESR?") == b"16"
+    assert ask(awg, "SYST:ERR?") == b'-222,"Data out of range;Data Out of Range - OUTPUT1:PATH DCA\r\n"'
+    ask(awg, "OUTPUT1:PATH DIR")
+    assert errors(ask, awg) == "0"
+
+
+def test_system_tree(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+    assert ask(awg, "SYST:VERS?") == b"1999.0"
+    assert ask(awg, "SYST:DATE?") == b"2024,01,01"
+    assert ask(awg, "*OPT?") == b"03,225"
+    ask(awg, "SYST:DATE 2026,2,3")
+    assert ask(awg, "SYST:DATE?") == b"2026,02,03"
+    ask(awg, "SYST:TIME 10,20,30;:SYST:DATE 2026,2,31")
+    assert ask(awg, "SYST:TIME?") == b"10,20,30"
+    assert errors(ask, awg) == "-222"
+    heard.clock.advance(60.0)
+    minutes = int(ask(awg, "SYST:TIME?").split(b",")[1])
+    heard.clock.advance(60.0)
+    assert int(ask(awg, "SYST:TIME?").split(b",")[1]) == (minutes + 1) % 60

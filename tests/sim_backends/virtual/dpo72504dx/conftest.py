@@ -1,0 +1,22 @@
+"""A virtual oscilloscope that is set up, on a world with light."""
+
+import pytest
+
+from sim_backends.virtual import VirtualDpo72504dx
+from tests.sim_backends.virtual.dpo72504dx.session import WHOLE_SESSION, Ask, Counted, lit, set_up
+
+
+@pytest.fixture
+def world() -> Counted:
+    return lit()
+
+
+@pytest.fixture
+def session() -> tuple[str, ...]:
+    """What the oscilloscope is set up with; a file may have its own."""
+    return WHOLE_SESSION
+
+
+@pytest.fixture
+def scope(ask: Ask, world: Counted, session: tuple[str, ...]) -> VirtualDpo72504dx:
+    return set_up(ask, world, session)

@@ -1,0 +1,106 @@
+"""The world in time: triggers, where records begin, how long they are, jitter."""
+
+import numpy as np
+import pytest
+
+from sim_backends.world.world import AUX, Acquisition, Playback, TriggerCondition
+from tests.sim_backends.world.light import MARKER, RATE, bench, coming, distance, playback, quiet, shoot
+
+
+def test_triggers_come_with_the_marker_and_not_before_now() -> None:
+    world = bench()
+    world.clock.advance(3.3e-9)
+    times = coming(world, MARKER, 3)
+    assert times[0] >= world.clock.now
+    np.testing.assert_allclose(np.diff(times), 20e-9, atol=1e-15)
+    falling = coming(world, TriggerCondition(AUX, 0.5, rising=False))
+    assert (falling[0] - times[0]) % 20e-9 == pytest.approx(10e-9, abs=1e-13)
+    assert world.next_triggers(TriggerCondition(AUX, 1.5, rising=True), 1) is None
+    assert np.diff(coming(world, MARKER, 2, 1e-3))[0] == pytest.approx(1e-3, abs=20e-9)
+
+
+def test_trigger_phase_survives_a_long_virtual_time() -> None:
+    early, late = bench(parameters=quiet()), bench(parameters=quiet())
+    late.clock.advance(5000.0)
+    assert np.array_equal(shoot(early).volts, shoot(late).volts)
+
+
+def test_light_itself_can_trigger() -> None:
+    world = bench(parameters=quiet())
+    period = Acquisition((2,), RATE, 500, 0.0)
+    trace = shoot(world, acquisition=period).volts[0, 0]
+    level = float((trace.min() + trace.max()) / 2)
+    times = world.next_triggers(TriggerCondition(2, level, rising=True), 5)
+    assert times is not None
+    before, at = world.record(Acquisition((2,), 250e9, 2, -4e-12), times).volts[:, 0].T
+    assert np.all(before < at)
+    np.testing.assert_allclose(at, level, rtol=0.1)
+    assert world.next_triggers(TriggerCondition(2, 5.0, rising=True), 1) is None
+
+
+def test_start_time_moves_the_window() -> None:
+    world = bench(parameters=quiet())
+    here = shoot(world, acquisition=Acquisition((1,), RATE, 40, 0.0)).volts[0, 0]
+    later = shoot(world, acquisition=Acquisition((1,), RATE, 20, 10 * 40e-12)).volts[0, 0]
+    np.testing.assert_allclose(later, here[10:30], atol=1e-3 * here.max())
+
+
+def test_light_is_late_by_the_path_delay() -> None:
+    here = bench(parameters=quiet())
+    late = bench(parameters=quiet(path_delay_s=98e-9 + 400e-12))
+    one, other = shoot(here).volts[0], shoot(late).volts[0]
+    np.testing.assert_allclose(other[:, 10:], one[:, :54], atol=1e-3 * one.max())
+
+
+def test_long_records_repeat_with_the_drive() -> None:
+    world = bench(parameters=quiet())
+    volts = shoot(world, acquisition=Acquisition((1,), RATE, 1700, 0.0)).volts[0, 0]
+    np.testing.assert_allclose(volts[500:1700], volts[:1200], atol=2e-3 * volts.max())
+    short = shoot(world, acquisition=Acquisition((1,), RATE, 400, 0.0)).volts[0, 0]
+    np.testing.assert_allclose(volts[:400], short, atol=2e-3 * volts.max())
+
+
+def test_long_records_of_an_odd_drive_rate() -> None:
+    world = bench(parameters=quiet())
+    odd = playback()
+    world.play(Playback(odd.volts, odd.marker, 0.0, 1.0, 23.7e9))
+    volts = shoot(world, acquisition=Acquisition((1,), RATE, 1100, 0.0)).volts[0, 0]
+    short = shoot(world, acquisition=Acquisition((1,), RATE, 300, 0.0)).volts[0, 0]
+    np.testing.assert_allclose(volts[:300], short, atol=0.03 * volts.max())
+
+
+def test_finer_sampling_contains_the_coarse_samples() -> None:
+    world = bench(parameters=quiet())
+    coarse = shoot(world, acquisition=Acquisition((1,), RATE, 30, 0.0)).volts[0, 0]
+    fine = shoot(world, acquisition=Acquisition((1,), 2 * RATE, 60, 0.0)).volts[0, 0]
+    np.testing.assert_allclose(fine[::2], coarse, atol=5e-3 * coarse.max())
+
+
+def test_free_running_clocks_slip_and_report_it() -> None:
+    tied, free = bench(parameters=quiet()), bench(parameters=quiet(shared_reference=False))
+    fine = shoot(tied, acquisition=Acquisition((1,), 400e9, 1600, -200e-12)).volts[0, 0]
+    record = shoot(free, 20, Acquisition((1,), RATE, 64, 0.0))
+    assert np.abs(record.trigger_offset_s).max() <= 20e-12
+    assert record.trigger_offset_s.std() > 5e-12
+    for volts, offset in zip(record.volts[:, 0], record.trigger_offset_s, strict=True):
+        wanted = np.interp(np.arange(64) * 40e-12 + offset, np.arange(1600) * 2.5e-12 - 200e-12, fine)
+        assert distance(volts, wanted) < 0.06 * fine.std()  # the 10 ps grid's own error
+
+
+def test_jitter_is_as_large_as_stated() -> None:
+    steady = bench(parameters=quiet())
+    shaking = bench(parameters=quiet().model_copy(update={"trigger_jitter_s": 1.2e-12}))
+    fine = shoot(steady, acquisition=Acquisition((1,), RATE, 64, 0.0)).volts[0, 0]
+    ahead = shoot(steady, acquisition=Acquisition((1,), RATE, 64, 2e-12)).volts[0, 0]
+    slope = (ahead - fine) / 2e-12
+    volts = shoot(shaking, 300, Acquisition((1,), RATE, 64, 0.0)).volts[:, 0]
+    shifts = (volts - fine) @ slope / (slope @ slope)
+    assert shifts.std() == pytest.approx(1.2e-12, rel=0.2)
+
+
+def test_ac_coupling_takes_the_mean_away() -> None:
+    whole = Acquisition((1, 2), 4 * RATE, 2000, 0.0)
+    volts = shoot(bench(parameters=quiet(detector_coupling="ac")), acquisition=whole).volts[0]
+    direct = shoot(bench(parameters=quiet()), acquisition=whole).volts[0]
+    assert np.abs(volts.mean(axis=1)).max() < 0.02 * direct.mean()
+    np.testing.assert_allclose(volts.std(axis=1), direct.std(axis=1), rtol=0.01)
