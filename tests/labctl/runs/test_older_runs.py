@@ -1,0 +1,68 @@
+"""Runs and readouts that labctl wrote in format 1.1 open, verify, resume and export as they did then."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labctl.runs.export import Content, write
+from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
+from labctl.studies.readout_file import load_metadata, load_model
+from tests.command_line import as_json
+
+OLDER = Path(__file__).parent / "older" / "1.1"
+DIGESTS = {
+    "complete": "3069ba28ee4b1c1dd0e121fd8a8779c074be2d36158bd62f2831fbce50d6c8a1",
+    "scenes": "0f93303c5b0038daf118d889be797c355ab254a0e847b5b4e8dc08b6670233ac",
+}
+"""Of the frames, by the labctl that measured them."""
+
+
+@pytest.mark.parametrize("name", DIGESTS)
+def test_a_complete_run_opens_verifies_and_exports(name: str, tmp_path: Path) -> None:
+    report = verify_run(OLDER / name)
+    assert report.intact
+    assert report.complete
+    assert report.data_file == "current"
+    with open_run(OLDER / name) as run:
+        assert run.digest() == DIGESTS[name]
+        assert write(Content.of(run, None, "volts"), "npz", tmp_path / "run.npz")
+        with np.load(tmp_path / "run.npz") as exported:
+            np.testing.assert_allclose(exported["volts"], run.volts())
+            assert exported["next_label"].tolist() == run.shots["next_label"].tolist()
+
+
+@pytest.mark.parametrize("name", DIGESTS)
+def test_its_shards_alone_say_the_same(name: str, tmp_path: Path) -> None:
+    shutil.copytree(OLDER / name, tmp_path / "run")
+    (tmp_path / "run" / "data.h5").unlink()
+    with open_run(tmp_path / "run") as run:
+        assert run.digest() == DIGESTS[name]
+    assert verify_run(tmp_path / "run", rebuild=True).data_file == "current"
+    with open_run(tmp_path / "run" / "data.h5") as run:
+        assert run.digest() == DIGESTS[name]
+
+
+def test_a_killed_run_goes_on(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """The frames are those of a run that nobody killed; another processor may round one code in a hundred otherwise."""
+    shutil.copytree(OLDER / "killed", tmp_path / "run")
+    status, resumed = as_json(capsys, "resume", tmp_path / "run")
+    assert (status, resumed["complete"]) == (0, True)
+    station = tmp_path / "bench.toml"
+    station.write_text("name = 'a bench'\n[wiring]\nburst = true\n[durability]\nshots = 3\n[laser]\narmed = true\n")
+    settings = [f"--set={name}" for name in ("images=40", "ports=2-6", "reference_every=5", "window=0.4 ns")]
+    asked = ("run", "image-readout", "--station", station, *settings, "--out", tmp_path / "whole")
+    assert as_json(capsys, *asked)[0] == 0
+    with open_run(tmp_path / "run") as run, open_run(tmp_path / "whole") as whole:
+        assert run.shots["kind"].tolist() == whole.shots["kind"].tolist()
+        difference = np.abs(run.frames[:].astype(int) - whole.frames[:])
+    assert difference.max() <= 1
+    assert np.mean(difference != 0) < 0.05
+    assert verify_run(tmp_path / "run").intact
+
+
+def test_a_readout_reads_as_it_did() -> None:
+    assert load_metadata(OLDER / "readout.h5")["accuracy"] == 0.75
+    assert load_model(OLDER / "readout.h5").predict(np.zeros((1, 5, 10))).shape == (1,)
