@@ -17,7 +17,6 @@ from instruments.errors import InstrumentError, NoTrigger
 from instruments.interfaces import Oscilloscope
 from instruments.readback import confirm
 from instruments.values import (
-    Burst,
     EdgeTrigger,
     Examination,
     Frames,
@@ -168,8 +167,8 @@ class Dpo72504dx(Oscilloscope):
         for channel in self.channels:
             offsets.append(self._link.number(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?"))
             traces.append(self._curve(self._samples))
-        codes = np.stack(traces)
-        return Frames(codes, np.array(offsets), self._clipped(codes))
+        codes = np.stack(traces)[np.newaxis]
+        return Frames(codes, np.array([offsets]), np.zeros(1), self._clipped(codes))
 
     def most_frames(self) -> int:
         """`HORizontal:FASTframe:MAXFRames?` at the configured record length."""
@@ -198,7 +197,7 @@ class Dpo72504dx(Oscilloscope):
                     f"{self._link.name}: not ready for triggers after {TRIGGER_WAIT_S:g} s: see its screen"
                 )
 
-    def read_burst(self) -> Burst:
+    def read_burst(self) -> Frames:
         """Wait for the last frame; one `CURVe?`, one list of trigger offsets and of time stamps for each channel."""
         self._count_frames()
         self._completed(BURST_WAIT_S)
@@ -210,7 +209,7 @@ class Dpo72504dx(Oscilloscope):
             offsets.append(self._of_each_frame(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}", _numbers))
         stamps = self._of_each_frame(f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}? {span}", _times)
         codes = np.stack(traces, axis=1)
-        return Burst(codes, np.stack(offsets, axis=1), stamps, self._clipped(codes))
+        return Frames(codes, np.stack(offsets, axis=1), stamps, self._clipped(codes))
 
     def settings(self) -> dict[str, str | float]:
         """Timebase, acquisition, trigger and the vertical range of every channel that is on."""

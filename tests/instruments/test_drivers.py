@@ -104,9 +104,9 @@ class TestScope:
         bench.patch_panel.connect({1: 2, 2: 3})
         bench.scope.configure(Timebase(25e9, 50), AUX, (1, 2), 1)
         frames = bench.scope.capture()
-        assert frames.codes.shape == (2, 50)
+        assert frames.codes.shape == (1, 2, 50)
         assert frames.codes.dtype == np.int8
-        assert frames.trigger_offset_s.shape == (2,)
+        assert frames.trigger_offset_s.shape == (1, 2)
 
     def test_averages_are_sixteen_bit(self, bench: Bench) -> None:
         bench.awg.load(drive())
