@@ -9,12 +9,13 @@ import os
 import platform
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from instruments.bench import Bench
 from instruments.values import Drive
@@ -25,14 +26,16 @@ from labctl.engine.profile import Stopwatch
 from labctl.engine.recorder import Measuring, Progress
 from labctl.engine.recovery import Recovery
 from labctl.engine.resume import refuse_changed_instruments, refuse_other_plan
+from labctl.runs.format.columns import shot_table
 from labctl.runs.format.durable import not_written
 from labctl.runs.format.layout import run_name
 from labctl.runs.format.provenance import git_revision, versions
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.shape import RunShape
 from labctl.runs.live.commands import CommandLog
 from labctl.runs.live.events import EventLog
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.room import needed
-from labctl.runs.write.writer import RunWriter
+from labctl.runs.write.writer import RunWriter, Warn
 from protocols.base import Inputs, Measurement, Pass, Shot
 
 
@@ -99,7 +102,10 @@ def carry_out(request: Request, bench: Bench, listeners: Listeners, directory: P
     manifest = _manifest(request, bench, started)
     directory = directory or new_directory(request.protocol, started)
     durability, seconds = durability_of(request.station), _seconds_a_shot(request, bench)
-    with RunWriter.create(directory, manifest, *plan, durability, seconds_a_shot=seconds) as writer:
+    on_warning = warning_of_room(listeners.log, listeners.events)
+    with RunWriter.create(
+        directory, manifest, *plan, durability, seconds_a_shot=seconds, on_warning=on_warning
+    ) as writer:
         _keep(listeners.log, writer.paths.commands)
         _tell_start("run started", listeners.events, request, writer)
         return _measure(request, bench, listeners, writer)
@@ -107,7 +113,8 @@ def carry_out(request: Request, bench: Bench, listeners: Listeners, directory: P
 
 def bytes_needed(request: Request, bench: Bench) -> int:
     """What the run writes at most; nothing is sent to the bench."""
-    return needed(*_planned(request, bench), durability_of(request.station), _seconds_a_shot(request, bench))
+    shape, _, drive = _planned(request, bench)
+    return needed(shape, drive, durability_of(request.station), _seconds_a_shot(request, bench))
 
 
 def go_on(request: Request, bench: Bench, listeners: Listeners, writer: RunWriter) -> Outcome:
@@ -156,6 +163,16 @@ def _keep(log: CommandLog, path: Path) -> None:
         raise not_written(path, error) from error
 
 
+def warning_of_room(log: CommandLog, events: EventLog) -> Warn:
+    """What takes the writer's warnings of a disk that fills up, into both logs."""
+
+    def warn(line: str) -> None:
+        log("run", "!", line)
+        events("warning", text=line)
+
+    return warn
+
+
 def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
     """Where a run goes that names no directory of its own."""
     return Path("runs") / run_name(started, protocol.name, protocol.digest())
@@ -169,12 +186,6 @@ def durability_of(station: Station) -> Durability:
 def _measure(request: Request, bench: Bench, listeners: Listeners, writer: RunWriter) -> Outcome:
     """Measure what `writer` lacks and finish the run."""
     before, log, events = writer.complete, listeners.log, listeners.events
-
-    def tell_room(line: str) -> None:
-        log("run", "!", line)
-        events("warning", text=line)
-
-    writer.room.tell = tell_room
     clock = time.perf_counter(), bench.now()
     with controlled(writer.paths.directory, listeners.interruption) as control:
         measuring = Measuring(
@@ -209,17 +220,17 @@ def _measure(request: Request, bench: Bench, listeners: Listeners, writer: RunWr
     return outcome
 
 
-def _plan(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:
+def _plan(request: Request, bench: Bench) -> tuple[RunShape, NDArray[Any], Drive]:
     """Size, shots and drive of the whole run, if this bench can carry it out."""
     request.protocol.check_cabling(bench)
     request.protocol.check(bench, request.inputs)
     return _planned(request, bench)
 
 
-def _planned(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:
+def _planned(request: Request, bench: Bench) -> tuple[RunShape, NDArray[Any], Drive]:
     protocol, inputs = request.protocol, request.inputs
     shots, passes = protocol.shots(inputs), protocol.passes(bench)
-    return _shape(request, passes, shots), _columns(shots, passes), _played(protocol.drive(bench, inputs))
+    return _shape(request, passes, shots), _columns(shots, passes), protocol.drive(bench, inputs)
 
 
 def _seconds_a_shot(request: Request, bench: Bench) -> float:
@@ -240,20 +251,10 @@ def _shape(request: Request, passes: Sequence[Pass], shots: Sequence[Shot]) -> R
     )
 
 
-def _columns(shots: Sequence[Shot], passes: Sequence[Pass]) -> ShotColumns:
-    return ShotColumns(
-        kind=np.array([shot.kind.value for shot in shots]),
-        dataset_index=np.array([shot.dataset_index for shot in shots], np.int64),
-        label=np.array([shot.label for shot in shots], np.int64),
-        wavelength_nm=np.full(len(shots), passes[0].wavelength_nm),
-        group=np.array([shot.group for shot in shots], np.int64),
-        next_dataset_index=np.array([shot.next_dataset_index for shot in shots], np.int64),
-        next_label=np.array([shot.next_label for shot in shots], np.int64),
-    )
-
-
-def _played(drive: Drive) -> PlayedDrive:
-    return PlayedDrive(drive.samples, drive.marker, drive.sample_rate)
+def _columns(shots: Sequence[Shot], passes: Sequence[Pass]) -> NDArray[Any]:
+    """The planned `/shots`: whatever a protocol says of its shots is a column of that name."""
+    columns = {one.name: np.array([getattr(shot, one.name) for shot in shots]) for one in fields(Shot)}
+    return shot_table(**columns, wavelength_nm=np.full(len(shots), passes[0].wavelength_nm))
 
 
 def _manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any]:

@@ -13,13 +13,14 @@ from labctl.bench.opening import OpenBench, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
-from labctl.engine.engine import Listeners, Outcome, Request, carry_out, durability_of, go_on
+from labctl.engine.engine import Listeners, Outcome, Request, carry_out, durability_of, go_on, warning_of_room
 from labctl.engine.inputs import inputs_for
 from labctl.engine.instrument_states import tell_states
 from labctl.engine.profile import Stopwatch
 from labctl.engine.recorder import Progress
 from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs, station_of_manifest
-from labctl.runs.format.layout import Manifest, RunPaths
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.commands import CommandLog
 from labctl.runs.live.events import EventLog
 from labctl.runs.write.writer import RunWriter
@@ -89,8 +90,11 @@ def acquire(
     """
     protocol, station = acquisition.protocol, acquisition.station
     inputs = inputs_for(protocol, acquisition.data)
-    at_work = _at_work(protocol, station, uploading, attended=acquisition.attended, armed=acquisition.armed)
-    with at_work as (open_bench, log, events):
+    with ExitStack() as stack:
+        log, events = stack.enter_context(CommandLog()), stack.enter_context(EventLog())
+        open_bench = stack.enter_context(
+            _at_work(protocol, station, log, events, uploading, attended=acquisition.attended, armed=acquisition.armed)
+        )
         simulation = open_bench.simulation
         stopwatch = Stopwatch((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
         if acquisition.profile:
@@ -143,7 +147,8 @@ def resume(
     station = station_of_manifest(directory, manifest.values, resumption.station)
     durability = None if resumption.station is None else durability_of(station)
     with ExitStack() as stack:
-        writer = stack.enter_context(RunWriter.resume(directory, durability))
+        log, events = stack.enter_context(CommandLog()), stack.enter_context(EventLog())
+        writer = stack.enter_context(RunWriter.resume(directory, durability, on_warning=warning_of_room(log, events)))
         if writer.complete == manifest.shape.shots:
             return Outcome(
                 directory=directory,
@@ -158,8 +163,8 @@ def resume(
             )
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
-        open_bench, log, events = stack.enter_context(
-            _at_work(protocol, station, uploading, attended=resumption.attended, armed=resumption.armed)
+        open_bench = stack.enter_context(
+            _at_work(protocol, station, log, events, uploading, attended=resumption.attended, armed=resumption.armed)
         )
         _warn(warnings(manifest.values.get("calibration"), station), warn, events)
         listeners = Listeners(log, events, progress, interruption or Interruption(), Stopwatch(lambda: 0.0))
@@ -174,12 +179,17 @@ def _warn(lines: Iterable[str], warn: Warn, events: EventLog) -> None:
 
 @contextmanager
 def _at_work(
-    protocol: Measurement[Any], station: Station, uploading: Uploading, *, attended: bool, armed: bool
-) -> Iterator[tuple[OpenBench, CommandLog, EventLog]]:
-    """The opened bench under supervision, allowed to light, and its two logs; nothing was sent to it yet."""
+    protocol: Measurement[Any],
+    station: Station,
+    log: CommandLog,
+    events: EventLog,
+    uploading: Uploading,
+    *,
+    attended: bool,
+    armed: bool,
+) -> Iterator[OpenBench]:
+    """The opened bench under supervision, allowed to light, as its two logs hear of it; nothing was sent to it yet."""
     with ExitStack() as stack:
-        log = stack.enter_context(CommandLog())
-        events = stack.enter_context(EventLog())
         watch = stack.enter_context(supervised(station, log))
         open_bench = stack.enter_context(opened(station, log, attended=attended, armed=armed))
         watch(open_bench.bench)
@@ -187,4 +197,4 @@ def _at_work(
         open_bench.bench.require_arm()
         open_bench.bench.uploading = _both(uploading, events.uploading)
         tell_states(open_bench.bench, events)
-        yield open_bench, log, events
+        yield open_bench

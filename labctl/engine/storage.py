@@ -6,7 +6,7 @@ from typing import Self
 
 from instruments.values import Frames
 from labctl.engine.profile import STORAGE_BESIDE, Stopwatch
-from labctl.runs.format.layout import noted_on
+from labctl.errors import noted_on
 from labctl.runs.write.writer import RunWriter
 
 

@@ -17,8 +17,7 @@ from labctl.reports.figures import (
 )
 from labctl.reports.page import Paragraph, Picture, Result, Results, Section, Table, mapping_section, write_report
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.read.records import volts
-from labctl.runs.read.run import Run, open_run
+from labctl.runs.read.run import Run, open_run, volts
 
 Accuracy = Mapping[str, Mapping[str, float]]
 """Acquisition time in ns as text -> {"mean", "sd"} of the accuracy."""

@@ -11,7 +11,8 @@ from typing import Any, Literal
 
 from labctl.errors import RunError
 from labctl.runs.format.journal import read_journal
-from labctl.runs.format.layout import Manifest, RunPaths
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.owner import writer_of
 
 State = Literal["complete", "running", "incomplete", "unreadable"]

@@ -22,7 +22,6 @@ from labctl.reports.inspection import codes_figure, drift_figure, one_picture
 from labctl.reports.recognition import PORT_NAMES
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.run import Run
-from labctl.runs.read.variables import volts
 from protocols.base import ProtocolError
 
 MOST_TRACES = 6
@@ -121,7 +120,7 @@ def look_at(run: Run, part: Part) -> Look:
 
 def signals(run: Run, shots: NDArray[np.intp], ports: NDArray[np.intp]) -> NDArray[np.float64]:
     """Records of some shots (ascending places) and entries of the port axis, V, (shots, ports, samples)."""
-    return volts(run, (shots, slice(None), slice(None)))[:, ports]
+    return run.volts(shots)[:, ports]
 
 
 def draw(run: Run, part: Part, look: Look, out: Path | None) -> Drawn:

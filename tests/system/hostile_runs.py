@@ -10,9 +10,11 @@ from tempfile import TemporaryDirectory
 import h5py
 import numpy as np
 
+from instruments.values import Frames
 from labctl.analysis.readouts import softmax_classifier
 from labctl.runs.format.journal import read_journal
-from labctl.runs.format.shards import ROWS_DTYPE, Shard
+from labctl.runs.format.plain_hdf5 import set_text
+from labctl.runs.format.shard import encode
 from labctl.studies.readout_file import save_model
 from tests.fuzz.readers import SHAPE
 from tests.labctl.runs.conftest import write_whole
@@ -88,12 +90,9 @@ def changed(make: Callable[[Path], Path], change: Change, name: str) -> Callable
 
 def a_shard(path: Path) -> Path:
     ports, shots = len(SHAPE.passes[0]), 3
-    rows = np.zeros(shots, ROWS_DTYPE)
-    rows["shot"] = np.arange(shots)
-    frames = np.zeros((shots, ports, SHAPE.samples), np.int8)
     columns = np.zeros((shots, ports))
-    shard = Shard(0, 0, np.ones(ports), np.zeros(ports), frames, columns, columns.astype(bool), rows)
-    path.write_bytes(shard.encode(SHAPE))
+    frames = Frames(np.zeros((*columns.shape, SHAPE.samples), np.int8), columns, np.zeros(shots), columns > 0)
+    path.write_bytes(encode(SHAPE, 0, 0, [frames], 0, np.ones(ports), np.zeros(ports)))
     return path
 
 
@@ -192,7 +191,14 @@ def a_readout(path: Path) -> Path:
 
 def attribute(name: str, value: str) -> Change:
     def change(file: h5py.File, group: str) -> None:
-        file[group].attrs[name] = value
+        set_text(file[group], name, value)
+
+    return change
+
+
+def text_of_variable_length(name: str) -> Change:
+    def change(file: h5py.File, group: str) -> None:
+        file[group].attrs[name] = "some text"
 
     return change
 
@@ -211,6 +217,10 @@ RUNS["readout"] = DAMAGED_READOUTS | {
     "settings of another class": (
         changed(a_readout, attribute("parameters", '{"system": 1}'), "logisticregression"),
         "a damaged readout",
+    ),
+    "a text of variable length": (
+        changed(a_readout, text_of_variable_length("estimator"), "logisticregression"),
+        "'estimator' is a text of variable length",
     ),
     "no metadata": (changed(a_readout, attribute("metadata", "[]"), "/"), "a damaged readout"),
     "no steps": (changed(a_readout, attribute("steps", "[]"), "/"), "a damaged readout"),

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.runs.format.journal import Entry
-from labctl.runs.format.layout import Manifest, RunPaths
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shards import Shards
-from labctl.runs.read.run import Run, run_of_shards
+from labctl.runs.read.run import Run, run_of_shards, volts
 
 READ_AT_ONCE = 1 << 22
 
@@ -27,7 +28,7 @@ class Latest:
     volts: NDArray[np.float64]
 
 
-class Following:
+class Follower:
     """Follows the run in a directory; never changes it, and reads the journal only as far as it grew."""
 
     def __init__(self, directory: Path) -> None:
@@ -126,14 +127,13 @@ class Following:
             shard = self._shards.read(number)
             kinds = self._plan["kind"][shard.rows["shot"]]
             row = int(np.flatnonzero(kinds != b"dark")[-1]) if (kinds != b"dark").any() else -1
-            volts = shard.scale[:, np.newaxis] * shard.frames[row] + shard.offset[:, np.newaxis]
             wavelength = self.shape.wavelengths_nm[pass_index] if self.shape.wavelengths_nm else 0.0
             found = Latest(
                 int(shard.rows[row]["shot"]),
                 kinds[row].decode(errors="replace"),
                 self.shape.passes[pass_index],
                 wavelength,
-                volts,
+                volts(shard.frames[row], shard.scale, shard.offset, np.float64),
             )
             self._latest[pass_index] = number, found
         return self._latest[pass_index][1]

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from instruments.values import Frames
-from labctl.runs.format.shots import Durability, RunShape, ShotColumns
+from labctl.runs.format.columns import shot_table
+from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
 
 SHOTS = 50
@@ -15,7 +17,7 @@ SHAPE = RunShape(shots=SHOTS, passes=((2, 3), (6,)), samples=8, sample_interval_
 
 
 def create(directory: Path, durability: Durability | None = None) -> RunWriter:
-    plan = ShotColumns(
+    plan = shot_table(
         kind=np.full(SHOTS, "image"),
         dataset_index=np.arange(SHOTS),
         label=np.arange(SHOTS) % 4,
