@@ -75,7 +75,16 @@ def _recording(path: Path) -> None:
 
 def _run(path: Path) -> None:
     with open_run(path) as run:
-        _ = run.shots, run.epoch, run.clipped, run.trigger_offset_s, run.measured_at_s, run.volts(), run.digest()
+        _ = (
+            run.drive,
+            run.shots,
+            run.epoch,
+            run.clipped,
+            run.trigger_offset_s,
+            run.measured_at_s,
+            run.volts(),
+            run.digest(),
+        )
 
 
 def _pictures(path: Path) -> None:

@@ -12,12 +12,13 @@ from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5d, h5l, h5o
+from h5py import h5d, h5l, h5o, h5t
 
 from labctl.runs.format.global_heaps import WalkedFile
 
 LIBVER = ("v108", "v108")  # the same bytes whatever HDF5 release writes them, readable by any HDF5 since 1.8
 HDF5_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)  # what h5py raises on a file that is not whole
+NUMBERS = (h5t.INTEGER, h5t.FLOAT, h5t.ENUM)
 MOST_OBJECTS = 1000
 MOST_UNPACKED = 1100
 """Times its stored bytes: what deflate can make of them at most is 1032."""
@@ -53,8 +54,11 @@ def attribute(owner: h5py.Group, name: str) -> Any:
         raise ValueError(f"{name!r} has several values")
     if stored.dtype.hasobject and not _is_older(owner.file):
         raise ValueError(f"{name!r} is a text of variable length")
-    value = owner.attrs[name]
-    return value.decode() if isinstance(value, bytes) else value
+    if stored.dtype.hasobject:
+        return owner.attrs[name]
+    value = np.empty((), stored.dtype)
+    stored.read(value)
+    return value.item().decode() if value.dtype.kind == "S" else value.item()
 
 
 def check_plain(file: h5py.File, largest: int, *, besides: str = "") -> None:
@@ -93,16 +97,18 @@ def check_plain(file: h5py.File, largest: int, *, besides: str = "") -> None:
 
 def _size(dataset: h5d.DatasetID, name: str, file: h5py.File) -> int:
     """How many bytes a data set has, unpacked; of text, which lies elsewhere in the file, the most that can be."""
-    layout = dataset.get_create_plist()
-    if layout.get_layout() == h5d.VIRTUAL or layout.get_external_count():
-        raise ValueError(f"{name!r} keeps its data in other files")
-    count, dtype = math.prod(dataset.shape), dataset.dtype
-    if dtype.hasobject:
+    kind, count = dataset.get_type(), math.prod(dataset.shape)
+    size, stored = int(count * kind.get_size()), True
+    if dataset.get_offset() is None:  # in chunks, in another file, or nowhere
+        properties = dataset.get_create_plist()
+        if properties.get_layout() == h5d.VIRTUAL or properties.get_external_count():
+            raise ValueError(f"{name!r} keeps its data in other files")
+        stored = size <= max(SMALLEST_STORAGE, MOST_UNPACKED * dataset.get_storage_size())
+    if kind.get_class() not in NUMBERS and kind.dtype.hasobject:
         if not _is_older(file):
             raise ValueError(f"{name!r} holds texts of variable length")
         return int(count * file.id.get_filesize())
-    size = int(count * dtype.itemsize)
-    if size > max(SMALLEST_STORAGE, MOST_UNPACKED * dataset.get_storage_size()):
+    if not stored:
         raise ValueError(f"{name!r} declares {size} bytes that are not in the file")
     return size
 

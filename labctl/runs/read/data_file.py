@@ -1,5 +1,6 @@
 """data.h5 as it is read: what describes it first, through a file that is safe to look at, then its arrays."""
 
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.values import Drive
 from labctl.errors import RunError
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
@@ -39,7 +41,6 @@ class DataFile:
 
     Attributes:
         manifest: what manifest.json holds.
-        drive: what the AWG played, None if nothing.
         frames: `/frames`, read when it is indexed.
     """
 
@@ -55,14 +56,28 @@ class DataFile:
                 check_version(attribute(file, "format_version"), path)
                 check_plain(file, MOST_BYTES, besides="frames")
                 self.manifest = Manifest.parse(attribute(file, "manifest"), path)
-                self.drive = read_drive(file)
                 shape, found = self.manifest.shape, file["frames"]
                 if found.dtype != shape.dtype or found.shape[1:] != (len(shape.ports), shape.samples):
                     raise ValueError("its frames are not of the shape in its manifest")
-            self._file = h5py.File(path, "r")
+                compressed = found.compression is not None
+            # Without a cache of chunks HDF5 reads codes into the array they are asked for in, and nowhere else before.
+            self._file = h5py.File(path, "r", rdcc_nbytes=None if compressed else 0)
         except (*HDF5_ERRORS, AttributeError) as error:
             raise damaged(path, error) from error
         self.frames = StoredFrames(path, self._file["frames"])
+
+    @cached_property
+    def drive(self) -> Drive | None:
+        """What the AWG played, None if nothing.
+
+        Raises:
+            RunError: it is damaged.
+        """
+        try:
+            with walked(self._path) as file:
+                return read_drive(file)
+        except HDF5_ERRORS as error:
+            raise damaged(self._path, error) from error
 
     def column(self, name: str) -> NDArray[Any]:
         """A whole data set beside the frames.

@@ -44,6 +44,10 @@ class Source(Protocol):
     """Where a run's columns come from."""
 
     @property
+    def drive(self) -> Drive | None:
+        """What the AWG played, None if nothing."""
+
+    @property
     def frames(self) -> Frames:
         """The codes."""
 
@@ -69,21 +73,22 @@ class Run:
         path: the run directory, or the data file that was opened by itself.
         manifest: what manifest.json holds.
         shape: the planned size of the run.
-        drive: what the AWG played, None if nothing.
         done: how many shots each pass has.
         source: where the columns come from.
     """
 
-    def __init__(
-        self, path: Path, manifest: Manifest, drive: Drive | None, done: tuple[int, ...], source: Source
-    ) -> None:
+    def __init__(self, path: Path, manifest: Manifest, done: tuple[int, ...], source: Source) -> None:
         """Not for callers: `open_run` opens a run."""
         self.path = path
         self.manifest = dict(manifest.values)
         self.shape = manifest.shape
-        self.drive = drive
         self.done = done
         self.source = source
+
+    @property
+    def drive(self) -> Drive | None:
+        """What the AWG played, None if nothing."""
+        return self.source.drive
 
     @property
     def frames(self) -> Frames:
@@ -239,12 +244,12 @@ def open_run(path: Path | str) -> Run:
     shards = Shards(paths, manifest.shape, plan, read_journal(paths.journal).entries)
     if paths.data.exists() and evidence_in(paths.data) == shards.evidence:
         return _of_data_file(path, paths.data, shards.done)
-    return Run(path, manifest, drive, shards.done, ShardFiles(shards))
+    return Run(path, manifest, shards.done, ShardFiles(shards, drive))
 
 
 def run_of_shards(path: Path, manifest: Manifest, shards: Shards) -> Run:
     """The shots of some shards of the run in `path`, with a manifest of their shape; without the drive."""
-    return Run(path, manifest, None, shards.done, ShardFiles(shards))
+    return Run(path, manifest, shards.done, ShardFiles(shards, None))
 
 
 def _require_own_files(paths: RunPaths) -> None:
@@ -258,4 +263,4 @@ def _require_own_files(paths: RunPaths) -> None:
 def _of_data_file(path: Path, data: Path, done: tuple[int, ...] | None) -> Run:
     stored = DataFile(data)
     passes = len(stored.manifest.shape.passes)
-    return Run(path, stored.manifest, stored.drive, done or (len(stored.frames),) * passes, stored)
+    return Run(path, stored.manifest, done or (len(stored.frames),) * passes, stored)

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.values import Drive
 from labctl.runs.format.shards import NAMES, Block, Shards
 
 PIECE_BYTES = 1 << 26  # of frames put together at a time where only some ports or samples are kept
@@ -14,11 +15,13 @@ class ShardFiles:
     """Columns put together from shards.
 
     Attributes:
+        drive: what the AWG played, None if nothing.
         frames: `/frames`, read from the shards that an index needs.
     """
 
-    def __init__(self, shards: Shards) -> None:
+    def __init__(self, shards: Shards, drive: Drive | None) -> None:
         """Of the shots that are complete on all passes of `shards`."""
+        self.drive = drive
         self.frames = ShardFrames(shards)
         self._shards = shards
         self._columns: Block | None = None
