@@ -96,9 +96,8 @@ def align_bench(
     results: list[Result] = []
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
-        watch = stack.enter_context(supervised(station, log))
-        bench = stack.enter_context(opened(station, log, attended=attended, armed=armed)).bench
-        watch(bench)
+        supervisor = stack.enter_context(supervised(station, log))
+        bench = stack.enter_context(opened(station, log, observer=supervisor, attended=attended, armed=armed)).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
         check_laser(station, (station.laser.wavelength, last))
         bench.require_arm()
@@ -107,7 +106,7 @@ def align_bench(
             for name, instrument in bench.instruments.items()
         }
         folder.mkdir(parents=True, exist_ok=True)
-        log.keep_in(folder / "commands.log")
+        log.stored_in(folder)
         for result in _measured(station, bench, images):
             for finding in result.findings:
                 tell(finding)
