@@ -121,7 +121,14 @@ def align_bench(
         if measured
         else None
     )
-    return Aligned(folder, kept, alignment_report(folder, station.name, started, results), findings)
+    report = alignment_report(
+        folder,
+        station.name,
+        started,
+        findings={one.step: [(finding.line(), finding.good) for finding in one.findings] for one in results},
+        figures={one.step: one.figure for one in results if one.figure is not None},
+    )
+    return Aligned(folder, kept, report, findings)
 
 
 def _measured(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
