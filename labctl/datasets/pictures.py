@@ -173,5 +173,5 @@ def _in_archive(archive: zipfile.ZipFile, path: Path, class_folders: Sequence[st
 
 
 def _is_picture(name: str) -> bool:
-    """True for visible JPEG files; a name that a terminal cannot print as it stands is nobody's picture."""
+    """True for visible JPEG files; a file whose name a terminal cannot print is no picture."""
     return name.lower().endswith(SUFFIXES) and not name.startswith(".") and name.isprintable()

@@ -86,7 +86,7 @@ class Series:
 
     Attributes:
         label: Name in the legend.
-        x: (k,) positions, in the unit that the figure function asks for.
+        x: (k,) positions, in the unit that the figure function expects.
         mean: (k,) mean of the quantity.
         sd: (k,) its standard deviation; 0 or NaN = nothing is drawn for it.
         tag: Short name to write beside the curve; empty = the label, where all labels are short.

@@ -1,4 +1,4 @@
-"""A report as one HTML file that stands alone: figures inside, no links to anything, no script.
+"""A report as one self-contained HTML file: figures inside, no links to anything, no script.
 
 What a report looks like is in `templates/`: a file for each report, in the frame of `base.html`. All text is escaped
 there.

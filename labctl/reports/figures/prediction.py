@@ -16,7 +16,7 @@ def prediction_figure(target: ArrayLike, predicted: ArrayLike, *, nmse: float, f
         predicted: (steps,) prediction.
         nmse: Mean squared error over the variance of the target, of the whole test.
         first_step: Number of the first step.
-        paper: NMSE to write beside the own one.
+        paper: NMSE in the paper, written next to this one.
     """
     figure = Figure(figsize=(6.4, 3.6))
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])

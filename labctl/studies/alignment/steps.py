@@ -202,6 +202,6 @@ def of_decorrelation(scan: Scan) -> Result:
     return Result("decorrelation", (finding,), figures.scan_figure(found))
 
 
-def told(step: str, what: str, error: AnalysisError) -> Result:
-    """A step whose frames do not say what was asked."""
+def unmeasured(step: str, what: str, error: AnalysisError) -> Result:
+    """A step whose frames do not determine its quantity."""
     return Result(step, (Finding(step, what, None, None, "1", str(error)),))
