@@ -27,7 +27,7 @@ from labctl.runs.write.data_file import constants, shard_in_data_file, write_dat
 class Damage:
     """Where a run is damaged: a file in its directory, and the first and last byte that are not what they were.
 
-    Where nothing tells more closely it is the whole file; `last` is None for one that is missing.
+    Where the place is not known more closely it is the whole file; `last` is None for one that is missing.
     """
 
     file: str

@@ -40,7 +40,7 @@ def write(content: Content, path: Path) -> None:
 
 
 def _entry(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
-    """A new .npy in the archive, of any size, that says nothing of when it was made."""
+    """A new .npy in the archive, of any size, without the time at which it was made."""
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)
 
 

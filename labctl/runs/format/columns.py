@@ -1,6 +1,6 @@
 """What the columns of a run are called, hold and mean: the one place where a column is declared.
 
-`SHOTS` are the columns of the table `/shots`, `ARRAYS` the data sets beside it. plan.h5, shards, data.h5, readers,
+`SHOTS` are the columns of the table `/shots`, `ARRAYS` the other data sets. plan.h5, shards, data.h5, readers,
 exports and docs/reference/run-format.md are made from them.
 """
 
@@ -49,20 +49,11 @@ SHOTS = (
     Column("kind", f"S{LONGEST_KIND}", "what the shot is for: image, reference, dark or another word of the protocol"),
     Column("dataset_index", "<i8", "index in the data set, -1 for none"),
     Column("label", "<i8", "class, -1 for none"),
-    Column(
-        "wavelength_nm",
-        "<f8",
-        "laser wavelength of the shot, the first one where it is measured at several",
-        "nm",
-    ),
+    Column("wavelength_nm", "<f8", "laser wavelength of the shot, the first one where it is measured at several", "nm"),
     Column("group", "<i8", "shots of one image share a group: keep groups together when data are split"),
     Column("epoch", "<i4", "stretch of an unchanged optical path, on the pass that completed the shot", planned=False),
     Column(
-        "time_s",
-        "<f8",
-        "when the shot was completed, after the run began, on the bench's clock",
-        "s",
-        planned=False,
+        "time_s", "<f8", "when the shot was completed, after the run began, on the bench's clock", "s", planned=False
     ),
     Column("flags", "<i4", "bit 0: a frame of the shot is clipped", planned=False),
     Column(
@@ -111,7 +102,7 @@ ARRAYS = (
     Column("drive/samples", "<f4", "one period of what the AWG played, full scale -1 to 1", axes=("drive_sample",)),
     Column("drive/marker", "?", "marker of the AWG at each sample of the drive", axes=("drive_sample",)),
 )
-"""The data sets of data.h5 beside `/shots`."""
+"""The data sets of data.h5 other than `/shots`."""
 PLANNED = tuple(column for column in SHOTS if column.planned)
 MEASURED = tuple(column for column in SHOTS if not column.planned)
 OF_A_SHOT = tuple(column for column in ARRAYS if column.axes[0] == "shot" and not column.planned)
@@ -125,7 +116,7 @@ def dtype_of(columns: Iterable[Column]) -> np.dtype[Any]:
 
 SHOTS_DTYPE = dtype_of(SHOTS)
 ROWS_DTYPE = np.dtype([("shot", "<i8"), *dtype_of(MEASURED).descr])
-"""What a shard says of each shot beside its frames."""
+"""What a shard holds of each shot in addition to its frames."""
 
 
 class ShotFlag(IntFlag):
@@ -175,11 +166,8 @@ def in_this_version(table: NDArray[Any], dtype: np.dtype[Any] = SHOTS_DTYPE) -> 
 
 def same_shots(stored: NDArray[Any], planned: NDArray[Any]) -> bool:
     """Whether two planned tables of shots agree in every column that the stored one, of any 1.x, has."""
-    return all(
-        np.array_equal(stored[column.name], planned[column.name])
-        for column in PLANNED
-        if column.name in (stored.dtype.names or ())
-    )
+    there = {column.name for column in PLANNED} & set(stored.dtype.names or ())
+    return all(stored[name].astype(planned.dtype[name]).tobytes() == planned[name].tobytes() for name in there)
 
 
 def sizes_of(shape: RunShape, shots: int) -> dict[str, int]:

@@ -2,7 +2,7 @@
 
 ```
 runs/20261121T091500Z-image-readout-1a2b3c4d/
-  manifest.json     what was asked and with what; written once, before the first shot
+  manifest.json     what was requested and with what; written once, before the first shot
   plan.h5           the columns of every planned shot and the drive that is played; written once, before the manifest
   journal.jsonl     one checksummed line per closed shard, only ever appended to; the state of the run follows from it
   shards/000000.h5  a contiguous range of shots of one pass; never rewritten
@@ -27,7 +27,7 @@ class RunPaths:
 
     @property
     def manifest(self) -> Path:
-        """What was asked and with what."""
+        """What was requested and with what."""
         return self.directory / "manifest.json"
 
     @property
@@ -78,8 +78,8 @@ class RunPaths:
 def run_name(started: datetime, protocol: str, identity: str) -> str:
     """Name of a run directory, for example `20261121T091500Z-image-readout-1a2b3c4d`.
 
-    `started` carries a time zone; `identity` is any text that tells this run's request from others (protocol, station,
-    seeds): only its hash appears. The name is safe on every file system (no colon).
+    `started` carries a time zone; `identity` is any text that distinguishes this run's request from others (protocol,
+    station, seeds): only its hash appears. The name is safe on every file system (no colon).
     """
     slug = re.sub(r"[^a-z0-9]+", "-", protocol.lower()).strip("-") or "run"
     return f"{started.astimezone(UTC):%Y%m%dT%H%M%SZ}-{slug}-{hashlib.sha256(identity.encode()).hexdigest()[:8]}"

@@ -1,4 +1,4 @@
-"""manifest.json: what was asked for and with what, written before the first shot."""
+"""manifest.json: what was requested and with what, written before the first shot."""
 
 import json
 from collections.abc import Mapping

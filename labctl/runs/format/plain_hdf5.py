@@ -114,5 +114,5 @@ def _size(dataset: h5d.DatasetID, name: str, file: h5py.File) -> int:
 
 
 def _is_older(file: h5py.File) -> bool:
-    """Whether a file tells its format by a text of variable length, as it was before 1.2."""
+    """Whether the format of a file is a text of variable length, as it was before 1.2."""
     return bool(file.attrs.get_id("format_version").dtype.hasobject)

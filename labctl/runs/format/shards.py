@@ -27,7 +27,7 @@ class Shards:
     """Everything the closed shards of a run hold, as one table of the shots that are complete on all passes.
 
     Only shards that the journal names are read, and each is compared with its sha256 whenever it is read. Memory is
-    that of what is asked for and of the last shard of each pass, however long the run.
+    that of the result and of the last shard of each pass, however long the run.
     """
 
     def __init__(self, paths: RunPaths, shape: RunShape, plan: NDArray[Any], entries: Sequence[Entry]) -> None:
@@ -39,8 +39,8 @@ class Shards:
         if np.shape(plan) != (shape.shots,):
             raise RunError(f"{paths.plan}: holds {np.size(plan)} shots, the manifest has {shape.shots}; restore a copy")
         if max(shape.shot_bytes, 8 * len(shape.passes) * shape.shots) > MOST_BYTES:
-            asked = f"a shot of {shape.shot_bytes} bytes or {len(shape.passes)} passes"
-            raise RunError(f"{paths.manifest}: {asked}: no such run is read")
+            size = f"a shot of {shape.shot_bytes} bytes or {len(shape.passes)} passes"
+            raise RunError(f"{paths.manifest}: {size}: no such run is read")
         try:
             self._plan = in_this_version(plan)
         except (TypeError, ValueError) as error:

@@ -37,7 +37,7 @@ def damaged(path: Path, error: Exception) -> RunError:
 
 
 class DataFile:
-    """A data.h5: its description, and its columns when they are asked for.
+    """A data.h5: its description, and its columns, which are read on demand.
 
     Attributes:
         manifest: what manifest.json holds.
@@ -60,7 +60,7 @@ class DataFile:
                 if found.dtype != shape.dtype or found.shape[1:] != (len(shape.ports), shape.samples):
                     raise ValueError("its frames are not of the shape in its manifest")
                 compressed = found.compression is not None
-            # Without a cache of chunks HDF5 reads codes into the array they are asked for in, and nowhere else before.
+            # Without a cache of chunks HDF5 reads codes straight into the array that is returned.
             self._file = h5py.File(path, "r", rdcc_nbytes=None if compressed else 0)
         except (*HDF5_ERRORS, AttributeError) as error:
             raise damaged(path, error) from error
@@ -80,7 +80,7 @@ class DataFile:
             raise damaged(self._path, error) from error
 
     def column(self, name: str) -> NDArray[Any]:
-        """A whole data set beside the frames.
+        """A whole data set other than the frames.
 
         Raises:
             RunError: it is damaged.

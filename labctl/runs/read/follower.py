@@ -79,7 +79,7 @@ class Follower:
             try:
                 entry = Entry.decode(line)
             except ValueError:
-                continue  # `labctl verify` tells of it
+                continue  # `labctl verify` reports it
             self._shards.add(entry)
             self._entries.append(entry)
             self._newest[entry.pass_index] = entry.shard
@@ -88,7 +88,7 @@ class Follower:
     def latest(self) -> list[Latest]:
         """The last shot with light that each pass has on disk; passes without one are left out.
 
-        Where the last shard of a pass has dark frames only, the last of them stands for it.
+        Where the last shard of a pass has dark frames only, it is the last of them.
 
         Raises:
             RunError: a shard is missing or damaged.

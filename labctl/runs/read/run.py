@@ -65,9 +65,9 @@ class Source(Protocol):
 
 
 class Run:
-    """The shots of a run that are complete on all passes, and what was asked of it.
+    """The shots of a run that are complete on all passes, and what was requested.
 
-    A context manager; `close` it otherwise. Nothing is read before it is asked for, `frames` only as far as indexed.
+    A context manager; `close` it otherwise. Everything is read on demand, `frames` only as far as indexed.
 
     Attributes:
         path: the run directory, or the data file that was opened by itself.
@@ -130,7 +130,7 @@ class Run:
 
     @cached_property
     def planned(self) -> NDArray[Any]:
-        """`shots` as far as the plan fixes them, read without the shards; epoch, time_s and flags say nothing."""
+        """`shots` as far as the plan fixes them, read without the shards; epoch, time_s and flags are zero."""
         return self._table(self.source.planned())
 
     @cached_property
@@ -220,11 +220,11 @@ def _with_text(stored: NDArray[Any]) -> NDArray[Any]:
 def open_run(path: Path | str) -> Run:
     """Open a run directory, or a data.h5 by itself.
 
-    From a directory data.h5 is read if it holds exactly what the journal says, and the shards otherwise: while the run
+    From a directory data.h5 is read if it holds exactly what the journal lists, and the shards otherwise: while the run
     goes on, after a crash, after a resume.
 
     Raises:
-        RunError: not a run, or damaged; says what and what to do.
+        RunError: not a run, or damaged; one line with what is wrong and what to do.
 
     Example:
         >>> from labctl.runs.read.run import open_run

@@ -27,7 +27,7 @@ class ShardFiles:
         self._columns: Block | None = None
 
     def column(self, name: str) -> NDArray[Any]:
-        """A whole data set beside the frames; with the first one all are read, which fit in memory.
+        """A whole data set other than the frames; with the first one all are read, since they fit in memory.
 
         Raises:
             RunError: a shard is missing or damaged.

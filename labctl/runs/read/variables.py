@@ -1,8 +1,8 @@
 """A run as named arrays with dimensions and units: what `labctl.open_run` shows and `labctl export` writes.
 
 The dimensions are `shot` (the shots that are complete on all passes), `port` (in the order of `/frames`: a port that is
-measured at several wavelengths stands there once for each), `time` (samples), `pass` and `drive_sample`. Nothing is
-read before a variable is asked for its values, and of `frames` and `volts` only what is asked for.
+measured at several wavelengths appears once for each), `time` (samples), `pass` and `drive_sample`. Values are
+read on demand, and of `frames` and `volts` only those that are needed.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ DIMENSIONS = {"sample": "time"}
 
 @dataclass(frozen=True)
 class Variable:
-    """An array of a run that is read as far as it is asked for.
+    """An array of a run that is read as far as it is needed.
 
     Attributes:
         name: what it is called.
@@ -34,10 +34,10 @@ class Variable:
         shape: its size.
         dtype: type of its values; text is `U`.
         read: the values at a `Key`; dimensions stay, also those of length 1.
-        meaning: what its values say.
+        meaning: of its values, in a few words.
         unit: of its values, empty for none.
-        coordinate: it says where values are rather than what was measured.
-        attributes: further facts, beside units and meaning.
+        coordinate: whether it describes the shots, ports and samples rather than what was measured.
+        attributes: further facts, in addition to unit and meaning.
     """
 
     name: str
@@ -121,12 +121,12 @@ def _kept(
 
 
 def _of_a_shot(column: Column, run: Run, dtype: np.dtype[Any]) -> Variable:
-    """A measured column of `/shots`, read as a whole when it is first asked for."""
+    """A measured column of `/shots`, read as a whole when it is first needed."""
     return replace(_lazy(column, run, dtype, lambda key: np.asarray(run.shots[column.name][key])), coordinate=True)
 
 
 def _of_a_frame(array: Column, run: Run) -> Variable:
-    """An array beside the frames, read as a whole when it is first asked for."""
+    """An array other than the frames, read as a whole when it is first needed."""
     return _lazy(array, run, np.dtype(array.type), lambda key: np.asarray(getattr(run, array.name)[key]))
 
 

@@ -1,12 +1,12 @@
 """data.h5: all complete shots of a run as one plain HDF5 file, made once from the shards.
 
-`labctl.runs.format.columns` says what is in it: the table `/shots`, and the arrays beside it, each with its unit and
-meaning as attributes; `/shots` has those of its columns. `/frames` is in chunks of about 1 MB, each of whole shots.
+`labctl.runs.format.columns` lists what is in it: the table `/shots`, and arrays with their units and meanings as
+attributes; `/shots` has those of its columns. `/frames` is in chunks of about 1 MB, each of whole shots.
 The axes are HDF5 dimension scales, so that xarray knows them. Attributes of the file: format_version, manifest (JSON),
 complete, shots_planned, evidence.
 
 It holds the shots that are complete on all passes and no others. That of an interrupted run therefore has fewer shots
-than planned, tells them apart by `/shots.index` and has `complete` false; the shards stay, and when the run is resumed
+than planned, identifies them by `/shots.index` and has `complete` false; the shards stay, and when the run is resumed
 and ends, data.h5 is made again.
 """
 
@@ -30,7 +30,7 @@ from labctl.runs.format.shards import Shards
 from labctl.runs.format.version import FORMAT_VERSION
 
 SCALES = {"shot": "shot", "port": "ports", "sample": "time", "pass": "passes"}
-"""The data set that says where the places of an axis are."""
+"""The data set with the coordinates of each axis."""
 
 
 def write_data_file(shards: Shards, manifest: Manifest, drive: Drive | None, *, compression: str | None = None) -> int:

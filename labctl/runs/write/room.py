@@ -2,7 +2,7 @@
 
 The sizes of shards, journal, plan and data.h5 follow from the shape of the run, up to what HDF5 writes around the
 numbers, for which a constant is allowed. Every file takes whole pages of the file system, and gaps cut a pass into one
-shard more. How long commands.log grows no format says; it is allowed what labctl's drivers write for a record.
+shard more. No format limits commands.log; it is allowed what labctl's drivers write for a record.
 """
 
 import errno
@@ -69,12 +69,12 @@ def data_file(shape: RunShape, drive: Drive | None) -> int:
     rows = min(shape.shots, max(1, BLOCK_BYTES // shape.shot_bytes))
     frames = math.ceil(shape.shots / rows) * rows * shape.shot_bytes
     sizes = sizes_of(shape, shape.shots) | {"drive_sample": 0 if drive is None else len(drive.samples)}
-    beside = shape.shots * SHOTS_DTYPE.itemsize + sum(
+    columns = shape.shots * SHOTS_DTYPE.itemsize + sum(
         np.dtype(array.type).itemsize * math.prod(sizes[axis] for axis in array.axes)
         for array in ARRAYS
         if array.name != "frames"
     )
-    return _pages(DATA_HEADERS + MANIFEST + (1 + MARGIN) * frames + beside)
+    return _pages(DATA_HEADERS + MANIFEST + (1 + MARGIN) * frames + columns)
 
 
 def shots_a_shard(shape: RunShape, durability: Durability, seconds_a_shot: float) -> float:

@@ -58,8 +58,8 @@ class RunWriter:
     """Writes one run; the only thing that changes a run directory while the run lasts.
 
     Shots of one pass go into an open shard in memory. It is closed, that is written, fsynced, renamed and entered in
-    the journal, when `Durability` says so, when the pass changes and when the next planned shot of the pass is there
-    already. The age limit is kept by a timer, so that it holds while the bench waits for an instrument or a person.
+    the journal, when `Durability` requires it, when the pass changes, and when the next planned shot of the pass is on
+    disk already. The age limit is kept by a timer: it holds while the bench waits for an instrument or a person.
 
     As a context manager: at the end of the block the open shard is closed and data.h5 is made, however the block ends.
     """
@@ -127,7 +127,7 @@ class RunWriter:
             drive: What the AWG plays, None for nothing.
             durability: When a shard closes.
             seconds_a_shot: How long a shot is expected to take on one pass.
-            on_warning: Called, from any thread, with what is said of the disk while the run goes on.
+            on_warning: Called, from any thread, with one line when the disk is filling up.
             timer: What closes a shard that gets too old.
 
         Raises:
@@ -152,9 +152,9 @@ class RunWriter:
         on_warning: Warn = _nobody,
         timer: TimerFactory = wall_timer,
     ) -> Self:
-        """Go on with an interrupted run: `missing` says what is still to be measured.
+        """Go on with an interrupted run: `missing` lists what is still to be measured.
 
-        What a crash left behind is put in order first, and `recovered` says in words what was found: a shard that did
+        What a crash left behind is put in order first, and `recovered` describes what was found: a shard that did
         not reach the journal is taken in, a damaged one is set aside and its shots are missing again. `on_warning` and
         `timer` are as of `create`.
 
@@ -373,7 +373,7 @@ class RunWriter:
                 try:
                     self._close_shard()
                 except RunError as error:
-                    self._failure = error  # nobody listens on this thread: the next call on the writer raises it
+                    self._failure = error  # this thread has no caller: the next call on the writer raises it
 
     def _close_shard(self) -> None:
         self._stop_timer()
@@ -382,12 +382,9 @@ class RunWriter:
         epochs = np.repeat(self._open_epochs, [len(frames.codes) for frames in self._open])
         most = max(1, self._durability.shard_bytes // self._open[0].codes[0].nbytes)
         try:
-            if epochs.size <= most:
-                self._store(self._open_first, self._open, epochs)
-            else:  # shots that came together
-                for start in range(0, epochs.size, most):
-                    part = self._open[0].part(start, start + most)
-                    self._store(self._open_first + start, [part], epochs[start : start + most])
+            for start in range(0, epochs.size, most):  # more than one round for a large burst alone
+                parts = self._open if epochs.size <= most else [self._open[0].part(start, start + most)]
+                self._store(self._open_first + start, parts, epochs[start : start + most])
         except RunError as error:
             self._failure = error
             raise
