@@ -1,5 +1,6 @@
 """data.h5 as it is read: what describes it first, through a file that is safe to look at, then its arrays."""
 
+from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -51,20 +52,22 @@ class DataFile:
             RunError: it is damaged, no data file, or of a later major version.
         """
         self._path = path
-        try:
-            with walked(path) as file:
-                check_version(attribute(file, "format_version"), path)
-                check_plain(file, MOST_BYTES, besides="frames")
-                self.manifest = Manifest.parse(attribute(file, "manifest"), path)
-                shape, found = self.manifest.shape, file["frames"]
+        with ExitStack() as stack:
+            try:
+                self._described = stack.enter_context(walked(path))
+                check_version(attribute(self._described, "format_version"), path)
+                check_plain(self._described, MOST_BYTES, besides="frames")
+                self.manifest = Manifest.parse(attribute(self._described, "manifest"), path)
+                shape, found = self.manifest.shape, self._described["frames"]
                 if found.dtype != shape.dtype or found.shape[1:] != (len(shape.ports), shape.samples):
                     raise ValueError("its frames are not of the shape in its manifest")
-                compressed = found.compression is not None
-            # Without a cache of chunks HDF5 reads codes straight into the array that is returned.
-            self._file = h5py.File(path, "r", rdcc_nbytes=None if compressed else 0)
-        except (*HDF5_ERRORS, AttributeError) as error:
-            raise damaged(path, error) from error
-        self.frames = StoredFrames(path, self._file["frames"])
+                # Without a cache of chunks HDF5 reads codes straight into the array that is returned.
+                cache_bytes = 0 if found.compression is None else None
+                self._file = stack.enter_context(h5py.File(path, "r", rdcc_nbytes=cache_bytes))
+                self.frames = StoredFrames(path, self._file["frames"])
+            except (*HDF5_ERRORS, AttributeError) as error:
+                raise damaged(path, error) from error
+            self._open = stack.pop_all()
 
     @cached_property
     def drive(self) -> Drive | None:
@@ -74,8 +77,7 @@ class DataFile:
             RunError: it is damaged.
         """
         try:
-            with walked(self._path) as file:
-                return read_drive(file)
+            return read_drive(self._described)
         except HDF5_ERRORS as error:
             raise damaged(self._path, error) from error
 
@@ -100,7 +102,7 @@ class DataFile:
 
     def close(self) -> None:
         """Let go of the file."""
-        self._file.close()
+        self._open.close()
 
 
 class StoredFrames:
