@@ -13,34 +13,45 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from instruments.driver import Driver, LaserRanges, Opening
 from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import TunableLaser
 from instruments.readback import confirm
+from instruments.sections import File, LaserSection
 from instruments.toml_files import TomlError, one_line, read_toml
 from instruments.transcripts import Transcript
 from instruments.values import Examination, Identity, Range
 from instruments.visa import MAX_ERRORS_READ, VisaLink
 
+
+class Tlg220Section(LaserSection):
+    """The light source. Its command set is not public: try each command of a table, and name its file by `commands`.
+
+    "simulated" names the table of the simulated laser. `armed` allows light.
+    """
+
+    commands: Annotated[
+        File | None, Field(description="File with the laser's commands; without it the driver's own table.")
+    ] = None
+
+
+DRIVER = Driver(
+    section=Tlg220Section,
+    open=lambda section, opening: _opened(section, opening),
+    identity=re.compile(r"Alnair.*TLG-?2\d0", re.IGNORECASE),
+    sent_anew=("wavelength_nm", "power_dbm", "emitting"),
+    ranges=lambda section: _table(section).ranges(),
+)
+
 UNKNOWN = "<unknown>"
 DEFAULT_TABLE = Path(__file__).with_suffix(".toml")
+COMMANDS = {
+    name: tuple(re.compile(entry.get("reply", "")).groupindex)
+    for name, entry in read_toml(DEFAULT_TABLE)["commands"].items()
+}
+"""The commands that a table must have, and the named groups that the expression of each reply must have."""
 WAVELENGTH_TOLERANCE_NM = 0.01
 POWER_TOLERANCE_DB = 0.2
-COMMANDS = (
-    "identify",
-    "set_wavelength",
-    "get_wavelength",
-    "set_power",
-    "get_power",
-    "output_on",
-    "output_off",
-    "get_output",
-    "is_settled",
-    "error",
-)
-REPLIED = {"identify": ("text",), "error": ("code", "text")} | dict.fromkeys(
-    ("get_wavelength", "get_power", "get_output", "is_settled"), ("value",)
-)
-"""Which named groups the expression of a reply must have."""
 LONGEST_ANSWER = 300
 """Characters of an answer that a table's expression is held against."""
 
@@ -113,7 +124,7 @@ class CommandTable(BaseModel):
     @model_validator(mode="after")
     def _replies_give_what_is_read(self) -> Self:
         for name, command in self.commands.items():
-            wanted = REPLIED.get(name, ())
+            wanted = COMMANDS.get(name, ())
             if command.write != UNKNOWN and not set(wanted) <= set(re.compile(command.reply or "").groupindex):
                 groups = " and ".join(f"(?P<{group}>...)" for group in wanted)
                 raise ValueError(f"commands.{name}.reply lacks {groups}")
@@ -135,6 +146,15 @@ class CommandTable(BaseModel):
             raise NotConfigured(f"{path}: {message}: correct the laser's command table") from None
         except (OSError, TomlError) as error:
             raise NotConfigured(f"{path}: {error}: the laser's command table cannot be read") from None
+
+    def range(self, quantity: str) -> Range:
+        """What `quantity`, "wavelength" or "power", can be set to, in the unit of the table."""
+        command = self.commands.get(f"set_{quantity}")
+        return Range(-math.inf, math.inf, "") if command is None else Range(command.min, command.max, command.unit)
+
+    def ranges(self) -> LaserRanges:
+        """What wavelength and power can be set to."""
+        return LaserRanges(self.range("wavelength"), self.range("power"), self.source, key="commands")
 
     def require_complete(self) -> None:
         """Check that every command is there.
@@ -186,8 +206,7 @@ class Tlg220(TunableLaser):
 
     def examine(self) -> Examination:
         """The error queue, and the limits of the table."""
-        settable = {name: self._command(f"set_{name}") for name in ("wavelength", "power")}
-        limits = {name: Range(command.min, command.max, command.unit) for name, command in settable.items()}
+        limits = {quantity: self._table.range(quantity) for quantity in ("wavelength", "power")}
         return Examination(errors=tuple(self._link.errors()), limits=limits)
 
     def self_test(self) -> None:
@@ -197,7 +216,7 @@ class Tlg220(TunableLaser):
 
     def tune(self, wavelength_nm: float) -> float:
         """Set the wavelength, wait until settled, and compare with the read-back (tolerance 10 pm)."""
-        self._set("set_wavelength", wavelength_nm)
+        self._set("wavelength", wavelength_nm)
         self._settle()
         return confirm(
             "laser: wavelength",
@@ -211,7 +230,7 @@ class Tlg220(TunableLaser):
     def set_power(self, power_w: float) -> float:
         """Set the output power and compare with the read-back (tolerance 0.2 dB)."""
         power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
-        self._set("set_power", power_dbm)
+        self._set("power", power_dbm)
         settled_dbm = confirm(
             "laser: power",
             power_dbm,
@@ -291,9 +310,9 @@ class Tlg220(TunableLaser):
             f"laser: {self._command(name).write!r} was answered {text!r}, not a number: correct {self._table.source}"
         )
 
-    def _set(self, name: str, value: float) -> None:
-        command = self._command(name)
-        Range(command.min, command.max, command.unit).check(f"laser {name.removeprefix('set_')}", value)
+    def _set(self, quantity: str, value: float) -> None:
+        command = self._command(f"set_{quantity}")
+        self._table.range(quantity).check(f"laser {quantity}", value)
         with self._link.checked():
             self._link.write(command.write.format(value=value))
 
@@ -313,6 +332,19 @@ class Tlg220(TunableLaser):
                 break
             errors.append(f"{reply['code']} {reply['text']}")
         return errors
+
+
+def _table(section: Tlg220Section) -> CommandTable:
+    return CommandTable.read(section.commands or DEFAULT_TABLE)
+
+
+def _opened(section: Tlg220Section, opening: Opening) -> Tlg220:
+    """The laser with its table, which must be complete, and verified where nobody is at the bench."""
+    table = _table(section)
+    table.require_complete()
+    if not opening.attended:
+        table.require_verified()
+    return Tlg220(opening.address, table, opening.transcript)
 
 
 def _watts(dbm: float) -> float:

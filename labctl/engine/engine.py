@@ -126,7 +126,7 @@ def go_on(request: Request, bench: Bench, listeners: Listeners, writer: RunWrite
     bench.make_safe()
     refuse_other_plan(writer.paths, writer.manifest, *_plan(request, bench))
     _, instruments = _light_and_instruments(request, bench)
-    refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments)
+    refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments, request.station)
     _keep(listeners.log, writer.paths.commands)
     _tell_start("run resumed", listeners.events, request, writer)
     return _measure(request, bench, listeners, writer)

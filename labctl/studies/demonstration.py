@@ -19,7 +19,7 @@ from labctl.analysis.evaluation import CrossValidation, WindowAccuracy, accuracy
 from labctl.analysis.splits import random_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.bench.signals import Interruption
-from labctl.bench.station import PatchPanelSection, SimSection, Station
+from labctl.bench.station import SimSection, Station
 from labctl.engine.engine import Outcome
 from labctl.engine.inputs import images_for
 from labctl.engine.recorder import Progress
@@ -175,7 +175,7 @@ def _find(task: Task) -> Finding | None:
         step_done()
         interruption.requested |= stop_requested()
 
-    station = Station(sim=SimSection(twin_seed=task.twin_seed), patch_panel=PatchPanelSection(bypass=task.bypass))
+    station = Station(sim=SimSection(twin_seed=task.twin_seed), patch_panel={"bypass": task.bypass})
     acquisition = Acquisition(task.protocol, station, task.directory)
     acquired = acquire(acquisition, interruption=interruption, progress=progress)
     if not acquired.outcome.complete:
