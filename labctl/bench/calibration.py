@@ -14,14 +14,14 @@ from typing import Any
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
 
-from labctl.bench.station import Station
+from labctl.bench.station import USUAL, Station
 from labctl.runs.format.durable import replace_file
 
 FILE = "calibration.json"
 FORMAT_VERSION = "1.0"
 LARGEST = 1 << 20
 """Bytes; a calibration has some ten thousand."""
-SECTIONS = ("awg", "scope", "laser", "dmd", "patch_panel", "wiring")
+SECTIONS = (*USUAL, "wiring")
 SET_ASIDE = ("timeout", "armed")
 """Keys that change nothing of what is measured."""
 

@@ -133,7 +133,11 @@ class Station(Section):
         whole = {"driver": USUAL[role], **section}
         name = whole["driver"] if isinstance(whole["driver"], str) else USUAL[role]
         model = driver(role, name).section
-        kept = {key: value for key, value in whole.items() if key in model.model_fields or key not in ONCE_COMMON[role]}
+        kept = {
+            key: value
+            for key, value in whole.items()
+            if key in model.model_fields or key not in ONCE_COMMON.get(role, ())
+        }
         return model.model_validate(kept, context=info.context)
 
     def driver_of(self, role: str) -> Driver[Any]:

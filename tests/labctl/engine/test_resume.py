@@ -94,6 +94,7 @@ def test_a_station_comes_back_from_a_manifest_of_when_all_drivers_of_a_role_had_
         (lambda found: None, []),
         (lambda found: found["awg"]["settings"].update(run_mode="TRIG"), []),
         (lambda found: found["scope"]["settings"].update(ch1_offset_v=0.2), []),
+        (lambda found: found.update(power_meter={"identity": {"serial": "P1"}}), []),
         (lambda found: found["scope"]["settings"].update(ch1_bandwidth_hz=25e9 + 1), []),
         (lambda found: found["awg"]["identity"].update(serial="B2"), [("awg identity.serial", "B1", "B2")]),
         (
