@@ -1,4 +1,4 @@
-"""What a driver says of itself before it is opened: its section of the station file, and how it is found and opened.
+"""What a driver declares before it is opened: its section of the station file, and how it is found and opened.
 
 Each driver declares one `Driver`; the entry points of the group `labctl.instruments` name these objects, and a station
 file names the entry points.
@@ -38,7 +38,7 @@ class Opening:
 class LaserRanges:
     """Where a laser can be set: wavelength (nm) and optical power (dBm).
 
-    source: what says so. key: which key of the laser's section chooses that; empty if none does.
+    source: where the ranges are stated. key: which key of the laser's section decides them; empty if none does.
     """
 
     wavelength: Range
@@ -56,11 +56,11 @@ class Driver(Generic[SectionT]):
         open: Makes the instrument of a section and an `Opening`; sends nothing. Raises `NotConfigured` where the
             operator has to supply something first.
         identity: What maker and model of `*IDN?` read like; None where none of its instruments answer that.
-        sent_anew: The names in `settings()`, `?` and `*` standing for any characters, that every run sends before its
-            first record: their values before a run say nothing.
+        sent_anew: The names in `settings()`, as patterns of file names, that every run sends before its first record:
+            a run goes on whatever their values were before it.
         by_hand: Whether a person sets the instrument: it has no address then.
         ranges: Where the laser of a section can be set, found out without opening it; None where that is not known.
-            Raises `NotConfigured` where a file that says so cannot be read.
+            Raises `NotConfigured` where a file that states them cannot be read.
     """
 
     section: type[SectionT]

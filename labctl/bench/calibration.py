@@ -117,7 +117,7 @@ def concerns(calibration: Calibration, station: Station, now: datetime) -> list[
     present, then = _flat(_settings(station)), _flat(stored.settings)
     told += [
         f"{key} was {then.get(key)!r}, is {present[key]!r}"
-        for key in sorted(present)  # a key that its driver has no more says nothing of the bench
+        for key in sorted(present)  # a key that the driver no longer has cannot have changed the bench
         if present[key] != then.get(key)
     ]
     if not stored.good:

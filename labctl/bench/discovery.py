@@ -57,7 +57,7 @@ def answers_at(addresses: Iterable[str]) -> Iterator[Answer]:
 
 
 def recognised(address: str, identity: Identity) -> Answer:
-    """What an instrument is for labctl, by its maker and model: of several drivers, the one that knows most of them."""
+    """What an instrument is for labctl, by its maker and model: of several drivers, the one that matches most of it."""
     told = f"{identity.manufacturer} {identity.model}"
     known = [
         (match, driver.role, name)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from instruments.alnair_tlg220 import CommandTable, Tlg220Section
+from instruments.alnair_tlg220 import Tlg220Section
+from instruments.laser_table import CommandTable
 from instruments.sections import SIMULATED
 from instruments.toml_files import describe, read_toml
 from labctl.bench.station import Station

@@ -45,9 +45,9 @@ ONCE_COMMON = {
     "dmd": {"version", "library", "timeout"},
     "patch_panel": {"timeout"},
 }
-"""Keys that every driver of a role once took, those that had no use for them too.
+"""Keys that once belonged to a role, so that every driver of it took them, with a use for them or without.
 
-Station files and manifests have them, so a driver without such a key takes them as it did then: they say nothing.
+Station files and manifests of that time have them: a driver that has no such key accepts it and drops it.
 """
 
 
@@ -122,7 +122,7 @@ class Station(Section):
     @field_validator(*USUAL, mode="before")
     @classmethod
     def _as_its_driver_reads_it(cls, section: object, info: ValidationInfo) -> object:
-        """The section by the model of the driver that it names; what is no table is left to pydantic.
+        """The section by the model of the driver that it names; anything but a table is left to pydantic.
 
         Raises:
             StationError: there is no such driver.

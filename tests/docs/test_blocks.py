@@ -7,7 +7,7 @@ from textwrap import dedent
 
 import pytest
 
-from instruments.alnair_tlg220 import DEFAULT_TABLE, UNKNOWN, CommandTable
+from instruments.laser_table import DEFAULT_TABLE, UNKNOWN, CommandTable
 from labctl.bench.station import Station, read_station
 from labctl.commands.main import main
 
@@ -32,6 +32,12 @@ STATIONS = [
 def test_python_is_written_where_the_build_runs_it(page: Path) -> None:
     """In `testcode` or `doctest`, not in a block that is only coloured."""
     assert not [name for name, _ in BLOCK.findall(page.read_text("utf-8")) if name in {"python", "py", "pycon"}]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_module_that_a_page_names_is_there(page: Path) -> None:
+    named = re.findall(r"`((?:labctl|instruments|protocols|sim_backends)/[\w/]+\.py)`", page.read_text("utf-8"))
+    assert not [path for path in named if not (ROOT / path).is_file()]
 
 
 @pytest.mark.parametrize("block", STATIONS)

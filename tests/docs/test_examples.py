@@ -2,8 +2,11 @@
 
 import json
 import os
+import re
+import socketserver
 import subprocess
 import sys
+import threading
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -67,6 +70,23 @@ def test_its_own_key_is_checked_and_sets_its_limits_before_anything_is_sent(labc
         assert f"labctl: {message}" in ended.stderr
         assert ended.stderr.count("\n") == 1
     assert not (tmp_path / "run").exists()
+
+
+def test_init_finds_it_and_writes_its_keys(labctl: Labctl, tmp_path: Path) -> None:
+    class Laser(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            for _ in self.rfile:
+                self.wfile.write(b"ACME,BL-1,B00001,1.0\n")
+
+    with socketserver.TCPServer(("127.0.0.1", 0), Laser) as server:
+        threading.Thread(target=server.handle_request).start()
+        address = f"TCPIP0::127.0.0.1::{server.server_address[1]}::SOCKET"
+        station = tmp_path / "bench.toml"
+        ended = labctl("init", station, "--no-search", "--yes", "--address", address)
+    assert ended.returncode == 0, ended.stderr
+    text = station.read_text("utf-8")
+    assert re.search(rf'^driver = "band-laser".*\naddress = "{address}"', text, re.MULTILINE)
+    assert '# band = "C"  # Which of its two models it is.' in text
 
 
 def test_editors_and_labctl_know_it(labctl: Labctl) -> None:

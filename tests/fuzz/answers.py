@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from hypothesis import strategies as st
 
-from instruments.alnair_tlg220 import CommandTable, Tlg220
+from instruments.alnair_tlg220 import Tlg220
 from instruments.alp_library import AlpOverVisa
 from instruments.errors import InstrumentError
 from instruments.fibre_switch import ScpiFibreSwitch
 from instruments.interfaces import Instrument
+from instruments.laser_table import CommandTable
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.values import Drive, EdgeTrigger, Timebase, Vertical

@@ -76,6 +76,6 @@ def redirected(station: Station) -> Station:
     addresses = next(iter(benches.values())) if len(benches) == 1 else benches.get(bench_of(station))
     if addresses is None:
         raise StationError(f"{station.source}: no bench with these settings was recorded: repeat the recorded command")
-    station = with_laser_commands(station)  # with the new addresses nothing tells that a laser was the simulated one
+    station = with_laser_commands(station)  # before the new addresses hide that the laser is the simulated one
     sections = {role: getattr(station, role).model_copy(update={"address": addresses[role]}) for role in addresses}
     return station.model_copy(update=sections)

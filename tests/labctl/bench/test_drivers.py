@@ -1,4 +1,4 @@
-"""Which drivers are installed, and what is said of those that are not."""
+"""Which drivers are installed, and how one that is not, or does not fit, is refused."""
 
 from pathlib import Path
 
