@@ -38,7 +38,8 @@ class Opening:
 class LaserRanges:
     """Where a laser can be set: wavelength (nm) and optical power (dBm).
 
-    source: where the ranges are stated. key: which key of the laser's section decides them; empty if none does.
+    source: where the ranges are stated, as in "the laser of ...". key: which key of its section decides them, if one
+    does.
     """
 
     wavelength: Range
