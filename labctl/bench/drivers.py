@@ -20,16 +20,15 @@ def driver(role: str, name: str) -> Driver[Any]:
         StationError: no installed package offers it, it does not load, or it drives another instrument.
     """
     found = _entry_points(tuple(sys.path)).get(name)
+    if found is None:
+        raise _refused(role, name, "is not installed")
     try:
-        if found is None:
-            problem = "is not installed"
-        elif (loaded := load(found)).role != role:
-            problem = f"is a driver of {loaded.role}"
-        else:
-            return loaded
+        loaded = load(found)
     except IMPORT_FAILURES as error:
-        problem = f"does not load ({' '.join(str(error).split())})"
-    raise StationError(f"{role}.driver = {excerpt(name)} {problem}: choose one of {', '.join(installed(role))}")
+        raise _refused(role, name, f"does not load ({' '.join(str(error).split())})") from None
+    if loaded.role != role:
+        raise _refused(role, name, f"is a driver of {loaded.role}")
+    return loaded
 
 
 def installed(role: str | None = None) -> dict[str, Driver[Any]]:
@@ -38,7 +37,7 @@ def installed(role: str | None = None) -> dict[str, Driver[Any]]:
     for name, point in sorted(_entry_points(tuple(sys.path)).items()):
         with suppress(*IMPORT_FAILURES):
             found[name] = load(point)
-    return {name: driver for name, driver in found.items() if role in (None, driver.role)}
+    return {name: one for name, one in found.items() if role in (None, one.role)}
 
 
 def load(point: EntryPoint) -> Driver[Any]:
@@ -51,6 +50,10 @@ def load(point: EntryPoint) -> Driver[Any]:
     if not isinstance(found, Driver):
         raise ImportError(f"{point.value} is no instruments.driver.Driver")
     return found
+
+
+def _refused(role: str, name: str, why: str) -> StationError:
+    return StationError(f"{role}.driver = {excerpt(name)} {why}: choose one of {', '.join(installed(role))}")
 
 
 @cache
