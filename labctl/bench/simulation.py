@@ -27,11 +27,11 @@ SIMULATED_LASER = Path(str(files("sim_backends") / "virtual" / "tlg220" / "comma
 def with_laser_commands(station: Station) -> Station:
     """`station` with the simulated laser's command table by its path, where the station has that laser or names it."""
     laser = station.laser
-    if not isinstance(laser, Tlg220Section):
-        return station
-    if str(laser.commands) != SIMULATED and not (laser.commands is None and "laser" in station.simulations):
-        return station
-    return station.model_copy(update={"laser": laser.model_copy(update={"commands": SIMULATED_LASER})})
+    if isinstance(laser, Tlg220Section):
+        unnamed = laser.commands is None and "laser" in station.simulations
+        if unnamed or str(laser.commands) == SIMULATED:
+            return station.model_copy(update={"laser": laser.model_copy(update={"commands": SIMULATED_LASER})})
+    return station
 
 
 def simulated_bench(

@@ -188,7 +188,8 @@ def _instruments(
             remarks[role] = (ABSENT,)
         elif place != USB:
             remarks[role] = ("Did not answer when this file was written.",)
-    if driver("laser", values["laser"]["driver"]).section is Tlg220Section and "(simulated)" in remarks["laser"][0]:
+    speaks_table = driver("laser", values["laser"]["driver"]).section is Tlg220Section
+    if speaks_table and "(simulated)" in " ".join(remarks.get("laser", ())):
         values["laser"]["commands"] = SIMULATED
     return values, remarks
 
