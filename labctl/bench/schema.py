@@ -29,8 +29,8 @@ def names() -> tuple[str, ...]:
 def schema_of(name: str) -> Schema:
     """The schema of station files, or of files of the protocol `name`.
 
-    It says less than the program checks: what it refuses is wrong or has no effect, what it lets pass may be wrong, such
-    as a level above its limit. Quantities are numbers in SI, or text with one of the usual units.
+    It says less than the program checks: what it refuses is wrong or has no effect, what it lets pass may be wrong,
+    such as a level above its limit. Quantities are numbers in SI, or text with one of the usual units.
 
     Raises:
         UsageError: there is none.
