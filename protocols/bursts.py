@@ -3,7 +3,7 @@
 Software only loads and collects, so the DMD's own rate is the limit.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from instruments.bench import Bench
 from instruments.errors import InstrumentError, NoTrigger
 from instruments.interfaces import BurstDmd
-from instruments.values import Burst, Drive, Timebase
-from protocols.base import BurstRecord, Part, ProtocolError, Shot
+from instruments.values import Drive, Frames, Timebase
+from protocols.base import Part, ProtocolError, Record, Shot
 from protocols.patterns import Patterns
 
 PICTURE_PERIOD_S = 44e-6
@@ -47,20 +47,22 @@ def burst_dmd(bench: Bench) -> BurstDmd:
 
 
 def load_pictures(bench: Bench, mirrors: Iterable[NDArray[np.uint8]], count: int) -> None:
-    """Put pictures into the memory of the bench's DMD as `BurstDmd.load` does, and tell the bench how far that is.
+    """Put pictures into the memory of the bench's DMD as `BurstDmd.load` does; its observer hears how far that is.
 
     Raises:
         OutOfRange: more than its capacity.
         ProtocolError: the bench has no such memory.
     """
-    burst_dmd(bench).load(mirrors, count, progress=partial(bench.uploading, "DMD patterns"))
+    dmd, progress = burst_dmd(bench), partial(bench.observer.uploading, "DMD patterns")
+    with bench.observer.step("upload"):
+        dmd.load(mirrors, count, progress=progress)
 
 
 class PictureMemory:
     """The shots in the DMD's memory: all of them if they fit, otherwise as many as fit, one part after the other."""
 
     def __init__(self, bench: Bench, patterns: Patterns, shots: Sequence[Shot]) -> None:
-        """Load what can be loaded once for all legs."""
+        """Load what can be loaded once for all passes."""
         self._bench = bench
         self._patterns = patterns
         self._shots = shots
@@ -82,37 +84,35 @@ class PictureMemory:
 
 def measure_bursts(
     bench: Bench, dmd: BurstDmd, memory: PictureMemory, part: Part, drive: Drive, timebase: Timebase
-) -> Iterator[BurstRecord]:
+) -> Iterator[Record]:
     """The shots of `part`, burst by burst.
 
     Raises:
         InstrumentError: a frame is missing, or came at the wrong time.
     """
     bench.load_drive(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
-    bench.awg.play()
+    bench.play_drive()
     late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
-    bench.scope.configure(late, bench.wiring.trigger, tuple(part.leg.patching), 1)
+    bench.configure(late, part.pass_.patching)
     dmd.hold()
     longest = min(LONGEST_BURST, bench.scope.most_frames())
     for held in memory.parts:
         for burst_of in stretches([shot.index for shot in part.shots if shot.index in held], longest):
             memory.load(held)
             count = len(burst_of)
-            bench.scope.arm_burst(count)
-            dmd.play(burst_of.start - held.start, count, PICTURE_PERIOD_S)
-            burst = collected(bench)
+            burst = played(bench, count, partial(dmd.play, burst_of.start - held.start, count, PICTURE_PERIOD_S))
             check_times(burst, count)
-            yield BurstRecord(part.leg, burst_of.start, burst)
+            yield Record(part.pass_, burst_of.start, burst)
 
 
-def collected(bench: Bench) -> Burst:
-    """The burst for which the oscilloscope is armed and that the DMD plays.
+def played(bench: Bench, frames: int, play: Callable[[], None]) -> Frames:
+    """The burst of so many frames whose pictures `play` has the DMD show.
 
     Raises:
         NoTrigger: frames are missing; the message names the cables that start them.
     """
     try:
-        return bench.scope.read_burst()
+        return bench.capture_burst(frames, play)
     except NoTrigger as error:
         source = bench.wiring.trigger.source
         raise NoTrigger(
@@ -130,7 +130,7 @@ def stretches(indices: Sequence[int], longest: int) -> Iterator[range]:
             start = place
 
 
-def check_times(burst: Burst, count: int) -> None:
+def check_times(burst: Frames, count: int) -> None:
     """Compare number and time stamps of the frames with the pictures that were played.
 
     Raises:

@@ -17,7 +17,7 @@ def demo(
 ) -> int:
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
     with interruptible() as interruption, progress_bar("demo") as progress:
-        result = demonstration.demonstrate(out or Path("runs"), interruption=interruption, progress=progress)
+        result = demonstration.demonstrate(out or Path("runs"), interruption=interruption, progress=progress.progress)
     if result is None:
         return INTERRUPTED
     show(result, as_json, lambda: _print_demo(result))

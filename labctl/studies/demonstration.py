@@ -6,7 +6,7 @@ test set of 100 images scatter by several points.
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,15 +22,17 @@ from labctl.bench.signals import Interruption
 from labctl.bench.station import SimSection, Station
 from labctl.engine.engine import Outcome
 from labctl.engine.inputs import images_for
-from labctl.engine.recorder import Progress
 from labctl.engine.session import Acquisition, acquire
 from labctl.reports.page import Result
 from labctl.reports.recognition import Accuracy, Confusion, recognition_report
 from labctl.runs.format.layout import run_name
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import open_run
-from labctl.studies.processes import Interrupted, in_parallel, step_done, stop_requested
+from labctl.studies.processes import Interrupted, TaskObserver, in_parallel
 from protocols.image_readout import ImageReadout
+
+Progress = Callable[[int, int], None]
+"""Called with the number of records that are done and of all."""
 
 PROTOCOL = ImageReadout(averages=16)
 TWIN_SEEDS = (1, 2, 3, 4, 5)
@@ -170,14 +172,9 @@ def _records(tasks: Sequence[Task]) -> int:
 def _find(task: Task) -> Finding | None:
     """Acquire one run in this process and evaluate it; None if it was interrupted."""
     interruption = Interruption()
-
-    def progress(_done: int, _total: int) -> None:
-        step_done()
-        interruption.requested |= stop_requested()
-
     station = Station(sim=SimSection(twin_seed=task.twin_seed), patch_panel={"bypass": task.bypass})
     acquisition = Acquisition(task.protocol, station, task.directory)
-    acquired = acquire(acquisition, interruption=interruption, progress=progress)
+    acquired = acquire(acquisition, observer=TaskObserver(interruption), interruption=interruption)
     if not acquired.outcome.complete:
         return None
     with open_run(task.directory) as run:

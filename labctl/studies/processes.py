@@ -9,6 +9,7 @@ from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
 from typing import Any, TypeVar
 
+from instruments.bench import Observer
 from labctl.bench.signals import Interruption
 
 Name = TypeVar("Name")
@@ -77,6 +78,19 @@ def step_done() -> None:
     """Inside a task: tell of one step."""
     with _Shared.steps.get_lock():
         _Shared.steps.value += 1
+
+
+class TaskObserver(Observer):
+    """Follows a run inside a task: counts its records, and ends it when the task should come to its end."""
+
+    def __init__(self, interruption: Interruption) -> None:
+        """Of the run that `interruption` ends."""
+        self._interruption = interruption
+
+    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """One step more."""
+        step_done()
+        self._interruption.requested |= stop_requested()
 
 
 def _join(stop: Event, steps: "Synchronized[int]") -> None:

@@ -35,7 +35,7 @@ from labctl.studies.alignment.steps import (
     of_depth,
     of_range,
     of_repeats,
-    told,
+    unmeasured,
 )
 from protocols.alignment import (
     DIRECT_STEP_NM,
@@ -49,7 +49,7 @@ from protocols.alignment import (
     Repeated,
     align,
 )
-from protocols.base import Images, LegStarted, Record, ShotKind
+from protocols.base import Images, PassStarted, ShotKind
 from protocols.image_readout import DRIVE_RATE, ImageReadout
 from protocols.wavelength_scan import WavelengthScan
 
@@ -96,9 +96,8 @@ def align_bench(
     results: list[Result] = []
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
-        watch = stack.enter_context(supervised(station, log))
-        bench = stack.enter_context(opened(station, log, attended=attended, armed=armed)).bench
-        watch(bench)
+        supervisor = stack.enter_context(supervised(station, log))
+        bench = stack.enter_context(opened(station, log, observer=supervisor, attended=attended, armed=armed)).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
         check_laser(station, (station.laser.wavelength, last))
         bench.require_arm()
@@ -107,7 +106,7 @@ def align_bench(
             for name, instrument in bench.instruments.items()
         }
         folder.mkdir(parents=True, exist_ok=True)
-        log.keep_in(folder / "commands.log")
+        log.stored_in(folder)
         for result in _measured(station, bench, images):
             for finding in result.findings:
                 tell(finding)
@@ -121,7 +120,14 @@ def align_bench(
         if measured
         else None
     )
-    return Aligned(folder, kept, alignment_report(folder, station.name, started, results), findings)
+    report = alignment_report(
+        folder,
+        station.name,
+        started,
+        findings={one.step: [(finding.line(), finding.good) for finding in one.findings] for one in results},
+        figures={one.step: one.figure for one in results if one.figure is not None},
+    )
+    return Aligned(folder, kept, report, findings)
 
 
 def _measured(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
@@ -144,7 +150,7 @@ def _measured(station: Station, bench: Bench, images: Images) -> Iterator[Result
 
 def _results(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
     ports = [port for port in station.patch_panel.ports if port != BYPASS_PORT] or [BYPASS_PORT]
-    patching = bench.passes_for(ports)[0]
+    patching = bench.patchings_for(ports)[0]
     channels = tuple(patching)
     nm = station.laser.wavelength
     pieces = align(bench, images, ports=tuple(patching.values()), wavelength_nm=nm, seed=SEED)
@@ -157,12 +163,12 @@ def _results(station: Station, bench: Bench, images: Images) -> Iterator[Result]
         if bench.wiring.projector:
             yield of_contrast(ranged, dark, channels, lit)
         for piece in pieces:
-            yield _said(piece, channels, lit)
+            yield _result(piece, channels, lit)
     if bench.wiring.projector:
         yield _scanned(station, bench)
 
 
-def _said(piece: Piece, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
+def _result(piece: Piece, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
     match piece:
         case Answered():
             step, what = "delay", "trigger to light"
@@ -177,7 +183,7 @@ def _said(piece: Piece, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Re
             case Hopped():
                 return of_depth(piece)
     except AnalysisError as error:
-        return told(step, what, error)
+        return unmeasured(step, what, error)
     raise TypeError(f"{type(piece).__name__} comes first")
 
 
@@ -196,25 +202,26 @@ def _scanned(station: Station, bench: Bench) -> Result:
 def _scan(protocol: WavelengthScan, bench: Bench) -> Scan:
     inputs = images_for(protocol)
     parts = protocol.parts(bench, inputs)
+    shots = parts[0].shots
     traces: dict[tuple[int, int], NDArray[np.float64]] = {}
     again: dict[int, NDArray[np.float64]] = {}
     scalings: tuple[Scaling, ...] = ()
     events = protocol.acquire(bench, inputs, parts)
     with closing(events):
         for event in events:
-            if isinstance(event, LegStarted):
+            if isinstance(event, PassStarted):
                 scalings = event.scalings
-            elif isinstance(event, Record) and event.shot.kind is not ShotKind.DARK:
-                volts = scalings[0].scale_v * event.frames.codes.astype(np.float64) + scalings[0].offset_v
-                key = event.leg.index, event.shot.dataset_index
-                if event.shot.kind is ShotKind.REFERENCE:
-                    again[event.leg.index] = volts - traces[key]
+            elif (shot := shots[event.first]).kind is not ShotKind.DARK:
+                volts = scalings[0].scale_v * event.frames.codes[0].astype(np.float64) + scalings[0].offset_v
+                key = event.pass_.index, shot.dataset_index
+                if shot.kind is ShotKind.REFERENCE:
+                    again[event.pass_.index] = volts - traces[key]
                 else:
                     traces[key] = volts
     shown = sorted({image for _, image in traces})
     return Scan(
-        traces=np.array([[traces[leg, image] for image in shown] for leg in range(protocol.steps)]),
-        repeats=np.array([[again[leg]] for leg in range(protocol.steps)]),
+        traces=np.array([[traces[pass_, image] for image in shown] for pass_ in range(protocol.steps)]),
+        repeats=np.array([[again[pass_]] for pass_ in range(protocol.steps)]),
         centre_nm=float(np.mean(protocol.wavelengths)),
         step_nm=protocol.step,
         symbol_s=1 / DRIVE_RATE,

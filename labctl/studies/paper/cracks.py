@@ -16,9 +16,10 @@ from labctl.analysis.baselines import dark_pixels
 from labctl.analysis.evaluation import mean_and_sd
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
-from labctl.reports.anomalies import RocCurve, roc_figure, scores_figure
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.pictures import ImageRow, image_rows_figure
+from labctl.reports.figures.images import ImageRow, image_rows_figure
+from labctl.reports.figures.roc import RocCurve, roc_figure
+from labctl.reports.figures.scores import scores_figure
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material

@@ -115,8 +115,12 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     figures = []
     for run in dict.fromkeys(curve.run for curve in settings.curves):
         of_run = [curve for curve in settings.curves if curve.run == run]
-        shown = [(curve.label, window_key(curve.network_windows[0]), here[curve.key]) for curve in of_run]
-        figures.append(reconstructions(run, shown, [findings[0].curves[curve.key] for curve in of_run]))
+        first = [findings[0].curves[curve.key] for curve in of_run]
+        shown = [
+            (curve.label, window_key(curve.network_windows[0]), here[curve.key], found.examples)
+            for curve, found in zip(of_run, first, strict=True)
+        ]
+        figures.append(reconstructions(run, first[0].originals, shown))
     lines = [
         (curve.label, here[curve.key], baseline[curve.key]["mean_image"]["mean"], curve.paper)
         for curve in settings.curves

@@ -1,16 +1,16 @@
 """The figures of reconstructed images: rows of examples, bars and curves of errors, a strip of film."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.reports.axes import Level, Series
-from labctl.reports.curves import rmse_window_figure
+from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.pictures import Bar, Bars, ImageRow, bars_figure, image_rows_figure
-from labctl.reports.switching import filmstrip_figure
+from labctl.reports.figures.bars import Bar, Bars, bars_figure
+from labctl.reports.figures.images import ImageRow, filmstrip_figure, image_rows_figure
+from labctl.reports.figures.window import rmse_figure
 from labctl.studies.paper.film import Film
 
 NAMES = {"network": "network", "best": "best readout", "linear": "linear"}
@@ -18,28 +18,21 @@ Line = tuple[str, Mapping[str, Any], float, float | None]
 """Label of a curve, its results by readout and window, RMSE of its mean image, RMSE in the paper."""
 
 
-class Examples(Protocol):
-    """Some test images, and the same through the readouts; all (n, rows, columns)."""
-
-    @property
-    def originals(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def examples(self) -> Mapping[str, NDArray[np.float64]]: ...  # noqa: D102
-
-
 def reconstructions(
-    run: str, curves: Sequence[tuple[str, str, Mapping[str, Any]]], shown: Sequence[Examples]
+    run: str,
+    originals: NDArray[np.float64],
+    curves: Sequence[tuple[str, str, Mapping[str, Any], Mapping[str, NDArray[np.float64]]]],
 ) -> ExperimentFigure:
     """Test images of one run, and below them what every curve makes of them.
 
     Args:
         run: Name of the run.
-        curves: Label of each curve, its T_N (text, ns), and its results by readout and window.
-        shown: Its examples; the originals of all curves are the same.
+        originals: (n, rows, columns) images.
+        curves: Label of each curve, its T_N (text, ns), its results by readout and window, and its images by readout.
     """
-    rows = [ImageRow("original", shown[0].originals)]
-    for (label, window, results), found in zip(curves, shown, strict=True):
-        for name, images in found.examples.items():
+    rows = [ImageRow("original", originals)]
+    for label, window, results, readouts in curves:
+        for name, images in readouts.items():
             error = results[name][window]["mean"]
             rows.append(ImageRow(f"{label}: {NAMES[name]}\n{float(window):g} ns, RMSE {error:.3f}", images))
     return ExperimentFigure(
@@ -68,14 +61,14 @@ def bars(lines: Sequence[Line]) -> ExperimentFigure:
 
 def error_curves(lines: Sequence[Line], *, tau_s: float) -> ExperimentFigure:
     """The best readout's error against acquisition time, with the network's where it was trained."""
-    best = [_series(f"{label}, best readout", results["best"], tag=label) for label, results, *_ in lines]
+    best = [Series.of(f"{label}, best readout", results["best"], unit=1e-9, tag=label) for label, results, *_ in lines]
     network = [
-        _series(f"{label}, network", results["network"], joined=False, alike=position)
+        Series.of(f"{label}, network", results["network"], unit=1e-9, joined=False, alike=position)
         for position, (label, results, *_) in enumerate(lines)
     ]
     return ExperimentFigure(
         "rmse",
-        rmse_window_figure([*best, *network], tau_s=tau_s, levels=[Level("mean image", lines[0][2])]),
+        rmse_figure([*best, *network], tau_s=tau_s, levels=[Level("mean image", lines[0][2])]),
         "Error of the reconstructed test images against acquisition time; mean and standard deviation over twins and "
         "splits. Open symbols: the paper's network.",
     )
@@ -95,14 +88,4 @@ def filmstrip(film: Film) -> ExperimentFigure:
         filmstrip_figure(strips, list(times), transit_s=film.transit_s),
         "A scene of the first twin, an image from each window. The readouts were trained on still images without these "
         "two. Grey on the mirrors: pixels that are changing.",
-    )
-
-
-def _series(label: str, results: Mapping[str, Any], **look: Any) -> Series:
-    return Series(
-        label,
-        [float(window) * 1e-9 for window in results],
-        [reached["mean"] for reached in results.values()],
-        [reached["sd"] for reached in results.values()],
-        **look,
     )

@@ -9,6 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from instruments.bench import Observer
 from instruments.values import Uploading
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
@@ -17,7 +18,7 @@ from labctl.errors import AnalysisError
 from labctl.studies.paper.analyses import analysis_of
 from labctl.studies.paper.contract import Conclusion, Material
 from labctl.studies.paper.experiments import Experiment
-from labctl.studies.processes import Interrupted, in_parallel, stop_requested
+from labctl.studies.processes import Interrupted, TaskObserver, in_parallel
 from protocols.base import Measurement
 
 ONE_BENCH = "One bench for every seed: seeds differ in images, order, drive and splits, not in fibre, chip and noise."
@@ -184,13 +185,17 @@ def _acquired_in_turn(
     """Carry out runs on the one bench there is; in this process, which has the terminal and hears its operator."""
     acquired: dict[Path, tuple[object, float]] = {}
 
-    def measuring(_done: int, _total: int) -> None:
-        progress(len(acquired))
+    class Following(Observer):
+        def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+            progress(len(acquired))
+
+        def uploading(self, what: str, done: int, total: int) -> None:
+            uploading(what, done, total)
 
     for directory, run in runs.items():
         began = time.perf_counter()
         acquisition = Acquisition(run.protocol, run.station, directory, run.data, run.attended, run.armed)
-        outcome = acquire(acquisition, interruption=interruption, progress=measuring, uploading=uploading)
+        outcome = acquire(acquisition, observer=Following(), interruption=interruption)
         acquired[directory] = outcome, time.perf_counter() - began
         if interruption.requested:
             raise Interrupted
@@ -237,13 +242,8 @@ def _concluded(
 def acquire_run(run: RunTask) -> None:
     """Carry out one run in this process; it ends early, in the safe state, if the parent says so."""
     interruption = Interruption()
-
-    def progress(_done: int, _total: int) -> None:
-        interruption.requested |= stop_requested()
-
-    acquire(
-        Acquisition(run.protocol, run.station, run.directory, run.data), interruption=interruption, progress=progress
-    )
+    acquisition = Acquisition(run.protocol, run.station, run.directory, run.data)
+    acquire(acquisition, observer=TaskObserver(interruption), interruption=interruption)
 
 
 def _examine(examination: _Examination) -> Any:

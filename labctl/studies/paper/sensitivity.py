@@ -14,8 +14,8 @@ from labctl.analysis.windows import WindowFeatures
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.errors import ExperimentError
-from labctl.reports.curves import Sensitivity, sensitivity_figure
 from labctl.reports.experiments import ExperimentFigure
+from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import Experiment, Varied

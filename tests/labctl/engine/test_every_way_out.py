@@ -22,6 +22,7 @@ from protocols.base import Events, Images, Part
 from protocols.image_readout import ImageReadout
 from sim_backends.faults.bench import FaultyBench
 from tests.faults.matrix import SAFE
+from tests.observers import Follower
 
 STATION = Station(
     sim=SimSection(parameters={"simulated_modes_limit": 20, "chip_modes": 50}),
@@ -88,7 +89,7 @@ class Ending(ImageReadout):
     """One that fails when everything is measured."""
 
     def acquire(self, bench: Any, inputs: Images, parts: list[Part]) -> Events:  # type: ignore[override]
-        with bench.emitting(parts[0].leg.wavelength_nm):
+        with bench.emitting(parts[0].pass_.wavelength_nm):
             yield from super().acquire(bench, inputs, parts)
             raise ZeroDivisionError("in the protocol")
 
@@ -115,7 +116,7 @@ def test_what_progress_raises(kind: type[BaseException], tmp_path: Path) -> None
             raise kind
 
     with pytest.raises(kind):
-        run(tmp_path / "run", progress=progress)
+        run(tmp_path / "run", observer=Follower(progress))
     kept(tmp_path / "run", 3)
 
 
@@ -129,7 +130,7 @@ def test_what_storage_raises(method: str, error: Exception, tmp_path: Path, monk
 
 
 def test_what_a_burst_raises_in_the_thread_that_stores_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(RunWriter, "append_burst", raising(MemoryError()))
+    monkeypatch.setattr(RunWriter, "append", raising(MemoryError()))
     wired = STATION.model_copy(update={"wiring": STATION.wiring.model_copy(update={"burst": True})})
     with pytest.raises(MemoryError):
         acquire(Acquisition(ImageReadout(timing="burst", **SETTINGS), wired, tmp_path / "run"))
@@ -152,7 +153,7 @@ def test_what_comes_in_the_midst_of_the_clean_up(
 
     monkeypatch.setattr(VialuxAlp, "make_safe", interrupted)
     with pytest.raises((kind, InstrumentError)):
-        run(tmp_path / "run", progress=progress)
+        run(tmp_path / "run", observer=Follower(progress))
     kept(tmp_path / "run", 3)
 
 
@@ -178,6 +179,6 @@ def test_an_instrument_and_then_the_disk_are_both_told(tmp_path: Path, monkeypat
 
     hoarding = STATION.model_copy(update={"durability": DurabilitySection(shots=1000, seconds=3600)})
     with pytest.raises(LinkError, match="scope at nowhere") as failure:
-        acquire(Acquisition(ImageReadout(**SETTINGS), hoarding, tmp_path / "run"), progress=progress)
+        acquire(Acquisition(ImageReadout(**SETTINGS), hoarding, tmp_path / "run"), observer=Follower(progress))
     (note,) = set(failure.value.__notes__)
     assert note.startswith(f"{tmp_path / 'run' / 'shards' / '000000.h5'}: cannot be written: No space left on device")
