@@ -19,7 +19,7 @@ from labctl.analysis.evaluation import CrossValidation, WindowAccuracy, accuracy
 from labctl.analysis.splits import random_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.bench.signals import Interruption
-from labctl.bench.station import PatchPanelSection, SimSection, Station
+from labctl.bench.station import SimSection, Station
 from labctl.engine.engine import Outcome
 from labctl.engine.inputs import images_for
 from labctl.engine.session import Acquisition, acquire
@@ -172,7 +172,7 @@ def _records(tasks: Sequence[Task]) -> int:
 def _find(task: Task) -> Finding | None:
     """Acquire one run in this process and evaluate it; None if it was interrupted."""
     interruption = Interruption()
-    station = Station(sim=SimSection(twin_seed=task.twin_seed), patch_panel=PatchPanelSection(bypass=task.bypass))
+    station = Station(sim=SimSection(twin_seed=task.twin_seed), patch_panel={"bypass": task.bypass})
     acquisition = Acquisition(task.protocol, station, task.directory)
     acquired = acquire(acquisition, observer=TaskObserver(interruption), interruption=interruption)
     if not acquired.outcome.complete:

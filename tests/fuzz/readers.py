@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from instruments.alnair_tlg220 import CommandTable
 from instruments.errors import NotConfigured
+from instruments.laser_table import CommandTable
 from labctl.bench import calibration
 from labctl.bench.recording.format import read_recording
 from labctl.bench.station import Station, read_station

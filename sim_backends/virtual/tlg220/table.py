@@ -13,11 +13,14 @@ from typing import Any
 
 from sim_backends.scpi.status import ScpiError
 
+
+def default_table() -> dict[str, Any]:
+    """The table of the simulated laser."""
+    return tomllib.loads(files("sim_backends.virtual.tlg220").joinpath("commands.toml").read_text(encoding="utf-8"))
+
+
 UNKNOWN = "<unknown>"
-NAMES = (
-    *("identify", "set_wavelength", "get_wavelength", "set_power", "get_power"),
-    *("output_on", "output_off", "get_output", "is_settled", "error"),
-)
+NAMES = tuple(default_table()["commands"])
 SPEED_OF_LIGHT = 299_792_458.0
 
 _PLACE = re.compile(r"\{value[^}]*\}")
@@ -119,8 +122,3 @@ def phrases(table: Mapping[str, Any]) -> list[Phrase]:
     """
     known = {name: entry for name, entry in table["commands"].items() if entry["write"] != UNKNOWN}
     return [Phrase(name, entry) for name, entry in known.items()]
-
-
-def default_table() -> dict[str, Any]:
-    """The table of the simulated laser."""
-    return tomllib.loads(files("sim_backends.virtual.tlg220").joinpath("commands.toml").read_text(encoding="utf-8"))
