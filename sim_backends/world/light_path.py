@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim_backends.optics import cavity, chain, derived, drive, fibre, mirrors, receiver
 from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
-from sim_backends.world import noise as chance
+from sim_backends.world.keyed_random import Purpose, digest, generator
 from sim_backends.world.signals import BYPASS, Acquisition, Emission, Playback
 
 _KEPT_SETTINGS = 12
@@ -53,8 +53,8 @@ class Setting:
         """Names the setting."""
         laser = (self.emission.wavelength_nm, self.emission.power_w) if self.emission else ("dark",)
         played = self.playback.digest if self.playback else "idle"
-        segment: tuple[chance.Purpose, ...] = () if self.segment is None else ("segment", self.segment, self.repeats)
-        return chance.digest(*laser, played, *(str(port) for port in self.ports), self.wander_step, *segment)
+        segment: tuple[Purpose, ...] = () if self.segment is None else ("segment", self.segment, self.repeats)
+        return digest(*laser, played, *(str(port) for port in self.ports), self.wander_step, *segment)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +213,7 @@ class LightPath:
 
     def _page(self, optics: Optics, start_s: float, step: float, points: int) -> NDArray[np.float32]:
         """Masks at `points` light times from `start_s`, kept while there is room."""
-        key = chance.digest(optics.key, start_s, step, points)
+        key = digest(optics.key, start_s, step, points)
         if key in self._masks:
             self._masks.move_to_end(key)
             return self._masks[key]
@@ -289,4 +289,4 @@ class LightPath:
         return rms_hz * float(self._generator(what, step).standard_normal()) if rms_hz else 0.0
 
     def _generator(self, *purpose: str | int) -> np.random.Generator:
-        return chance.generator(chance.digest(self._seed, *purpose))
+        return generator(digest(self._seed, *purpose))

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.world import noise as chance
+from sim_backends.world.keyed_random import Purpose, Rekeyed, digest
 
 AUX = 0
 BYPASS = 0
@@ -71,10 +71,8 @@ class Playback:
     @cached_property
     def digest(self) -> bytes:
         """Names the playback, computed once."""
-        triggered: tuple[chance.Purpose, ...] = (
-            () if self.lengths is None else ("triggered", *self.lengths, self.runs_on)
-        )
-        return chance.digest(
+        triggered: tuple[Purpose, ...] = () if self.lengths is None else ("triggered", *self.lengths, self.runs_on)
+        return digest(
             self.volts.astype("<f4").tobytes(),
             np.packbits(self.marker).tobytes(),
             float(self.marker_low_v),
@@ -141,7 +139,7 @@ class Acquisition:
     @cached_property
     def digest(self) -> bytes:
         """Names the acquisition."""
-        return chance.digest(*self.channels, "at", float(self.sample_rate), self.samples, float(self.start_s))
+        return digest(*self.channels, "at", float(self.sample_rate), self.samples, float(self.start_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +157,7 @@ class Record:
     def digitiser_noise(self) -> NDArray[np.float32]:
         """Unit noise of the shape of `volts`; a trigger's is the same however many triggers the record has."""
         noise = np.empty(self.volts.shape, np.float32)
-        rekeyed = chance.Rekeyed()
+        rekeyed = Rekeyed()
         for key, frame in zip(self.keys, noise, strict=True):
-            rekeyed.generator(chance.digest(key, "digitiser")).standard_normal(out=frame, dtype=np.float32)
+            rekeyed.generator(digest(key, "digitiser")).standard_normal(out=frame, dtype=np.float32)
         return noise

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from sim_backends.optics import chain
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world import noise as chance
 from sim_backends.world import triggers
 from sim_backends.world.clock import VirtualClock
+from sim_backends.world.keyed_random import Rekeyed, digest, generator
 from sim_backends.world.light_path import LightPath, Setting
 from sim_backends.world.pictures import Pictures, Sight
 from sim_backends.world.segments import SegmentStarts
@@ -169,7 +169,7 @@ class World:
 
     def generator(self, *purpose: str | int | bytes) -> np.random.Generator:
         """Counter-based generator keyed by the twin's seed and `purpose`."""
-        return chance.generator(chance.digest(self.twin_seed, *purpose))
+        return generator(digest(self.twin_seed, *purpose))
 
     def next_triggers(
         self, condition: TriggerCondition, count: int, holdoff_s: float = 0.0, *, after_s: float | None = None
@@ -210,7 +210,7 @@ class World:
         keys = self._keys(sight.names, acquisition, setting)
         offsets, lateness = np.zeros(shape[0]), np.empty(shape[0])
         volts = np.empty(shape, np.float32)
-        rekeyed = chance.Rekeyed()
+        rekeyed = Rekeyed()
         for number, key in enumerate(keys):
             source = rekeyed.generator(key)
             source.standard_normal(out=volts[number], dtype=np.float32)
@@ -279,7 +279,7 @@ class World:
 
     def _keys(self, shown: list[bytes], acquisition: Acquisition, setting: bytes) -> list[bytes]:
         """Noise keys of triggers that come while the patterns named `shown` are latched; counts them."""
-        others = chance.digest(
+        others = digest(
             self._setting(CHANNELS, 0, None, 1, lit=True).key,
             *(f"{channel}:{port}" for channel, port in sorted(self._patching.items())),
         )
@@ -287,8 +287,8 @@ class World:
         keys = []
         for name in shown:
             if name not in frames:
-                frames[name] = chance.digest(self.twin_seed, others, name, acquisition.digest, setting)
-            keys.append(chance.digest(frames[name], self._recorded[name]))
+                frames[name] = digest(self.twin_seed, others, name, acquisition.digest, setting)
+            keys.append(digest(frames[name], self._recorded[name]))
             self._recorded[name] += 1
         return keys
 

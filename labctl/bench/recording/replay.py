@@ -12,8 +12,8 @@ from labctl.bench.recording.format import Kind, Recording
 from labctl.bench.recording.recorder import bench_of
 from labctl.bench.station import SIMULATED, Station
 from labctl.errors import StationError
-from sim_backends.replay.replay import Conversation, Step
-from sim_backends.replay.replay import Replay as Replay
+from sim_backends.replay.server import Conversation, Step
+from sim_backends.replay.server import Replay as Replay
 
 VARIABLE = "LABCTL_REPLAY"
 

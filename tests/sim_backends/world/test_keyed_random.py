@@ -1,6 +1,6 @@
 import numpy as np
 
-from sim_backends.world import noise as chance
+from sim_backends.world.keyed_random import Purpose, Rekeyed, digest, generator
 from sim_backends.world.world import World
 
 
@@ -13,7 +13,7 @@ def test_generators_are_named_by_their_purpose() -> None:
 
 
 def test_digests_tell_types_and_borders_apart() -> None:
-    names: list[tuple[chance.Purpose, ...]] = [
+    names: list[tuple[Purpose, ...]] = [
         ("ab", "c"),
         ("a", "bc"),
         ("abc",),
@@ -24,13 +24,13 @@ def test_digests_tell_types_and_borders_apart() -> None:
         (True, 2),
         (1, 2, ""),
     ]
-    assert len({chance.digest(*name) for name in names}) == len(names)
+    assert len({digest(*name) for name in names}) == len(names)
 
 
 def test_a_rekeyed_generator_starts_anew_with_every_key() -> None:
-    rekeyed = chance.Rekeyed()
-    keys = [chance.digest(number) for number in (1, 2, 1)]
+    rekeyed = Rekeyed()
+    keys = [digest(number) for number in (1, 2, 1)]
     for key in keys:
-        drawn, expected = rekeyed.generator(key), chance.generator(key)
+        drawn, expected = rekeyed.generator(key), generator(key)
         assert drawn.standard_normal(3, np.float32).tolist() == expected.standard_normal(3, np.float32).tolist()
         assert drawn.random(5).tolist() == expected.random(5).tolist()
