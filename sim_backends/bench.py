@@ -7,9 +7,8 @@ from typing import Any, Self
 from threadpoolctl import threadpool_limits
 
 from sim_backends.parameters import Parameters
-from sim_backends.servers.clients import Instrument
 from sim_backends.servers.hislip import serve_hislip
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.socket import serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
 from sim_backends.virtual.alp.instrument import VirtualAlp

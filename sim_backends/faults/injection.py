@@ -8,8 +8,8 @@ from itertools import zip_longest
 from sim_backends.faults.catalogue import Arrival, Fault, Moment
 from sim_backends.faults.distortions import Distortion
 from sim_backends.scpi.messages import Message, Unit
-from sim_backends.servers.clients import Execution, Instrument
 from sim_backends.servers.disturbed import Disturbed
+from sim_backends.servers.loop import Execution, Instrument
 from sim_backends.virtual.instrument import VirtualInstrument
 
 _logger = logging.getLogger(__name__)

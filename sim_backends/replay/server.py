@@ -16,8 +16,8 @@ from types import TracebackType
 from typing import Self
 
 from sim_backends.replay.differences import Difference, describe, first_difference, message_end
-from sim_backends.servers.channel import Channel
 from sim_backends.servers.loop import Loop
+from sim_backends.servers.socket import Channel
 
 ROOM = 1 << 18  # bytes received at once
 

@@ -7,12 +7,11 @@ asynchronous one. The first message on a connection tells which of them it is.
 import socket
 from collections.abc import Callable
 
-from sim_backends.servers.channel import Channel
-from sim_backends.servers.clients import Instrument
 from sim_backends.servers.frames import UNRECOGNISED_TYPE, Fatal, Frame, FrameReader, Kind, error, fatal_error, header
 from sim_backends.servers.locks import Locks
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.sessions import Session
+from sim_backends.servers.socket import Channel
 
 VERSION = 0x0100  # 1.0
 VENDOR = int.from_bytes(b"LC", "big")
@@ -54,6 +53,7 @@ class HislipServer:
             self.locks,
             ended=lambda: self.sessions.pop(identifier),
         )
+        self.loop.join(session)
         return session
 
 

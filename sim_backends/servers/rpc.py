@@ -7,8 +7,9 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
-from sim_backends.servers.channel import Channel, Chunk
+from sim_backends.scpi.messages import Chunk
 from sim_backends.servers.disturbed import INTACT, Disturbed, fragments, pieces
+from sim_backends.servers.socket import Channel
 
 _MARK = struct.Struct("!I")
 _LAST_FRAGMENT = 0x8000_0000

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from sim_backends.optics import mirrors
 from sim_backends.optics.mirrors import COLUMNS, ROWS
 from sim_backends.scpi.arguments import block, integer, optional
-from sim_backends.scpi.commands import Action, Reply
-from sim_backends.scpi.messages import Unit
+from sim_backends.scpi.commands import Action, chunks
+from sim_backends.scpi.messages import Chunk, Unit
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.alp import codes
 from sim_backends.virtual.alp.sequence import LEAST_PICTURE_US, Sequence
@@ -85,13 +85,13 @@ class VirtualAlp(VirtualInstrument):
         """`*RST`: as after power-on, mirrors floating."""
         self._power_on()
 
-    def refused(self, unit: Unit, error: ScpiError) -> Reply:
+    def refused(self, unit: Unit, error: ScpiError) -> list[Chunk]:
         """Every line is answered: by the library's return code where it has one."""
         if unit.header.startswith("*"):
             return super().refused(unit, error)
         if error.code > 0:
-            return error.code
-        return codes.USER_DATA_ERROR if error.code in (-160, -161) else codes.PARAMETER_INVALID
+            return chunks(error.code)
+        return chunks(codes.USER_DATA_ERROR if error.code in (-160, -161) else codes.PARAMETER_INVALID)
 
     # --- device
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.scpi.arguments import block, boolean, integer, keyword, optional, quoted
-from sim_backends.scpi.commands import Action, Chunk, Query, Setting, definite_block
+from sim_backends.scpi.commands import Action, Query, Setting, definite_block
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a import edits
 from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk

@@ -8,8 +8,7 @@ import math
 from typing import ClassVar
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, number_or_word, optional, quoted, real
-from sim_backends.scpi.commands import Action, Found, Query, Setting
-from sim_backends.scpi.messages import Unit
+from sim_backends.scpi.commands import Action, Command, Query, Setting
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.calendar import CALENDAR_COMMANDS, Calendar
 from sim_backends.virtual.awg70002a.channels import CHANNEL_COMMANDS, TRIGGER_INPUT, Source, TriggerInput
@@ -125,17 +124,15 @@ class VirtualAwg70002a(VirtualInstrument):
         """Whether RUN has not settled yet."""
         return self.world.clock.now < self._done_s
 
-    def _find(self, path: str, unit: Unit) -> Found:
+    def prepare(self, command: Command, *, query: bool) -> None:
         """Let virtual time pass while a client waits: to the end for `*OPC?` and `*WAI`, a little for other queries."""
-        found = super()._find(path, unit)
         left = self._done_s - self.world.clock.now
-        if left > 0 and (found.command.waits or unit.query):
-            self.world.clock.advance(left if found.command.waits else min(left, POLL_S))
-        return found
+        if left > 0 and (command.waits or query):
+            self.world.clock.advance(left if command.waits else min(left, POLL_S))
 
     # --- what comes out of channel 1
 
-    def changed(self) -> None:
+    def changed(self, _command: Command) -> None:
         """Let go of deleted assets, and tell the world when the playback of channel 1 or its trigger has changed."""
         for source in self.sources.values():
             gone = source.waveform is not None and source.waveform not in self.waveforms

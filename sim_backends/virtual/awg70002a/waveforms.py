@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.scpi.arguments import Real, block, boolean, integer, keyword, optional, quoted, quoted_or_all, real
-from sim_backends.scpi.commands import Action, Chunk, ItemSetting, Query, definite_block
+from sim_backends.scpi.commands import Action, ItemSetting, Query, definite_block
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a import edits
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile

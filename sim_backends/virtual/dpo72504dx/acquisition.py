@@ -6,6 +6,7 @@ Source: instrument facts 2.5, 2.6 and 2.8.
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backends.scpi.commands import Command
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.dpo72504dx.fastframe import READY_S, FastFrame
 from sim_backends.virtual.dpo72504dx.horizontal import LONGEST_RECORD, RATES, Horizontal
@@ -257,7 +258,7 @@ class AcquisitionSystem(VirtualInstrument):
             raise ScpiError(2241, f"CH{number}: nothing acquired")
         return trace
 
-    def changed(self) -> None:
+    def changed(self, _command: Command) -> None:
         """With more than two channels on, the highest sample rate is shared out."""
         shared = sum(channel.selected for channel in self.channels.values()) > 2
         self.horizontal.highest_rate = RATES[1] if shared else RATES[0]

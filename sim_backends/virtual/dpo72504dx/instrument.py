@@ -4,12 +4,11 @@ Source: instrument facts 2.1 to 2.10. Not simulated: measurements, cursors, math
 (FastAcq, waveform database) and equivalent time.
 """
 
-from itertools import groupby
 from typing import ClassVar
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, run_or_stop
-from sim_backends.scpi.commands import Action, Chunk, Query, Setting, reply_header
-from sim_backends.scpi.messages import Message, Unit
+from sim_backends.scpi.commands import Action, Query, Setting, reply_header
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import EventStatus, ScpiError
 from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
 from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, Stamps
@@ -18,18 +17,8 @@ from sim_backends.virtual.dpo72504dx.modes import MODE_COMMANDS
 from sim_backends.virtual.dpo72504dx.transfer import PREAMBLE, TRANSFER_COMMANDS, Preamble, Transfer, expected
 from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_COMMANDS
 from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, VERTICAL_COMMANDS
-from sim_backends.virtual.instrument import Execution
 from sim_backends.world.world import World
 
-NEXT, STREAM = "next", "stream"
-WAITING = {
-    "CURVENEXT": NEXT,
-    "CURVEN": NEXT,
-    "CURVESTREAM": STREAM,
-    "CURVES": STREAM,
-    "WAVFRMSTREAM": STREAM,
-    "WAVFRMS": STREAM,
-}
 READ_S = 5e-3  # recalled: a record of some thousand points from acquisition memory to the network
 
 
@@ -98,36 +87,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
         self.reset()
         self.headers = self.verbose = True
 
-    def run(self, message: Message) -> Execution:
-        """Execute `message`; `CURVENext?` waits there for an acquisition that was not sent yet, streams send every one.
-
-        A stream is a reply without end, so what stands behind it in a message is never reached.
-        """
-        parts = [(kind, tuple(units)) for kind, units in groupby(message.units, _awaits)]
-        if all(kind is None for kind, _ in parts):
-            return (yield from super().run(message))
-        replies: list[Chunk] = []
-        for kind, units in parts:
-            while kind == NEXT and not self._has_new():
-                yield None
-            if kind == STREAM:
-                yield from self._stream(Message(units[:1]), replies)
-                return []
-            reply = yield from super().run(Message(units))
-            replies += [b";", *reply] if replies and reply else reply
-        return replies
-
-    def _stream(self, message: Message, before: list[Chunk]) -> Execution:
-        """Answer `message` again and again, once for each acquisition; behind `before` the first time."""
-        while True:
-            while not self._has_new():
-                yield []
-            reply = yield from super().run(message)
-            if not reply:
-                return []
-            yield [*before, b";", *reply] if before else reply
-            before = []
-
     # --- transfer
 
     def preset_transfer(self, word: str) -> None:
@@ -148,7 +107,7 @@ class VirtualDpo72504dx(AcquisitionSystem):
 
     def whole_preamble(self) -> str:
         """`WFMOutpre?`: every field in order; with headers on, each behind its name."""
-        fields = [setting.answer(self, (), ()) for setting in PREAMBLE]
+        fields = [b"".join(setting.answer(self, (), ())).decode("latin-1") for setting in PREAMBLE]
         if self.headers:
             headers = [reply_header(setting, (), verbose=self.verbose) for setting in PREAMBLE]
             names = [headers[0], *(header.rpartition(":")[2] for header in headers[1:])]
@@ -173,15 +132,9 @@ class VirtualDpo72504dx(AcquisitionSystem):
         self.world.clock.advance(READ_S)
         return reply[1:]
 
-    def next_curve(self) -> list[Chunk]:
-        """`CURVENext?`, `CURVEStream?`: the points of an acquisition that was not sent before."""
-        return self.curve()
-
-    def _has_new(self) -> bool:
-        """Whether an acquisition was not sent yet, or one will be taken for the asking."""
-        if self.pending():
-            return False
-        return self._running or not self._sent_new
+    def lacks_new(self) -> bool:
+        """Whether every acquisition was sent already, and none will be taken on demand."""
+        return self.pending() or (self._sent_new and not self._running)
 
     def preamble_and_curve(self) -> list[Chunk]:
         """`WAVFrm?`, `WAVFRMStream?`: `WFMOutpre?` and `CURVe?` in one reply."""
@@ -209,11 +162,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
     def unlock_panel(self, _word: str) -> None:
         """`UNLock ALL`."""
         self.panel_lock = "NONe"
-
-
-def _awaits(unit: Unit) -> str | None:
-    """Whether `unit` asks for acquisitions to come: for the next one, for all, or not at all."""
-    return WAITING.get(unit.header.upper().lstrip(":")) if unit.query else None
 
 
 def _channel(source: str) -> int:

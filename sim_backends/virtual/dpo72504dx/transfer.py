@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, quoted, real, several
-from sim_backends.scpi.commands import Action, Chunk, Query, Setting, definite_block
+from sim_backends.scpi.commands import Action, Query, Setting, definite_block
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.dpo72504dx.horizontal import DIVISIONS, RECORD_SHOWN
 from sim_backends.virtual.dpo72504dx.modes import NO_CODES, Codes, Plan
@@ -71,10 +72,10 @@ TRANSFER_COMMANDS = (
     *PREAMBLE,
     Query("WFMOutpre?", "whole_preamble", labelled=True),
     Query("CURVe?", "curve"),
-    Query("CURVENext?", "next_curve"),
+    Query("CURVENext?", "curve", waits="lacks_new"),
+    Query("CURVEStream?", "curve", waits="lacks_new", endless=True),
     Query("WAVFrm?", "preamble_and_curve", labelled=True),
-    Query("CURVEStream?", "next_curve"),
-    Query("WAVFRMStream?", "preamble_and_curve", labelled=True),
+    Query("WAVFRMStream?", "preamble_and_curve", waits="lacks_new", endless=True, labelled=True),
 )
 
 

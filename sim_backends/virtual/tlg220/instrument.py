@@ -6,8 +6,7 @@ Source: instrument facts 3. No public command set exists, so the table is data (
 from collections.abc import Mapping
 from typing import Any
 
-from sim_backends.scpi.commands import Chunk
-from sim_backends.scpi.messages import Message, Unit
+from sim_backends.scpi.messages import Chunk, Message, Unit
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.instrument import Execution, VirtualInstrument
 from sim_backends.virtual.tlg220.table import (

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sim_backends.parameters import Parameters
 from sim_backends.scpi.arguments import keyword, quoted, real
-from sim_backends.scpi.commands import Action, Query, Setting
+from sim_backends.scpi.commands import Action, Command, Query, Setting
 from sim_backends.scpi.messages import Message
 from sim_backends.virtual import (
     VirtualAlp,
@@ -51,7 +51,7 @@ class Oven(VirtualInstrument):
     def pending(self) -> bool:
         return self.heating
 
-    def changed(self) -> None:
+    def changed(self, _command: Command) -> None:
         self.changes += 1
 
     def bus_trigger(self) -> None:
