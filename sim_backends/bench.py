@@ -31,7 +31,7 @@ class SimulatedBench:
         host: The address to listen on. The default is reachable from this machine only: nothing here asks who calls.
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
             ports 10 higher, VXI-11 20 higher; None: any free ports.
-        laser_table: The commands the laser obeys, in the form of `virtual/tlg220.toml`; None: that file.
+        laser_table: The commands the laser obeys, in the form of `virtual/tlg220/commands.toml`; None: that file.
     """
 
     def __init__(

@@ -16,7 +16,7 @@ from sim_backends import virtual
 from sim_backends.scpi.commands import Command
 from sim_backends.virtual import VirtualInstrument
 from sim_backends.virtual.instrument import COMMON
-from sim_backends.virtual.tlg220.table import default_table
+from sim_backends.virtual.tlg220.instrument import default_table
 
 DOCUMENT = Path("docs/reference/virtual-instruments.md")
 

@@ -6,6 +6,8 @@ segment it plays with a marker latches the next picture. Not simulated: grey sca
 pictures (one binary plane stays for the whole picture time), TRIGGER_IN_DELAY, PROJ_STEP, the trigger's edge.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -160,11 +162,16 @@ class VirtualAlp(VirtualInstrument):
         return codes.OK
 
     def put(self, identifier: int, offset: int, count: int, data: NDArray[np.uint8]) -> int:
-        """`AlpSeqPut`: pictures from `offset` on; 1008 while the sequence is shown."""
+        """`AlpSeqPut`: pictures from `offset` on; 1006 for data of another length, 1008 while the sequence is shown."""
         if offset < 0 or count < 0:
             raise ScpiError(codes.PARAMETER_INVALID)
-        pictures = self._unused(identifier).put(offset, count, data)
-        self.world.clock.advance(UPLOAD_S * pictures)
+        sequence = self._unused(identifier)
+        count = count or sequence.pictures - offset
+        if count <= 0 or offset + count > sequence.pictures:
+            raise ScpiError(codes.PARAMETER_INVALID)
+        form = sequence.controls[codes.DATA_FORMAT]
+        sequence.counts[offset : offset + count] = mirrors.on_counts(_packed(data, count, form, sequence.bit_planes))
+        self.world.clock.advance(UPLOAD_S * count)
         return codes.OK
 
     def control_sequence(self, identifier: int, kind: int, value: int) -> int:
@@ -222,22 +229,22 @@ class VirtualAlp(VirtualInstrument):
         if self._device[codes.DMD_MODE] == codes.DMD_POWER_FLOAT:
             raise ScpiError(codes.NOT_IDLE)
         slave = self._projection[codes.PROJECTION_MODE] == codes.SLAVE
-        now_s, picture_time_s = self.world.clock.now, sequence.picture_time_s
-        endless = loop or slave
+        controls, timing = sequence.controls, sequence.timing
+        now_s, picture_time_s = self.world.clock.now, 1e-6 * timing[codes.PICTURE_TIME]
         self._shown = sequence
         self._frames_to_latch = sequence.frames if slave and not loop else None
-        self._ends_s = np.inf if endless else now_s + sequence.frames * picture_time_s
+        self._ends_s = np.inf if loop or slave else now_s + sequence.frames * picture_time_s
         self.world.project(
             Projection(
-                self._turned(sequence.shown),
+                self._turned(sequence.counts[controls[codes.FIRST_FRAME] : controls[codes.LAST_FRAME] + 1]),
                 now_s,
                 picture_time_s,
-                synch_delay_s=1e-6 * sequence.timing[codes.SYNCH_DELAY],
+                synch_delay_s=1e-6 * timing[codes.SYNCH_DELAY],
                 loop=loop,
                 triggered=slave,
-                synch_pulse_s=1e-6 * sequence.timing[codes.SYNCH_PULSE_WIDTH],
+                synch_pulse_s=1e-6 * timing[codes.SYNCH_PULSE_WIDTH],
                 synch_high=self._device[codes.SYNCH_POLARITY] == codes.LEVEL_HIGH,
-                repeats=1 if loop else sequence.controls[codes.REPEAT],
+                repeats=1 if loop else controls[codes.REPEAT],
             )
         )
         self.world.clock.advance(SHOW_S)
@@ -294,3 +301,18 @@ def _answer(facts: dict[int, int], kind: int) -> str:
     if kind not in facts:
         raise ScpiError(codes.PARAMETER_INVALID)
     return f"{codes.OK},{facts[kind]}"
+
+
+def _packed(data: NDArray[np.uint8], count: int, form: int, bit_planes: int) -> NDArray[np.uint8]:
+    """Mirror bits (count, 768, 128) of the uploaded bytes; packed top-down ones are not copied."""
+    binary = form in (codes.BINARY_TOPDOWN, codes.BINARY_BOTTOMUP)
+    if binary and bit_planes > 1:
+        raise ScpiError(codes.PARAMETER_INVALID)
+    shape = (count, ROWS, COLUMNS // 8 if binary else COLUMNS)
+    if data.size != math.prod(shape):
+        raise ScpiError(codes.USER_DATA_ERROR)
+    pictures = data.reshape(shape)
+    if binary:
+        return pictures if form == codes.BINARY_TOPDOWN else pictures[:, ::-1]
+    bit = 7 if form == codes.MSB_ALIGN else bit_planes - 1
+    return np.packbits(pictures & np.uint8(1 << bit), axis=2)

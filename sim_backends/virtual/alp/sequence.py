@@ -1,14 +1,12 @@
-"""One sequence in the memory of the virtual DMD: its pictures, its controls, its timing.
+"""One sequence in the memory of the virtual DMD: its controls, its timing, and room for its pictures.
 
 Source: instrument facts 4.2; times in microseconds, as the interface has them.
 """
 
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim_backends.optics.mirrors import COLUMNS, ROWS, SIDE, on_counts
+from sim_backends.optics.mirrors import SIDE
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.alp import codes
 
@@ -19,8 +17,6 @@ LONGEST_PICTURE_US = 10_000_000
 LONGEST_DELAY_US = 130_000
 DEFAULT_PICTURE_US = 33_334  # 30 Hz
 MOST_REPEATS = 1_048_576  # recalled
-
-BYTES_PER_ROW = COLUMNS // 8
 
 _CHOICES = {
     codes.BINARY_MODE: (codes.NORMAL, codes.UNINTERRUPTED),
@@ -37,6 +33,7 @@ class Sequence:
     Attributes:
         controls: what SeqControl sets.
         timing: what SeqTiming sets (us).
+        counts: mirrors on in every superpixel, (pictures, 784).
     """
 
     def __init__(self, bit_planes: int, pictures: int) -> None:
@@ -52,7 +49,7 @@ class Sequence:
         }
         self.timing: dict[int, int] = {}
         self.set_timing(0, 0, 0, 0, 0)
-        self._counts = np.zeros((pictures, SIDE**2), np.uint16)  # dark until something is loaded
+        self.counts = np.zeros((pictures, SIDE**2), np.uint16)  # dark until something is loaded
 
     @property
     def memory(self) -> int:
@@ -63,39 +60,6 @@ class Sequence:
     def frames(self) -> int:
         """Pictures of one finite run, repetitions counted."""
         return (self.controls[codes.LAST_FRAME] - self.controls[codes.FIRST_FRAME] + 1) * self.controls[codes.REPEAT]
-
-    @property
-    def picture_time_s(self) -> float:
-        """Time from picture to picture (s)."""
-        return 1e-6 * self.timing[codes.PICTURE_TIME]
-
-    @property
-    def shown(self) -> NDArray[np.uint16]:
-        """Mirrors on in every superpixel (n, 784) of the pictures from FIRST_FRAME to LAST_FRAME."""
-        return self._counts[self.controls[codes.FIRST_FRAME] : self.controls[codes.LAST_FRAME] + 1]
-
-    def put(self, first: int, count: int, data: NDArray[np.uint8]) -> int:
-        """Load `count` pictures (0: all from `first` on) in the present data format; returns how many.
-
-        Raises ScpiError: 1005 beyond the sequence, 1006 when the data have another length.
-        """
-        count = count or self.pictures - first
-        if count <= 0 or first + count > self.pictures:
-            raise ScpiError(codes.PARAMETER_INVALID)
-        self._counts[first : first + count] = on_counts(self._unpacked(data, count))
-        return count
-
-    def _unpacked(self, data: NDArray[np.uint8], count: int) -> NDArray[np.uint8]:
-        """Mirror bits (count, 768, 128) of the uploaded bytes; packed top-down ones are not copied."""
-        form = self.controls[codes.DATA_FORMAT]
-        if form in (codes.BINARY_TOPDOWN, codes.BINARY_BOTTOMUP):
-            if self.bit_planes > 1:
-                raise ScpiError(codes.PARAMETER_INVALID)
-            frames = _shaped(data, (count, ROWS, BYTES_PER_ROW))
-            return frames if form == codes.BINARY_TOPDOWN else frames[:, ::-1]
-        pixels = _shaped(data, (count, ROWS, COLUMNS))
-        bit = 7 if form == codes.MSB_ALIGN else self.bit_planes - 1
-        return np.packbits(pixels & np.uint8(1 << bit), axis=2)
 
     def control(self, kind: int, value: int) -> None:
         """`SeqControl`; 1005 for what it does not take."""
@@ -152,9 +116,3 @@ class Sequence:
             codes.SYNCH_PULSE_WIDTH: width,
             codes.TRIGGER_IN_DELAY: trigger_delay,
         }
-
-
-def _shaped(data: NDArray[np.uint8], shape: tuple[int, int, int]) -> NDArray[Any]:
-    if data.size != shape[0] * shape[1] * shape[2]:
-        raise ScpiError(codes.USER_DATA_ERROR)
-    return data.reshape(shape)

@@ -8,7 +8,7 @@ import pytest
 
 from sim_backends.parameters import Parameters
 from sim_backends.virtual import VirtualInstrument, VirtualTlg220
-from sim_backends.virtual.tlg220.table import default_table
+from sim_backends.virtual.tlg220.instrument import default_table
 from sim_backends.world.world import Emission, World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
