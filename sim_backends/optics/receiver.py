@@ -45,6 +45,15 @@ def impulse_response(
     return h, (gauss - h) / tau
 
 
+def fast_volts(field: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Volts behind an infinitely fast detector: |E|^2, collected modes added as powers.
+
+    Root volts (..., real and imaginary, modes, channels, K) -> (..., channels, K).
+    """
+    squared = field * field
+    return np.asarray(squared.sum(axis=(-4, -3)))
+
+
 @dataclass(frozen=True, eq=False)
 class SamplingFilter:
     """Filter and decimation as one matrix for a block of samples.
@@ -54,14 +63,10 @@ class SamplingFilter:
     """
 
     matrix: NDArray[np.float32]
+    points: int
     samples: int
     decimation: int
     before: int
-
-    @property
-    def points(self) -> int:
-        """Grid points one block of samples needs."""
-        return int(self.matrix.shape[0])
 
 
 def sampling_filter(
@@ -80,7 +85,7 @@ def sampling_filter(
     total = h.sum(axis=0)
     slope = slope - h * (slope.sum(axis=0) / total)  # a constant has no slope
     matrix = np.concatenate([h / total, slope / total], axis=1).astype(np.float32)
-    return SamplingFilter(matrix, samples, decimation, before)
+    return SamplingFilter(matrix, points, samples, decimation, before)
 
 
 def apply_filter(

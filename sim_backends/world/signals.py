@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.world.keyed_random import Purpose, Rekeyed, digest
+from sim_backends.world.keyed_random import Purpose, digest
 
 AUX = 0
 BYPASS = 0
@@ -95,9 +95,6 @@ class Projection:
         sooner than `picture_time_s` after the one before. The generator's marker 1 supplies the edges, one a segment.
     synch_pulse_s: width of the frame synch pulse. synch_high: whether the pulse goes from 0 up to 3.3 V or down.
     repeats: how often a finite projection shows all its patterns.
-
-    Raises:
-        ValueError: counts of another shape, or none; no picture time.
     """
 
     counts: NDArray[np.uint16]
@@ -109,13 +106,6 @@ class Projection:
     synch_pulse_s: float = 10e-6
     synch_high: bool = True
     repeats: int = 1
-
-    def __post_init__(self) -> None:
-        if self.counts.ndim != 2 or len(self.counts) == 0 or not self.picture_time_s > 0:
-            raise ValueError(
-                f"projection: counts {self.counts.shape} every {self.picture_time_s} s: "
-                "give mirrors on in every superpixel (n, 784) and a time above 0"
-            )
 
 
 @dataclass(frozen=True)
@@ -153,11 +143,3 @@ class Record:
     volts: NDArray[np.float32]
     trigger_offset_s: NDArray[np.float64]
     keys: tuple[bytes, ...]
-
-    def digitiser_noise(self) -> NDArray[np.float32]:
-        """Unit noise of the shape of `volts`; a trigger's is the same however many triggers the record has."""
-        noise = np.empty(self.volts.shape, np.float32)
-        rekeyed = Rekeyed()
-        for key, frame in zip(self.keys, noise, strict=True):
-            rekeyed.generator(digest(key, "digitiser")).standard_normal(out=frame, dtype=np.float32)
-        return noise

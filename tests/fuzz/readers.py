@@ -31,7 +31,7 @@ from protocols.registry import read_protocol
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.seqx import read_seqx
 from sim_backends.virtual.awg70002a.wfmx import read_text, read_wfmx
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 SHAPE = RunShape(shots=7, passes=((2, 3, 4, 5), (6,)), samples=16, sample_interval_s=20e-12, start_s=-40e-12)
 """Of the runs that shards and run directories here belong to."""

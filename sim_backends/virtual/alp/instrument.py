@@ -20,7 +20,8 @@ from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.alp import codes
 from sim_backends.virtual.alp.sequence import LEAST_PICTURE_US, Sequence
 from sim_backends.virtual.instrument import VirtualInstrument
-from sim_backends.world.world import Projection, World
+from sim_backends.world.signals import Projection
+from sim_backends.world.world import World
 
 SERIAL = 13042
 VERSION = 43

@@ -3,7 +3,6 @@
 Source: instrument facts 4.2; times in microseconds, as the interface has them.
 """
 
-
 import numpy as np
 
 from sim_backends.optics.mirrors import SIDE

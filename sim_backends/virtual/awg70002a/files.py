@@ -18,7 +18,7 @@ from sim_backends.virtual.awg70002a.sequences import SequenceList
 from sim_backends.virtual.awg70002a.seqx import SequenceFile, read_seqx
 from sim_backends.virtual.awg70002a.waveforms import WaveformList, calendar
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, read_text, read_wfmx, write_wfmx
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 NORMALISATION = keyword("NONE", "FSCale", "ZREFerence")
 TEXT_BITS = {"TXT": None, "TXT8": 8, "TXT9": 9, "TXT10": 10}

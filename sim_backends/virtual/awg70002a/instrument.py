@@ -20,7 +20,8 @@ from sim_backends.virtual.awg70002a.player import INTERNAL, RUNNING, STOPPED, Pl
 from sim_backends.virtual.awg70002a.sequences import MOST_STEPS, SEQUENCE_COMMANDS, SequenceList
 from sim_backends.virtual.awg70002a.waveforms import AMPLITUDES_V, RATES, WAVEFORM_COMMANDS, WaveformList
 from sim_backends.virtual.instrument import ERROR_QUEUE, VirtualInstrument
-from sim_backends.world.world import Playback, World
+from sim_backends.world.signals import Playback
+from sim_backends.world.world import World
 
 RUN_MODE = keyword("CONTinuous", "TRIGgered", "TCONtinuous")
 CHANNEL_INPUT = keyword("ITRigger", "ATRigger", "BTRigger")

@@ -21,7 +21,7 @@ from sim_backends.scpi.arguments import (
 from sim_backends.scpi.commands import Action, ItemSetting, Query
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.waveforms import RECOMMENDED, WaveformList, calendar
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 MOST_STEPS = 16383
 MOST_REPEATS = 2**20

@@ -24,7 +24,7 @@ from sim_backends.virtual.awg70002a.sequences import (
     new_step,
 )
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, parse_xml, read_wfmx, text_at
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 LARGEST_UNPACKED = 2**28  # bytes
 MOST_MEMBERS = 10_000

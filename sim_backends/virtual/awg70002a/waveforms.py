@@ -18,7 +18,7 @@ from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a import edits
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 SHORTEST = 2400  # points that can be assigned to a channel
 LONGEST = 2_000_000_000

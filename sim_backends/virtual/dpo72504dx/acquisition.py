@@ -15,7 +15,7 @@ from sim_backends.virtual.dpo72504dx.transfer import Trace
 from sim_backends.virtual.dpo72504dx.trigger import Trigger
 from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, Channel
 from sim_backends.virtual.instrument import VirtualInstrument
-from sim_backends.world.world import Acquisition
+from sim_backends.world.signals import Acquisition
 
 ARM_S = 20e-3  # recalled: from RUN until the acquisition system waits for a trigger
 REARM_S = 10e-6  # recalled: dead time between the acquisitions of an average

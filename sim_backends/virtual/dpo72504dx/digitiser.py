@@ -15,7 +15,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from sim_backends.optics.receiver import CODES_PER_DIVISION, digitiser_noise_codes, gaussian_time_width
 from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, Vertical
-from sim_backends.world.world import Acquisition, Record, World
+from sim_backends.world.keyed_random import digest, unit_noise
+from sim_backends.world.signals import Acquisition, Record
+from sim_backends.world.world import World
 
 LOWEST_CODE, HIGHEST_CODE = -128, 127
 SAMPLES_AT_ONCE = 2**22  # of all channels together; bounds the memory, not the result
@@ -59,7 +61,7 @@ def _codes(world: World, acquisition: Acquisition, record: Record, verticals: Se
     """Codes (channels, triggers, samples)."""
     began = perf_counter()
     triggers, channels, samples = record.volts.shape
-    noise = record.digitiser_noise()
+    noise = unit_noise([digest(key, "digitiser") for key in record.keys], (channels, samples))
     noise *= np.float32(digitiser_noise_codes(world.parameters.enob))
     codes = np.empty((channels, triggers, samples), np.int8)
     for channel, vertical in enumerate(verticals):

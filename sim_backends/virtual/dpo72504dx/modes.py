@@ -14,7 +14,8 @@ from sim_backends.scpi.commands import Setting
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.dpo72504dx.digitiser import digitised
 from sim_backends.virtual.dpo72504dx.vertical import Vertical
-from sim_backends.world.world import Acquisition, World
+from sim_backends.world.signals import Acquisition
+from sim_backends.world.world import World
 
 BASE_RATE = 6.25e9
 OVERSAMPLED_AT_MOST = 64  # bounds the work; the real digitiser never slows down

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from sim_backends.scpi.arguments import keyword, real
 from sim_backends.scpi.commands import Setting
 from sim_backends.virtual.dpo72504dx.vertical import CHANNELS
-from sim_backends.world.world import AUX, TriggerCondition, World
+from sim_backends.world.signals import AUX, TriggerCondition
+from sim_backends.world.world import World
 
 TRIGGER_LIMIT_V = 5.0  # recalled
 MAINS_HZ = 50.0  # LINE triggers at the mains' zero crossings

@@ -16,7 +16,8 @@ from sim_backends.parameters import SPEED_OF_LIGHT
 from sim_backends.scpi.messages import Chunk, Message, Unit
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.instrument import Execution, VirtualInstrument
-from sim_backends.world.world import Emission, World
+from sim_backends.world.signals import Emission
+from sim_backends.world.world import World
 
 FIRST_WAVELENGTH_NM = 1550.0
 FIRST_POWER_W = 10e-3

@@ -96,3 +96,8 @@ def test_noise_terms_are_the_textbook_ones() -> None:
 
 def test_eight_effective_bits_are_a_perfect_digitiser() -> None:
     assert receiver.digitiser_noise_codes(8.0) == 0.0
+
+
+def test_collected_modes_add_as_powers() -> None:
+    field = np.arange(24, dtype=np.float32).reshape(2, 3, 1, 4)
+    np.testing.assert_allclose(receiver.fast_volts(field)[0], (field**2).sum(axis=(0, 1, 2)))

@@ -1,6 +1,7 @@
 import numpy as np
+import pytest
 
-from sim_backends.world.keyed_random import Purpose, Rekeyed, digest, generator
+from sim_backends.world.keyed_random import Purpose, Rekeyed, digest, generator, unit_noise
 from sim_backends.world.world import World
 
 
@@ -34,3 +35,11 @@ def test_a_rekeyed_generator_starts_anew_with_every_key() -> None:
         drawn, expected = rekeyed.generator(key), generator(key)
         assert drawn.standard_normal(3, np.float32).tolist() == expected.standard_normal(3, np.float32).tolist()
         assert drawn.random(5).tolist() == expected.random(5).tolist()
+
+
+def test_noise_of_a_key_is_the_same_however_many_keys_there_are() -> None:
+    keys = [digest(number) for number in range(5)]
+    together = unit_noise(keys, (2, 300))
+    assert np.array_equal(together[3], unit_noise(keys[3:4], (2, 300))[0])
+    assert len(np.unique(together)) > 2900
+    assert together.std() == pytest.approx(1.0, abs=0.05)

@@ -13,8 +13,9 @@ from protocols.patterns import Patterns
 from sim_backends.optics import chain, derived, mirrors, receiver
 from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
 from sim_backends.world.keyed_random import digest, generator
-from sim_backends.world.light_path import LightPath, Optics, Setting
+from sim_backends.world.light_path import LightPath
 from sim_backends.world.signals import Acquisition, Emission, Playback
+from sim_backends.world.twin import Optics, Setting
 
 SAMPLE_RATE, SAMPLES = 25e9, 100
 FINEST_V = 6.25e-3

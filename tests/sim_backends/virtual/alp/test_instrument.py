@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
 from sim_backends.virtual import VirtualAlp, VirtualInstrument
-from sim_backends.world.world import Playback, Projection, World
+from sim_backends.world.signals import Playback, Projection
+from sim_backends.world.world import World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
 Mirrors = NDArray[np.uint8]

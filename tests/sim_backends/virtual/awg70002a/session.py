@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.virtual import VirtualAwg70002a, VirtualInstrument
-from sim_backends.world.world import Playback, World
+from sim_backends.world.signals import Playback
+from sim_backends.world.world import World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
 

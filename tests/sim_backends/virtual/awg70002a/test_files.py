@@ -14,8 +14,7 @@ from sim_backends.virtual import VirtualAwg70002a
 from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk
 from sim_backends.virtual.awg70002a.seqx import read_seqx, read_sml
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
-from sim_backends.world.clock import VirtualClock
-from sim_backends.world.world import World
+from sim_backends.world.world import VirtualClock, World
 from tests.sim_backends.virtual.awg70002a.session import Ask, block, errors
 
 SAMPLES = np.linspace(-1, 1, 2400, dtype=np.float32)

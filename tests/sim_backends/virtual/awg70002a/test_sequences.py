@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_backends.virtual import VirtualAwg70002a
-from sim_backends.world.world import Playback
+from sim_backends.world.signals import Playback
 from tests.sim_backends.virtual.awg70002a.session import Ask, Heard, errors, float_block
 
 LENGTHS = {"a": 2400, "b": 2500, "c": 2600}

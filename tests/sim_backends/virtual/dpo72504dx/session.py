@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from sim_backends.parameters import Parameters
 from sim_backends.scpi.messages import Message
 from sim_backends.virtual import VirtualDpo72504dx, VirtualInstrument
-from sim_backends.world.world import Acquisition, Emission, Playback, Record, World
+from sim_backends.world.signals import Acquisition, Emission, Playback, Record
+from sim_backends.world.world import World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
 Read = Callable[[str | bytes], list[Message]]

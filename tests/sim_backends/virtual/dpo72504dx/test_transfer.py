@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
-from sim_backends.world.world import Emission
+from sim_backends.world.signals import Emission
 from tests.sim_backends.virtual.dpo72504dx.session import Ask, Counted, Read, block, events, number, volts
 
 

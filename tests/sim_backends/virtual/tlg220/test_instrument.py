@@ -9,7 +9,8 @@ import pytest
 from sim_backends.parameters import Parameters
 from sim_backends.virtual import VirtualInstrument, VirtualTlg220
 from sim_backends.virtual.tlg220.instrument import default_table
-from sim_backends.world.world import Emission, World
+from sim_backends.world.signals import Emission
+from sim_backends.world.world import World
 
 Ask = Callable[[VirtualInstrument, str | bytes], bytes]
 
