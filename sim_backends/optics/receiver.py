@@ -14,6 +14,7 @@ from scipy.special import erfc
 ELEMENTARY_CHARGE = 1.602176634e-19
 CODES_PER_DIVISION = 25
 DIVISIONS = 10.24
+LOWEST_CODE, HIGHEST_CODE = -128, 127
 
 
 def gaussian_time_width(bandwidth_hz: float) -> float:
@@ -165,3 +166,19 @@ def digitiser_noise_codes(enob: float) -> float:
     Total: FS / 2^ENOB / sqrt(12), FS = 10.24 div = 256 codes; the quantiser's own 1/12 code^2 is part of it.
     """
     return math.sqrt(max(0.0, (CODES_PER_DIVISION * DIVISIONS / 2**enob) ** 2 - 1.0) / 12.0)
+
+
+def quantised(
+    volts: NDArray[np.float32], noise: NDArray[np.float32], scale_v: float, offset_v: float, position_div: float
+) -> NDArray[np.int8]:
+    """What the 8-bit digitiser of one channel makes of `volts`, any shape, with as much `noise` in codes before it.
+
+    code = round((v - offset) 25 / scale + 25 position + noise), clipped to -128..127: 25 codes a division, 10.24
+    divisions.
+    """
+    exact = volts - np.float32(offset_v)
+    exact *= np.float32(CODES_PER_DIVISION / scale_v)
+    exact += np.float32(CODES_PER_DIVISION * position_div)
+    exact += noise
+    np.rint(exact, out=exact)
+    return np.clip(exact, LOWEST_CODE, HIGHEST_CODE, out=exact).astype(np.int8)

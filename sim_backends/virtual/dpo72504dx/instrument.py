@@ -14,12 +14,10 @@ from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
 from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, Stamps
 from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS
 from sim_backends.virtual.dpo72504dx.modes import MODE_COMMANDS
-from sim_backends.virtual.dpo72504dx.transfer import PREAMBLE, TRANSFER_COMMANDS, Preamble, Transfer, expected
+from sim_backends.virtual.dpo72504dx.transfer import PREAMBLE, TRANSFER_COMMANDS, Transfer
 from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_COMMANDS
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, VERTICAL_COMMANDS
+from sim_backends.virtual.dpo72504dx.vertical import VERTICAL_COMMANDS
 from sim_backends.world.world import World
-
-READ_S = 5e-3  # recalled: a record of some thousand points from acquisition memory to the network
 
 
 class VirtualDpo72504dx(AcquisitionSystem):
@@ -67,7 +65,7 @@ class VirtualDpo72504dx(AcquisitionSystem):
     def __init__(self, world: World) -> None:
         super().__init__(world)
         self.status: EventStatus = EventStatus()
-        self.stamps = Stamps(lambda: self.frames, self._acquired_trace)
+        self.stamps = Stamps(lambda: self.frames, self.acquired_trace)
         self.verbose = True
         self.clears_at_power_on = True
         self.display_on = True
@@ -78,7 +76,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
         """`*RST`: factory settings, but headers, verbosity and masks stay as they are."""
         super().reset()
         self.enhances_all = False
-        self.transfer = Transfer()
         self.output_source, self.output_edge = "ATRIGger", "RISing"
         self.extended_completion = False
 
@@ -86,6 +83,46 @@ class VirtualDpo72504dx(AcquisitionSystem):
         """`FACtory`: as `*RST`, and replies with headers and long words."""
         self.reset()
         self.headers = self.verbose = True
+
+    # --- acquisition
+
+    def waiting_for_trigger(self) -> bool:
+        """`TRIGger:A:READY?`: whether a trigger would have been taken when the query came."""
+        waiting = self._running and self.mode.stop_after == "SEQuence"
+        self.pending()
+        return waiting if self.frames.on else self._running and waiting
+
+    def trigger_state(self) -> str:
+        """`TRIGger:STATE?`: what the front panel shows."""
+        if self.pending():
+            return "READY"
+        if not self._running:
+            return "SAVE"
+        if self._upcoming(1, self.world.clock.now) is not None:
+            return "TRIGGER"
+        return "AUTO" if self.trigger.mode == "AUTO" else "READY"
+
+    def force_trigger(self, _word: str) -> None:
+        """`TRIGger FORCe`: take what is there now, one frame of FastFrame, if an acquisition waits."""
+        if not self.pending():
+            return
+        self._take(self._untriggered(1 if self.frames.on else self._under_way().missing))
+        self._running = self._progress is not None or self._until_stopped
+
+    def count_acquisitions(self) -> int:
+        """`ACQuire:NUMACq?`: acquisitions since RUN; FastFrame's many frames are one."""
+        self.pending()
+        return self._acquisitions
+
+    def count_frames(self) -> int:
+        """`ACQuire:NUMFRAMESACQuired?`: frames since RUN in a FastFrame single sequence, otherwise acquisitions."""
+        self.pending()
+        single_sequence = self.frames.on and self.mode.stop_after == "SEQuence"
+        return self._frames_acquired if single_sequence else self._acquisitions
+
+    def busy(self) -> bool:
+        """`BUSY?`."""
+        return self.acquiring
 
     # --- transfer
 
@@ -95,16 +132,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
             self.transfer = Transfer()
         self.transfer.start, self.transfer.stop = 1, self.horizontal.record_length
 
-    @property
-    def preamble(self) -> Preamble:
-        """The preamble of the first source; before its first acquisition, of what the settings lead to expect."""
-        self.pending()
-        number = _channel(self.transfer.sources[0])
-        trace = self._trace(number)
-        if trace is None:
-            trace = expected(number, self._plan, self.channels[number].vertical, self.world.clock.now)
-        return Preamble(trace, self.transfer)
-
     def whole_preamble(self) -> str:
         """`WFMOutpre?`: every field in order; with headers on, each behind its name."""
         fields = [b"".join(setting.answer(self, (), ())).decode("latin-1") for setting in PREAMBLE]
@@ -113,24 +140,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
             names = [headers[0], *(header.rpartition(":")[2] for header in headers[1:])]
             fields = [f"{name} {field}" for name, field in zip(names, fields, strict=True)]
         return ";".join(fields)
-
-    def curve(self) -> list[Chunk]:
-        """`CURVe?`: the points of every source; 2244 if one is off, 2241 if there is nothing to send.
-
-        While the oscilloscope runs freely, each transfer begins with a new acquisition.
-        """
-        numbers = [_channel(source) for source in self.transfer.sources]
-        for number in numbers:
-            if not self.channels[number].selected:
-                raise ScpiError(2244, f"CH{number}")
-        if not self.pending() and self._running:
-            self._look()
-        reply: list[Chunk] = []
-        for number in numbers:
-            reply += [b",", *self._acquired_trace(number).curve(self.transfer)]
-        self._sent_new = True
-        self.world.clock.advance(READ_S)
-        return reply[1:]
 
     def lacks_new(self) -> bool:
         """Whether every acquisition was sent already, and none will be taken on demand."""
@@ -162,10 +171,3 @@ class VirtualDpo72504dx(AcquisitionSystem):
     def unlock_panel(self, _word: str) -> None:
         """`UNLock ALL`."""
         self.panel_lock = "NONe"
-
-
-def _channel(source: str) -> int:
-    """The number of a channel that can be sent; 2244 for mathematics and references, of which none is active."""
-    if source not in CHANNELS:
-        raise ScpiError(2244, source)
-    return CHANNELS[source]

@@ -13,7 +13,8 @@ from sim_backends.scpi.commands import Action, Query, Setting, definite_block
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.dpo72504dx.horizontal import DIVISIONS, RECORD_SHOWN
-from sim_backends.virtual.dpo72504dx.modes import NO_CODES, Codes, Plan
+from sim_backends.virtual.dpo72504dx.modes import Codes
+from sim_backends.virtual.dpo72504dx.plan import Plan
 from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, Vertical
 
 CODES_PER_DIVISION = 25
@@ -191,11 +192,6 @@ class Trace:
         order = "<" if transfer.byte_order == "LSB" else ">"
         wanted = levels.astype(order + _DTYPES[transfer.number_format, transfer.width], copy=False)
         return definite_block(np.ascontiguousarray(wanted).data.cast("B"))
-
-
-def expected(channel: int, plan: Plan, vertical: Vertical, time_s: float) -> Trace:
-    """A trace without codes: what the settings lead to expect before the first acquisition."""
-    return Trace(channel, NO_CODES, plan, vertical, np.array([time_s]), np.zeros(1))
 
 
 @dataclass(frozen=True)
