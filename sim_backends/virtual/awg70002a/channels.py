@@ -63,7 +63,7 @@ CHANNEL_COMMANDS = (
     Setting("OUTPut#:SVALue:MARKer#", "sources#.markers#.stopped", keyword("OFF", "LOW")),
     InputSetting("TRIGger[:SEQuence]:LEVel", "level_v", real(-TRIGGER_LIMIT_V, TRIGGER_LIMIT_V)),
     InputSetting("TRIGger[:SEQuence]:SLOPe", "slope", keyword("POSitive", "NEGative")),
-    InputSetting("TRIGger[:SEQuence]:IMPedance", "impedance_ohm", integer(50, 1000)),
+    InputSetting("TRIGger[:SEQuence]:IMPedance", "impedance_ohm", integer(50, 1000), effect=False),
     InputSetting("TRIGger[:SEQuence]:MODE", "mode", keyword("SYNChronous", "ASYNchronous")),
 )
 

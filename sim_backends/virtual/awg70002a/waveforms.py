@@ -46,7 +46,6 @@ RECOMMENDED = {
 }
 
 _SPAN = (optional(integer()), optional(integer()))
-_FULL_CIRCLE = real(-360, 360)
 
 WAVEFORM_COMMANDS = (
     Query("WLISt:SIZE?", "waveforms.__len__"),
@@ -79,8 +78,7 @@ WAVEFORM_COMMANDS = (
         for node, (name, kind) in RECOMMENDED.items()
     ),
     Action("WLISt:WAVeform:NORMalize", "waveforms.normalise", quoted, keyword("FSCale", "ZREFerence")),
-    Action("WLISt:WAVeform:SHIFt", "waveforms.rotate_by_degrees", quoted, _FULL_CIRCLE),
-    Action("WLISt:WAVeform:ROTate:DEGRees", "waveforms.rotate_by_degrees", quoted, _FULL_CIRCLE),
+    Action("WLISt:WAVeform:SHIFt", "waveforms.shift", quoted, real(-360, 360)),
     Action("WLISt:WAVeform:ROTate:POINts", "waveforms.rotate", quoted, integer(-LONGEST, LONGEST)),
     Action("WLISt:WAVeform:INVert", "waveforms.invert", quoted),
     Action("WLISt:WAVeform:RESample", "waveforms.resample", quoted, integer(1, LONGEST)),
@@ -280,7 +278,7 @@ class WaveformList:
             waveform.quadrature = np.roll(waveform.quadrature, points)
         waveform.replace(np.roll(waveform.samples, points), np.roll(waveform.markers, points))
 
-    def rotate_by_degrees(self, name: str, degrees: float) -> None:
+    def shift(self, name: str, degrees: float) -> None:
         """The same, 360 degrees being the whole waveform."""
         self.rotate(name, edits.points_of(degrees, self[name].length))
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.scpi.arguments import boolean, integer, keyword, number_or_word
+from sim_backends.scpi.arguments import boolean, integer, keyword
 from sim_backends.scpi.commands import Setting
 from sim_backends.scpi.status import ScpiError
 
 BASE_RATE = 6.25e9
-ENVELOPES_AT_MOST = 2000
+ENVELOPES = 10  # acquisitions of an envelope
 
 Codes = NDArray[np.int8] | NDArray[np.int16]
 NO_CODES = np.empty((0, 0), np.int8)
@@ -25,11 +25,10 @@ MODE_COMMANDS = (
     Setting("ACQuire:MODe", "mode.chosen", keyword("SAMple", "PEAKdetect", "HIRes", "AVErage", "WFMDB", "ENVelope")),
     Setting("ACQuire:MODe:ACTUal?", "plan.mode", keyword("SAMple", "PEAKdetect", "HIRes", "AVErage", "ENVelope")),
     Setting("ACQuire:NUMAVg", "mode.averages", integer(2, 10240)),
-    Setting("ACQuire:NUMEnv", "mode.envelopes", number_or_word(1, 2**31 - 1, "INFInite")),
     Setting("ACQuire:SAMPlingmode", "mode.sampling", keyword("RT", "ET", "IT")),
-    Setting("ACQuire:INTERPEightbit", "mode.interpolation", keyword("AUTO", "ON", "OFF")),
+    Setting("ACQuire:INTERPEightbit", "mode.interpolation", keyword("AUTO", "ON", "OFF"), effect=False),
     Setting("ACQuire:SYNcsamples", "mode.synchronous", boolean),
-    Setting("ACQuire:ENHANCEDEnob", "mode.enhanced_enob", keyword("OFF", "AUTO")),
+    Setting("ACQuire:ENHANCEDEnob", "mode.enhanced_enob", keyword("OFF", "AUTO"), effect=False),
 )
 
 
@@ -44,7 +43,6 @@ class Mode:
     enhanced_enob: str = "OFF"
     _chosen: str = "SAMple"
     _sampling: str = "RT"
-    _envelopes: int | str = 10
 
     @property
     def chosen(self) -> str:
@@ -68,15 +66,6 @@ class Mode:
             raise ScpiError(-221, "equivalent-time sampling is not simulated")
         self._sampling = word
 
-    @property
-    def envelopes(self) -> int | str:
-        """Acquisitions of an envelope; more than 2000 are infinitely many, of which 2000 are taken here."""
-        return self._envelopes
-
-    @envelopes.setter
-    def envelopes(self, count: int | str) -> None:
-        self._envelopes = count if isinstance(count, int) and count <= ENVELOPES_AT_MOST else "INFInite"
-
     def actual(self, sample_rate: float, *, frames: bool) -> str:
         """The mode really used: neither FastFrame nor the highest rates leave the choice."""
         if self._chosen in ("HIRes", "PEAKdetect"):
@@ -85,11 +74,7 @@ class Mode:
 
     def triggers(self, actual: str) -> int:
         """Triggers of one acquisition."""
-        if actual == "AVErage":
-            return self.averages
-        if actual == "ENVelope":
-            return self._envelopes if isinstance(self._envelopes, int) else ENVELOPES_AT_MOST
-        return 1
+        return {"AVErage": self.averages, "ENVelope": ENVELOPES}.get(actual, 1)
 
 
 Kept = list[NDArray[Any]]

@@ -67,7 +67,7 @@ TRANSFER_COMMANDS = (
     Setting("DATa:STOP", "transfer.stop", integer(1, LAST_POINT)),
     Setting("DATa:FRAMESTARt", "transfer.frame_start", integer(1, LAST_POINT)),
     Setting("DATa:FRAMESTOP", "transfer.frame_stop", integer(1, LAST_POINT)),
-    Setting("DATa:SYNCSOUrces", "transfer.synchronous_sources", boolean),
+    Setting("DATa:SYNCSOUrces", "transfer.synchronous_sources", boolean, effect=False),
     Setting("DATa:ENCdg", "transfer.encoding", keyword("ASCIi", "FAStest", *_ENCODINGS)),
     Setting("DATa:WIDth", "transfer.width", integer(1, 2)),
     *PREAMBLE,

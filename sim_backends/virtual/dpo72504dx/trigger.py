@@ -24,7 +24,7 @@ _SLOPE = keyword("RISe", "FALL", "EITher")
 _LEVEL = real(-TRIGGER_LIMIT_V, TRIGGER_LIMIT_V, ECL=-1.3, TTL=1.4)
 
 TRIGGER_COMMANDS = (
-    Setting("TRIGger:A:TYPe", "trigger.type", keyword("EDGE")),
+    Setting("TRIGger:A:TYPe", "trigger.type", keyword("EDGE"), effect=False),
     Setting("TRIGger:A:MODe", "trigger.mode", keyword("AUTO", "NORMal")),
     Setting("TRIGger:A:EDGE:SOUrce", "trigger.source", keyword(*TRIGGER_SOURCES)),
     Setting("TRIGger:A:EDGE:SLOpe", "trigger.present.slope", _SLOPE),
@@ -34,7 +34,9 @@ TRIGGER_COMMANDS = (
     Setting("TRIGger:A:LEVel", "trigger.level_v", _LEVEL),
     Setting("TRIGger:A:LEVel:CH#", "trigger.inputs#.level_v", _LEVEL),
     Setting("TRIGger:AUXLevel", "trigger.auxiliary.level_v", _LEVEL),
-    Setting("TRIGger:LVLSrcpreference", "trigger.level_preference", keyword("SRCDependent", "SRCIndependent")),
+    Setting(
+        "TRIGger:LVLSrcpreference", "trigger.level_preference", keyword("SRCDependent", "SRCIndependent"), effect=False
+    ),
     Setting("TRIGger:A:HOLDoff:BY", "trigger.holdoff_by", keyword("TIMe", "DEFAult", "RANDom", "AUTO")),
     Setting("TRIGger:A:HOLDoff:TIMe", "trigger.holdoff_s", real(0, 10)),
 )

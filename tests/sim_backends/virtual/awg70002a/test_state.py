@@ -5,8 +5,8 @@ from tests.sim_backends.virtual.awg70002a.session import Ask, Heard, errors, sta
 
 
 def test_waiting_values(ask: Ask, awg: VirtualAwg70002a) -> None:
-    ask(awg, "TRIG:WVAL FIRS")
-    assert ask(awg, "TRIG:WVAL?;:OUTP2:WVAL:ANAL?;MARK2?") == b"FIRS;FIRS;FIRS"
+    ask(awg, "OUTP2:WVAL:ANAL FIRS;MARK2 FIRS")
+    assert ask(awg, "OUTP2:WVAL:ANAL?;MARK2?;:OUTP1:WVAL:ANAL?") == b"FIRS;FIRS;ZERO"
     ask(awg, "OUTP1:SVAL:ANAL:STAT OFF;:OUTP1:SVAL:MARK1 OFF;:OUTP1:WVAL:MARK1 HIGH")
     assert ask(awg, "OUTP1:SVAL:ANAL?;MARK1?;:OUTP1:WVAL:MARK1?") == b"OFF;OFF;HIGH"
 
@@ -41,7 +41,6 @@ def test_reset_state(ask: Ask, awg: VirtualAwg70002a) -> None:
         "OUTP1:WVAL:ANAL:STAT?": "ZERO",
         "OUTP1:WVAL:MARK1?": "LOW",
         "OUTP1:SVAL:ANAL:STAT?": "ZERO",
-        "TRIG:WVAL?": "ZERO",
         "CLOC:JITT?": "0",
         "SLIS:SIZE?": "0",
         "SOUR1:MARK1:VOLT:HIGH?": "1.0000000000E+00",

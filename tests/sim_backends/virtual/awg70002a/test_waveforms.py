@@ -65,8 +65,6 @@ def test_normalise(ask: Ask, awg: VirtualAwg70002a) -> None:
         ('WLIS:WAV:ACF "C:\\no.csv","m"', -256),
         ('WLIS:WAV:SRAT "m",26e9', -222),
         ('WLIS:WAV:RES "m",0', -222),
-        ("SOUR1:POW 0", -221),
-        ("SOUR1:POW?", -221),
         ("SOUR1:JUMP:FORC 1", -221),
         ('SOUR1:CASS:SEQ "s",1', -224),
         ('WLIS:WAV:LENG? "x"', -224),
@@ -150,7 +148,6 @@ def test_complex_waveforms(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> Non
     [
         ("INV", lambda x: x.max() + x.min() - x),
         ("SHIF", lambda x: np.roll(x, 625)),
-        ("ROT:DEGR", lambda x: np.roll(x, 625)),
         ("ROT:POIN", lambda x: np.roll(x, 90)),
     ],
 )

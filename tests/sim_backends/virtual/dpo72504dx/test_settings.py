@@ -92,8 +92,6 @@ def test_rates_are_stepped_and_shared(ask: Ask, scope: VirtualDpo72504dx) -> Non
         ("ACQuire:NUMAVg 1", "222"),
         ("ACQuire:MODe WFMDB", "221"),
         ("ACQuire:MODe FOO", "224"),
-        ("ACQuire:NUMEnv 0", "222"),
-        ("ACQuire:NUMEnv few", "224"),
         ("ACQuire:SAMPlingmode ET", "221"),
         ("HORizontal:FASTframe:COUNt 1e6", "222"),
         ("HORizontal:FASTframe:COUNt 0", "222"),

@@ -24,7 +24,6 @@ def test_words_that_change_no_light(ask: Ask, scope: VirtualDpo72504dx) -> None:
         ("DATa:SYNCSOUrces", "1"),
         ("HORizontal:ROLL", "ON"),
         ("HORizontal:FASTframe:TRACk", "ALL"),
-        ("HORizontal:FASTframe:REF:SOUrce", "CH2"),
         ("HORizontal:FASTframe:MULtipleframes:MODe", "OVERLAY"),
         ("HORizontal:FASTframe:MULtipleframes:NUMFRames:CH2", "3"),
         ("CH1:BANdwidth:ENHanced", "OFF"),
