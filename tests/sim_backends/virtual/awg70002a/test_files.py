@@ -15,15 +15,11 @@ from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk
 from sim_backends.virtual.awg70002a.seqx import read_seqx, read_sml
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
 from sim_backends.world.world import World
-from tests.sim_backends.virtual.awg70002a.session import Ask, block, errors
+from tests.sim_backends.virtual.awg70002a.session import block, errors
+from tests.sim_backends.virtual.watched import Ask
 
 SAMPLES = np.linspace(-1, 1, 2400, dtype=np.float32)
 FLAGS = "".join(f'<Flag name="{name}">Toggle</Flag>' for name in "ABCD")
-
-
-@pytest.fixture
-def awg(world: World) -> VirtualAwg70002a:
-    return VirtualAwg70002a(world)
 
 
 def waveform(scale: float = 1.0) -> bytes:

@@ -12,9 +12,6 @@ from sim_backends.virtual.dpo72504dx.modes import summarised
 from sim_backends.world.signals import Projection
 from tests.sim_backends.virtual.dpo72504dx.session import (
     SHORT_RECORDS,
-    Ask,
-    Counted,
-    Read,
     events,
     fast_frame,
     frames,
@@ -22,6 +19,7 @@ from tests.sim_backends.virtual.dpo72504dx.session import (
     playback,
     set_up,
 )
+from tests.sim_backends.virtual.watched import Ask, Read, Watched
 
 
 @pytest.fixture
@@ -36,7 +34,7 @@ def picoseconds(reply: bytes) -> list[int]:
     return [int(found.replace(b" ", b"")) for found in STAMP.findall(reply)]
 
 
-def test_frames_of_one_record(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_frames_of_one_record(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     fast_frame(ask, scope, 20)
     began = world.clock.now
     assert ask(scope, "ACQuire:STATE RUN;:TRIGger:A:READY?") == b"1"
@@ -98,7 +96,7 @@ def test_which_frames_are_sent(ask: Ask, scope: VirtualDpo72504dx) -> None:
     assert ask(scope, "DATa:STARt?;STOP?") == b"1;50"
 
 
-def test_time_stamps(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_time_stamps(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     fast_frame(ask, scope, 5)
     ask(scope, "TRIGger:A:HOLDoff:BY TIMe;TIMe 1e-3;:ACQuire:STATE RUN;*OPC?")
     _, times = world.records[0]
@@ -144,7 +142,7 @@ def test_trigger_offsets_of_frames(ask: Ask) -> None:
     assert float(ask(scope, "WFMOutpre:XZEro?")) == 0.0
 
 
-def test_forced_frames_and_a_stop_before_the_last(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_forced_frames_and_a_stop_before_the_last(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     world.play(None)
     fast_frame(ask, scope, 5)
     assert ask(scope, "ACQuire:STATE RUN;:CURVe?;:BUSY?") == b"1"
@@ -161,7 +159,7 @@ def test_forced_frames_and_a_stop_before_the_last(ask: Ask, scope: VirtualDpo725
     assert frames(ask, scope).shape == (5, 50)
 
 
-def test_frames_that_come_later(ask: Ask, read: Read, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_frames_that_come_later(ask: Ask, read: Read, scope: VirtualDpo72504dx, world: Watched) -> None:
     world.play(None)
     fast_frame(ask, scope, 4)
     execution = scope.run(read("ACQuire:STATE RUN;:TRIGger FORCe;*OPC?")[0])
@@ -200,7 +198,7 @@ def test_a_burst_of_pictures(ask: Ask) -> None:
     assert min(bright[[1, 3, 4]]) > max(bright[[0, 2]]) + 5  # mirrors move after the pulse: the picture before
 
 
-def test_running_until_stopped_keeps_the_last_frames(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_running_until_stopped_keeps_the_last_frames(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     fast_frame(ask, scope, 4, ";SEQuence LAST")
     ask(scope, "TRIGger:A:HOLDoff:BY TIMe;TIMe 1e-3;:ACQuire:STATE RUN")
     world.clock.advance(0.0205)
@@ -253,7 +251,7 @@ def test_frames_and_memory(ask: Ask, scope: VirtualDpo72504dx) -> None:
     assert state == b"0;FIRST;NONE;0;LIVE;1"
 
 
-def test_frames_look_behind_the_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_frames_look_behind_the_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     fast_frame(ask, scope, 3)
     ask(scope, "HORizontal:MAIn:DELay:MODe ON;POSition 0;TIMe 200e-9;:ACQuire:STATE RUN;*OPC?")
     acquisition, _ = world.records[0]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
-from tests.sim_backends.virtual.dpo72504dx.session import Ask, Counted, events, number, volts
+from tests.sim_backends.virtual.dpo72504dx.session import events, number, volts
+from tests.sim_backends.virtual.watched import Ask, Watched
 
 
 @pytest.mark.parametrize(
@@ -20,7 +21,7 @@ from tests.sim_backends.virtual.dpo72504dx.session import Ask, Counted, events, 
     ],
 )
 def test_where_the_record_begins(
-    ask: Ask, scope: VirtualDpo72504dx, world: Counted, settings: str, start: float, offset: int
+    ask: Ask, scope: VirtualDpo72504dx, world: Watched, settings: str, start: float, offset: int
 ) -> None:
     ask(scope, f"HORizontal:{settings};:ACQuire:STATE RUN")
     acquisition, _ = world.records[-1]
