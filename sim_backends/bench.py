@@ -28,7 +28,7 @@ class SimulatedBench:
     Args:
         parameters: The physics; None: the defaults.
         twin_seed: Which fibre, which chip, which noise.
-        host: The address to listen on. The default is reachable from this machine only: nothing here asks who calls.
+        host: The address to listen on. The default is reachable from this machine only: clients are not checked.
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
             ports 10 higher, VXI-11 20 higher; None: any free ports.
         laser_table: The commands the laser obeys, in the form of `virtual/tlg220/commands.toml`; None: that file.

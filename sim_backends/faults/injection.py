@@ -58,7 +58,7 @@ class Injection:
             self._strike()
 
     def go_on(self) -> None:
-        """Before a reply is sent: what lasts in the world, lasts whatever the instrument has been told meanwhile."""
+        """Before a reply is sent: what lasts in the world, lasts whatever was sent to the instrument meanwhile."""
         if self.struck and self.fault.lasting:
             self._happen()
 

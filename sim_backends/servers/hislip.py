@@ -1,7 +1,7 @@
 """HiSLIP 1.0 in synchronised mode (`TCPIP0::host::hislip0,port::INSTR`), after IVI-6.1.
 
 A session has two connections: messages and replies on the synchronous one; status, device clear and locks on the
-asynchronous one. The first message on a connection tells which of them it is.
+asynchronous one. The first message on a connection shows which of them it is.
 """
 
 import socket
@@ -38,7 +38,7 @@ class HislipServer:
         self._last = 0
 
     def accept(self, connection: socket.socket) -> None:
-        """Take in a connection; its first message tells which of the two it is."""
+        """Take in a connection; its first message shows which of the two it is."""
         Connection(self, connection)
 
     def new_session(self, connection: "Connection") -> "Session":
@@ -58,7 +58,7 @@ class HislipServer:
 
 
 class Connection:
-    """One of the two connections of a session, or one that has not said yet."""
+    """One of the two connections of a session, or one of which that is not known yet."""
 
     def __init__(self, server: HislipServer, connection: socket.socket) -> None:
         self._server = server

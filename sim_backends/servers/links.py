@@ -46,9 +46,9 @@ class Link(Client):
     as timed out at once, because nothing here waits on a clock.
 
     Args:
-        loop: Where it is heard.
-        instrument: What it talks to.
-        locks: Who may talk to the instrument.
+        loop: Where its messages are executed.
+        instrument: By which.
+        locks: Who may use the instrument.
         read_on: Reads the link's connection on, unless too many messages are waiting.
         transmitting: Whether its connection still has something to send.
         hang_up: Closes its connection.

@@ -1,8 +1,9 @@
-"""The one thread in which every client of the simulated bench is heard and every virtual instrument runs.
+"""The one thread that reads what every client of the simulated bench sends, and in which every virtual instrument runs.
 
 What an instrument does depends on the order in which messages reach it, and messages of several clients reach the
-sockets in an order that nobody controls. The loop makes the order as firm as it can: it hears everybody before anything
-is executed, executes settings before queries, and answers queries one by one, in the order in which clients connected.
+sockets in an order that nobody controls. The loop makes the order as firm as it can: it reads all that was sent before
+anything is executed, executes settings before queries, and answers queries one by one, in the order in which clients
+connected.
 """
 
 import logging
@@ -116,7 +117,7 @@ class Client(ABC):
 
     @abstractmethod
     def hang_up(self) -> None:
-        """End the connection at once: what was not sent is dropped; what was heard is still executed."""
+        """End the connection at once: what was not sent is dropped; what was received is still executed."""
 
     @abstractmethod
     def pace(self) -> None:
@@ -128,7 +129,7 @@ class Client(ABC):
 
 
 class Loop:
-    """Listens, hears, executes, replies; in one thread between `start` and `stop`."""
+    """Listens, reads, executes, replies; in one thread between `start` and `stop`."""
 
     def __init__(self) -> None:
         self.selector = selectors.DefaultSelector()
@@ -227,9 +228,9 @@ class Loop:
             self._close()
 
     def _serve(self) -> None:
-        while not self._stopping:  # a ring of the bell may have been heard between two queries
-            self._hear(0 if any(client.part and not client.sending for client in self._clients) else None)
-            self._hear_everybody()
+        while not self._stopping:  # the bell may have rung between two queries
+            self._poll(0 if any(client.part and not client.sending for client in self._clients) else None)
+            self._read_everything()
             self._retry_blocked()  # a device clear may have set them free
             self._execute_everything()
             while self._later:
@@ -238,28 +239,28 @@ class Loop:
                     call()
                 self._execute_everything()
             self._close_leaving()
-        self._hear_everybody()  # what was sent before `stop`
+        self._read_everything()  # what was sent before `stop`
 
-    def _hear(self, timeout: float | None) -> bool:
+    def _poll(self, timeout: float | None) -> bool:
         """Read what is there (None: wait for it) and send on where there is room; returns whether anything happened."""
         events = self.selector.select(timeout)
         for key, mask in events:
             key.data(mask)
         return bool(events)
 
-    def _hear_everybody(self) -> None:
-        while self._hear(0):
+    def _read_everything(self) -> None:
+        while self._poll(0):
             pass
 
     def _execute_everything(self) -> None:
-        heard = True
+        everything_read = True
         while (client := self._next()) is not None:
-            if client.waiting[0].message.queries and not heard:
-                self._hear_everybody()  # settings that came in the meantime go first
-                heard = True
+            if client.waiting[0].message.queries and not everything_read:
+                self._read_everything()  # settings that came in the meantime go first
+                everything_read = True
                 continue
             self._execute(client)
-            heard = False
+            everything_read = False
 
     def _next(self) -> Client | None:
         """Whose turn it is: settings in the order of arrival, then queries in the order of the clients."""

@@ -23,11 +23,11 @@ class Session(Client):
     """A client on HiSLIP.
 
     Args:
-        loop: Where it is heard.
-        instrument: What it talks to.
+        loop: Where its messages are executed.
+        instrument: By which.
         identifier: The number by which its second connection names it.
         channel: The synchronous connection; the asynchronous one is assigned when it comes.
-        locks: Who may talk to the instrument.
+        locks: Who may use the instrument.
         ended: Called when the client is gone.
     """
 

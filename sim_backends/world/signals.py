@@ -87,7 +87,7 @@ class Projection:
     """Pictures that the DMD shows one after another.
 
     counts: (n, 784) mirrors turned to the collecting fibre in every superpixel, as `mirrors.on_counts` has them: all
-        that the light tells of a picture, in a sixtieth of its memory.
+        that matters of a picture to the light, in a sixtieth of its memory.
     start_s: virtual time at which the first one is latched; the others follow every `picture_time_s`.
     synch_delay_s: from the latch to the frame synch pulse that goes to the generator's trigger input A.
     loop: from the beginning again after the last one, for ever; otherwise the last one stays.

@@ -130,7 +130,7 @@ class VirtualAwg70002a(VirtualInstrument):
     # --- what comes out of channel 1
 
     def changed(self, _command: Command) -> None:
-        """Let go of deleted assets, and tell the world when the playback of channel 1 or its trigger has changed."""
+        """Let go of deleted assets, and pass on what has changed of channel 1's playback and its trigger."""
         for source in self.sources.values():
             gone = source.waveform is not None and source.waveform not in self.waveforms
             if gone or (source.sequence is not None and source.sequence not in self.sequences):
