@@ -76,7 +76,7 @@ class World:
         self._trigger_input = (DEFAULT_LEVEL_V, True)
         self._projection: Projection | None = None
         self._patching: dict[int, int] = {}
-        self._ports: dict[int, int | None] = {}  # whose light each channel sees
+        self._ports: dict[int, int] = {}  # whose light each channel sees
         self._pictures = Pictures(
             self._light_path.amplitudes,
             leaves_s=self.parameters.mirror_leaves_s,
@@ -246,8 +246,8 @@ class World:
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse
         for light, rows in self._alike(times, coarse, acquisition, sight).items():
-            setting_of = self._setting(acquisition.channels, light.step, light.segment, light.repeats, lit=light.lit)
-            self._light_path.detect(volts, np.array(rows), lateness, acquisition, setting_of, light, sight)
+            light_setting = self._setting(acquisition.channels, light.step, light.segment, light.repeats, lit=light.lit)
+            self._light_path.detect(volts, np.array(rows), lateness, acquisition, light_setting, light, sight)
         self.physics_seconds += perf_counter() - began
         return Record(volts, offsets, tuple(keys))
 
