@@ -13,8 +13,8 @@ from labctl.bench.recording.recorder import bench_of
 from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
 from labctl.errors import StationError
-from sim_backends.replay.replay import Conversation, Step
-from sim_backends.replay.replay import Replay as Replay
+from sim_backends.replay.server import Conversation, Step
+from sim_backends.replay.server import Replay as Replay
 
 VARIABLE = "LABCTL_REPLAY"
 
