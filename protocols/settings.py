@@ -1,13 +1,15 @@
 """Settings that protocols share, as text from the command line or a file gives them; and the legs they ask for."""
 
 from itertools import product
-from typing import Annotated
+from typing import Annotated, TypeVar
 
-from pydantic import BeforeValidator, Field, PositiveInt
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt
 
 from instruments.bench import Bench
 from instruments.units import Nanometres
 from protocols.base import Leg
+
+Number = TypeVar("Number", int, float)
 
 
 def parse_ports(value: object) -> object:
@@ -34,6 +36,17 @@ def parse_list(value: object) -> object:
     return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
 
 
+def require_distinct(values: tuple[Number, ...]) -> tuple[Number, ...]:
+    """The same values.
+
+    Raises:
+        ValueError: one comes twice.
+    """
+    if len(set(values)) != len(values):
+        raise ValueError(f"{values} names one twice: list each once")
+    return values
+
+
 Port = Annotated[int, Field(ge=0, le=14)]
 _Ranges = Annotated[str, Field(pattern=r"^\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?(,\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?)*$")]
 _Counts = Annotated[str, Field(pattern=r"^\s*\d+\s*(,\s*\d+\s*)*$")]
@@ -41,11 +54,13 @@ Ports = Annotated[
     tuple[Port, ...],
     BeforeValidator(parse_ports, json_schema_input_type=_Ranges | Port | tuple[Port, ...]),
     Field(min_length=1),
+    AfterValidator(require_distinct),
 ]
 Wavelengths = Annotated[
     tuple[Nanometres, ...],
     BeforeValidator(parse_list, json_schema_input_type=str | tuple[Nanometres, ...]),
     Field(min_length=1),
+    AfterValidator(require_distinct),
 ]
 Classes = Annotated[tuple[int, ...], BeforeValidator(parse_list, json_schema_input_type=_Counts | tuple[int, ...])]
 Binarisation = Annotated[

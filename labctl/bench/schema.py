@@ -1,13 +1,12 @@
 """JSON Schema of the files that people write: station files, and the protocol files of every installed protocol."""
 
 import json
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from labctl.bench.station import Station
 from labctl.errors import UsageError
-from protocols.registry import GROUP
+from protocols.registry import protocol_class, protocol_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 STATION = "station"
@@ -17,7 +16,7 @@ Schema = dict[str, Any]
 
 def names() -> tuple[str, ...]:
     """What there are schemas of: the station, and protocols by name."""
-    return (STATION, *sorted({point.name for point in entry_points(group=GROUP)}))
+    return (STATION, *protocol_names())
 
 
 def schema_of(name: str) -> Schema:
@@ -33,10 +32,9 @@ def schema_of(name: str) -> Schema:
         found: Schema = _tidy(Station.model_json_schema())
         del found["properties"]["source"]  # which the reader sets
         return {"$schema": DIALECT, "title": "Station file"} | found
-    chosen = [point for point in entry_points(group=GROUP) if point.name == name]
-    if not chosen:
+    if name not in protocol_names():
         raise UsageError(f"schema of {name!r}: there is none: choose one of {', '.join(names())}")
-    settings: Schema = _tidy(chosen[0].load().model_json_schema())
+    settings: Schema = _tidy(protocol_class(name).model_json_schema())
     return {
         "$schema": DIALECT,
         "title": f"Protocol file of {name}",

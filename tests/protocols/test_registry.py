@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from protocols.base import ProtocolError
+from protocols.base import Judgement, ProtocolError
 from protocols.image_readout import ImageReadout
-from protocols.registry import read_protocol
+from protocols.registry import judgement_of, protocol_names, read_protocol
 
 
 def test_by_name_with_settings() -> None:
@@ -43,3 +43,16 @@ def test_a_file_that_is_no_protocol(tmp_path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ProtocolError, match=r"mine\.toml"):
         read_protocol(str(path), [])
+
+
+def test_every_protocol_of_the_house_says_how_its_runs_are_judged() -> None:
+    assert {name: judgement_of(name) for name in protocol_names()} == {
+        "dynamic-scene": Judgement.EXPERIMENT,
+        "image-readout": Judgement.READOUT,
+        "sequence-readout": Judgement.EXPERIMENT,
+        "wavelength-scan": Judgement.ITSELF,
+    }
+
+
+def test_of_a_protocol_that_is_not_installed_any_more_nothing_is_known() -> None:
+    assert judgement_of("of-a-plug-in") is Judgement.NONE

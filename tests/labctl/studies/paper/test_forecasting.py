@@ -34,7 +34,7 @@ def played(tmp_path: Path, write_run: WriteRun) -> Material:
 
 def test_the_next_value_is_that_of_the_data_set(played: Material) -> None:
     series = stretch_and_next(played)
-    values = sequences_for(played.protocols["series"]).values[0]  # type: ignore[arg-type]
+    values = sequences_for(played.protocols["series"]).values[0]
     np.testing.assert_array_equal(series[:-1], values)
     assert series.size == 301
 

@@ -83,7 +83,7 @@ def test_scenes_and_images_at_rest_must_be_of_one_seed(tmp_path: Path, write_run
 def test_a_record_that_ends_before_the_switch_is_refused(tmp_path: Path, write_run: WriteRun) -> None:
     found = material(tmp_path, write_run)
     moving = found.protocols["scenes"]
-    shots = list(moving.shots(images_for(found.protocols["static"])))  # type: ignore[arg-type]
+    shots = list(moving.shots(images_for(found.protocols["static"])))
     run = write_run(tmp_path / "short", shots, np.zeros((2, 2, 20_000)), (2, 3), 40e-12)
     with pytest.raises(AnalysisError, match="no window lies wholly before or behind the switch"):
         examine(Material({**found.runs, "scenes": run}, found.protocols, 1, 1), Settings())
