@@ -133,6 +133,7 @@ class Experiment(_Table):
         paper: What the paper reached, in short.
         statement: What is done here, a few sentences.
         analysis: Name of the analysis in `labctl.studies.paper`.
+        part_of: The experiment that this one repeats a part of; it is then carried out by name only, not among all.
         twins: Over how many twins it is repeated.
         splits: On how many random splits each twin's readouts are judged.
         quick_twins, quick_splits: The same for a quick look.
@@ -149,6 +150,7 @@ class Experiment(_Table):
     paper: str
     statement: str
     analysis: str
+    part_of: str = ""
     twins: PositiveInt = 5
     splits: PositiveInt = 10
     quick_twins: PositiveInt = 1
@@ -174,7 +176,7 @@ class Experiment(_Table):
 
 
 def experiments(names: Sequence[str] = (), *, folder: Path = FOLDER) -> tuple[Experiment, ...]:
-    """The experiments called by name, or all of them, in the order of their names.
+    """The experiments called by name, or all that are no part of another, in the order of their names.
 
     Raises:
         ExperimentError: no such experiment, or a file that is wrong.
@@ -182,8 +184,10 @@ def experiments(names: Sequence[str] = (), *, folder: Path = FOLDER) -> tuple[Ex
     found = {path.stem: path for path in sorted(folder.glob("*.toml"))}
     for name in names:
         if name not in found:
-            raise ExperimentError(f"no experiment is called {name!r}: choose 'all' or from {', '.join(found)}")
-    return tuple(_read(path) for stem, path in found.items() if not names or stem in names)
+            known = ", ".join(experiment.name for experiment in experiments(folder=folder))
+            raise ExperimentError(f"no experiment is called {name!r}: choose 'all' or from {known}")
+    chosen = tuple(_read(path) for stem, path in found.items() if not names or stem in names)
+    return chosen if names else tuple(experiment for experiment in chosen if not experiment.part_of)
 
 
 def _read(path: Path) -> Experiment:

@@ -180,6 +180,16 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     return Conclusion(here, baseline, tuple(figures))
 
 
+def confusions(findings: Sequence[Findings], settings: Settings) -> dict[str, NDArray[np.int64]]:
+    """Test images of all splits and twins, true class by row and predicted class by column, by curve and T_N."""
+    labels = {curve.key: curve.label for curve in settings.curves}
+    window_ns = f"{(settings.confusion_window or 0) * 1e9:g} ns"
+    return {
+        f"{labels[key]}, {window_ns}": np.sum([found.confusion[key] for found in findings], axis=0)
+        for key in settings.confusion
+    }
+
+
 ANALYSIS = Analysis(Settings, examine, conclude)
 
 
@@ -273,15 +283,9 @@ def _curve(label: str, accuracy: dict[str, Any]) -> Curve:
 
 
 def _confusion(findings: Sequence[Findings], settings: Settings) -> ExperimentFigure:
-    labels = {curve.key: curve.label for curve in settings.curves}
-    window_ns = f"{(settings.confusion_window or 0) * 1e9:g} ns"
-    panels = [
-        (f"{labels[key]}, {window_ns}", np.sum([found.confusion[key] for found in findings], axis=0))
-        for key in settings.confusion
-    ]
     return ExperimentFigure(
         "confusion",
-        confusion_figure(panels, settings.classes),
+        confusion_figure(list(confusions(findings, settings).items()), settings.classes),
         "Test images of all splits and twins: true class by row, share of each predicted class in per cent.",
     )
 

@@ -1,9 +1,8 @@
 """What a result rests on: the same run on twins whose parameters are varied one at a time around their defaults."""
 
-import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from labctl.analysis.evaluation import cross_validated_accuracy, mean_and_sd
 from labctl.analysis.windows import WindowFeatures
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
+from labctl.engine.session import Acquisition
 from labctl.errors import ExperimentError
 from labctl.reports.curves import Sensitivity, sensitivity_figure
 from labctl.reports.experiments import ExperimentFigure
@@ -20,7 +20,7 @@ from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import Experiment, Varied
 from labctl.studies.paper.experiments import Sensitivity as Study
-from labctl.studies.paper.reproduction import Plan, Progress, RunTask, acquire_run
+from labctl.studies.paper.reproduction import Plan, Progress, acquire_run
 from labctl.studies.processes import in_parallel
 
 
@@ -36,7 +36,7 @@ class Dependence:
 class _Point:
     """One run of the study and how it is judged."""
 
-    run: RunTask
+    run: Acquisition
     window_s: float
     splits: int
     seed: int
@@ -75,9 +75,7 @@ def sensitivity(
         raise ExperimentError(f"{plan.station.source}: a real bench has no parameters to vary: leave --station out")
     planned = _points(plan, experiment, study)
     found = in_parallel(
-        _judged,
-        planned.points,
-        workers=os.cpu_count() or 1,
+        {name: partial(_judged, point) for name, point in planned.points.items()},
         interruption=interruption,
         progress=lambda done, _steps: progress(done, len(planned.points)),
     )
@@ -136,9 +134,8 @@ def _points(plan: Plan, experiment: Experiment, study: Study) -> _Points:
                 name = f"seed-{seed}" + "".join(f"-{key}-{number:g}" for key, number in changed.items())
                 names.append(name)
                 protocol = experiment.protocols[study.run].model_copy(update={"seed": seed, "window": study.window})
-                run = RunTask(
-                    protocol, _changed(plan.station_for(protocol, seed), changed), plan.folder / name, plan.data
-                )
+                run = plan.acquisition(protocol, plan.folder / name)
+                run = replace(run, station=_changed(run.station, changed))
                 planned.points.setdefault(name, _Point(run, study.window, splits, seed))
     return planned
 
@@ -148,8 +145,7 @@ def _changed(station: Station, parameters: dict[str, float]) -> Station:
 
 
 def _judged(point: _Point) -> NDArray[np.float64]:
-    acquire_run(point.run)
-    with open_run(Path(point.run.directory)) as run:
+    with open_run(acquire_run(point.run).directory) as run:
         records = read_records(run)
     window = WindowFeatures(window_s=point.window_s, sample_interval_s=records.sample_interval_s)
     features = window.fit_transform(records.traces)
