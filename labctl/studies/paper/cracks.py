@@ -14,17 +14,14 @@ from instruments.units import Seconds
 from labctl.analysis.anomaly import CovarianceScore, NormalityScore, Roc, roc
 from labctl.analysis.baselines import dark_pixels
 from labctl.analysis.evaluation import mean_and_sd
-from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
 from labctl.reports.anomalies import RocCurve, roc_figure, scores_figure
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.pictures import ImageRow, image_rows_figure
-from labctl.runs.read.records import Records, read_records
-from labctl.runs.read.run import open_run
-from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
-from labctl.studies.paper.shown_images import shown_images
+from labctl.runs.read.records import Records
+from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
+from labctl.studies.paper.twin_runs import TwinRuns, window_features
 
-TAU_S = 40e-12
 NORMAL, CRACK = 0, 1
 GRID = np.linspace(0, 1, 1001)
 """False positive rates at which the curves of all twins and splits are averaged."""
@@ -98,9 +95,9 @@ class RuleFindings:
 Findings = dict[str, RuleFindings]
 
 
-def examine(material: Material, settings: Settings) -> Findings:
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Learn the scores from normal images of one twin and test them on the others, for every rule and split."""
-    return {rule.key: _by_rule(material, rule, settings) for rule in settings.rules}
+    return {rule.key: _by_rule(twin, rule, settings) for rule in settings.rules}
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
@@ -132,12 +129,10 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
 ANALYSIS = Analysis(Settings, examine, conclude)
 
 
-def _by_rule(material: Material, rule: RuleSettings, settings: Settings) -> RuleFindings:
-    with open_run(material.runs[rule.run]) as run:
-        records = read_records(run)
-    window = WindowFeatures(window_s=settings.window, tau_s=TAU_S, sample_interval_s=records.sample_interval_s)
-    features = window.fit_transform(records.traces)
-    images = shown_images(material, rule.run, records.groups)
+def _by_rule(twin: TwinRuns, rule: RuleSettings, settings: Settings) -> RuleFindings:
+    records = twin.records(rule.run)
+    features = window_features(records, settings.window)
+    images = twin.images_at(rule.run, records.groups)
     makers: Mapping[str, Callable[[], Any]] = {
         "normality": partial(NormalityScore, settings.alpha),
         "covariance": CovarianceScore,
@@ -146,7 +141,7 @@ def _by_rule(material: Material, rule: RuleSettings, settings: Settings) -> Rule
     counted = []
     cracks = np.flatnonzero(records.labels == CRACK)
     with threadpool_limits(1):
-        for train, test in _splits(records, settings.train, material):
+        for train, test in _splits(records, settings.train, twin):
             tested = np.concatenate([test, cracks])
             for name, make in makers.items():
                 score = make().fit(features[train])
@@ -159,7 +154,7 @@ def _by_rule(material: Material, rule: RuleSettings, settings: Settings) -> Rule
     return RuleFindings(scores, counted, images[normal[: settings.examples]], images[cracks[: settings.examples]])
 
 
-def _splits(records: Records, train: int, material: Material) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def _splits(records: Records, train: int, twin: TwinRuns) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Which normal shots are learnt from and which are left to test, for every split."""
     normal = np.flatnonzero(records.labels == NORMAL)
     if train >= normal.size or np.unique(records.groups).size != records.groups.size:
@@ -167,8 +162,8 @@ def _splits(records: Records, train: int, material: Material) -> list[tuple[NDAr
             f"{normal.size} normal shots, {train} to train on: measure more of them, and each image once, so that some "
             "are left to test"
         )
-    generator = np.random.default_rng((material.seed, 5))
-    drawn = [generator.permutation(normal) for _ in range(material.splits)]
+    generator = np.random.default_rng((twin.seed, 5))
+    drawn = [generator.permutation(normal) for _ in range(twin.splits)]
     return [(np.sort(order[:train]), np.sort(order[train:])) for order in drawn]
 
 

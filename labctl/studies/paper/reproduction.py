@@ -14,9 +14,9 @@ from labctl.bench.station import Station
 from labctl.engine.engine import Outcome
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError
-from labctl.studies.paper.analyses import analysis_of
-from labctl.studies.paper.contract import Conclusion, Material
+from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
+from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.processes import Interrupted, in_parallel, step_done, stop_requested
 from protocols.base import Measurement
 
@@ -143,14 +143,14 @@ def reproduce(
         InstrumentError, DatasetError, ProtocolError, StationError, RunError: a run failed.
     """
     twins = {
-        (experiment.name, seed): (experiment, _material(plan, experiment, seed))
+        (experiment.name, seed): (experiment, _twin(plan, experiment, seed))
         for experiment in plan.experiments
         for seed in plan.seeds_of(experiment)
     }
     runs = {
-        directory: plan.acquisition(material.protocols[name], directory)
-        for _, material in twins.values()
-        for name, directory in material.runs.items()
+        directory: plan.acquisition(twin.protocols[name], directory)
+        for _, twin in twins.values()
+        for name, directory in twin.runs.items()
     }
     tasks: dict[Task, Callable[[], Any]] = {name: partial(_examine, *twin) for name, twin in twins.items()}
     done: dict[Task, tuple[Any, float]] = {}
@@ -163,7 +163,7 @@ def reproduce(
     needs: dict[Task, Iterable[Task]] = {}
     if plan.station.wholly_simulated:
         tasks |= {directory: partial(acquire_run, run) for directory, run in runs.items()}
-        needs = {name: material.runs.values() for name, (_, material) in twins.items()}
+        needs = {name: twin.runs.values() for name, (_, twin) in twins.items()}
     else:
         done |= _acquired_in_turn(runs, interruption, heard, uploading)
     done |= in_parallel(tasks, needs=needs, interruption=interruption, progress=heard)
@@ -188,10 +188,10 @@ def acquire_run(run: Acquisition) -> Outcome:
     return acquire(run, interruption=interruption, progress=progress).outcome
 
 
-def _material(plan: Plan, experiment: Experiment, seed: int) -> Material:
+def _twin(plan: Plan, experiment: Experiment, seed: int) -> TwinRuns:
     protocols = {name: protocol.model_copy(update={"seed": seed}) for name, protocol in experiment.protocols.items()}
     directories = {name: plan.folder / plan.name(name, protocol) for name, protocol in protocols.items()}
-    return Material(directories, protocols, seed, plan.splits_of(experiment), plan.data)
+    return TwinRuns(directories, protocols, seed, plan.splits_of(experiment), plan.data)
 
 
 def _acquired_in_turn(
@@ -220,7 +220,7 @@ def _acquired_in_turn(
 
 
 def _concluded(
-    plan: Plan, experiment: Experiment, twins: Mapping[int, Material], done: Mapping[Task, tuple[Any, float]]
+    plan: Plan, experiment: Experiment, twins: Mapping[int, TwinRuns], done: Mapping[Task, tuple[Any, float]]
 ) -> Reproduced:
     """What the twins of an experiment, by seed, say together; `done` has the result and the seconds of every task."""
     began = time.perf_counter()
@@ -231,7 +231,7 @@ def _concluded(
     conclusion = analysis.conclude(findings, settings)
     if plan.benches_of(experiment) < len(twins):
         conclusion = replace(conclusion, notes=(ONE_BENCH, *conclusion.notes))
-    directories = {directory for material in twins.values() for directory in material.runs.values()}
+    directories = {directory for twin in twins.values() for directory in twin.runs.values()}
     tasks: list[Task] = [*directories, *((experiment.name, seed) for seed in twins)]
     return Reproduced(
         experiment,
@@ -239,15 +239,15 @@ def _concluded(
         plan.splits_of(experiment),
         findings,
         conclusion,
-        {name: tuple(done[material.runs[name]][0] for material in twins.values()) for name in experiment.runs},
+        {name: tuple(done[twin.runs[name]][0] for twin in twins.values()) for name in experiment.runs},
         sum(done[task][1] for task in tasks) + time.perf_counter() - began,
     )
 
 
-def _examine(experiment: Experiment, material: Material) -> Any:
+def _examine(experiment: Experiment, twin: TwinRuns) -> Any:
     """What one twin shows, or the `AnalysisError` that says why it shows nothing."""
     analysis, settings = analysis_of(experiment)
     try:
-        return analysis.examine(material, settings)
+        return analysis.examine(twin, settings)
     except AnalysisError as error:
         return error

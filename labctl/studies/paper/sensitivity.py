@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.evaluation import cross_validated_accuracy, mean_and_sd
+from labctl.analysis.evaluation import cross_validated_accuracy, pooled
 from labctl.analysis.windows import WindowFeatures
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
@@ -82,10 +82,7 @@ def sensitivity(
     return [
         Dependence(
             varied,
-            [
-                mean_and_sd(np.concatenate([found[name][0] for name in planned.names[varied.parameter, value]]))
-                for value in varied.values
-            ],
+            [pooled(found[name][0] for name in planned.names[varied.parameter, value]) for value in varied.values],
         )
         for varied in study.parameters
     ]

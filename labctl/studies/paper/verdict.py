@@ -9,7 +9,7 @@ from labctl.errors import ExperimentError
 from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
 from labctl.reports.page import Result
 from labctl.runs.format.provenance import git_revision, versions
-from labctl.studies.paper.contract import Conclusion
+from labctl.studies.paper.analyses import Conclusion
 from labctl.studies.paper.experiments import Experiment, Must, found_at, mean_at
 from labctl.studies.paper.reproduction import Plan, Reproduced
 
