@@ -34,7 +34,7 @@ class Judgement(StrEnum):
     """How a run of a protocol is judged.
 
     READOUT: with a readout that is trained on a part of it. ITSELF: by what its records say, without a readout.
-    EXPERIMENT: together with other runs, by an experiment that acquires all that it needs. NONE: labctl cannot tell.
+    EXPERIMENT: together with other runs, by an experiment that acquires all that it needs. NONE: not by labctl.
     """
 
     READOUT = "readout"

@@ -19,7 +19,7 @@ from labctl.engine.recorder import Progress
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.layout import run_name
-from labctl.studies.paper.experiments import Experiment, Must
+from labctl.studies.paper.experiments import Experiment, Requirement
 from labctl.studies.paper.recognition import Settings, confusions
 from labctl.studies.paper.reproduction import Plan, Reproduced, reproduce
 from labctl.studies.paper.verdict import passed
@@ -117,7 +117,7 @@ def _report(found: Reproduced, images: int) -> Path:
     )
 
 
-def _result(must: Must, figure: float) -> Result:
+def _result(must: Requirement, figure: float) -> Result:
     """An accuracy in per cent, a difference of two in points, beside the least that it must be."""
     unit = " points" if must.minus else "%"
     least, reached = f">= {100 * (must.at_least or 0):.0f}{unit}", f"{100 * figure:.1f}{unit}"

@@ -1,4 +1,4 @@
-"""Work in several processes at once, which ends early, and orderly, when somebody asks for it."""
+"""Work in several processes at once, which ends early, and orderly, when it is interrupted."""
 
 import multiprocessing
 import os
@@ -43,7 +43,7 @@ def in_parallel(
     Args:
         tasks: Functions of a module, or partials of them, called in other processes; the first ones go first.
         interruption: Asked again and again; once requested, running tasks hear of it by `stop_requested`.
-        progress: Called again and again with how many tasks are done and how many steps they have told of.
+        progress: Called again and again with how many tasks are done and how many steps they have reported.
         needs: The tasks that must be done before a task begins.
 
     Raises:
@@ -78,7 +78,7 @@ def stop_requested() -> bool:
 
 
 def step_done() -> None:
-    """Inside a task: tell of one step."""
+    """Inside a task: report one step."""
     with _Shared.steps.get_lock():
         _Shared.steps.value += 1
 

@@ -38,7 +38,7 @@ class Conclusion:
         here: Results as JSON; a result with a spread is {"mean", "sd"}, pooled over twins and splits.
         baseline: What digital methods reach on the same images or series, in the same form.
         figures: The figures of the paper, drawn from these results.
-        notes: What a reader must know to judge the numbers, beside the notes of the experiment file.
+        notes: What a reader must know to judge the numbers, in addition to the notes of the experiment file.
     """
 
     here: dict[str, Any]

@@ -67,7 +67,7 @@ class Settings(AnalysisSettings):
 
 
 @dataclass(frozen=True)
-class Split:
+class ScoredSplit:
     """What one score does on one split.
 
     Attributes:
@@ -86,7 +86,7 @@ class Split:
 class RuleFindings:
     """One twin by one rule: the splits of each score, dark pixels counted on the same, examples of either kind."""
 
-    scores: dict[str, list[Split]]
+    scores: dict[str, list[ScoredSplit]]
     dark_pixels: list[Roc]
     normal: NDArray[np.bool_]
     crack: NDArray[np.bool_]
@@ -137,7 +137,7 @@ def _by_rule(twin: TwinRuns, rule: RuleSettings, settings: Settings) -> RuleFind
         "normality": partial(NormalityScore, settings.alpha),
         "covariance": CovarianceScore,
     }
-    scores: dict[str, list[Split]] = {name: [] for name in makers}
+    scores: dict[str, list[ScoredSplit]] = {name: [] for name in makers}
     counted = []
     cracks = np.flatnonzero(records.labels == CRACK)
     with threadpool_limits(1):
@@ -148,7 +148,7 @@ def _by_rule(twin: TwinRuns, rule: RuleSettings, settings: Settings) -> RuleFind
                 threshold = float(np.quantile(score.score_samples(features[train]), 1 - settings.false_alarms))
                 values = score.score_samples(features[tested])
                 curve = roc(values, np.arange(tested.size) >= test.size)
-                scores[name].append(Split(curve, values[: test.size], values[test.size :], threshold))
+                scores[name].append(ScoredSplit(curve, values[: test.size], values[test.size :], threshold))
             counted.append(dark_pixels(images[tested], np.arange(tested.size) >= test.size, normal=images[train]))
     normal = np.flatnonzero(records.labels == NORMAL)
     return RuleFindings(scores, counted, images[normal[: settings.examples]], images[cracks[: settings.examples]])
@@ -167,7 +167,7 @@ def _splits(records: Records, train: int, twin: TwinRuns) -> list[tuple[NDArray[
     return [(np.sort(order[:train]), np.sort(order[train:])) for order in drawn]
 
 
-def _found(split: Split) -> float:
+def _found(split: ScoredSplit) -> float:
     return float(np.mean(split.crack >= split.threshold))
 
 

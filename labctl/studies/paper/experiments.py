@@ -21,28 +21,28 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Acquiring(_Table):
+class PlannedRun(_Table):
     """A run that the experiment needs: a protocol by name, and its settings without the seed."""
 
     protocol: str
     settings: dict[str, Any] = {}
 
 
-class Beside(_Table):
+class Baseline(_Table):
     """What a digital method reaches on the same data: in words, and the keys that lead to it in `baseline`."""
 
     what: str
     path: tuple[str, ...]
 
 
-class Must(_Table):
+class Requirement(_Table):
     """A figure to reach.
 
     Attributes:
         what: In words.
-        path: Keys that lead to the figure in `here`; a result with a spread stands for its mean.
+        path: Keys that lead to the figure in `here`; of a result with a spread, the mean is taken.
         minus: Keys of another figure that is subtracted first; empty: none.
-        less_standard_errors: So many standard errors of the mean are allowed for ("se" beside "mean").
+        less_standard_errors: So many standard errors of the mean are allowed for ("se" next to "mean").
         at_least, at_most: The bound; exactly one of the two.
         paper: What the paper says.
         percent: Whether to print it in per cent.
@@ -57,7 +57,7 @@ class Must(_Table):
     at_most: float | None = None
     paper: str = ""
     percent: bool = False
-    beside: Beside | None = None
+    beside: Baseline | None = None
 
     @model_validator(mode="after")
     def _one_bound(self) -> Self:
@@ -88,7 +88,7 @@ class Must(_Table):
         return (self.at_least is None or figure >= self.at_least) and (self.at_most is None or figure <= self.at_most)
 
 
-class Varied(_Table):
+class Variation(_Table):
     """A parameter of the twin and the values it is given.
 
     Attributes:
@@ -113,7 +113,7 @@ class Varied(_Table):
         return self.unit * value**self.exponent
 
 
-class Sensitivity(_Table):
+class SensitivityStudy(_Table):
     """How a result depends on the twin: accuracy of one run at one acquisition time, parameter by parameter."""
 
     run: str
@@ -121,7 +121,7 @@ class Sensitivity(_Table):
     twins: PositiveInt = 3
     quick_twins: PositiveInt = 1
     required: float | None = None
-    parameters: tuple[Varied, ...]
+    parameters: tuple[Variation, ...]
 
 
 class Experiment(_Table):
@@ -155,10 +155,10 @@ class Experiment(_Table):
     splits: PositiveInt = 10
     quick_twins: PositiveInt = 1
     quick_splits: PositiveInt = 2
-    runs: dict[str, Acquiring] = Field(min_length=1)
+    runs: dict[str, PlannedRun] = Field(min_length=1)
     settings: dict[str, Any] = {}
-    must: tuple[Must, ...] = ()
-    sensitivity: Sensitivity | None = None
+    must: tuple[Requirement, ...] = ()
+    sensitivity: SensitivityStudy | None = None
     notes: tuple[str, ...] = ()
     cause: str = ""
 

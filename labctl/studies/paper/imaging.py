@@ -107,10 +107,14 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         }
         baseline[curve.key] = {"mean_image": spread([twin.mean_image for twin in twins])}
     figures = []
+    first = findings[0].curves
     for run in dict.fromkeys(curve.run for curve in settings.curves):
         of_run = [curve for curve in settings.curves if curve.run == run]
-        shown = [(curve.label, window_key(curve.network_windows[0]), here[curve.key]) for curve in of_run]
-        figures.append(reconstructions(run, shown, [findings[0].curves[curve.key] for curve in of_run]))
+        shown = [
+            (curve.label, window_key(curve.network_windows[0]), here[curve.key], first[curve.key].examples)
+            for curve in of_run
+        ]
+        figures.append(reconstructions(run, first[of_run[0].key].originals, shown))
     lines = [
         (curve.label, here[curve.key], baseline[curve.key]["mean_image"]["mean"], curve.paper)
         for curve in settings.curves

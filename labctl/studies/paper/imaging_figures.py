@@ -1,7 +1,7 @@
 """The figures of reconstructed images: rows of examples, bars and curves of errors, a strip of film."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,30 +16,17 @@ from labctl.studies.paper.film import Film
 NAMES = {"network": "network", "best": "best readout", "linear": "linear"}
 Line = tuple[str, Mapping[str, Any], float, float | None]
 """Label of a curve, its results by readout and window, RMSE of its mean image, RMSE in the paper."""
+Images = NDArray[np.float64]
+"""(n, rows, columns)."""
+Examples = tuple[str, str, Mapping[str, Any], Mapping[str, Images]]
+"""Label of a curve, its T_N (text, ns), its results by readout and window, test images through each readout."""
 
 
-class Examples(Protocol):
-    """Some test images, and the same through the readouts; all (n, rows, columns)."""
-
-    @property
-    def originals(self) -> NDArray[np.float64]: ...  # noqa: D102
-    @property
-    def examples(self) -> Mapping[str, NDArray[np.float64]]: ...  # noqa: D102
-
-
-def reconstructions(
-    run: str, curves: Sequence[tuple[str, str, Mapping[str, Any]]], shown: Sequence[Examples]
-) -> ExperimentFigure:
-    """Test images of one run, and below them what every curve makes of them.
-
-    Args:
-        run: Name of the run.
-        curves: Label of each curve, its T_N (text, ns), and its results by readout and window.
-        shown: Its examples; the originals of all curves are the same.
-    """
-    rows = [ImageRow("original", shown[0].originals)]
-    for (label, window, results), found in zip(curves, shown, strict=True):
-        for name, images in found.examples.items():
+def reconstructions(run: str, originals: Images, curves: Sequence[Examples]) -> ExperimentFigure:
+    """Test images of one run, and below them what every curve makes of them."""
+    rows = [ImageRow("original", originals)]
+    for label, window, results, examples in curves:
+        for name, images in examples.items():
             error = results[name][window]["mean"]
             rows.append(ImageRow(f"{label}: {NAMES[name]}\n{float(window):g} ns, RMSE {error:.3f}", images))
     return ExperimentFigure(

@@ -1,4 +1,4 @@
-"""Scenes that switch from one image to another: their records cut into windows, beside the same windows at rest."""
+"""Scenes that switch from one image to another: their records cut into windows, and the same windows at rest."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -18,7 +18,7 @@ from labctl.studies.paper.twin_runs import TwinRuns
 
 
 class Settings(AnalysisSettings):
-    """Nothing is set here: runs `input` and `chip` of the same images say everything."""
+    """There are none: the runs are called `input` and `chip`, and are of the same images."""
 
     @property
     def reads(self) -> tuple[str, ...]:
