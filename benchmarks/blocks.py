@@ -106,7 +106,7 @@ def main() -> None:
         link.write_block("DATA ", block)
         link.query("*OPC?")
 
-    raw_read_s, read_s = medians_s(read_raw, lambda: link.read_block("CURVe?", np.dtype(np.uint8)))
+    raw_read_s, read_s = medians_s(read_raw, lambda: link.read_block("CURVe?", np.empty(READ_BYTES, np.uint8)))
     raw_write_s, write_s = medians_s(write_raw, write_link)
     (query_s,) = medians_s(lambda: link.query("*OPC?"), repetitions=QUERIES)
     result = {

@@ -151,19 +151,19 @@ def measure_speed(images: int, folder: Path) -> None:
         (Dpo72504dx, "read_burst"),
         (World, "project"),
         (World, "record"),
-        (RunWriter, "append_burst"),
+        (RunWriter, "append"),
     )
     dataset, outcome = run_bursts(images, folder / "burst")
     everything = (0.0, np.inf)
-    loads, arms, stored = (spans.within(name, *everything) for name in ("load", "arm_burst", "append_burst"))
+    loads, arms, stored = (spans.within(name, *everything) for name in ("load", "arm_burst", "append"))
     upload_s = sum(end - begin for begin, end in loads)
-    # A leg begins with the first burst after ranging; it is on disk when its last burst is stored.
+    # A pass begins with the first burst after ranging; it is on disk when its last burst is stored.
     bursts = len(arms) // 2
-    legs = [(arms[leg * bursts][0], stored[(leg + 1) * bursts - 1][1]) for leg in range(2)]
-    acquired_s = sum(end - begin for begin, end in legs)
+    passes = [(arms[pass_ * bursts][0], stored[(pass_ + 1) * bursts - 1][1]) for pass_ in range(2)]
+    acquired_s = sum(end - begin for begin, end in passes)
 
     def step(*names: str) -> float:
-        return sum(spans.total(name, *leg) for name in names for leg in legs)
+        return sum(spans.total(name, *pass_) for name in names for pass_ in passes)
 
     pictures, limit = 2 * outcome.shots, 1 / PICTURE_PERIOD_S
     size = outcome.shots * PICTURE_BYTES
@@ -179,7 +179,7 @@ def measure_speed(images: int, folder: Path) -> None:
     say("bursts, both passes, to disk", f"{acquired_s:.2f}", f"{pictures / acquired_s:.0f}", f"DMD {limit:.0f}")
     say("  physics", f"{physics_s:.2f}", f"{pictures / physics_s:.0f}")
     say("  arming, playing, digitising, transfer", f"{step('arm_burst', 'play', 'read_burst') - physics_s:.2f}")
-    say("  storage, beside the next burst", f"{step('append_burst'):.2f}", "", f"bare files {files_s:.2f} s")
+    say("  storage, beside the next burst", f"{step('append'):.2f}", "", f"bare files {files_s:.2f} s")
     say("tuning, ranging, data.h5", f"{outcome.seconds - upload_s - acquired_s:.2f}")
     say("left to the DMD's own rate", f"{acquired_s - pictures / limit:.2f}", f"x {limit * acquired_s / pictures:.1f}")
 

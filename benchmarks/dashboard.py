@@ -24,7 +24,7 @@ from tests.dashboard.browser import LABCTL, browser, chromium, dashboard, opened
 
 REQUIRED = 0.95
 SETTINGS = ("images=4000", "ports=2-5", "wavelengths=" + ", ".join(f"{1540 + n} nm" for n in range(20)))
-"""A leg on four ports, again at every wavelength: as long as is needed, and each leg as fast as the one before."""
+"""A pass on four ports, again at every wavelength: as long as is needed, and each pass as fast as the one before."""
 SETTLE_S = 3.0
 
 

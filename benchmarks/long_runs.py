@@ -16,7 +16,8 @@ from unittest import mock
 
 import numpy as np
 
-from labctl.runs.format.shots import Durability, MeasuredBurst, RunShape, ShotColumns
+from instruments.values import Frames
+from labctl.runs.format.shots import Durability, RunShape, ShotColumns
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from labctl.runs.write.writer import RunWriter
@@ -39,9 +40,7 @@ def make(directory: Path, shots: int) -> RunWriter:
         count = min(SHARD_SHOTS, shots - first)
         codes = generator.integers(-128, 128, (count, len(PORTS), SAMPLES), np.int8)
         clipped = np.zeros((count, len(PORTS)), np.bool_)
-        writer.append_burst(
-            0, MeasuredBurst(first, codes, np.zeros(clipped.shape), np.arange(count, dtype=np.float64), clipped)
-        )
+        writer.append(0, first, Frames(codes, np.zeros(clipped.shape), np.arange(count, dtype=np.float64), clipped))
     return writer
 
 

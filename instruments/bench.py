@@ -109,7 +109,7 @@ class Bench:
                 f"the station file, or repeat with --arm"
             )
 
-    def passes_for(self, ports: Sequence[int]) -> tuple[dict[int, int], ...]:
+    def patchings_for(self, ports: Sequence[int]) -> tuple[dict[int, int], ...]:
         """Distribute `ports` over the oscilloscope's channels: one patching (channel -> port) per pass.
 
         Where the chip is bypassed there is one fibre to measure, whatever ports are asked for.

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.values import (
-    Burst,
     Drive,
     EdgeTrigger,
     Examination,
@@ -143,7 +142,7 @@ class Oscilloscope(Instrument):
 
     @abstractmethod
     def read(self) -> Frames:
-        """Transfer the completed acquisition, channels in the configured order."""
+        """Transfer the completed acquisition, a burst of one; channels in the configured order."""
 
     @abstractmethod
     def most_frames(self) -> int:
@@ -154,7 +153,7 @@ class Oscilloscope(Instrument):
         """Start an acquisition of one frame at each of the next `frames` triggers; returns when ready for them."""
 
     @abstractmethod
-    def read_burst(self) -> Burst:
+    def read_burst(self) -> Frames:
         """Wait for the last frame of the burst, then transfer it, one block a channel.
 
         Raises:

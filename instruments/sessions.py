@@ -8,6 +8,7 @@ import contextlib
 import select
 import socket
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, cast
 
@@ -18,7 +19,6 @@ from pyvisa.resources import MessageBasedResource
 from pyvisa_py.protocols.rpc import RPCError
 from pyvisa_py.protocols.vxi11 import Vxi11Error
 
-from instruments.blocks import length_digits, receive, send
 from instruments.errors import EXCERPT, excerpt
 
 FAILURES = (VisaIOError, OSError, ValueError, RuntimeError, AssertionError, EOFError, RPCError, Vxi11Error)
@@ -35,19 +35,46 @@ TEXT_CHUNK = 1 << 16
 LONGEST_TEXT = 1 << 26
 """Bytes of a reply: the time stamps of a million frames have 40 MB."""
 CLOSED = "the instrument closed the connection"
+PIECE = 1 << 18
+"""Bytes that go over a socket at once: while one piece is summed up in the cache, the wire carries the next."""
+LEAST_RATE = 100_000
+"""Bytes per second, less than any network carries: a piece has the session's timeout and the time it takes at this."""
+LONGEST_BLOCK = 1 << 32
+"""Bytes: four times the longest record of an oscilloscope."""
 
-Received = Callable[[memoryview], object]
-Take = Callable[[int, Received], bytearray]
-"""Receives so many bytes, whatever they are, by the shortest way there is, and tells each piece as it comes."""
+Take = Callable[[memoryview, "Digest | None"], None]
+"""Fills a buffer with the bytes that come next, by the shortest way there is, and adds them to a digest."""
+
+
+class Digest:
+    """Length and CRC-32 of a block: the checksum that keeps pace with the wire."""
+
+    def __init__(self) -> None:
+        """Of nothing yet."""
+        self._length = 0
+        self._crc32 = 0
+
+    def add(self, piece: bytes | bytearray | memoryview) -> None:
+        """Bytes that follow those before."""
+        self._length += len(piece)
+        self._crc32 = zlib.crc32(piece, self._crc32)
+
+    def __str__(self) -> str:
+        """The block in a transcript."""
+        return f"#<{self._length} bytes, crc32 {self._crc32:08x}>"
 
 
 class Block(NamedTuple):
-    """A definite-length block as it came: `#N`, the length in digits, the data, the terminator."""
+    """A definite-length block as it came: `#N`, the length in digits, the data, the terminator; and its digest.
+
+    Source: IEEE 488.2, 8.7.9.
+    """
 
     head: bytes
     length: bytes
-    data: bytearray
-    tail: bytearray
+    data: memoryview
+    tail: bytes
+    digest: str
 
 
 class Session:
@@ -59,7 +86,7 @@ class Session:
         Raises:
             Exception: it cannot be opened; pyvisa-py raises the bare class.
         """
-        self._timeout_s = self._patience_s = timeout_s
+        self._timeout_s = timeout_s
         self._write_eol, self._read_eol = write_eol, read_eol
         self._received = bytearray()  # behind the message that was read last
         opened = _resource_manager(resource).open_resource(
@@ -85,7 +112,16 @@ class Session:
             else:  # pyvisa-py would wait for ever where nobody reads
                 link.sendall(f"{message}{self._write_eol}".encode(ENCODING))
 
-    def read(self) -> str:
+    def ask(self, message: str, timeout_s: float | None = None) -> str:
+        """`write` and `read`, within `timeout_s` in place of the session's own bound.
+
+        Raises:
+            OSError, VisaIOError, ValueError: as `read`.
+        """
+        self.write(message)
+        return self.read(timeout_s)
+
+    def read(self, timeout_s: float | None = None) -> str:
         """Receive one message without its terminator, all of it within one wait.
 
         A message that opens a quotation and does not close it goes on after the terminator. Over a raw socket, the end
@@ -96,8 +132,8 @@ class Session:
             OSError, VisaIOError: it does not end in time, or not at all.
             ValueError: it is longer than any instrument's, or was cut short.
         """
-        deadline = time.monotonic() + self._patience_s
-        with self._raw() as link:
+        deadline = time.monotonic() + (self._timeout_s if timeout_s is None else timeout_s)
+        with self._raw() as link, self._bounded(None if link else timeout_s):
             message = self._line(link, deadline)
             while message.count(b'"') % 2:
                 _left_s(deadline)  # lines that have come already are no waits
@@ -105,45 +141,41 @@ class Session:
                 message += b"\n" + self._line(link, deadline)
         return message.decode(ENCODING)
 
-    @contextlib.contextmanager
-    def waiting(self, timeout_s: float | None) -> Iterator[None]:
-        """Another bound than the session's own inside the block; None is its own."""
-        if timeout_s is None:
-            yield
-            return
-        self._patience_s = timeout_s
-        self._visa.timeout = timeout_s * 1e3
-        try:
-            yield
-        finally:
-            self._patience_s = self._timeout_s
-            self._visa.timeout = self._timeout_s * 1e3
-
-    def send_block(self, head: bytes, payload: memoryview, tail: bytes, sent: Received) -> None:
-        """Send `payload` between `head` and `tail`, whatever bytes it has; `sent` is called with each piece of it."""
+    def send_block(self, head: bytes, payload: memoryview, tail: bytes, digest: Digest) -> None:
+        """Send `payload` between `head` and `tail`, whatever bytes it has; `digest` grows by each piece that went."""
         self._require_silence()
         with self._raw() as link:
             if link is None:
-                sent(payload)
+                digest.add(payload)
                 self._visa.write_raw(b"".join((head, payload, tail)))
             else:
                 link.sendall(head)
-                send(link, payload, sent, timeout_s=self._timeout_s)
+                self._send(link, payload, digest)
                 link.sendall(tail)
 
-    def receive_block(self, received: Received) -> Block:
-        """Receive a message that is one definite-length block; `received` is called with each piece of its data.
+    def ask_block(self, message: str, room: memoryview) -> Block:
+        """`write`, then receive the definite-length block that answers: into `room` if that is its size.
 
         Raises:
-            ValueError: it is not, or goes on behind the block.
+            ValueError: the answer is no such block, or goes on behind it.
         """
+        self.write(message)
+        digest = Digest()
         with self._receiving() as take:
-            head = bytes(take(2, len))
-            length = bytes(take(length_digits(head), len))
-            block = Block(head, length, take(int(length), received), take(len(self._read_eol), len))
-        if block.tail != self._read_eol.encode(ENCODING):
-            raise ValueError(f"the block of {len(block.data)} bytes goes on with {bytes(block.tail)!r}")
-        return block
+            head = bytearray(2)
+            take(memoryview(head), None)
+            length = bytearray(length_digits(head))
+            take(memoryview(length), None)
+            count = int(length)
+            if count > LONGEST_BLOCK:
+                raise ValueError(f"a block of {count} bytes is announced, and no more than {LONGEST_BLOCK} are taken")
+            data = room if count == len(room) else memoryview(bytearray(count))
+            take(data, digest)
+            tail = bytearray(len(self._read_eol))
+            take(memoryview(tail), None)
+        if tail != self._read_eol.encode(ENCODING):
+            raise ValueError(f"the block of {count} bytes goes on with {bytes(tail)!r}")
+        return Block(bytes(head), bytes(length), data, bytes(tail), str(digest))
 
     def close(self) -> None:
         """Close it, as well as that can still be done."""
@@ -205,23 +237,69 @@ class Session:
     def _receiving(self) -> Iterator[Take]:
         with self._raw() as link:
             if link is not None:
-                yield lambda count, received: receive(link, count, received, timeout_s=self._timeout_s)
+                yield lambda room, digest: self._receive(link, room, digest)
                 return
         termination = self._visa.read_termination
         self._visa.read_termination = None
 
-        def take(count: int, received: Received) -> bytearray:
+        def take(room: memoryview, digest: Digest | None) -> None:
             # Without `break_on_termchar`, pyvisa would ask for ever for what a message that has ended does not have.
-            data = bytearray(self._visa.read_bytes(count, chunk_size=VISA_CHUNK, break_on_termchar=True))
-            if len(data) < count:
-                raise ValueError(f"the message ends {count - len(data)} bytes too early")
-            received(memoryview(data))
-            return data
+            data = self._visa.read_bytes(len(room), chunk_size=VISA_CHUNK, break_on_termchar=True)
+            if len(data) < len(room):
+                raise ValueError(f"the message ends {len(room) - len(data)} bytes too early")
+            room[:] = data
+            if digest is not None:
+                digest.add(room)
 
         try:
             yield take
         finally:
             self._visa.read_termination = termination
+
+    def _send(self, link: socket.socket, data: memoryview, digest: Digest) -> None:
+        """All of `data` into `link`, piece by piece.
+
+        Raises:
+            OSError: it cannot be sent, or a piece of it takes too long.
+        """
+        for start in range(0, len(data), PIECE):
+            piece = data[start : start + PIECE]
+            link.settimeout(self._patience_s(piece))
+            link.sendall(piece)  # which the timeout bounds as a whole
+            digest.add(piece)
+
+    def _receive(self, link: socket.socket, room: memoryview, digest: Digest | None) -> None:
+        """Fill `room` from `link`, however many packets that takes.
+
+        Raises:
+            OSError: the bytes do not come, or a piece of them takes too long.
+        """
+        while len(room):
+            piece, room = room[:PIECE], room[PIECE:]
+            deadline = time.monotonic() + self._patience_s(piece)
+            while len(piece):
+                link.settimeout(_left_s(deadline))
+                length = link.recv_into(piece)
+                if length == 0:
+                    raise ConnectionResetError(f"{CLOSED} in the middle of a block")
+                if digest is not None:
+                    digest.add(piece[:length])
+                piece = piece[length:]
+
+    def _patience_s(self, piece: memoryview) -> float:
+        return self._timeout_s + len(piece) / LEAST_RATE
+
+    @contextlib.contextmanager
+    def _bounded(self, timeout_s: float | None) -> Iterator[None]:
+        """Another bound than the session's own on what VISA itself waits for; None is its own."""
+        if timeout_s is None:
+            yield
+            return
+        self._visa.timeout = timeout_s * 1e3
+        try:
+            yield
+        finally:
+            self._visa.timeout = self._timeout_s * 1e3
 
     @contextlib.contextmanager
     def _raw(self) -> Iterator[socket.socket | None]:
@@ -239,6 +317,17 @@ class Session:
 def came_late(error: BaseException) -> bool:
     """Whether a failure of a session is that nothing came in time."""
     return isinstance(error, TimeoutError) or getattr(error, "error_code", None) == StatusCode.error_timeout
+
+
+def length_digits(head: bytes | bytearray) -> int:
+    """How many digits follow `#N`; N may be a hexadecimal digit, because records can need ten digits.
+
+    Raises:
+        ValueError: `head` is not the head of a block.
+    """
+    if head[:1] != b"#" or head[1:] not in b"123456789ABCDEFabcdef":
+        raise ValueError(f"the reply starts with {bytes(head)!r}, not with a block")
+    return int(head[1:], 16)
 
 
 def _left_s(deadline: float) -> float:

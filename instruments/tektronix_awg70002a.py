@@ -121,8 +121,8 @@ class Awg70002a(Awg):
     def _confirm_upload(self, name: str, first: int, samples: NDArray[np.float32]) -> None:
         """Compare the beginning of a chunk with what is in memory: a chunk that got lost leaves there what was."""
         span = f'"{name}",{first},{samples.size}'
-        found = self._link.read_block(f"WLISt:WAVeform:DATA? {span}", np.dtype("<f4"))
-        if found.shape != samples.shape or not np.allclose(found, samples, rtol=0, atol=self.SAMPLE_TOLERANCE):
+        found = self._link.read_block(f"WLISt:WAVeform:DATA? {span}", np.empty(samples.shape, "<f4"))
+        if not np.allclose(found, samples, rtol=0, atol=self.SAMPLE_TOLERANCE):
             raise InstrumentError(
                 f"{self._link.name} at {self._link.resource}: the samples of {span} are not those that were sent: "
                 f"repeat the upload"

@@ -17,7 +17,6 @@ from instruments.errors import InstrumentError, NoTrigger
 from instruments.interfaces import Oscilloscope
 from instruments.readback import confirm
 from instruments.values import (
-    Burst,
     EdgeTrigger,
     Examination,
     Frames,
@@ -163,13 +162,13 @@ class Dpo72504dx(Oscilloscope):
         self._completed(TRIGGER_WAIT_S)
 
     def read(self) -> Frames:
-        """One `CURVe?` per channel, with the sub-sample trigger time before it."""
-        offsets, traces = [], []
-        for channel in self.channels:
-            offsets.append(self._link.number(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?"))
-            traces.append(self._curve(self._samples))
-        codes = np.stack(traces)
-        return Frames(codes, np.array(offsets), self._clipped(codes))
+        """The sub-sample trigger time of every channel in one question, then one `CURVe?` per channel."""
+        question = ";:".join(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?" for channel in self.channels)
+        offsets = np.array([self._link.numbers(question, len(self.channels))])
+        codes = np.empty((1, len(self.channels), self._samples), self._dtype)
+        for place, channel in enumerate(self.channels):
+            self._curve(channel, codes[0, place])
+        return Frames(codes, offsets, np.zeros(1), self._clipped(codes))
 
     def most_frames(self) -> int:
         """`HORizontal:FASTframe:MAXFRames?` at the configured record length."""
@@ -198,19 +197,19 @@ class Dpo72504dx(Oscilloscope):
                     f"{self._link.name}: not ready for triggers after {TRIGGER_WAIT_S:g} s: see its screen"
                 )
 
-    def read_burst(self) -> Burst:
+    def read_burst(self) -> Frames:
         """Wait for the last frame; one `CURVe?`, one list of trigger offsets and of time stamps for each channel."""
         self._count_frames()
         self._completed(BURST_WAIT_S)
-        offsets, traces = [], []
+        offsets = []
         span = f"1,{self._frames}"
-        for channel in self.channels:
-            self._link.write(f"DATa:SOUrce CH{channel}")
-            traces.append(self._curve(self._frames * self._samples).reshape(self._frames, self._samples))
+        codes = np.empty((len(self.channels), self._frames, self._samples), self._dtype)
+        for place, channel in enumerate(self.channels):
+            self._curve(channel, codes[place])
             offsets.append(self._of_each_frame(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}", _numbers))
         stamps = self._of_each_frame(f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}? {span}", _times)
-        codes = np.stack(traces, axis=1)
-        return Burst(codes, np.stack(offsets, axis=1), stamps, self._clipped(codes))
+        codes = codes.swapaxes(0, 1)
+        return Frames(codes, np.stack(offsets, axis=1), stamps, self._clipped(codes))
 
     def settings(self) -> dict[str, str | float]:
         """Timebase, acquisition, trigger and the vertical range of every channel that is on."""
@@ -263,20 +262,14 @@ class Dpo72504dx(Oscilloscope):
                 )
             time.sleep(POLL_S)
 
-    def _curve(self, samples: int) -> NDArray[Any]:
-        """`CURVe?` of the source that is chosen; where it refuses, it says nothing but puts the reason in its queue."""
+    def _curve(self, channel: int, codes: NDArray[Any]) -> None:
+        """`CURVe?` of a channel into `codes`; where it refuses, it says nothing but puts the reason in its queue."""
         try:
-            codes = self._link.read_block("CURVe?", self._dtype)
+            self._link.read_block(f"DATa:SOUrce CH{channel};:CURVe?", codes)
         except NoAnswer:
             with self._link.checked():
                 pass
             raise
-        if codes.size != samples:
-            raise InstrumentError(
-                f"{self._link.name} at {self._link.resource}: CURVe? gave {codes.size} samples, not {samples}: its "
-                f"settings were changed meanwhile; leave it to this program"
-            )
-        return codes
 
     def _of_each_frame(self, query: str, read: Callable[[str], NDArray[np.float64]]) -> NDArray[np.float64]:
         """A list with a number for each frame of the burst, shape (frames,)."""

@@ -1,6 +1,6 @@
 """What passes between a protocol and an instrument: settings on the way there, traces on the way back."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -171,26 +171,35 @@ class EdgeTrigger:
 
 @dataclass(frozen=True)
 class Frames:
-    """One frame per channel, for one trigger.
+    """What an acquisition gave: for each trigger one frame of every channel. A single shot is a burst of one.
 
-    codes: (channels, samples), int8, or int16 when averaged. trigger_offset_s: (channels,), time from the trigger to
-    the sample grid. clipped: (channels,), whether a sample reached the end of the range.
-    """
-
-    codes: Codes
-    trigger_offset_s: NDArray[np.float64]
-    clipped: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Burst:
-    """One frame per channel for each of many triggers.
-
-    codes: (triggers, channels, samples), int8, or int16 for averages. trigger_offset_s: (triggers, channels). time_s:
-    (triggers,), when each trigger came, on the oscilloscope's clock, from any start. clipped: (triggers, channels).
+    codes: (triggers, channels, samples), int8, or int16 for averages. trigger_offset_s: (triggers, channels), time from
+    the trigger to the sample grid. time_s: (triggers,), when each trigger came, from any start. clipped: (triggers,
+    channels), whether a sample reached the end of the range. The arrays belong to whoever gets them.
     """
 
     codes: Codes
     trigger_offset_s: NDArray[np.float64]
     time_s: NDArray[np.float64]
     clipped: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        """Number of triggers."""
+        return len(self.codes)
+
+    def part(self, start: int, stop: int) -> "Frames":
+        """The frames of the triggers `start` to `stop`, without copying them."""
+        rows = slice(start, stop)
+        return Frames(self.codes[rows], self.trigger_offset_s[rows], self.time_s[rows], self.clipped[rows])
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Frames]") -> "Frames":
+        """Several acquisitions one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.codes for part in parts]),
+            np.concatenate([part.trigger_offset_s for part in parts]),
+            np.concatenate([part.time_s for part in parts]),
+            np.concatenate([part.clipped for part in parts]),
+        )

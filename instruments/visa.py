@@ -9,15 +9,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.blocks import Digest
 from instruments.errors import InstrumentError, LinkError, excerpt
-from instruments.sessions import ENCODING, FAILURES, Session, came_late
+from instruments.sessions import ENCODING, FAILURES, Digest, Session, came_late
 from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
 ErrorQueue = Callable[["VisaLink"], list[str]]
 """Empties an instrument's error queue and returns what was in it, oldest first."""
 
-Scalar = TypeVar("Scalar", bound=np.generic)
+Answer = TypeVar("Answer")
+Block = TypeVar("Block", bound=NDArray[Any])
 
 MAX_ERRORS_READ = 64
 MOST_TOLD = 5
@@ -86,9 +86,12 @@ class VisaLink:
         Raises:
             LinkError: the instrument cannot be reached.
         """
-        with self._conversation(command) as session:
+
+        def exchange(session: Session) -> None:
             self._log(">", command)
             session.write(command)
+
+        self._converse(command, exchange)
 
     def query(self, command: str, *, timeout_s: float | None = None) -> str:
         """Send one query and return its reply without terminator; `timeout_s` bounds this wait instead of the link's.
@@ -98,12 +101,14 @@ class VisaLink:
         Raises:
             LinkError: no reply in time, or the instrument cannot be reached.
         """
-        with self._conversation(command) as session, session.waiting(timeout_s):
+
+        def exchange(session: Session) -> str:
             self._log(">", command)
-            session.write(command)
-            reply = session.read()
+            reply = session.ask(command, timeout_s)
             self._log("<", reply)
-            return _text(reply)
+            return reply
+
+        return self._converse(command, exchange)
 
     def number(self, command: str, *, timeout_s: float | None = None) -> float:
         """`query`, with a number for a reply.
@@ -112,13 +117,24 @@ class VisaLink:
             LinkError: as `query`.
             InstrumentError: the reply is no number.
         """
+        (number,) = self.numbers(command, 1, timeout_s=timeout_s)
+        return number
+
+    def numbers(self, command: str, count: int, *, timeout_s: float | None = None) -> tuple[float, ...]:
+        """`query`, with `count` numbers for a reply: a chain of queries is answered with semicolons between.
+
+        Raises:
+            LinkError: as `query`.
+            InstrumentError: the reply has another number of parts, or one of them is no number.
+        """
         reply = self.query(command, timeout_s=timeout_s)
         with contextlib.suppress(ValueError):
-            if math.isfinite(number := float(reply)):
-                return number
+            found = tuple(map(float, reply.split(";")))
+            if len(found) == count and all(map(math.isfinite, found)):
+                return found
         raise InstrumentError(
-            f"{self.name} at {self.resource}: {command!r} was answered {excerpt(reply)}, not with a number: check "
-            f"that the driver fits the instrument"
+            f"{self.name} at {self.resource}: {command!r} was answered {excerpt(reply)}, not with "
+            f"{'a number' if count == 1 else f'{count} numbers'}: check that the driver fits the instrument"
         )
 
     def write_block(self, header: str, block: NDArray[Any]) -> None:
@@ -127,31 +143,42 @@ class VisaLink:
         Raises:
             LinkError: the instrument cannot be reached.
         """
-        with self._conversation(header) as session:
-            self._send_block(session, header, block)
+        self._converse(header, lambda session: self._send_block(session, header, block))
 
     def query_block(self, header: str, block: NDArray[Any]) -> str:
         """`write_block`, then read the one-line reply."""
-        with self._conversation(header) as session:
+
+        def exchange(session: Session) -> str:
             self._send_block(session, header, block)
             reply = session.read()
             self._log("<", reply)
-            return _text(reply)
+            return reply
 
-    def read_block(self, command: str, dtype: "np.dtype[Scalar]") -> NDArray[Scalar]:
-        """Send a query whose reply is one definite-length block and return it as an array of `dtype`, shape (n,).
+        return self._converse(header, exchange)
+
+    def read_block(self, command: str, block: Block) -> Block:
+        """Send a query whose reply is one definite-length block; returns `block`, contiguous, with what came in it.
 
         Raises:
-            LinkError: no reply in time.
-            InstrumentError: the reply is not a block, or not a whole number of items.
+            LinkError: no reply in time, or none that is such a block.
+            InstrumentError: it has another length.
         """
-        with self._conversation(command) as session:
+        room = block.reshape(-1).view(np.uint8).data
+
+        def exchange(session: Session) -> int:
             self._log(">", command)
-            session.write(command)
-            data = self._receive_block(session)
-            if len(data) % dtype.itemsize:
-                raise InstrumentError(f"{self.name}: reply to {command} has {len(data)} bytes, not items of {dtype}")
-            return np.frombuffer(data, dtype)
+            found = session.ask_block(command, room)
+            self._transcript(self.name, "<", found.digest)
+            if self._tap is not None:
+                self._tap.heard("<", found[:4])
+            return len(found.data)
+
+        if (length := self._converse(command, exchange)) != len(room):
+            raise InstrumentError(
+                f"{self.name} at {self.resource}: {command} gave {length} bytes, not {len(room)}: its settings were "
+                f"changed meanwhile; leave it to this program"
+            )
+        return block
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:
@@ -181,11 +208,13 @@ class VisaLink:
         if session is not None:
             session.close()
 
-    @contextlib.contextmanager
-    def _conversation(self, command: str) -> Iterator[Session]:
-        """The open session; whatever breaks inside closes it and becomes one `LinkError`."""
+    def _converse(self, command: str, exchange: Callable[[Session], Answer]) -> Answer:
+        """What an exchange over the open session gives; whatever breaks in it closes it and becomes one `LinkError`."""
         try:
-            yield self._session or self._open()
+            answer = exchange(self._session or self._open())
+            if isinstance(answer, str) and TEXT.fullmatch(answer) is None:  # no instrument says it: the link is broken
+                raise ValueError(f"{excerpt(answer)} is no text")
+            return answer
         except FAILURES as error:
             self.close()
             late = came_late(error)
@@ -214,10 +243,10 @@ class VisaLink:
         return session
 
     def _log(self, direction: str, message: str) -> None:
-        self._transcript(self.name, direction, message)
         if self._tap is not None:
             eol = self._write_eol if direction == ">" else self._read_eol
             self._tap.heard(direction, (f"{message}{eol}".encode(ENCODING),))
+        self._transcript(self.name, direction, message)
 
     def _send_block(self, session: Session, header: str, block: NDArray[Any]) -> None:
         payload = np.ascontiguousarray(block).view(np.uint8).reshape(-1).data
@@ -227,28 +256,9 @@ class VisaLink:
             self._tap.heard(">", (head, payload, tail))
         digest = Digest()
         try:
-            session.send_block(head, payload, tail, digest.add)
+            session.send_block(head, payload, tail, digest)
         finally:
             self._transcript(self.name, ">", f"{header}{digest}")
-
-    def _receive_block(self, session: Session) -> bytearray:
-        digest = Digest()
-        block = session.receive_block(digest.add)
-        self._transcript(self.name, "<", str(digest))
-        if self._tap is not None:
-            self._tap.heard("<", block)
-        return block.data
-
-
-def _text(reply: str) -> str:
-    """The reply, if it is text.
-
-    Raises:
-        ValueError: it holds bytes that no instrument says: what broke is the link.
-    """
-    if TEXT.fullmatch(reply) is None:
-        raise ValueError(f"{excerpt(reply)} is no text")
-    return reply
 
 
 def _one_line(error: BaseException) -> str:

@@ -150,7 +150,7 @@ def align(bench: Bench, images: Images, *, ports: Sequence[int], wavelength_nm: 
             bench.scope.set_vertical(channel, Vertical(finest, 0.0))
         frames = [bench.scope.capture() for _ in range(DARK_FRAMES)]
         volts = np.stack([_volts(bench, frame) for frame in frames])
-        yield Dark(volts, np.any([frame.clipped for frame in frames], axis=0))
+        yield Dark(volts, np.any([frame.clipped[0] for frame in frames], axis=0))
         with bench.emitting(wavelength_nm):
             yield _ranged(bench, patching, patterns)
             _sample(bench, patching, 1)
@@ -170,7 +170,7 @@ def align(bench: Bench, images: Images, *, ports: Sequence[int], wavelength_nm: 
 def _ranged(bench: Bench, patching: dict[int, int], patterns: Sequence[NDArray[np.uint8] | None]) -> Ranged:
     captures = [partial(_shown, bench, pattern) for pattern in patterns]
     scalings = find_ranges(bench.scope, bench.limits, captures)
-    clipped = np.any([capture().clipped for capture in captures], axis=0)
+    clipped = np.any([capture().clipped[0] for capture in captures], axis=0)
     scale = np.array([bench.scope.vertical_for(scaling).scale_v_per_div for scaling in scalings])
     _sample(bench, patching, AVERAGES)
     twice = [[_volts(bench, capture()), _volts(bench, bench.scope.capture())] for capture in captures]
@@ -208,7 +208,7 @@ def _direct_answers(bench: Bench, wavelength_nm: float) -> Answered:
     coarse: Answered | None = None
     for step in range(DIRECT_WAVELENGTHS):
         bench.laser.tune(wavelength_nm + DIRECT_STEP_NM * step)
-        for patching in bench.passes_for(ports):
+        for patching in bench.patchings_for(ports):
             bench.patch_panel.connect(patching)
             if coarse is None:
                 coarse = _answers(bench, patching, (None,), COARSE_ORDER, COARSE_HOLD, None)
@@ -246,7 +246,7 @@ def _answers(
         if not both:
             _find_wide_ranges(bench, patching, captures[:COARSE_IMAGES])
         frames = [capture() for capture in captures]
-        clipped |= np.concatenate([frame.clipped for frame in frames])
+        clipped |= np.concatenate([frame.clipped[0] for frame in frames])
         both.append(np.concatenate([_volts(bench, frame) for frame in frames]))
     settings = bench.scope.settings()
     bandwidths = [float(settings[name]) for name in settings if name.endswith("bandwidth_hz")]
@@ -328,12 +328,12 @@ def _shown(bench: Bench, mirrors: NDArray[np.uint8] | None) -> Frames:
 
 
 def _volts(bench: Bench, frames: Frames) -> NDArray[np.float64]:
-    """The frame in V, (channels, samples)."""
+    """The frame of one trigger in V, (channels, samples)."""
     scale, offset = (
         np.array([getattr(scaling, name) for scaling in bench.scope.scalings()])[:, np.newaxis]
         for name in ("scale_v", "offset_v")
     )
-    volts: NDArray[np.float64] = scale * frames.codes + offset
+    volts: NDArray[np.float64] = scale * frames.codes[0] + offset
     return volts
 
 

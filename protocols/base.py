@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from instruments.bench import Bench
 from instruments.errors import LabctlError
-from instruments.values import Burst, Drive, Frames, Scaling
+from instruments.values import Drive, Frames, Scaling
 
 
 class ProtocolError(LabctlError):
@@ -104,7 +104,7 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Leg:
+class Pass:
     """A stretch of the run at one wavelength and one patching: the optical path does not change inside it."""
 
     index: int
@@ -114,46 +114,37 @@ class Leg:
 
 @dataclass(frozen=True)
 class Part:
-    """What is to be measured on one leg: `shots`, in the order of the plan.
+    """What is to be measured on one pass: `shots`, in the order of the plan.
 
-    `scalings` are the vertical ranges of the leg if they were found before, in an earlier part of the same run: all
-    codes of a leg share them.
+    `scalings` are the vertical ranges of the pass if they were found before, in an earlier part of the same run: all
+    codes of a pass share them.
     """
 
-    leg: Leg
+    pass_: Pass
     shots: Sequence[Shot]
     scalings: tuple[Scaling, ...] | None = None
 
 
 @dataclass(frozen=True)
-class LegStarted:
-    """Measuring on a leg begins, with its vertical ranges locked: what a code of each of its channels means."""
+class PassStarted:
+    """Measuring on a pass begins, with its vertical ranges locked: what a code of each of its channels means."""
 
-    leg: Leg
+    pass_: Pass
     scalings: tuple[Scaling, ...]
 
 
 @dataclass(frozen=True)
 class Record:
-    """One shot measured on the channels of one leg."""
+    """Consecutive shots, the first one `first` in the plan, measured on the channels of one pass."""
 
-    leg: Leg
-    shot: Shot
-    frames: Frames
-
-
-@dataclass(frozen=True)
-class BurstRecord:
-    """Consecutive shots, the first one `first` in the plan, measured on the channels of one leg in one burst."""
-
-    leg: Leg
+    pass_: Pass
     first: int
-    burst: Burst
+    frames: Frames
 
 
 InputsT = TypeVar("InputsT", bound=Inputs)
 
-Events = Generator[LegStarted | Record | BurstRecord, None, None]
+Events = Generator[PassStarted | Record, None, None]
 
 
 class Measurement(BaseModel, ABC, Generic[InputsT]):
@@ -189,8 +180,8 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
         """
 
     @abstractmethod
-    def legs(self, bench: Bench) -> tuple[Leg, ...]:
-        """The legs of the run on this bench, wavelength outermost: a laser is never retuned from shot to shot."""
+    def passes(self, bench: Bench) -> tuple[Pass, ...]:
+        """The passes of the run on this bench, wavelength outermost: a laser is never retuned from shot to shot."""
 
     @abstractmethod
     def check(self, bench: Bench, inputs: InputsT) -> None:
@@ -227,19 +218,19 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
         """How long `shots` shots take on real instruments, by their arm, transfer and settling times."""
 
     def parts(self, bench: Bench, inputs: InputsT) -> tuple[Part, ...]:
-        """The whole run: every shot on every leg.
+        """The whole run: every shot on every pass.
 
         Raises:
             ProtocolError: the inputs do not suit the protocol.
         """
         shots = self.shots(inputs)
-        return tuple(Part(leg, shots) for leg in self.legs(bench))
+        return tuple(Part(pass_, shots) for pass_ in self.passes(bench))
 
     @abstractmethod
     def acquire(self, bench: Bench, inputs: InputsT, parts: Sequence[Part]) -> Events:
         """Measure `parts` one after the other: for each its ranges, found or set again, then its records in order.
 
-        A run is measured whole (`self.parts`), or from where it was cut off: every setting of a leg is sent when its
+        A run is measured whole (`self.parts`), or from where it was cut off: every setting of a pass is sent when its
         part begins, so that the records are those of an uninterrupted run.
 
         Light is on only while the generator runs; closing it, however that happens, leaves the bench in the safe state.

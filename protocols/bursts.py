@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from instruments.bench import Bench
 from instruments.errors import InstrumentError, NoTrigger
 from instruments.interfaces import BurstDmd
-from instruments.values import Burst, Drive, Timebase
-from protocols.base import BurstRecord, Part, ProtocolError, Shot
+from instruments.values import Drive, Frames, Timebase
+from protocols.base import Part, ProtocolError, Record, Shot
 from protocols.patterns import Patterns
 
 PICTURE_PERIOD_S = 44e-6
@@ -60,7 +60,7 @@ class PictureMemory:
     """The shots in the DMD's memory: all of them if they fit, otherwise as many as fit, one part after the other."""
 
     def __init__(self, bench: Bench, patterns: Patterns, shots: Sequence[Shot]) -> None:
-        """Load what can be loaded once for all legs."""
+        """Load what can be loaded once for all passes."""
         self._bench = bench
         self._patterns = patterns
         self._shots = shots
@@ -82,7 +82,7 @@ class PictureMemory:
 
 def measure_bursts(
     bench: Bench, dmd: BurstDmd, memory: PictureMemory, part: Part, drive: Drive, timebase: Timebase
-) -> Iterator[BurstRecord]:
+) -> Iterator[Record]:
     """The shots of `part`, burst by burst.
 
     Raises:
@@ -91,7 +91,7 @@ def measure_bursts(
     bench.load_drive(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
     bench.awg.play()
     late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
-    bench.scope.configure(late, bench.wiring.trigger, tuple(part.leg.patching), 1)
+    bench.scope.configure(late, bench.wiring.trigger, tuple(part.pass_.patching), 1)
     dmd.hold()
     longest = min(LONGEST_BURST, bench.scope.most_frames())
     for held in memory.parts:
@@ -102,10 +102,10 @@ def measure_bursts(
             dmd.play(burst_of.start - held.start, count, PICTURE_PERIOD_S)
             burst = collected(bench)
             check_times(burst, count)
-            yield BurstRecord(part.leg, burst_of.start, burst)
+            yield Record(part.pass_, burst_of.start, burst)
 
 
-def collected(bench: Bench) -> Burst:
+def collected(bench: Bench) -> Frames:
     """The burst for which the oscilloscope is armed and that the DMD plays.
 
     Raises:
@@ -130,7 +130,7 @@ def stretches(indices: Sequence[int], longest: int) -> Iterator[range]:
             start = place
 
 
-def check_times(burst: Burst, count: int) -> None:
+def check_times(burst: Frames, count: int) -> None:
     """Compare number and time stamps of the frames with the pictures that were played.
 
     Raises:

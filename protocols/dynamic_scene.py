@@ -18,10 +18,10 @@ from protocols.base import (
     Events,
     Images,
     Judgement,
-    Leg,
-    LegStarted,
     Measurement,
     Part,
+    Pass,
+    PassStarted,
     ProtocolError,
     Record,
     Shot,
@@ -31,7 +31,7 @@ from protocols.bursts import PICTURE_PERIOD_S, burst_dmd, collected, load_pictur
 from protocols.image_readout import pseudorandom_drive
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
-from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, legs_for
+from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for
 
 SETTLED_PERIODS = 2
 """Of the drive, before the record begins: fibre and chip then carry light of the running drive only."""
@@ -89,9 +89,9 @@ class DynamicScene(Measurement[Images]):
             for place, (first, second) in enumerate(zip(before, after, strict=True))
         ]
 
-    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+    def passes(self, bench: Bench) -> tuple[Pass, ...]:
         """Every wavelength with every patching that the ports need."""
-        return legs_for(bench, self.wavelengths, self.ports)
+        return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
         """The DMD must start the AWG, and the images fit it."""
@@ -107,8 +107,8 @@ class DynamicScene(Measurement[Images]):
         return round(self.window * self.sample_rate)
 
     def duration_s(self, bench: Bench, shots: int) -> float:
-        """Every scene `averages` times and once to find the ranges, leg by leg."""
-        return len(self.legs(bench)) * shots * (self.averages + 1) * REAL_SCENE_S
+        """Every scene `averages` times and once to find the ranges, pass by pass."""
+        return len(self.passes(bench)) * shots * (self.averages + 1) * REAL_SCENE_S
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Scene by scene: arm, let the DMD play both images, read; `averages` times."""
@@ -119,18 +119,20 @@ class DynamicScene(Measurement[Images]):
         lead_s = SETTLED_PERIODS * drive.period_s
         timebase = Timebase(self.sample_rate, self.sample_count(inputs), lead_s)
         load_pictures(bench, [patterns.block(_pictures(shot)) for shot in plan], 2 * len(plan))
-        with bench.emitting(parts[0].leg.wavelength_nm):
+        with bench.emitting(parts[0].pass_.wavelength_nm):
             bench.load_drive(drive, periods_per_trigger=math.inf)
             for part in parts:
-                bench.laser.tune(part.leg.wavelength_nm)
-                bench.patch_panel.connect(part.leg.patching)
-                bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.leg.patching), 1)
+                bench.laser.tune(part.pass_.wavelength_nm)
+                bench.patch_panel.connect(part.pass_.patching)
+                bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.pass_.patching), 1)
                 captures = [partial(self._capture, bench, dmd, shot, lead_s) for shot in plan]
                 known = part.scalings and _rescaled(part.scalings, self.averages)
                 scalings = lock_ranges(bench, known, captures)
-                yield LegStarted(part.leg, _rescaled(scalings, 1 / self.averages))
+                yield PassStarted(part.pass_, _rescaled(scalings, 1 / self.averages))
                 for shot in part.shots:
-                    yield Record(part.leg, shot, _summed([captures[shot.index]() for _ in range(self.averages)]))
+                    yield Record(
+                        part.pass_, shot.index, _summed([captures[shot.index]() for _ in range(self.averages)])
+                    )
 
     def _capture(self, bench: Bench, dmd: BurstDmd, scene: Shot, lead_s: float) -> Frames:
         """One playing of a scene: the pulse that starts the AWG ends so long before the second image comes."""
@@ -139,8 +141,7 @@ class DynamicScene(Measurement[Images]):
         bench.awg.play()
         bench.scope.arm_burst(1)
         dmd.play(2 * scene.index, 2, PICTURE_PERIOD_S, pulse_s=PICTURE_PERIOD_S - lead_s - self.switch_after)
-        burst = collected(bench)
-        return Frames(burst.codes[0], burst.trigger_offset_s[0], burst.clipped[0])
+        return collected(bench)
 
     def _drawn(self, inputs: Images, label: int, draw: int) -> NDArray[np.intp]:
         members = np.flatnonzero(inputs.labels == label)
@@ -161,7 +162,8 @@ def _summed(playings: Sequence[Frames]) -> Frames:
     if len(playings) == 1:
         return playings[0]
     codes: NDArray[np.int16] = np.sum([frames.codes for frames in playings], axis=0, dtype=np.int16)
-    return Frames(codes, playings[0].trigger_offset_s, np.any([frames.clipped for frames in playings], axis=0))
+    clipped = np.any([frames.clipped for frames in playings], axis=0)
+    return Frames(codes, playings[0].trigger_offset_s, playings[-1].time_s, clipped)
 
 
 def _rescaled(scalings: Sequence[Scaling], factor: float) -> tuple[Scaling, ...]:

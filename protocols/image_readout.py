@@ -15,10 +15,10 @@ from protocols.base import (
     Events,
     Images,
     Judgement,
-    Leg,
-    LegStarted,
     Measurement,
     Part,
+    Pass,
+    PassStarted,
     ProtocolError,
     Record,
     Shot,
@@ -27,7 +27,7 @@ from protocols.base import (
 from protocols.bursts import PictureMemory, burst_dmd, measure_bursts
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
-from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, legs_for
+from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for
 
 DRIVE_RATE = 25e9
 DRIVE_SAMPLES = 2500
@@ -36,7 +36,7 @@ PROBES = 40
 
 REAL_SHOT_S = 50e-3
 """A software-timed shot on real instruments: a DMD upload (5 ms), arming (20 ms), four transfers (5 ms each)."""
-REAL_LEG_S = 5.0
+REAL_PASS_S = 5.0
 """Retuning, repatching by switch, and ranging, on real instruments."""
 
 
@@ -77,9 +77,9 @@ class ImageReadout(Measurement[Images]):
                 shots.append(Shot(len(shots), ShotKind.DARK, -1, -1, -1))
         return shots
 
-    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+    def passes(self, bench: Bench) -> tuple[Pass, ...]:
         """Every wavelength with every patching that the ports need."""
-        return legs_for(bench, self.wavelengths, self.ports)
+        return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
         """The images must fit the DMD, and the timing the wiring."""
@@ -98,8 +98,8 @@ class ImageReadout(Measurement[Images]):
         return max(1, round(self.window * self.sample_rate))
 
     def duration_s(self, bench: Bench, shots: int) -> float:
-        """Arm, transfer and settling times of real instruments, leg by leg."""
-        return len(self.legs(bench)) * (REAL_LEG_S + (shots + PROBES) * REAL_SHOT_S)
+        """Arm, transfer and settling times of real instruments, pass by pass."""
+        return len(self.passes(bench)) * (REAL_PASS_S + (shots + PROBES) * REAL_SHOT_S)
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot: show, arm, wait for the marker of the running drive, read. Or in hardware-timed bursts."""
@@ -111,21 +111,21 @@ class ImageReadout(Measurement[Images]):
         if self.timing == "burst":
             dmd = burst_dmd(bench)
             memory = PictureMemory(bench, patterns, plan)
-        with bench.emitting(parts[0].leg.wavelength_nm):
+        with bench.emitting(parts[0].pass_.wavelength_nm):
             for part in parts:
-                leg = part.leg
-                bench.laser.tune(leg.wavelength_nm)
-                bench.patch_panel.connect(leg.patching)
+                pass_ = part.pass_
+                bench.laser.tune(pass_.wavelength_nm)
+                bench.patch_panel.connect(pass_.patching)
                 bench.load_drive(drive)
                 bench.awg.play()
-                bench.scope.configure(timebase, bench.wiring.trigger, tuple(leg.patching), self.averages)
+                bench.scope.configure(timebase, bench.wiring.trigger, tuple(pass_.patching), self.averages)
                 captures = [partial(show_and_capture, bench, patterns[shot]) for shot in probes]
-                yield LegStarted(leg, lock_ranges(bench, part.scalings, captures))
+                yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures))
                 if self.timing == "burst":
                     yield from measure_bursts(bench, dmd, memory, part, drive, timebase)
                 else:
                     for shot in part.shots:
-                        yield Record(leg, shot, show_and_capture(bench, patterns[shot]))
+                        yield Record(pass_, shot.index, show_and_capture(bench, patterns[shot]))
 
 
 def pseudorandom_drive(bench: Bench, seed: int) -> Drive:

@@ -65,7 +65,7 @@ def find_ranges(scope: Oscilloscope, limits: Limits, probes: Sequence[Capture]) 
 
 
 def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
-    """The vertical ranges of a leg: those `known` from an earlier part of the run, or found from all `probes`.
+    """The vertical ranges of a pass: those `known` from an earlier part of the run, or found from all `probes`.
 
     Raises:
         OverLimit: a detector gives more than it may.
@@ -98,11 +98,11 @@ def _extremes(scope: Oscilloscope, probes: Sequence[Capture]) -> NDArray[np.floa
     """Lowest and highest voltage of each channel over all probes, shape (channels, 2); NaN where one is clipped."""
     frames = [probe() for probe in probes]
     scalings = scope.scalings()
-    codes = np.stack([frame.codes for frame in frames])
+    codes = np.concatenate([frame.codes for frame in frames])
     ends = np.stack([codes.min(axis=(0, 2)), codes.max(axis=(0, 2))], axis=1)
     volts = np.array([scaling.scale_v * pair + scaling.offset_v for scaling, pair in zip(scalings, ends, strict=True)])
     if len(probes) > 1:
-        volts[np.any([frame.clipped for frame in frames], axis=0)] = np.nan
+        volts[np.any([frame.clipped[0] for frame in frames], axis=0)] = np.nan
     return volts
 
 

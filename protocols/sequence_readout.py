@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from pydantic import PositiveInt
 
 from instruments.bench import Bench
-from instruments.values import Burst, Drive, Frames, Timebase
+from instruments.values import Drive, Frames, Timebase
 from protocols.base import (
-    BurstRecord,
     Events,
     Images,
     Judgement,
-    Leg,
-    LegStarted,
     Measurement,
     Part,
+    Pass,
+    PassStarted,
     ProtocolError,
+    Record,
     Sequences,
     Shot,
     ShotKind,
@@ -27,7 +27,7 @@ from protocols.bursts import stretches
 from protocols.first_light import first_light
 from protocols.image_readout import balanced_order
 from protocols.ranging import lock_ranges
-from protocols.settings import Classes, Ports, Wavelengths, legs_for
+from protocols.settings import Classes, Ports, Wavelengths, passes_for
 
 DRIVE_RATE = 25e9
 DRIVE_SAMPLES_PER_SYMBOL = 2
@@ -43,7 +43,7 @@ REST_SYMBOLS = 25
 """Rest of 2 ns behind every sequence: several times what the chip remembers."""
 
 PROBES = 2
-REAL_LEG_S = 8.0
+REAL_PASS_S = 8.0
 """Retuning, repatching, the upload, ranging and one averaged record of all sequences, on real instruments."""
 
 
@@ -83,9 +83,9 @@ class SequenceReadout(Measurement[Sequences]):
             for place, row in enumerate(order)
         ]
 
-    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+    def passes(self, bench: Bench) -> tuple[Pass, ...]:
         """Every wavelength with every patching that the ports need."""
-        return legs_for(bench, self.wavelengths, self.ports)
+        return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Sequences) -> None:
         """The sequences must vary."""
@@ -109,54 +109,55 @@ class SequenceReadout(Measurement[Sequences]):
         return int(inputs.values.shape[1]) * self._samples_per_symbol
 
     def duration_s(self, bench: Bench, shots: int) -> float:
-        """Leg by leg: one record holds every sequence."""
-        return len(self.legs(bench)) * REAL_LEG_S
+        """Pass by pass: one record holds every sequence."""
+        return len(self.passes(bench)) * REAL_PASS_S
 
     def acquire(self, bench: Bench, inputs: Sequences, parts: Sequence[Part]) -> Events:
-        """Leg by leg one record of the whole waveform, cut into the frames of its sequences."""
+        """Pass by pass one record of the whole waveform, cut into the frames of its sequences."""
         drive = self.drive(bench, inputs)
-        with bench.emitting(parts[0].leg.wavelength_nm):
+        with bench.emitting(parts[0].pass_.wavelength_nm):
             bench.load_drive(drive)
             bench.awg.play()
-            first_leg = self.legs(bench)[0]
+            first_leg = self.passes(bench)[0]
             self._turn_to(bench, first_leg, drive)
             lock_ranges(bench, None, [bench.scope.capture] * PROBES)
             begins = self._first_symbol_sample(bench.scope.capture())
             for part in parts:
-                self._turn_to(bench, part.leg, drive)
-                yield LegStarted(part.leg, lock_ranges(bench, part.scalings, [bench.scope.capture] * PROBES))
+                self._turn_to(bench, part.pass_, drive)
+                yield PassStarted(part.pass_, lock_ranges(bench, part.scalings, [bench.scope.capture] * PROBES))
                 record = bench.scope.capture()
                 for places in stretches([shot.index for shot in part.shots], len(part.shots)):
-                    yield BurstRecord(part.leg, places.start, self._frames(record, begins, places, inputs))
+                    yield Record(part.pass_, places.start, self._frames(record, begins, places, inputs))
 
     @property
     def _samples_per_symbol(self) -> int:
         return round(SYMBOL_S * self.sample_rate)
 
-    def _turn_to(self, bench: Bench, leg: Leg, drive: Drive) -> None:
-        bench.laser.tune(leg.wavelength_nm)
-        bench.patch_panel.connect(leg.patching)
+    def _turn_to(self, bench: Bench, pass_: Pass, drive: Drive) -> None:
+        bench.laser.tune(pass_.wavelength_nm)
+        bench.patch_panel.connect(pass_.patching)
         samples = round((LONGEST_DELAY_S + drive.period_s) * self.sample_rate)
         bench.scope.configure(
-            Timebase(self.sample_rate, samples), bench.wiring.trigger, tuple(leg.patching), self.averages
+            Timebase(self.sample_rate, samples), bench.wiring.trigger, tuple(pass_.patching), self.averages
         )
 
     def _first_symbol_sample(self, record: Frames) -> int:
         """Where in a record the light of the first sequence begins; the light of the mark is what tells."""
         silent = slice(round(LONGEST_DELAY_S * self.sample_rate), LEAD_SYMBOLS * self._samples_per_symbol)
-        return first_light(record.codes, silent=silent) + REST_SYMBOLS * self._samples_per_symbol
+        return first_light(record.codes[0], silent=silent) + REST_SYMBOLS * self._samples_per_symbol
 
-    def _frames(self, record: Frames, begins: int, places: range, inputs: Sequences) -> Burst:
+    def _frames(self, record: Frames, begins: int, places: range, inputs: Sequences) -> Frames:
         """The frames of the sequences at `places`, cut out of a record of all of them."""
         slot = _slot_symbols(inputs) * self._samples_per_symbol
         stop = begins + places.stop * slot
-        slots = record.codes[:, begins + places.start * slot : stop].reshape(len(record.codes), len(places), slot)
+        codes = record.codes[0]
+        slots = codes[:, begins + places.start * slot : stop].reshape(len(codes), len(places), slot)
         frames = slots[:, :, : self.sample_count(inputs)].swapaxes(0, 1)
-        return Burst(
+        return Frames(
             frames.copy(),
-            np.tile(record.trigger_offset_s, (len(places), 1)),
+            record.trigger_offset_s.repeat(len(places), axis=0),
             np.arange(len(places), dtype=np.float64) * (slot / self.sample_rate),
-            np.tile(record.clipped, (len(places), 1)),
+            record.clipped.repeat(len(places), axis=0),
         )
 
 

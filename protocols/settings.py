@@ -1,4 +1,4 @@
-"""Settings that protocols share, as text from the command line or a file gives them; and the legs they ask for."""
+"""Settings that protocols share, as text from the command line or a file gives them; and the passes they ask for."""
 
 from itertools import product
 from typing import Annotated, TypeVar
@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt
 
 from instruments.bench import Bench
 from instruments.units import Nanometres
-from protocols.base import Leg
+from protocols.base import Pass
 
 Number = TypeVar("Number", int, float)
 
@@ -91,9 +91,9 @@ ImageCount = Annotated[
 """How many images in all, or how many of each class."""
 
 
-def legs_for(bench: Bench, wavelengths_nm: tuple[float, ...], ports: tuple[int, ...]) -> tuple[Leg, ...]:
+def passes_for(bench: Bench, wavelengths_nm: tuple[float, ...], ports: tuple[int, ...]) -> tuple[Pass, ...]:
     """Every wavelength with every patching that the ports need on this bench, wavelength outermost."""
     return tuple(
-        Leg(index, wavelength, patching)
-        for index, (wavelength, patching) in enumerate(product(wavelengths_nm, bench.passes_for(ports)))
+        Pass(index, wavelength, patching)
+        for index, (wavelength, patching) in enumerate(product(wavelengths_nm, bench.patchings_for(ports)))
     )

@@ -9,7 +9,7 @@ from pydantic import Field, PositiveInt
 from instruments.bench import Bench
 from instruments.units import Nanometres, Seconds
 from instruments.values import Drive
-from protocols.base import Events, Images, Judgement, Leg, Measurement, Part, Shot
+from protocols.base import Events, Images, Judgement, Measurement, Part, Pass, Shot
 from protocols.image_readout import ImageReadout
 from protocols.settings import Binarisation, Classes, Ports
 
@@ -46,9 +46,9 @@ class WavelengthScan(Measurement[Images]):
         """The images in a class-balanced random order, with a reference and a dark frame behind them."""
         return self._readout.shots(inputs)
 
-    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+    def passes(self, bench: Bench) -> tuple[Pass, ...]:
         """Every wavelength with every patching that the ports need."""
-        return self._readout.legs(bench)
+        return self._readout.passes(bench)
 
     def check(self, bench: Bench, inputs: Images) -> None:
         """The images must fit the DMD."""
@@ -63,7 +63,7 @@ class WavelengthScan(Measurement[Images]):
         return self._readout.sample_count(inputs)
 
     def duration_s(self, bench: Bench, shots: int) -> float:
-        """Arm, transfer and settling times of real instruments, leg by leg."""
+        """Arm, transfer and settling times of real instruments, pass by pass."""
         return self._readout.duration_s(bench, shots)
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:

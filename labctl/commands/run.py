@@ -65,14 +65,14 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
     shots = protocol.shots(inputs)
     with CommandLog() as log, opened(acquisition.station, log, attended=acquisition.attended) as open_bench:
         bench = open_bench.bench
-        legs = protocol.legs(bench)
+        passes = protocol.passes(bench)
         return {
             "protocol": protocol.name,
             "digest": protocol.digest(),
             "shots": len(shots),
             "images": sum(shot.kind is ShotKind.IMAGE for shot in shots),
-            "passes": len(legs),
-            "ports": [list(leg.patching.values()) for leg in legs],
+            "passes": len(passes),
+            "ports": [list(pass_.patching.values()) for pass_ in passes],
             "samples": protocol.sample_count(inputs),
             "estimated_seconds_on_a_real_bench": protocol.duration_s(bench, len(shots)),
             "bytes_needed": bytes_needed(Request(protocol, inputs, acquisition.station), bench),

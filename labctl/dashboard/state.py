@@ -73,8 +73,8 @@ class RunState:
     drive: bool | None = None
     scope: str = ""
     patching: tuple[tuple[str, str], ...] = ()
-    leg: int | None = None
-    legs: int | None = None
+    pass_index: int | None = None
+    passes: int | None = None
     done: int = 0
     total: int = 0
     rate_per_s: float | None = None
@@ -144,14 +144,14 @@ def _scope(state: RunState, fields: Mapping[str, Any]) -> RunState:
     return replace(state, scope=f"{samples:.0f} samples at {rate / 1e9:g} GS/s" if rate and samples else "")
 
 
-def _leg(state: RunState, fields: Mapping[str, Any]) -> RunState:
-    leg, legs = _number(fields, "leg"), _number(fields, "legs")
+def _pass(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    index, passes = _number(fields, "pass"), _number(fields, "passes")
     return replace(
         state,
         phase=Phase.MEASURING,
         uploading="",
-        leg=None if leg is None else int(leg),
-        legs=None if legs is None else int(legs),
+        pass_index=None if index is None else int(index),
+        passes=None if passes is None else int(passes),
     )
 
 
@@ -212,7 +212,7 @@ _CHANGES: dict[str, Callable[[RunState, Mapping[str, Any]], RunState]] = {
     "drive": lambda state, fields: replace(state, drive=fields.get("on") is True),
     "patched": _patched,
     "scope set": _scope,
-    "leg started": _leg,
+    "pass started": _pass,
     "progress": _progress,
     "warning": _unchanged,
     "link lost": _unchanged,
@@ -229,8 +229,8 @@ _WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "run started": lambda fields: f"{_text(fields, 'protocol')} started, {_count(fields, 'records')} records",
     "run resumed": lambda fields: f"{_text(fields, 'protocol')} resumed at {_count(fields, 'done')} records",
     "emission": lambda fields: "laser on" if fields.get("on") is not False else "laser off",
-    "leg started": lambda fields: (
-        f"leg {_count(fields, 'leg', 1)} of {_count(fields, 'legs')}: {_number(fields, 'wavelength_nm')} nm, "
+    "pass started": lambda fields: (
+        f"pass {_count(fields, 'pass', 1)} of {_count(fields, 'passes')}: {_number(fields, 'wavelength_nm')} nm, "
         f"ports {_list(fields, 'ports')}"
     ),
     "warning": lambda fields: _text(fields, "text"),

@@ -42,11 +42,11 @@ def progress(state: RunState, records: tuple[int, int]) -> str:
     """How far the run is, how fast, and how long it takes still."""
     done, total = (state.done, state.total) if state.total else records
     part = 100 * done / total if total else 0.0
-    leg = "" if state.leg is None or not state.legs else f"leg {state.leg + 1} of {state.legs}"
+    one = "" if state.pass_index is None or not state.passes else f"pass {state.pass_index + 1} of {state.passes}"
     rate = "" if state.rate_per_s is None else f"{state.rate_per_s:.0f} records/s"
     left = "" if state.remaining_s is None else f"{duration(state.remaining_s)} left"
     bench = "" if not state.station else "simulated bench" if state.simulated else state.station
-    beside = " · ".join(filter(None, (f"{done} of {total} records", rate, left, leg, state.uploading, bench)))
+    beside = " · ".join(filter(None, (f"{done} of {total} records", rate, left, one, state.uploading, bench)))
     return (
         f'<div class="progress"><div class="line"><strong class="phase {state.phase.name.lower()}">'
         f"{escape(str(state.phase))}</strong><span>{escape(beside)}</span></div>"

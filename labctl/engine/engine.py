@@ -33,7 +33,7 @@ from labctl.runs.live.commands import CommandLog
 from labctl.runs.live.events import EventLog
 from labctl.runs.write.room import needed
 from labctl.runs.write.writer import RunWriter
-from protocols.base import Inputs, Leg, Measurement, Shot
+from protocols.base import Inputs, Measurement, Pass, Shot
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def carry_out(request: Request, bench: Bench, listeners: Listeners, directory: P
     """Run the protocol on `bench`; the run directory is `directory`, or a new one under `runs/`.
 
     Every instrument is asked who it is before a file is written or light switched on, and the laser is set in the dark,
-    so that the manifest has the light of the first leg as it settled. The finished shots are kept
+    so that the manifest has the light of the first pass as it settled. The finished shots are kept
     however the run ends, and the bench is left in the safe state.
 
     Raises:
@@ -218,34 +218,34 @@ def _plan(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, Played
 
 def _planned(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:
     protocol, inputs = request.protocol, request.inputs
-    shots, legs = protocol.shots(inputs), protocol.legs(bench)
-    return _shape(request, legs, shots), _columns(shots, legs), _played(protocol.drive(bench, inputs))
+    shots, passes = protocol.shots(inputs), protocol.passes(bench)
+    return _shape(request, passes, shots), _columns(shots, passes), _played(protocol.drive(bench, inputs))
 
 
 def _seconds_a_shot(request: Request, bench: Bench) -> float:
     """On one pass, on real instruments."""
-    shots, legs = len(request.protocol.shots(request.inputs)), len(request.protocol.legs(bench))
-    return request.protocol.duration_s(bench, shots) / (shots * legs)
+    shots, passes = len(request.protocol.shots(request.inputs)), len(request.protocol.passes(bench))
+    return request.protocol.duration_s(bench, shots) / (shots * passes)
 
 
-def _shape(request: Request, legs: Sequence[Leg], shots: Sequence[Shot]) -> RunShape:
+def _shape(request: Request, passes: Sequence[Pass], shots: Sequence[Shot]) -> RunShape:
     protocol = request.protocol
     return RunShape(
         shots=len(shots),
-        passes=tuple(tuple(leg.patching.values()) for leg in legs),
-        wavelengths_nm=tuple(leg.wavelength_nm for leg in legs),
+        passes=tuple(tuple(pass_.patching.values()) for pass_ in passes),
+        wavelengths_nm=tuple(pass_.wavelength_nm for pass_ in passes),
         samples=protocol.sample_count(request.inputs),
         sample_interval_s=1 / protocol.sample_rate,
         code_type="int8" if protocol.averages == 1 else "int16",
     )
 
 
-def _columns(shots: Sequence[Shot], legs: Sequence[Leg]) -> ShotColumns:
+def _columns(shots: Sequence[Shot], passes: Sequence[Pass]) -> ShotColumns:
     return ShotColumns(
         kind=np.array([shot.kind.value for shot in shots]),
         dataset_index=np.array([shot.dataset_index for shot in shots], np.int64),
         label=np.array([shot.label for shot in shots], np.int64),
-        wavelength_nm=np.full(len(shots), legs[0].wavelength_nm),
+        wavelength_nm=np.full(len(shots), passes[0].wavelength_nm),
         group=np.array([shot.group for shot in shots], np.int64),
         next_dataset_index=np.array([shot.next_dataset_index for shot in shots], np.int64),
         next_label=np.array([shot.next_label for shot in shots], np.int64),
@@ -277,9 +277,9 @@ def _manifest(request: Request, bench: Bench, started: datetime) -> dict[str, An
 
 
 def _light_and_instruments(request: Request, bench: Bench) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What the laser settled on for the first leg, in the dark, and who all instruments are and how they are set."""
+    """What the laser settled on for the first pass, in the dark, and who all instruments are and how they are set."""
     identities = {name: vars(instrument.identify()) for name, instrument in bench.instruments.items()}
-    light = vars(bench.set_light(request.protocol.legs(bench)[0].wavelength_nm))
+    light = vars(bench.set_light(request.protocol.passes(bench)[0].wavelength_nm))
     return light, {
         name: {"identity": identities[name], "settings": instrument.settings()}
         for name, instrument in bench.instruments.items()

@@ -183,7 +183,7 @@ def _at_work(
         watch = stack.enter_context(supervised(station, log))
         open_bench = stack.enter_context(opened(station, log, attended=attended, armed=armed))
         watch(open_bench.bench)
-        check_laser(station, [leg.wavelength_nm for leg in protocol.legs(open_bench.bench)])
+        check_laser(station, [pass_.wavelength_nm for pass_ in protocol.passes(open_bench.bench)])
         open_bench.bench.require_arm()
         open_bench.bench.uploading = _both(uploading, events.uploading)
         tell_states(open_bench.bench, events)

@@ -126,8 +126,8 @@ def test_a_block_is_as_long_as_its_header_says(name: str, through: Through) -> N
     link.write_block('WLISt:WAVeform:DATA "w",', samples)
     if name != "header #A":
         with pytest.raises(LinkError, match=r"goes on with|did not answer in time"):
-            link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4"))
-    assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4")), samples)
+            link.read_block('WLISt:WAVeform:DATA? "w"', np.empty(2400, "<f4"))
+    assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "w"', np.empty(2400, "<f4")), samples)
 
 
 @pytest.mark.filterwarnings("ignore:unclosed:ResourceWarning")  # pyvisa-py's, of a session that it cannot open
@@ -154,8 +154,8 @@ def test_a_message_that_ends_inside_a_block_ends_the_wait_for_it(
     link.write('WLISt:WAVeform:NEW "w",2400')
     link.write_block('WLISt:WAVeform:DATA "w",', samples)
     with pytest.raises((LinkError, InstrumentError)):
-        link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4"))
-    assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4")), samples)
+        link.read_block('WLISt:WAVeform:DATA? "w"', np.empty(2400, "<f4"))
+    assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "w"', np.empty(2400, "<f4")), samples)
 
 
 @pytest.mark.parametrize("transport", ["socket", "hislip", "vxi11"])
@@ -165,7 +165,7 @@ def test_a_link_that_ends_inside_a_block_leaves_what_was_in_memory(transport: st
     link.write('WLISt:WAVeform:NEW "w",1000000')
     with pytest.raises(LinkError):
         _upload(link, samples)
-    assert not link.read_block('WLISt:WAVeform:DATA? "w",0,2400', np.dtype("<f4")).any()
+    assert not link.read_block('WLISt:WAVeform:DATA? "w",0,2400', np.empty(2400, "<f4")).any()
 
 
 def _upload(link: VisaLink, samples: NDArray[np.float32]) -> None:
@@ -178,7 +178,7 @@ def test_a_block_that_is_lost_leaves_what_was_in_memory(through: Through) -> Non
     link.write('WLISt:WAVeform:NEW "w",2400')
     link.write_block('WLISt:WAVeform:DATA "w",', np.ones(2400, np.float32))
     assert not link.errors()
-    assert not link.read_block('WLISt:WAVeform:DATA? "w"', np.dtype("<f4")).any()
+    assert not link.read_block('WLISt:WAVeform:DATA? "w"', np.empty(2400, "<f4")).any()
 
 
 def test_an_event_register_that_is_no_number_is_an_error_in_one_line(through: Through) -> None:

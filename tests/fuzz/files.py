@@ -210,7 +210,7 @@ def _events() -> tuple[bytes, ...]:
         events("emission", on=True)
         events("patched", ports={"1": 2, "2": 3})
         events("scope set", channels=[1, 2], samples=50, sample_rate=25e9)
-        events("leg started", leg=0, legs=2, wavelength_nm=1550.0)
+        events("pass started", **{"pass": 0, "passes": 2}, wavelength_nm=1550.0)
         picture = {"rows": 2, "columns": 4, "bits": "8A=="}
         events.progress(20, 40, lambda: {"shot": 19, "kind": "image", "label": 3, "dataset_index": 7, "image": picture})
         events("warning", text="records touch the end of the vertical range")

@@ -130,17 +130,17 @@ def test_a_connection_that_cannot_be_released_is_told(log: Any, monkeypatch: pyt
 
 
 def test_five_ports_need_two_passes(bench: Bench) -> None:
-    assert bench.passes_for((2, 3, 4, 5, 6)) == ({1: 2, 2: 3, 3: 4, 4: 5}, {1: 6})
+    assert bench.patchings_for((2, 3, 4, 5, 6)) == ({1: 2, 2: 3, 3: 4, 4: 5}, {1: 6})
 
 
 def test_a_port_that_is_not_patched(bench: Bench) -> None:
     with pytest.raises(OutOfRange, match="port 10 is not patched"):
-        bench.passes_for((2, 10))
+        bench.patchings_for((2, 10))
 
 
 def test_a_bypassed_chip_has_one_fibre() -> None:
     with CommandLog() as log, opened(Station(patch_panel=PatchPanelSection(bypass=True)), log) as found:
-        assert found.bench.passes_for((2, 3, 4, 5, 6)) == ({1: BYPASS_PORT},)
+        assert found.bench.patchings_for((2, 3, 4, 5, 6)) == ({1: BYPASS_PORT},)
 
 
 @pytest.mark.parametrize(

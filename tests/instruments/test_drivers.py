@@ -65,8 +65,9 @@ class TestAwg:
         bench.awg.load(drive(longest), progress=lambda done, _total: told.append(done))
         assert told == [1_000_000 * chunk for chunk in range(1, 6)]
         link = VisaLink(simulation.resources["awg"]["socket"], name="awg", timeout_s=5, transcript=log)
-        assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "d"', np.dtype("<f4")), drive(longest).samples)
-        marker = link.read_block('WLISt:WAVeform:MARKer:DATA? "d"', np.dtype("u1"))
+        found = link.read_block('WLISt:WAVeform:DATA? "d"', np.empty(longest, "<f4"))
+        assert np.array_equal(found, drive(longest).samples)
+        marker = link.read_block('WLISt:WAVeform:MARKer:DATA? "d"', np.empty(longest, np.uint8))
         assert np.array_equal(np.flatnonzero(marker & 0x40), np.arange(longest // 4))
         link.close()
         with pytest.raises(OutOfRange, match=r"drive length = 5e\+06 samples is outside|drive length"):
@@ -104,9 +105,9 @@ class TestScope:
         bench.patch_panel.connect({1: 2, 2: 3})
         bench.scope.configure(Timebase(25e9, 50), AUX, (1, 2), 1)
         frames = bench.scope.capture()
-        assert frames.codes.shape == (2, 50)
+        assert frames.codes.shape == (1, 2, 50)
         assert frames.codes.dtype == np.int8
-        assert frames.trigger_offset_s.shape == (2,)
+        assert frames.trigger_offset_s.shape == (1, 2)
 
     def test_averages_are_sixteen_bit(self, bench: Bench) -> None:
         bench.awg.load(drive())

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from instruments.bench import Bench
 from instruments.errors import InstrumentError, NoTrigger
 from instruments.tektronix_awg70002a import Awg70002a
-from instruments.values import Burst
+from instruments.values import Frames
 from labctl.bench.opening import opened
 from labctl.bench.station import Station, WiringSection
 from labctl.engine.inputs import images_for
 from labctl.runs.live.commands import CommandLog
-from protocols.base import BurstRecord, LegStarted, Part, ProtocolError, Record, ShotKind
+from protocols.base import Part, PassStarted, ProtocolError, Record, ShotKind
 from protocols.bursts import PICTURE_PERIOD_S, check_times, stretches
 from protocols.image_readout import ImageReadout
 
@@ -34,36 +34,38 @@ def wired() -> Iterator[Bench]:
         yield found.bench
 
 
-def measure(bench: Bench, **settings: Any) -> tuple[list[LegStarted], list[Any], list[Any]]:
+def measure(bench: Bench, **settings: Any) -> tuple[list[PassStarted], list[Any], list[Any]]:
     protocol = ImageReadout(**SMALL, **settings)
     images = images_for(protocol)
     shots = protocol.shots(images)
     events = list(protocol.acquire(bench, images, protocol.parts(bench, images)))
     return (
-        [e for e in events if isinstance(e, LegStarted)],
-        [e for e in events if not isinstance(e, LegStarted)],
+        [e for e in events if isinstance(e, PassStarted)],
+        [e for e in events if not isinstance(e, PassStarted)],
         [*shots],
     )
 
 
-def volts(legs: list[LegStarted], codes: dict[int, NDArray[np.integer]]) -> list[NDArray[np.float64]]:
+def volts(passes: list[PassStarted], codes: dict[int, NDArray[np.integer]]) -> list[NDArray[np.float64]]:
     return [
-        np.stack([s.scale_v * codes[leg.leg.index][:, n] + s.offset_v for n, s in enumerate(leg.scalings)], axis=1)
-        for leg in legs
+        np.stack(
+            [s.scale_v * codes[pass_.pass_.index][:, n] + s.offset_v for n, s in enumerate(pass_.scalings)], axis=1
+        )
+        for pass_ in passes
     ]
 
 
 def test_a_burst_sees_what_single_shots_see(wired: Bench) -> None:
-    legs, bursts, shots = measure(wired, timing="burst")
-    single_legs, singles, _ = measure(wired)
-    assert all(isinstance(record, BurstRecord) for record in bursts)
-    assert all(isinstance(record, Record) for record in singles)
-    together = volts(legs, {record.leg.index: record.burst.codes for record in bursts})
+    passes, bursts, shots = measure(wired, timing="burst")
+    single_passes, singles, _ = measure(wired)
+    assert [len(record.frames) for record in bursts] == [len(shots)] * len(passes)
+    assert [len(record.frames) for record in singles] == [1] * len(shots) * len(passes)
+    together = volts(passes, {record.pass_.index: record.frames.codes for record in bursts})
     one_by_one = volts(
-        single_legs,
+        single_passes,
         {
-            index: np.stack([r.frames.codes for r in singles if r.leg.index == index])
-            for index in range(len(single_legs))
+            index: np.concatenate([r.frames.codes for r in singles if r.pass_.index == index])
+            for index in range(len(single_passes))
         },
     )
     kinds = np.array([shot.kind for shot in shots])
@@ -87,7 +89,7 @@ def test_more_pictures_than_the_memory_holds_go_in_parts(wired: Bench, monkeypat
     monkeypatch.setattr(wired.dmd, "capacity", lambda: 30)
     monkeypatch.setattr(wired.dmd, "load", counted)
     _, bursts, _ = measure(wired, timing="burst", ports=(2, 3, 4, 5, 6))
-    assert [(record.leg.index, record.first, len(record.burst.codes)) for record in bursts] == [
+    assert [(record.pass_.index, record.first, len(record.frames.codes)) for record in bursts] == [
         (0, 0, 30),
         (0, 30, 14),
         (1, 0, 30),
@@ -102,9 +104,9 @@ def test_averages_are_for_single_shots(wired: Bench) -> None:
         protocol.check(wired, images_for(protocol))
 
 
-def burst_at(times: NDArray[np.floating]) -> Burst:
+def burst_at(times: NDArray[np.floating]) -> Frames:
     count = times.size
-    return Burst(
+    return Frames(
         np.zeros((count, 1, 5), np.int8), np.zeros((count, 1)), times.astype(np.float64), np.zeros((count, 1), bool)
     )
 
@@ -129,17 +131,17 @@ def test_only_what_is_missing_is_played(wired: Bench) -> None:
     protocol = ImageReadout(**SMALL, timing="burst", ports=(2,))
     images = images_for(protocol)
     (part,) = protocol.parts(wired, images)
-    (leg, whole) = protocol.acquire(wired, images, [part])
-    assert isinstance(leg, LegStarted)
-    assert isinstance(whole, BurstRecord)
-    missing = Part(part.leg, [part.shots[index] for index in (3, 4, 5, 20, 42)], leg.scalings)
+    (pass_, whole) = protocol.acquire(wired, images, [part])
+    assert isinstance(pass_, PassStarted)
+    assert isinstance(whole, Record)
+    missing = Part(part.pass_, [part.shots[index] for index in (3, 4, 5, 20, 42)], pass_.scalings)
     (again, *bursts) = protocol.acquire(wired, images, [missing])
-    assert again == leg
-    records = [record for record in bursts if isinstance(record, BurstRecord)]
-    assert [(record.first, len(record.burst.codes)) for record in records] == [(3, 3), (20, 1), (42, 1)]
+    assert again == pass_
+    records = [record for record in bursts if isinstance(record, Record)]
+    assert [(record.first, len(record.frames.codes)) for record in records] == [(3, 3), (20, 1), (42, 1)]
     for record in records:
-        there = slice(record.first, record.first + len(record.burst.codes))
-        assert np.corrcoef(record.burst.codes.ravel(), whole.burst.codes[there].ravel())[0, 1] > 0.9
+        there = slice(record.first, record.first + len(record.frames.codes))
+        assert np.corrcoef(record.frames.codes.ravel(), whole.frames.codes[there].ravel())[0, 1] > 0.9
 
 
 def test_without_the_dmds_frame_sync_the_cables_are_named(wired: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

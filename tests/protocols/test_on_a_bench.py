@@ -7,7 +7,7 @@ import pytest
 
 from instruments.bench import Bench
 from labctl.engine.inputs import images_for
-from protocols.base import LegStarted, Part, ProtocolError, Record, ShotKind
+from protocols.base import Part, PassStarted, ProtocolError, Record, ShotKind
 from protocols.image_readout import ImageReadout
 
 SMALL = {"images": 40, "reference_every": 20}
@@ -18,24 +18,24 @@ def test_five_ports_in_two_passes_with_ranges_that_fit(bench: Bench) -> None:
     images = images_for(protocol)
     shots = protocol.shots(images)
     events = list(protocol.acquire(bench, images, protocol.parts(bench, images)))
-    legs = [event for event in events if isinstance(event, LegStarted)]
+    passes = [event for event in events if isinstance(event, PassStarted)]
     records = [event for event in events if isinstance(event, Record)]
-    assert [len(leg.scalings) for leg in legs] == [4, 1]
-    assert [record.shot for record in records] == [*shots, *shots]
-    images_only = [record for record in records[:44] if record.shot.kind is ShotKind.IMAGE]
-    codes = np.stack([record.frames.codes for record in images_only])
+    assert [len(pass_.scalings) for pass_ in passes] == [4, 1]
+    assert [record.first for record in records] == [shot.index for shot in (*shots, *shots)]
+    images_only = [record for record in records[:44] if shots[record.first].kind is ShotKind.IMAGE]
+    codes = np.concatenate([record.frames.codes for record in images_only])
     assert np.all(np.ptp(codes.astype(int), axis=(0, 2)) > 128), "the traces should fill more than half the screen"
     assert np.mean([record.frames.clipped.any() for record in images_only]) < 0.05
     assert bench.laser.settings()["emitting"] == 0
 
 
-def test_the_laser_is_tuned_once_a_leg_and_patched_before_it_is_measured(bench: Bench, log: Any) -> None:
+def test_the_laser_is_tuned_once_a_pass_and_patched_before_it_is_measured(bench: Bench, log: Any) -> None:
     protocol = ImageReadout(**SMALL, ports=(2,), wavelengths=(1550.0, 1551.0))
     images = images_for(protocol)
     events = protocol.acquire(bench, images, protocol.parts(bench, images))
     records = [event for event in events if isinstance(event, Record)]
-    assert [record.leg.wavelength_nm for record in records] == [1550.0] * 44 + [1551.0] * 44
-    first, second = (np.stack([r.frames.codes for r in records[start : start + 40]]) for start in (0, 44))
+    assert [record.pass_.wavelength_nm for record in records] == [1550.0] * 44 + [1551.0] * 44
+    first, second = (np.concatenate([r.frames.codes for r in records[start : start + 40]]) for start in (0, 44))
     assert not np.array_equal(first, second)
 
 
@@ -63,13 +63,13 @@ def test_a_run_taken_up_in_the_middle_gives_the_same_frames(bench: Bench, log: A
     images = images_for(protocol)
     parts = protocol.parts(bench, images)
     whole = list(protocol.acquire(bench, images, parts))
-    legs = [event for event in whole if isinstance(event, LegStarted)]
-    missing = [Part(leg.leg, part.shots[-3:], leg.scalings) for leg, part in zip(legs, parts, strict=True)]
+    passes = [event for event in whole if isinstance(event, PassStarted)]
+    missing = [Part(pass_.pass_, part.shots[-3:], pass_.scalings) for pass_, part in zip(passes, parts, strict=True)]
     log.messages.clear()
     again = list(protocol.acquire(bench, images, missing))
-    assert [event for event in again if isinstance(event, LegStarted)] == legs
+    assert [event for event in again if isinstance(event, PassStarted)] == passes
     assert len([text for text in log.sent_to("scope") if text == "ACQuire:STATE RUN"]) == 2 * (1 + 3), "no ranging"
-    codes = {(r.leg.index, r.shot.index): r.frames.codes for r in whole if isinstance(r, Record)}
+    codes = {(r.pass_.index, r.first): r.frames.codes for r in whole if isinstance(r, Record)}
     for record in again:
         if isinstance(record, Record):
-            assert np.array_equal(record.frames.codes, codes[record.leg.index, record.shot.index])
+            assert np.array_equal(record.frames.codes, codes[record.pass_.index, record.first])

@@ -10,7 +10,7 @@ from instruments.bench import Bench
 from labctl.bench.opening import opened
 from labctl.bench.station import Station, WiringSection
 from labctl.runs.live.commands import CommandLog
-from protocols.base import BurstRecord, LegStarted, Sequences
+from protocols.base import PassStarted, Record, Sequences
 from protocols.sequence_readout import SequenceReadout
 
 SYMBOLS, SHARED, COUNT = 16, 10, 400
@@ -34,9 +34,9 @@ def measured(bench: Bench) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     protocol = SequenceReadout(averages=16)
     events = list(protocol.acquire(bench, inputs, protocol.parts(bench, inputs)))
     ports = []
-    for leg in (event for event in events if isinstance(event, LegStarted)):
-        codes = np.concatenate([e.burst.codes for e in events if isinstance(e, BurstRecord) and e.leg == leg.leg])
-        ports += [codes[:, place] * scaling.scale_v for place, scaling in enumerate(leg.scalings)]
+    for pass_ in (event for event in events if isinstance(event, PassStarted)):
+        codes = np.concatenate([e.frames.codes for e in events if isinstance(e, Record) and e.pass_ == pass_.pass_])
+        ports += [codes[:, place] * scaling.scale_v for place, scaling in enumerate(pass_.scalings)]
     order = [shot.dataset_index for shot in protocol.shots(inputs)]
     frames = np.stack(ports, axis=1)
     return values[order], frames.reshape(COUNT, len(ports), SYMBOLS, -1)

@@ -14,11 +14,11 @@ from instruments.values import Drive, Identity, Timebase
 from instruments.visa import VisaLink
 from labctl.bench.drivers import Opening
 from labctl.bench.station import PatchPanelSection
-from protocols.base import Events, Images, Leg, LegStarted, Measurement, Part, Record, Shot, ShotKind
+from protocols.base import Events, Images, Measurement, Part, Pass, PassStarted, Record, Shot, ShotKind
 from protocols.image_readout import pseudorandom_drive, show_and_capture
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
-from protocols.settings import Binarisation, Classes, Ports, legs_for
+from protocols.settings import Binarisation, Classes, Ports, passes_for
 
 
 class ListSwitch(PatchPanel):
@@ -88,9 +88,9 @@ class Repeatability(Measurement[Images]):
         source, label = int(inputs.indices[0]), int(inputs.labels[0])
         return [Shot(index, ShotKind.IMAGE, source, label, group=source) for index in range(self.repeats)]
 
-    def legs(self, bench: Bench) -> tuple[Leg, ...]:
+    def passes(self, bench: Bench) -> tuple[Pass, ...]:
         """As many patchings as the ports need on this bench."""
-        return legs_for(bench, (1550.0,), self.ports)
+        return passes_for(bench, (1550.0,), self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
         """The image must fit the DMD."""
@@ -106,21 +106,21 @@ class Repeatability(Measurement[Images]):
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Twenty shots a second on real instruments."""
-        return len(self.legs(bench)) * shots / 20
+        return len(self.passes(bench)) * shots / 20
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
-        """For each leg: patch, load, find the ranges; then a record a shot."""
+        """For each pass: patch, load, find the ranges; then a record a shot."""
         patterns = Patterns(inputs, bench.dmd.shape)
         drive = self.drive(bench, inputs)
         timebase = Timebase(self.sample_rate, self.sample_count(inputs))
-        with bench.emitting(parts[0].leg.wavelength_nm):
+        with bench.emitting(parts[0].pass_.wavelength_nm):
             for part in parts:
-                bench.patch_panel.connect(part.leg.patching)
+                bench.patch_panel.connect(part.pass_.patching)
                 bench.load_drive(drive)
                 bench.awg.play()
-                bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.leg.patching), self.averages)
+                bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.pass_.patching), self.averages)
                 mirrors = patterns[part.shots[0]]
                 probe = partial(show_and_capture, bench, mirrors)
-                yield LegStarted(part.leg, lock_ranges(bench, part.scalings, [probe]))
+                yield PassStarted(part.pass_, lock_ranges(bench, part.scalings, [probe]))
                 for shot in part.shots:
-                    yield Record(part.leg, shot, show_and_capture(bench, mirrors))
+                    yield Record(part.pass_, shot.index, show_and_capture(bench, mirrors))

@@ -21,11 +21,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.values import Frames
 from labctl.errors import RunError
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, RunPaths, check_version
 from labctl.runs.format.plain_hdf5 import check_plain, opened_image
-from labctl.runs.format.shots import Measured, MeasuredBurst, RunShape, ShotFlag, in_this_version
+from labctl.runs.format.shots import RunShape, ShotFlag, in_this_version
 
 ROWS_DTYPE = np.dtype([("shot", "<i8"), ("time_s", "<f8"), ("epoch", "<i4"), ("flags", "<i4")])
 MOST_BYTES = 1 << 30  # of one shard, as a file and unpacked: a burst of 1000 shots, 14 ports, 2500 samples has 35 MB
@@ -52,37 +53,19 @@ class Shard:
     def of(
         cls,
         pass_index: int,
-        measured: Sequence[Measured],
+        first: int,
+        frames: Frames,
+        epoch: int | NDArray[np.int32],
         scale: NDArray[np.float64],
         offset: NDArray[np.float64],
     ) -> "Shard":
-        """Put consecutive shots of one pass together."""
-        rows = np.zeros(len(measured), ROWS_DTYPE)
-        for row, shot in enumerate(measured):
-            clipped = ShotFlag.CLIPPED if np.any(shot.clipped) else 0
-            rows[row] = (shot.shot, shot.time_s, shot.epoch, shot.flags | clipped)
-        return cls(
-            pass_index=pass_index,
-            first=measured[0].shot,
-            scale=scale,
-            offset=offset,
-            frames=np.stack([shot.codes for shot in measured]),
-            trigger_offset_s=np.stack([shot.trigger_offset_s for shot in measured]),
-            clipped=np.stack([shot.clipped for shot in measured]),
-            rows=rows,
-        )
-
-    @classmethod
-    def of_burst(
-        cls, pass_index: int, burst: MeasuredBurst, scale: NDArray[np.float64], offset: NDArray[np.float64]
-    ) -> "Shard":
-        """The shots of a burst."""
-        rows = np.zeros(len(burst.codes), ROWS_DTYPE)
-        rows["shot"] = burst.first + np.arange(rows.size)
-        rows["time_s"] = burst.time_s
-        rows["epoch"] = burst.epoch
-        rows["flags"] = np.where(burst.clipped.any(axis=1), int(ShotFlag.CLIPPED), 0)
-        return cls(pass_index, burst.first, scale, offset, burst.codes, burst.trigger_offset_s, burst.clipped, rows)
+        """The shots of a pass from `first` on; times are s since the run began, `epoch` is one for all or one each."""
+        rows = np.zeros(len(frames), ROWS_DTYPE)
+        rows["shot"] = first + np.arange(rows.size)
+        rows["time_s"] = frames.time_s
+        rows["epoch"] = epoch
+        rows["flags"] = np.where(frames.clipped.any(axis=1), int(ShotFlag.CLIPPED), 0)
+        return cls(pass_index, first, scale, offset, frames.codes, frames.trigger_offset_s, frames.clipped, rows)
 
     @classmethod
     def empty(cls, shape: RunShape, pass_index: int) -> "Shard":
@@ -221,6 +204,11 @@ class Shards:
     def has(self, pass_index: int, first: int, count: int = 1) -> bool:
         """Whether a pass has any of `count` shots from `first` on."""
         return bool((self._owner[pass_index, first : first + count] >= 0).any())
+
+    @property
+    def taken(self) -> NDArray[np.bool_]:
+        """Which shots each pass has, shape (passes, shots)."""
+        return self._owner >= 0
 
     def completes(self, pass_index: int, first: int, count: int) -> int:
         """How many shots become complete when a pass gets `count` shots from `first` on."""

@@ -4,12 +4,14 @@ Nothing here knows of files. A wrong value is a `ValueError`.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from enum import IntFlag
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from instruments.values import Frames
 
 KINDS = ("image", "reference", "dark", "scene", "sequence")
 SHOTS_DTYPE = np.dtype(
@@ -146,6 +148,20 @@ class RunShape:
         first = sum(len(ports) for ports in self.passes[:pass_index])
         return slice(first, first + len(self.passes[pass_index]))
 
+    def check(self, pass_index: int, first: int, frames: Frames) -> None:
+        """Compare frames of the shots from `first` on, measured on a pass, with the run that they are to be part of.
+
+        Raises:
+            ValueError: arrays of another shape or type, or shots that are not planned.
+        """
+        count, ports = len(frames), len(self.passes[pass_index])
+        if frames.codes.shape != (count, ports, self.samples) or frames.codes.dtype != self.dtype:
+            raise ValueError(f"frames of {frames.codes.dtype} {frames.codes.shape} are not those of a run of {self}")
+        if frames.trigger_offset_s.shape != (count, ports) or frames.clipped.shape != (count, ports):
+            raise ValueError(f"trigger_offset_s and clipped must have shape {(count, ports)}")
+        if not 0 <= first < first + count <= self.shots:
+            raise ValueError(f"shots {first}..{first + count - 1} are not among 0..{self.shots - 1}")
+
     def to_json(self) -> dict[str, Any]:
         """The entry `shape` of the manifest."""
         return asdict(self) | {"passes": [list(ports) for ports in self.passes]}
@@ -208,108 +224,3 @@ class PlayedDrive:
     samples: NDArray[np.float32]
     marker: NDArray[np.bool_]
     sample_rate: float
-
-
-@dataclass(frozen=True)
-class MeasuredBurst:
-    """Consecutive shots of one pass that came together, the first one `first` in the plan; arrays as in `Measured`.
-
-    Attributes:
-        first: index of the first shot in the plan.
-        codes: digitiser codes, shape (shots, ports of the pass, samples).
-        trigger_offset_s: s, shape (shots, ports of the pass).
-        time_s: s since the run began, on the bench's clock, shape (shots,).
-        clipped: shape (shots, ports of the pass).
-        epoch: as in `Measured`.
-    """
-
-    first: int
-    codes: NDArray[np.int8] | NDArray[np.int16]
-    trigger_offset_s: NDArray[np.float64]
-    time_s: NDArray[np.float64]
-    clipped: NDArray[np.bool_]
-    epoch: int = 0
-
-    def check(self, shape: RunShape, pass_index: int) -> None:
-        """Compare with the run it is to be part of.
-
-        Raises:
-            ValueError: arrays of another shape or type, or shots that are not planned.
-        """
-        count, ports = len(self.codes), len(shape.passes[pass_index])
-        if self.codes.shape != (count, ports, shape.samples) or self.codes.dtype != shape.dtype:
-            raise ValueError(f"a burst has codes {self.codes.dtype} {self.codes.shape}, the run {shape}")
-        if not 0 <= self.first < self.first + count <= shape.shots:
-            raise ValueError(f"shots {self.first}.. are not in the plan")
-
-    def shot(self, place: int) -> "Measured":
-        """The shot at `place` of this burst."""
-        return Measured(
-            shot=self.first + place,
-            codes=self.codes[place],
-            trigger_offset_s=self.trigger_offset_s[place],
-            time_s=float(self.time_s[place]),
-            clipped=self.clipped[place],
-            epoch=self.epoch,
-        )
-
-    def part(self, start: int, stop: int) -> "MeasuredBurst":
-        """The shots `start` to `stop` of this burst, without copying them."""
-        rows = slice(start, stop)
-        return MeasuredBurst(
-            self.first + start,
-            self.codes[rows],
-            self.trigger_offset_s[rows],
-            self.time_s[rows],
-            self.clipped[rows],
-            self.epoch,
-        )
-
-
-@dataclass(frozen=True)
-class Measured:
-    """One shot on one pass.
-
-    Attributes:
-        shot: index in the plan.
-        codes: digitiser codes, shape (ports of the pass, samples).
-        trigger_offset_s: time from the trigger to the sample grid (XZEro), s, shape (ports of the pass,).
-        time_s: when it was measured, s since the run began, on the bench's clock (virtual on the simulated bench).
-        clipped: whether a frame touches the end of the digitiser's range, shape (ports of the pass,).
-        epoch: number that changes with every laser-on, retune and repatch.
-        flags: `ShotFlag` bits; CLIPPED is added by itself.
-    """
-
-    shot: int
-    codes: NDArray[np.int8] | NDArray[np.int16]
-    trigger_offset_s: NDArray[np.float64]
-    time_s: float
-    clipped: NDArray[np.bool_]
-    epoch: int = 0
-    flags: int = 0
-
-    def check(self, shape: RunShape, pass_index: int) -> None:
-        """Compare with the run it is to be part of.
-
-        Raises:
-            ValueError: arrays of another shape or type, or a shot that is not planned.
-        """
-        ports = len(shape.passes[pass_index])
-        if not 0 <= self.shot < shape.shots:
-            raise ValueError(f"shot {self.shot} is not one of 0..{shape.shots - 1}")
-        if self.codes.shape != (ports, shape.samples) or self.codes.dtype != shape.dtype:
-            raise ValueError(
-                f"shot {self.shot} has codes {self.codes.dtype} {self.codes.shape}, "
-                f"the run {shape.dtype} {(ports, shape.samples)}"
-            )
-        if self.trigger_offset_s.shape != (ports,) or self.clipped.shape != (ports,):
-            raise ValueError(f"shot {self.shot}: trigger_offset_s and clipped must have shape {(ports,)}")
-
-    def copied(self) -> "Measured":
-        """With arrays of its own: drivers read frames into one buffer."""
-        return replace(
-            self,
-            codes=self.codes.copy(),
-            trigger_offset_s=self.trigger_offset_s.copy(),
-            clipped=self.clipped.copy(),
-        )

@@ -26,6 +26,8 @@ LARGE = 64_000_000
 SELDOM_S = 10.0
 LONGEST_LINE = 1 << 16
 READ_AT_ONCE = 1 << 20
+IN_1_1 = {"leg started": "pass started", "leg": "pass", "legs": "passes"}
+"""What the events of runs of format 1.1 call a pass."""
 
 _logger = logging.getLogger(__name__)
 
@@ -180,4 +182,6 @@ def _event(line: bytes) -> Event | None:
         stamp, name = values.pop("time"), values.pop("event")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
-    return Event(stamp, name, values) if isinstance(stamp, str) and isinstance(name, str) else None
+    if not isinstance(stamp, str) or not isinstance(name, str):
+        return None
+    return Event(stamp, IN_1_1.get(name, name), {IN_1_1.get(key, key): value for key, value in values.items()})

@@ -24,13 +24,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from instruments.values import Frames
 from labctl.runs.format.durable import replacing
 from labctl.runs.format.hdf5_target import Hdf5Target
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.layout import FORMAT_VERSION, HDF5_ERRORS, LIBVER, Manifest, RunPaths
 from labctl.runs.format.plan import write_drive
 from labctl.runs.format.shards import Shard, Shards
-from labctl.runs.format.shots import SHOTS_DTYPE, MeasuredBurst, PlayedDrive, RunShape
+from labctl.runs.format.shots import SHOTS_DTYPE, PlayedDrive, RunShape
 
 AXES = {
     "frames": ("shot", "port", "sample"),
@@ -94,15 +95,15 @@ def shard_in_data_file(file: h5py.File, shards: Shards, entry: Entry) -> bytes:
     if len(places) != entry.count:
         raise KeyError(f"shots of shard {entry.shard}")
     rows, ports = slice(int(places[0]), int(places[-1]) + 1), shape.columns(entry.pass_index)
-    burst = MeasuredBurst(
-        entry.first,
+    frames = Frames(
         file["frames"][rows, ports],
         file["trigger_offset_s"][rows, ports],
         file["measured_at_s"][rows, entry.pass_index],
         file["clipped"][rows, ports],
-        file["epoch"][rows, entry.pass_index],
     )
-    return Shard.of_burst(entry.pass_index, burst, file["scale"][ports], file["offset"][ports]).encode(shape)
+    epoch = file["epoch"][rows, entry.pass_index]
+    scale, offset = file["scale"][ports], file["offset"][ports]
+    return Shard.of(entry.pass_index, entry.first, frames, epoch, scale, offset).encode(shape)
 
 
 def data_file_headers(shape: RunShape) -> int:

@@ -27,8 +27,8 @@ from labctl.runs.write.data_file import data_file_headers
 PAGE = 1 << 12
 MANIFEST = 1 << 16
 """Bytes allowed for the manifest, as a file and in data.h5: ten times what one has."""
-LOG_OF_A_LEG = 1 << 17
-"""Bytes of commands.log for the settings, uploads and probe shots of a leg: twice what they are with four channels."""
+LOG_OF_A_PASS = 1 << 17
+"""Bytes of commands.log for the settings, uploads and probe shots of a pass: twice what they are with four channels."""
 LOG_OF_A_SHOT = 1 << 11
 """Bytes of commands.log for one shot on one pass: one and a half times what they are with four channels."""
 CHUNK_NODE, CHUNKS_A_NODE = 3136, 32
@@ -80,7 +80,7 @@ class Sizes:
                 rows = self.shard(index, count) - self.shard_headers[index]
                 shards = math.ceil(count / shots_a_shard) + 1
                 total += rows + shards * (self.shard_headers[index] + PAGE + line)
-                total += LOG_OF_A_LEG + count * LOG_OF_A_SHOT
+                total += LOG_OF_A_PASS + count * LOG_OF_A_SHOT
         return total
 
 

@@ -9,13 +9,14 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from instruments.values import Frames
 from labctl.errors import RunError
 from labctl.runs.format.durable import sync_folder
 from labctl.runs.format.journal import JournalFile, read_journal
 from labctl.runs.format.layout import Manifest, RunPaths, noted_on
 from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shards import Shard, Shards
-from labctl.runs.format.shots import Durability, Measured, MeasuredBurst, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
 from labctl.runs.read.run import data_file_evidence
 from labctl.runs.write.data_file import write_data_file
 from labctl.runs.write.preparation import prepare
@@ -79,12 +80,14 @@ class RunWriter:
         self._journal = journal
         expected = shots_a_shard(self._shape, durability, seconds_a_shot)
         self.room = Room(shards.paths.directory, sizes_of(self._shape, samples_of(drive)), expected)
-        self._storing = Storing(shards, journal, self.room, next_shard)
+        self._storage = Storing(shards, journal, self.room, next_shard)
         self._new_timer = timer
         self._timer: Timer | None = None
         self._guard = threading.RLock()
-        self._open: list[Measured] = []
-        self._open_pass = 0
+        self._open: list[Frames] = []
+        self._open_epochs: list[int] = []
+        self._open_pass = self._open_first = 0
+        self._taken = shards.taken
         self._failure: RunError | None = None
         self._closed = False
         self._scales = {
@@ -227,52 +230,39 @@ class RunWriter:
                 "set the oscilloscope to the locked range"
             )
 
-    def append(self, pass_index: int, measured: Measured) -> None:
-        """Take one shot of a pass, to be on disk after at most the configured shots or seconds.
+    def append(self, pass_index: int, first: int, frames: Frames, epoch: int = 0) -> None:
+        """Take the shots of a pass from `first` on, `time_s` since the run began; the arrays are not copied.
 
-        Raises:
-            RunError: the disk is full or refuses; from then on the writer takes nothing more.
-            ValueError: arrays of another shape or type than the run's, no scales yet, or a shot that is there already.
-        """
-        measured.check(self._shape, pass_index)
-        self._check_scales(pass_index)
-        with self._guard:
-            self._raise_failure()
-            expected = self._open[-1].shot + 1 if self._open else measured.shot
-            if (pass_index, measured.shot) != (
-                self._open_pass,
-                expected,
-            ) or self._bytes() > self._durability.shard_bytes:
-                self._close_shard()
-            if self._shards.has(pass_index, measured.shot):
-                raise ValueError(f"shot {measured.shot} of pass {pass_index} is in the run already")
-            self._open_pass = pass_index
-            self._open.append(measured.copied())
-            if len(self._open) >= self._durability.shots or self._is_last(pass_index, measured.shot):
-                self._close_shard()
-            elif self._timer is None:
-                self._timer = self._new_timer(self._durability.seconds, self._close_aged)
-                self._timer.start()
-
-    def append_burst(self, pass_index: int, burst: MeasuredBurst) -> None:
-        """Take the shots of a burst; all of them are on disk when this returns.
+        A single shot is on disk after at most the configured shots or seconds. Several that come together are on disk
+        when this returns.
 
         Raises:
             RunError: the disk is full or refuses; from then on the writer takes nothing more.
             ValueError: arrays of another shape or type than the run's, no scales yet, or shots that are there already.
         """
-        burst.check(self._shape, pass_index)
-        self._check_scales(pass_index)
-        count = len(burst.codes)
-        rows = max(1, self._durability.shard_bytes // burst.codes[0].nbytes)
+        self._shape.check(pass_index, first, frames)
+        if pass_index not in self._scales:
+            raise ValueError(f"scales of pass {pass_index} are not set")
+        last = first + len(frames)
+        together = len(frames) > 1
         with self._guard:
             self._raise_failure()
-            self._close_shard()
-            if self._shards.has(pass_index, burst.first, count):
-                raise ValueError(f"shots {burst.first}.. of pass {pass_index} are in the run already")
-            for start in range(0, count, rows):
-                part = burst.part(start, min(start + rows, count))
-                self._write_shard(Shard.of_burst(pass_index, part, *self._scales[pass_index]))
+            follows = (pass_index, first) == (self._open_pass, self._open_first + len(self._open))
+            if together or not follows or self._bytes() > self._durability.shard_bytes:
+                self._close_shard()
+            taken = self._taken[pass_index]
+            if taken[first:last].any():
+                raise ValueError(f"shots {first}..{last - 1} of pass {pass_index} are in the run already")
+            taken[first:last] = True
+            if not self._open:
+                self._open_pass, self._open_first = pass_index, first
+            self._open.append(frames)
+            self._open_epochs.append(epoch)
+            if together or len(self._open) >= self._durability.shots or taken[last : last + 1].all():
+                self._close_shard()  # what comes next is there already, or the plan ends here
+            elif self._timer is None:
+                self._timer = self._new_timer(self._durability.seconds, self._close_aged)
+                self._timer.start()
 
     def sync(self) -> None:
         """Close the open shard: every shot appended so far is then on disk.
@@ -318,10 +308,6 @@ class RunWriter:
         with noted_on(error):
             self.finish()
 
-    def _check_scales(self, pass_index: int) -> None:
-        if pass_index not in self._scales:
-            raise ValueError(f"scales of pass {pass_index} are not set")
-
     def _has_data_file(self) -> bool:
         """Whether data.h5 was made from just these shards: a run that is resumed may be complete already."""
         try:
@@ -331,9 +317,6 @@ class RunWriter:
 
     def _bytes(self) -> int:
         return (len(self._open) + 1) * self._open[0].codes.nbytes if self._open else 0
-
-    def _is_last(self, pass_index: int, shot: int) -> bool:
-        return shot + 1 == self._shape.shots or self._shards.has(pass_index, shot + 1)
 
     def _raise_failure(self) -> None:
         if self._failure is not None:
@@ -354,15 +337,19 @@ class RunWriter:
         self._stop_timer()
         if not self._open:
             return
-        self._write_shard(Shard.of(self._open_pass, self._open, *self._scales[self._open_pass]))
+        frames, pass_index = Frames.joined(self._open), self._open_pass
+        epochs = np.repeat(self._open_epochs, [len(one) for one in self._open])
         self._open.clear()
-
-    def _write_shard(self, shard: Shard) -> None:
-        try:
-            self._storing.store(shard)
-        except RunError as error:
-            self._failure = error
-            raise
+        self._open_epochs.clear()
+        rows = max(1, self._durability.shard_bytes // frames.codes[0].nbytes)
+        for start in range(0, len(frames), rows):
+            part, first = frames.part(start, start + rows), self._open_first + start
+            shard = Shard.of(pass_index, first, part, epochs[start : start + rows], *self._scales[pass_index])
+            try:
+                self._storage.store(shard)
+            except RunError as error:
+                self._failure = error
+                raise
 
     def _stop_timer(self) -> None:
         if self._timer is not None:

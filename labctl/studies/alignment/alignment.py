@@ -49,7 +49,7 @@ from protocols.alignment import (
     Repeated,
     align,
 )
-from protocols.base import Images, LegStarted, Record, ShotKind
+from protocols.base import Images, PassStarted, ShotKind
 from protocols.image_readout import DRIVE_RATE, ImageReadout
 from protocols.wavelength_scan import WavelengthScan
 
@@ -144,7 +144,7 @@ def _measured(station: Station, bench: Bench, images: Images) -> Iterator[Result
 
 def _results(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
     ports = [port for port in station.patch_panel.ports if port != BYPASS_PORT] or [BYPASS_PORT]
-    patching = bench.passes_for(ports)[0]
+    patching = bench.patchings_for(ports)[0]
     channels = tuple(patching)
     nm = station.laser.wavelength
     pieces = align(bench, images, ports=tuple(patching.values()), wavelength_nm=nm, seed=SEED)
@@ -196,25 +196,26 @@ def _scanned(station: Station, bench: Bench) -> Result:
 def _scan(protocol: WavelengthScan, bench: Bench) -> Scan:
     inputs = images_for(protocol)
     parts = protocol.parts(bench, inputs)
+    shots = parts[0].shots
     traces: dict[tuple[int, int], NDArray[np.float64]] = {}
     again: dict[int, NDArray[np.float64]] = {}
     scalings: tuple[Scaling, ...] = ()
     events = protocol.acquire(bench, inputs, parts)
     with closing(events):
         for event in events:
-            if isinstance(event, LegStarted):
+            if isinstance(event, PassStarted):
                 scalings = event.scalings
-            elif isinstance(event, Record) and event.shot.kind is not ShotKind.DARK:
-                volts = scalings[0].scale_v * event.frames.codes.astype(np.float64) + scalings[0].offset_v
-                key = event.leg.index, event.shot.dataset_index
-                if event.shot.kind is ShotKind.REFERENCE:
-                    again[event.leg.index] = volts - traces[key]
+            elif (shot := shots[event.first]).kind is not ShotKind.DARK:
+                volts = scalings[0].scale_v * event.frames.codes[0].astype(np.float64) + scalings[0].offset_v
+                key = event.pass_.index, shot.dataset_index
+                if shot.kind is ShotKind.REFERENCE:
+                    again[event.pass_.index] = volts - traces[key]
                 else:
                     traces[key] = volts
     shown = sorted({image for _, image in traces})
     return Scan(
-        traces=np.array([[traces[leg, image] for image in shown] for leg in range(protocol.steps)]),
-        repeats=np.array([[again[leg]] for leg in range(protocol.steps)]),
+        traces=np.array([[traces[pass_, image] for image in shown] for pass_ in range(protocol.steps)]),
+        repeats=np.array([[again[pass_]] for pass_ in range(protocol.steps)]),
         centre_nm=float(np.mean(protocol.wavelengths)),
         step_nm=protocol.step,
         symbol_s=1 / DRIVE_RATE,

@@ -54,7 +54,7 @@ def _check(experiment: Experiment, plan: Plan, benches: "_Benches") -> None:
         bench = benches.opened(station)
         _check_light_path(station, protocol)
         protocol.check_cabling(bench)
-        check_laser(station, [leg.wavelength_nm for leg in protocol.legs(bench)])
+        check_laser(station, [pass_.wavelength_nm for pass_ in protocol.passes(bench)])
         bench.require_arm()
         benches.identify(station)
         protocol.check(bench, inputs)

@@ -29,7 +29,7 @@ LIT = ("emission", {"on": True})
         ((), Phase.UNKNOWN, Emission.UNKNOWN),
         ((STARTED,), Phase.PREPARING, Emission.OFF),
         ((STARTED, LIT), Phase.PREPARING, Emission.ON),
-        ((STARTED, LIT, ("leg started", {"leg": 0, "legs": 2})), Phase.MEASURING, Emission.ON),
+        ((STARTED, LIT, ("pass started", {"pass": 0, "passes": 2})), Phase.MEASURING, Emission.ON),
         ((STARTED, LIT, ("emission", {"on": False})), Phase.PREPARING, Emission.OFF),
         ((STARTED, LIT, ("emission", {})), Phase.PREPARING, Emission.ON),
         ((STARTED, LIT, ("safe state", {"reached": True}), ("paused", {})), Phase.PAUSED, Emission.OFF),
@@ -56,7 +56,7 @@ def test_a_killed_run_is_dark_only_if_somebody_says_so() -> None:
 
 @pytest.mark.parametrize("value", [None, "x", -1, 1e300, float("nan"), True, [], {}, HOSTILE])
 def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
-    names = ("done", "total", "rate_per_s", "remaining_s", "shot", "kind", "label", "dataset_index", "image", "leg")
+    names = ("done", "total", "rate_per_s", "remaining_s", "shot", "kind", "label", "dataset_index", "image", "pass")
     every = dict.fromkeys(names, value) | {"ports": value, "sample_rate": value, "samples": value, "text": value}
     every |= {"wavelength_nm": value, "power_w": value, "on": value, "reached": value, "what": value, "error": value}
     kinds = (
@@ -68,7 +68,7 @@ def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
         "drive",
         "patched",
         "scope set",
-        "leg started",
+        "pass started",
         "progress",
         "warning",
         "link lost",

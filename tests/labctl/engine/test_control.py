@@ -63,7 +63,7 @@ def test_a_paused_run_is_dark_and_goes_on_to_the_same_frames(protocol: Any, reco
     assert told(run).count("going on") == 1
     assert frames(run) == frames(tmp_path / "whole")
     with open_run(run) as stored:
-        assert stored.epoch.max() == 2, "two legs and one pause"
+        assert stored.epoch.max() == 2, "two passes and one pause"
     assert not (run / "control").exists()
 
 

@@ -88,7 +88,7 @@ class Ending(ImageReadout):
     """One that fails when everything is measured."""
 
     def acquire(self, bench: Any, inputs: Images, parts: list[Part]) -> Events:  # type: ignore[override]
-        with bench.emitting(parts[0].leg.wavelength_nm):
+        with bench.emitting(parts[0].pass_.wavelength_nm):
             yield from super().acquire(bench, inputs, parts)
             raise ZeroDivisionError("in the protocol")
 
@@ -129,7 +129,7 @@ def test_what_storage_raises(method: str, error: Exception, tmp_path: Path, monk
 
 
 def test_what_a_burst_raises_in_the_thread_that_stores_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(RunWriter, "append_burst", raising(MemoryError()))
+    monkeypatch.setattr(RunWriter, "append", raising(MemoryError()))
     wired = STATION.model_copy(update={"wiring": STATION.wiring.model_copy(update={"burst": True})})
     with pytest.raises(MemoryError):
         acquire(Acquisition(ImageReadout(timing="burst", **SETTINGS), wired, tmp_path / "run"))

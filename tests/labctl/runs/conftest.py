@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labctl.runs.format.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns
+from instruments.values import Frames
+from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
 from labctl.runs.write.writer import RunWriter
 
 MANIFEST = {"protocol": "image-readout", "started": "2026-11-21T09:15:00Z", "seed": 7, "twin_seed": 3}
@@ -19,17 +20,15 @@ def plan_for(shape: RunShape) -> ShotColumns:
     return ShotColumns(kind, np.where(kind == "image", index, -1), index % 10, np.full(index.size, 1550.0), index // 2)
 
 
-def measure(shape: RunShape, pass_index: int, shot: int) -> Measured:
+def measure(shape: RunShape, pass_index: int, shot: int) -> Frames:
     generator = np.random.default_rng((pass_index, shot))
     ports = len(shape.passes[pass_index])
     limits = np.iinfo(shape.dtype)
-    return Measured(
-        shot=shot,
-        codes=generator.integers(limits.min, limits.max + 1, (ports, shape.samples), shape.dtype),
-        trigger_offset_s=generator.uniform(0, shape.sample_interval_s, ports),
-        time_s=10.0 * pass_index + 0.01 * shot,
-        clipped=generator.random(ports) < 0.1,
-        epoch=pass_index + 1,
+    return Frames(
+        codes=generator.integers(limits.min, limits.max + 1, (1, ports, shape.samples), shape.dtype),
+        trigger_offset_s=generator.uniform(0, shape.sample_interval_s, (1, ports)),
+        time_s=np.array([10.0 * pass_index + 0.01 * shot]),
+        clipped=generator.random((1, ports)) < 0.1,
     )
 
 
@@ -43,7 +42,7 @@ def measure_missing(writer: RunWriter, shape: RunShape = SMALL) -> None:
     for pass_index in range(len(shape.passes)):
         writer.scales(pass_index, 1e-3 * (pass_index + 1), 0.05)
         for shot in writer.missing(pass_index):
-            writer.append(pass_index, measure(shape, pass_index, int(shot)))
+            writer.append(pass_index, int(shot), measure(shape, pass_index, int(shot)), pass_index + 1)
 
 
 def measure_until(writer: RunWriter, last: int) -> None:
@@ -51,7 +50,7 @@ def measure_until(writer: RunWriter, last: int) -> None:
     for pass_index, stop in ((0, SMALL.shots), (1, last)):
         writer.scales(pass_index, 1e-3 * (pass_index + 1), 0.05)
         for shot in range(stop):
-            writer.append(pass_index, measure(SMALL, pass_index, shot))
+            writer.append(pass_index, shot, measure(SMALL, pass_index, shot), pass_index + 1)
 
 
 def write_whole(directory: Path, shape: RunShape = SMALL, shots: int = 3) -> Path:
@@ -71,7 +70,7 @@ def plan_for_fixture() -> Callable[[RunShape], ShotColumns]:
 
 
 @pytest.fixture(scope="session", name="measure")
-def measure_fixture() -> Callable[[RunShape, int, int], Measured]:
+def measure_fixture() -> Callable[[RunShape, int, int], Frames]:
     return measure
 
 

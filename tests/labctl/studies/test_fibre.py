@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from instruments.values import Frames
 from labctl.analysis.decorrelation import SPEED_OF_LIGHT
 from labctl.bench.station import SimSection, Station
 from labctl.commands.evaluate import evaluate
@@ -18,7 +19,7 @@ from labctl.commands.report import report
 from labctl.commands.train import train
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError, RunError, UsageError
-from labctl.runs.format.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
 from labctl.runs.write.writer import RunWriter
 from labctl.studies.fibre import measure_fibre
 from protocols.wavelength_scan import WavelengthScan
@@ -54,11 +55,11 @@ def stored(
     manifest = {"protocol": {"name": "wavelength-scan"} if protocol is None else protocol}
     drive = PlayedDrive(np.zeros(50, np.float32), np.arange(50) < 10, 25e9)
     with RunWriter.create(directory, manifest, shape, plan, drive, Durability(shots=100, seconds=3600)) as writer:
-        for leg in range(wavelengths):
-            writer.scales(leg, np.full(len(ports), 1e-3), np.zeros(len(ports)))
-            for shot, frame in enumerate(codes[leg]):
-                untimed = np.zeros(len(ports))
-                writer.append(leg, Measured(shot, frame.astype(np.int16), untimed, 0.0, untimed.astype(bool)))
+        for pass_ in range(wavelengths):
+            writer.scales(pass_, np.full(len(ports), 1e-3), np.zeros(len(ports)))
+            none = np.zeros(codes[pass_].shape[:2])
+            frames = Frames(codes[pass_].astype(np.int16), none, np.zeros(images), none.astype(bool))
+            writer.append(pass_, 0, frames)
     return directory
 
 

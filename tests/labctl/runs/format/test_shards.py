@@ -6,16 +6,18 @@ import h5py
 import numpy as np
 import pytest
 
+from instruments.values import Frames
 from labctl.errors import RunError
 from labctl.runs.format.shards import Shard
-from labctl.runs.format.shots import Measured, RunShape
+from labctl.runs.format.shots import RunShape
 
-Measure = Callable[[RunShape, int, int], Measured]
+Measure = Callable[[RunShape, int, int], Frames]
 
 
 @pytest.fixture
 def shard(small: RunShape, measure: Measure) -> Shard:
-    return Shard.of(0, [measure(small, 0, shot) for shot in range(2, 5)], np.full(4, 1e-3), np.zeros(4))
+    frames = Frames.joined([measure(small, 0, shot) for shot in range(2, 5)])
+    return Shard.of(0, 2, frames, 1, np.full(4, 1e-3), np.zeros(4))
 
 
 def test_plain_h5py_reads_a_shard(tmp_path: Path, shard: Shard, small: RunShape) -> None:

@@ -118,7 +118,7 @@ def test_a_run_tells_what_it_does(tmp_path: Path) -> None:
     found = told(tmp_path / "run" / "events.jsonl")
     names = [name for name, _ in found]
     assert names[-1] == "finished"
-    assert names.count("leg started") == 2
+    assert names.count("pass started") == 2
     light = [fields["on"] for name, fields in found if name == "emission"]
     assert light == [True, False]
     assert names.index("safe state") > len(names) - 1 - names[::-1].index("progress")

@@ -23,7 +23,7 @@ def test_it_sees_what_was_added_and_nothing_twice(
         assert following.latest() == []
         writer.scales(0, 1e-3, 0.05)
         for shot in range(3):  # one shard, of a reference, a dark frame and an image
-            writer.append(0, measure(small, 0, shot))
+            writer.append(0, shot, measure(small, 0, shot), 1)
         assert following.look()
         assert not following.look()
         assert following.done == (3, 0)

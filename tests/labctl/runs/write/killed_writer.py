@@ -56,7 +56,7 @@ def write_and_die(directory: Path, shots: int, fatal_step: int) -> None:
         for pass_index in range(len(SMALL.passes)):
             writer.scales(pass_index, 1e-3 * (pass_index + 1), 0.05)
             for shot in range(SMALL.shots):
-                writer.append(pass_index, measure(SMALL, pass_index, shot))
+                writer.append(pass_index, shot, measure(SMALL, pass_index, shot), pass_index + 1)
                 os.write(say, (json.dumps([pass_index, shot + 1, writer.done]) + "\n").encode())
     os.write(say, b'"finished"\n')
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labctl.runs.format.shots import Durability, Measured, MeasuredBurst, RunShape, ShotColumns
+from instruments.values import Frames
+from labctl.runs.format.shots import Durability, RunShape, ShotColumns
 from labctl.runs.read.run import open_run
 from labctl.runs.write.writer import RunWriter
 
@@ -24,12 +25,10 @@ def create(directory: Path, durability: Durability | None = None) -> RunWriter:
     return RunWriter.create(directory, {"protocol": "test"}, SHAPE, plan, durability=durability)
 
 
-def burst(pass_index: int) -> MeasuredBurst:
+def burst(pass_index: int) -> Frames:
     ports = len(SHAPE.passes[pass_index])
     codes = np.random.default_rng(pass_index).integers(-128, 128, (SHOTS, ports, 8), dtype=np.int8)
-    return MeasuredBurst(
-        0, codes, np.zeros((SHOTS, ports)), np.linspace(0.0, 1.0, SHOTS), codes.max(axis=2) > 126, epoch=pass_index
-    )
+    return Frames(codes, np.zeros((SHOTS, ports)), np.linspace(0.0, 1.0, SHOTS), codes.max(axis=2) > 126)
 
 
 def test_in_bursts_or_one_by_one_the_run_is_the_same(tmp_path: Path) -> None:
@@ -37,15 +36,14 @@ def test_in_bursts_or_one_by_one_the_run_is_the_same(tmp_path: Path) -> None:
         for index in (0, 1):
             writer.scales(index, 1e-3, 0.0)
             whole = burst(index)
-            writer.append_burst(index, whole.part(0, 30))
+            writer.append(index, 0, whole.part(0, 30), index)
             assert writer.done[index] == 30
-            writer.append_burst(index, whole.part(30, SHOTS))
+            writer.append(index, 30, whole.part(30, SHOTS), index)
     with create(tmp_path / "single") as writer:
         for index in (0, 1):
             writer.scales(index, 1e-3, 0.0)
             for place in range(SHOTS):
-                shot: Measured = burst(index).shot(place)
-                writer.append(index, shot)
+                writer.append(index, place, burst(index).part(place, place + 1), index)
     with open_run(tmp_path / "together") as together, open_run(tmp_path / "single") as single:
         assert together.complete
         assert together.digest() == single.digest()
@@ -57,10 +55,10 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     with create(tmp_path / "run") as writer:
         whole = burst(0)
         with pytest.raises(ValueError, match="scales of pass 0 are not set"):
-            writer.append_burst(0, whole)
+            writer.append(0, 0, whole)
         writer.scales(0, 1e-3, 0.0)
-        writer.append_burst(0, whole.part(0, 10))
+        writer.append(0, 0, whole.part(0, 10))
         with pytest.raises(ValueError, match="in the run already"):
-            writer.append_burst(0, whole.part(5, 20))
-        with pytest.raises(ValueError, match="a burst has codes"):
-            writer.append_burst(1, whole)
+            writer.append(0, 5, whole.part(5, 20))
+        with pytest.raises(ValueError, match="are not those of a run"):
+            writer.append(1, 0, whole)

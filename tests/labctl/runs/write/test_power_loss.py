@@ -63,7 +63,7 @@ def writing(
         for index in range(len(small.passes)):
             writer.scales(index, 1e-3 * (index + 1), 0.05)
             for shot in writer.missing(index):
-                writer.append(index, measure(small, index, int(shot)))  # type: ignore[arg-type]
+                writer.append(index, int(shot), measure(small, index, int(shot)), index + 1)  # type: ignore[arg-type]
                 tell(writer)
 
     return write
@@ -151,7 +151,7 @@ def test_a_run_in_new_folders_outlives_the_power(
     with recorded(tmp_path, disk, lambda: None):
         writer = begin(directory, small, 1)
         writer.scales(0, 1e-3, 0.05)
-        writer.append(0, measure(small, 0, 0))  # type: ignore[arg-type]
+        writer.append(0, 0, measure(small, 0, 0), 1)  # type: ignore[arg-type]
         writer.abandon()
     left = disk.after(range(0), lambda node: node.sure)
     assert {"one/two/run/manifest.json", "one/two/run/journal.jsonl", "one/two/run/shards/000000.h5"} <= left.keys()

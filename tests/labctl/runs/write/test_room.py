@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from instruments.values import Frames
 from labctl.errors import RunError
-from labctl.runs.format.shots import Durability, MeasuredBurst, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
 from labctl.runs.verification import verify_run
-from labctl.runs.write.room import LOG_OF_A_LEG, LOG_OF_A_SHOT, MANIFEST, PAGE, needed, shots_a_shard, sizes_of
+from labctl.runs.write.room import LOG_OF_A_PASS, LOG_OF_A_SHOT, MANIFEST, PAGE, needed, shots_a_shard, sizes_of
 from labctl.runs.write.writer import RunWriter
 
 Begin = Callable[..., RunWriter]
@@ -25,10 +26,9 @@ def taken(*folders: Path) -> int:
     return sum(max(file.st_size, 512 * file.st_blocks) for file in files)
 
 
-def zeros(shape: RunShape, pass_index: int, first: int, count: int) -> MeasuredBurst:
+def zeros(shape: RunShape, pass_index: int, count: int) -> Frames:
     ports = len(shape.passes[pass_index])
-    return MeasuredBurst(
-        first,
+    return Frames(
         np.zeros((count, ports, shape.samples), shape.dtype),
         np.zeros((count, ports)),
         np.arange(count, dtype=np.float64),
@@ -66,9 +66,9 @@ def test_the_estimate_is_enough_and_little_more(
         for index in range(len(passes)):
             writer.scales(index, 1.0, 0.0)
             for first in range(0, shots, a_shard):
-                writer.append_burst(index, zeros(shape, index, first, min(a_shard, shots - first)))
+                writer.append(index, first, zeros(shape, index, min(a_shard, shots - first)))
     real = taken(tmp_path / "run")
-    allowed = 2 * MANIFEST + len(passes) * (LOG_OF_A_LEG + shots * LOG_OF_A_SHOT)
+    allowed = 2 * MANIFEST + len(passes) * (LOG_OF_A_PASS + shots * LOG_OF_A_SHOT)
     shards = len(list((tmp_path / "run" / "shards").iterdir()))
     assert real <= estimate - allowed + 2 * PAGE  # the manifest's own two
     assert estimate - allowed <= 1.02 * real + (12 * len(passes) + shards) * PAGE

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labctl.runs.format.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns
+from instruments.values import Frames
+from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Shot
 
@@ -33,18 +34,10 @@ def write(
     drive = PlayedDrive(np.zeros(50, np.float32), np.arange(50) < 10, 25e9)
     with RunWriter.create(directory, MANIFEST, shape, plan, drive, Durability(shots=100, seconds=3600)) as writer:
         writer.scales(0, SCALE_V, 0.0)
-        for number, frame in enumerate(codes):
-            writer.append(
-                0,
-                Measured(
-                    shot=number,
-                    codes=frame.astype(np.int16),
-                    trigger_offset_s=np.zeros(len(ports)),
-                    time_s=0.01 * number,
-                    clipped=np.zeros(len(ports), np.bool_),
-                    epoch=1,
-                ),
-            )
+        none = np.zeros(codes.shape[:2])
+        writer.append(
+            0, 0, Frames(codes.astype(np.int16), none, np.arange(len(codes), dtype=np.float64), none.astype(bool)), 1
+        )
     return directory
 
 

@@ -4,9 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from instruments.values import Frames
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError
-from labctl.runs.format.shots import Durability, Measured, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
 from labctl.runs.write.writer import RunWriter
 from labctl.studies.paper.imaging import ANALYSIS, Settings, conclude, examine, spread
 from labctl.studies.paper.twin_runs import TwinRuns
@@ -124,11 +125,11 @@ def test_more_wavelengths_and_longer_windows_help(tmp_path: Path) -> None:
         for wavelength in (0, 1):
             writer.scales(wavelength, 1e-3, 0.0)
             columns_of = slice(2 * WINDOW * wavelength, 2 * WINDOW * (wavelength + 1))
-            for number, frame in enumerate(codes_of(pixels_of(shots), columns_of)):
-                writer.append(
-                    wavelength,
-                    Measured(number, frame.astype(np.int16), np.zeros(2), 0.01 * number, np.zeros(2, np.bool_), 1),
-                )
+            codes = codes_of(pixels_of(shots), columns_of).astype(np.int16)
+            none = np.zeros(codes.shape[:2])
+            writer.append(
+                wavelength, 0, Frames(codes, none, np.arange(len(codes), dtype=np.float64), none.astype(bool)), 1
+            )
     both = {"windows": ["0.2 ns", "1 ns"], "network_windows": ["0.2 ns"], "paper": None}
     settings = Settings.model_validate(
         {
