@@ -59,12 +59,15 @@ def protocol_class(name: str) -> type[Measurement[Any]]:
     """The protocol called `name`, without settings.
 
     Raises:
-        ProtocolError: it is not installed.
+        ProtocolError: it is not installed, or its package cannot be imported.
     """
     found = {point.name: point for point in entry_points(group=GROUP)}
     if name not in found:
         raise ProtocolError(f"protocol {name!r} is not installed: choose one of {', '.join(protocol_names())}")
-    protocol: type[Measurement[Any]] = found[name].load()
+    try:
+        protocol: type[Measurement[Any]] = found[name].load()
+    except (ImportError, AttributeError) as error:
+        raise ProtocolError(f"protocol {name!r} cannot be loaded ({error}): install its package again") from error
     return protocol
 
 
@@ -74,8 +77,11 @@ def protocol_names() -> tuple[str, ...]:
 
 
 def judgement_of(name: str) -> Judgement:
-    """How runs of the protocol called `name` are judged; of one that is not installed any more nothing is known."""
-    return protocol_class(name).judgement if name in protocol_names() else Judgement.NONE
+    """How runs of the protocol called `name` are judged; of one that cannot be found any more nothing is known."""
+    try:
+        return protocol_class(name).judgement
+    except ProtocolError:
+        return Judgement.NONE
 
 
 def _read_file(path: Path) -> tuple[str, dict[str, Any]]:
