@@ -13,7 +13,9 @@ from sim_backends.parameters import Parameters
 HERE = {"accuracy": {"0.4": {"mean": 0.91, "sd": 0.03, "se": 0.005}, "1.0": {"mean": 0.95, "sd": 0.02}}, "ratio": 7.5}
 
 
-@pytest.mark.parametrize("experiment", experiments(), ids=lambda experiment: experiment.name)
+@pytest.mark.parametrize(
+    "experiment", (*experiments(), *experiments(["demonstration"])), ids=lambda experiment: experiment.name
+)
 def test_every_experiment_of_the_house_is_whole(experiment: Experiment) -> None:
     analysis_of(experiment)
     assert experiment.must
