@@ -12,11 +12,14 @@ import json
 import sys
 import tempfile
 import threading
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
+from instruments.bench import Observer
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from protocols.image_readout import ImageReadout
@@ -59,12 +62,13 @@ def trace() -> Way:
     threading.setprofile(way.hear)
     sys.setprofile(way.hear)
 
-    def progress(done: int, _total: int) -> None:
-        way.on = done == TRACED_SHOT - 1
+    class TracedShot(Observer):
+        def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+            way.on = done == TRACED_SHOT - 1
 
     try:
         with tempfile.TemporaryDirectory() as folder:
-            acquire(Acquisition(PROTOCOL, SIMULATED_STATION, Path(folder) / "run"), progress=progress)
+            acquire(Acquisition(PROTOCOL, SIMULATED_STATION, Path(folder) / "run"), observer=TracedShot())
     finally:
         sys.setprofile(None)
         threading.setprofile(None)

@@ -5,13 +5,14 @@ import os
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+sys.path[:0] = [str(Path(__file__).parent / "extensions"), str(Path(__file__).parents[1])]
 # The notebook calls the `labctl` of the environment that builds the documents.
 os.environ["PATH"] = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
 
 project = "labctl"
 author = "The labctl developers"
 extensions = [
+    "architecture",
     "command_tables",
     "figures",
     "mathml",
@@ -35,6 +36,7 @@ nb_execution_timeout = 300
 doctest_default_flags = doctest.ELLIPSIS | doctest.DONT_ACCEPT_TRUE_FOR_1  # what an error says counts too
 # Examples run where the run is that the build measures.
 doctest_global_setup = f"import os; os.chdir({str(Path(__file__).parent / 'made')!r})"
+graphviz_output_format = "svg"
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "labctl"

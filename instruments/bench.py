@@ -1,14 +1,116 @@
-"""The bench: five opened instruments with their wiring and limits, and the safe state they must always end in."""
+"""The bench: five opened instruments with their wiring and limits, what they do together, and who follows it."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from typing import Any
 
-from instruments.errors import InstrumentError, LinkError, NotConfigured, OutOfRange
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.errors import NotConfigured, OutOfRange
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
 from instruments.limits import Levels, Limits
-from instruments.values import Drive, EdgeTrigger, Uploading
+from instruments.safe_state import UnsafeBench, ending_with, safe_state
+from instruments.values import Drive, EdgeTrigger, Frames, Timebase
+
+
+class Observer:
+    """Follows a bench and a run on it. Every method is empty: a listener has those that it needs."""
+
+    def before_light(self) -> None:
+        """Light is asked for. An `InstrumentError` raised here refuses it."""
+
+    def emission(self, *, on: bool) -> None:
+        """Light is about to be switched on, or is confirmed off: whoever listens never takes light for dark."""
+
+    def safe_state(self, error: UnsafeBench | None) -> None:
+        """The way into the safe state has come to its end; `error` says which instruments did not obey."""
+
+    def event(self, name: str, **fields: Any) -> None:
+        """A setting has settled, or the run has come to another stage: names and fields of `events.jsonl`."""
+
+    def uploading(self, what: str, done: int, total: int) -> None:
+        """So much of a waveform or of pictures is uploaded, of so much in all."""
+
+    def step(self, name: str) -> AbstractContextManager[Any]:
+        """One step of a shot is taken inside the block; see `labctl.engine.profile` for the names."""
+        return nullcontext()
+
+    def stored_in(self, directory: Path) -> None:
+        """The run has a directory from now on."""
+
+    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """So many records of so many are done; `last` says what is known of the shot that was measured last."""
+
+    def warning(self, text: str) -> None:
+        """Something is not as it should be, and the run goes on."""
+
+
+class Observers(Observer):
+    """Several observers as one, each called in turn."""
+
+    def __init__(self, *observers: Observer) -> None:
+        """Of `observers`, the first of them first."""
+        self._observers: list[Observer] = []
+        self._timers: list[Observer] = []
+        for observer in observers:
+            self.add(observer)
+
+    def add(self, observer: Observer) -> None:
+        """One more."""
+        self._observers.append(observer)
+        if type(observer).step is not Observer.step:
+            self._timers.append(observer)
+
+    def before_light(self) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.before_light()
+
+    def emission(self, *, on: bool) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.emission(on=on)
+
+    def safe_state(self, error: UnsafeBench | None) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.safe_state(error)
+
+    def event(self, name: str, **fields: Any) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.event(name, **fields)
+
+    def uploading(self, what: str, done: int, total: int) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.uploading(what, done, total)
+
+    def step(self, name: str) -> AbstractContextManager[Any]:
+        """Inside the steps of those that time them."""
+        stack = ExitStack()
+        for observer in self._timers:
+            stack.enter_context(observer.step(name))
+        return stack
+
+    def stored_in(self, directory: Path) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.stored_in(directory)
+
+    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.progress(done, total, last)
+
+    def warning(self, text: str) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.warning(text)
 
 
 @dataclass(frozen=True)
@@ -35,29 +137,15 @@ class Light:
     power_w: float
 
 
-class UnsafeBench(InstrumentError):
-    """The safe state could not be confirmed; the message names every instrument that did not obey.
-
-    Attributes:
-        disobeyed: those instruments, by their names in the bench; none where there was no light.
-    """
-
-    def __init__(self, message: str, disobeyed: Iterable[str] = ()) -> None:
-        """Of the instruments `disobeyed`."""
-        super().__init__(message)
-        self.disobeyed = frozenset(disobeyed)
-
-
 @dataclass
 class Bench:
-    """The opened instruments of a station.
+    """The opened instruments of a station, and what a protocol does with them.
 
-    `armed` says that a person has allowed light. `source` is the file that describes it, for messages. `now` gives the
-    time of the bench in seconds: the wall clock of a real bench, the virtual clock of a simulated one. `undisturbed`
-    keeps what would stop the program out of the way into the safe state. `uploading` is called while a waveform or
-    pictures go up. `before_light` is called whenever light is about to be switched on, and may refuse it by an
-    `InstrumentError`. `lit` says that it was, and that the way into the safe state was not gone to its end since;
-    `left_lit` that it was, and that the laser did not obey there.
+    A protocol works through the methods here, so that `observer` hears of it; of the instruments themselves it asks
+    what they can do. `armed` says that a person has allowed light. `source` is the file that describes the bench, for
+    messages. `now` gives the time of the bench in seconds: the wall clock of a real bench, the virtual clock of a
+    simulated one. `undisturbed` keeps what would stop the program out of the way into the safe state. `lit` says that
+    light was switched on, and that the safe state was not reached since.
     """
 
     awg: Awg
@@ -71,11 +159,9 @@ class Bench:
     armed: bool
     source: str
     now: Callable[[], float]
+    observer: Observer = field(default_factory=Observer)
     undisturbed: Callable[[], AbstractContextManager[None]] = nullcontext
-    uploading: Uploading = lambda _what, _done, _total: None
-    before_light: Callable[[], None] = lambda: None
     lit: bool = field(default=False, init=False)
-    left_lit: bool = field(default=False, init=False)
 
     @property
     def instruments(self) -> dict[str, Instrument]:
@@ -131,6 +217,8 @@ class Bench:
             for first in range(0, len(ports), width)
         )
 
+    # --- light
+
     def set_light(self, wavelength_nm: float) -> Light:
         """Set power and wavelength without switching the laser on; returns what it settled on.
 
@@ -140,8 +228,15 @@ class Bench:
             InstrumentError: it does not settle there.
         """
         power_w = self.laser.set_power(self.levels.optical_power_w)
+        self.observer.event("power set", power_w=power_w)
         self.limits.check_power(power_w)
-        return Light(wavelength_nm=self.laser.tune(wavelength_nm), power_w=power_w)
+        return Light(wavelength_nm=self.tune(wavelength_nm), power_w=power_w)
+
+    def tune(self, wavelength_nm: float) -> float:
+        """`TunableLaser.tune`."""
+        settled = self.laser.tune(wavelength_nm)
+        self.observer.event("tuned", wavelength_nm=settled)
+        return settled
 
     @contextmanager
     def emitting(self, wavelength_nm: float) -> Iterator[None]:
@@ -154,12 +249,41 @@ class Bench:
         """
         self.require_arm()
         with ending_with(self.make_safe):
-            self.before_light()
+            self.observer.before_light()
             self.set_light(wavelength_nm)
             self.lit = True
+            self.observer.emission(on=True)
             self.laser.emit()
             self.limits.check_power(self.laser.power())
             yield
+
+    def make_safe(self) -> None:
+        """Laser off, AWG off, DMD blank, oscilloscope stopped: in this order, and each one even if another fails.
+
+        Raises:
+            UnsafeBench: an instrument did not obey.
+        """
+
+        def darken() -> None:
+            self.laser.make_safe()
+            self.observer.emission(on=False)
+
+        def silence() -> None:
+            self.awg.make_safe()
+            self.observer.event("drive", on=False)
+
+        steps = {name: instrument.make_safe for name, instrument in self.instruments.items()}
+        with self.undisturbed():
+            try:
+                safe_state(steps | {"laser": darken, "awg": silence})
+            except UnsafeBench as error:
+                self.lit = False
+                self.observer.safe_state(error)
+                raise
+            self.lit = False
+            self.observer.safe_state(None)
+
+    # --- drive
 
     def load_drive(self, drive: Drive, *, periods_per_trigger: float | None = None) -> None:
         """Load `drive` into the AWG as `Awg.load` does, under the limit of the RF amplitude.
@@ -169,24 +293,60 @@ class Bench:
             InstrumentError: the AWG refuses it, or settles on something else.
         """
         self.limits.check_amplitude(drive.amplitude_vpp)
-        told = partial(self.uploading, "waveform")
-        loaded = self.awg.load(drive, periods_per_trigger=periods_per_trigger, progress=told)
+        progress = partial(self.observer.uploading, "waveform")
+        with self.observer.step("upload"):
+            loaded = self.awg.load(drive, periods_per_trigger=periods_per_trigger, progress=progress)
         self.limits.check_amplitude(loaded.amplitude_vpp)
 
-    def make_safe(self) -> None:
-        """Laser off, AWG off, DMD blank, oscilloscope stopped: in this order, and each one even if another fails.
+    def play_drive(self) -> None:
+        """`Awg.play`."""
+        self.awg.play()
+        self.observer.event("drive", on=True)
 
-        Raises:
-            UnsafeBench: an instrument did not obey.
-        """
-        with self.undisturbed():
-            try:
-                safe_state({name: instrument.make_safe for name, instrument in self.instruments.items()})
-            except UnsafeBench as error:
-                self.left_lit = (self.lit or self.left_lit) and "laser" in error.disobeyed
-                self.lit = False
-                raise
-            self.lit = self.left_lit = False
+    def stop_drive(self) -> None:
+        """`Awg.stop`."""
+        self.awg.stop()
+        self.observer.event("drive", on=False)
+
+    # --- pictures
+
+    def show(self, mirrors: NDArray[np.uint8]) -> None:
+        """`Dmd.show`."""
+        with self.observer.step("dmd"):
+            self.dmd.show(mirrors)
+
+    # --- traces
+
+    def connect(self, patching: Mapping[int, int]) -> None:
+        """`PatchPanel.connect`."""
+        self.patch_panel.connect(patching)
+        self.observer.event("patched", ports={str(channel): port for channel, port in patching.items()})
+
+    def configure(self, timebase: Timebase, channels: Iterable[int], averages: int = 1) -> None:
+        """`Oscilloscope.configure`, with the trigger of the wiring."""
+        channels = tuple(channels)
+        self.scope.configure(timebase, self.wiring.trigger, channels, averages)
+        self.observer.event(
+            "scope set", channels=list(channels), sample_rate=timebase.sample_rate, samples=timebase.samples
+        )
+
+    def capture(self) -> Frames:
+        """One acquisition: arm, wait for the trigger, read."""
+        with self.observer.step("arm"):
+            self.scope.arm()
+        with self.observer.step("trigger"):
+            self.scope.wait()
+        with self.observer.step("transfer"):
+            return self.scope.read()
+
+    def capture_burst(self, frames: int, play: Callable[[], None]) -> Frames:
+        """One frame at each of the next `frames` triggers, which `play` sets off once the oscilloscope is ready."""
+        with self.observer.step("arm"):
+            self.scope.arm_burst(frames)
+        with self.observer.step("dmd"):
+            play()
+        with self.observer.step("transfer"):
+            return self.scope.read_burst()
 
     def close(self) -> None:
         """Release every connection, each one even if another fails.
@@ -197,57 +357,3 @@ class Bench:
         with ExitStack() as stack:
             for instrument in reversed(self.instruments.values()):
                 stack.enter_context(ending_with(instrument.close))
-
-
-@contextmanager
-def ending_with(end: Callable[[], None]) -> Iterator[None]:
-    """Call `end` after the block, however it ends.
-
-    An error of the block stays the one that is raised, since it came first: what `end` then fails at is a note to it.
-    """
-    try:
-        yield
-    except GeneratorExit:  # no failure of the block, and nobody would read a note to it
-        end()
-        raise
-    except BaseException as error:
-        try:
-            end()
-        except (InstrumentError, OSError) as failure:
-            for line in (str(failure), *getattr(failure, "__notes__", ())):
-                error.add_note(line)
-        raise
-    else:
-        end()
-
-
-def safe_state(steps: dict[str, Callable[[], None]]) -> None:
-    """Take the steps of instruments, by name, into the safe state: in their order, each one however another ends.
-
-    Raises:
-        UnsafeBench: an instrument did not obey.
-    """
-    failures: dict[str, InstrumentError | OSError] = {}
-
-    def take(name: str, step: Callable[[], None]) -> None:
-        try:
-            _over_a_new_link(step)
-        except (InstrumentError, OSError) as error:
-            failures[name] = error
-
-    with ExitStack() as stack:  # which calls them all, whatever one of them raises
-        for name, step in reversed(steps.items()):
-            stack.callback(take, name, step)
-    if failures:
-        told = "; ".join(f"{name}: {error}" for name, error in failures.items())
-        dark = "laser" in steps and "laser" not in failures
-        advice = "the laser is off" if dark else "the laser may still emit, switch it off by its key switch"
-        raise UnsafeBench(f"the safe state is not confirmed ({told}): {advice}", failures)
-
-
-def _over_a_new_link(step: Callable[[], None]) -> None:
-    """Once more if the link that is there was broke unnoticed, as links do while nothing is said."""
-    try:
-        step()
-    except LinkError:
-        step()

@@ -160,12 +160,6 @@ class Oscilloscope(Instrument):
             NoTrigger: frames are missing, and no more come.
         """
 
-    def capture(self) -> Frames:
-        """Arm, wait for the trigger, read."""
-        self.arm()
-        self.wait()
-        return self.read()
-
 
 class TunableLaser(Instrument):
     """The light source. It starts dark and is dark whenever it is not told to emit."""

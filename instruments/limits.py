@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from instruments.errors import InstrumentError, OutOfRange
 from instruments.values import Codes, Scaling
 
@@ -82,6 +85,12 @@ class Limits:
                 f"scope: CH{channel} shows {volts:.3g} V, above limits.detector = {self.detector_v:g} V: lower the "
                 f"laser's power or the optical amplifier's gain, or attenuate the light before that detector"
             )
+
+    def detector_codes(self, scalings: Sequence[Scaling]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The lowest and the highest code of each channel that the detectors may give, each of shape (channels,)."""
+        scale = np.array([scaling.scale_v for scaling in scalings])
+        offset = np.array([scaling.offset_v for scaling in scalings])
+        return (-self.detector_v - offset) / scale, (self.detector_v - offset) / scale
 
     def check_traces(self, channels: Sequence[int], codes: Codes, scalings: Sequence[Scaling]) -> None:
         """Compare the largest volts of traces, codes of shape (..., channels, samples).

@@ -12,8 +12,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.bench import Bench, ending_with
+from instruments.bench import Bench
 from instruments.interfaces import BYPASS_PORT
+from instruments.safe_state import ending_with
 from instruments.values import Drive, Frames, Timebase, Vertical
 from protocols.base import Images, Shot, ShotKind
 from protocols.image_readout import DRIVE_RATE, pseudorandom_drive
@@ -141,14 +142,14 @@ def align(bench: Bench, images: Images, *, ports: Sequence[int], wavelength_nm: 
     if bench.wiring.projector:
         patterns = [*_patterns(bench, images.images[:PROBES])]
     with ending_with(bench.make_safe):
-        bench.patch_panel.connect(patching)
+        bench.connect(patching)
         bench.dmd.blank()
         _play(bench, drive)
         _sample(bench, patching, 1)
         finest = bench.scope.vertical_scale.low
         for channel in patching:
             bench.scope.set_vertical(channel, Vertical(finest, 0.0))
-        frames = [bench.scope.capture() for _ in range(DARK_FRAMES)]
+        frames = [bench.capture() for _ in range(DARK_FRAMES)]
         volts = np.stack([_volts(bench, frame) for frame in frames])
         yield Dark(volts, np.any([frame.clipped[0] for frame in frames], axis=0))
         with bench.emitting(wavelength_nm):
@@ -159,7 +160,7 @@ def align(bench: Bench, images: Images, *, ports: Sequence[int], wavelength_nm: 
             )
             if bench.wiring.projector:
                 fibre = _before_the_chip(bench, patching)
-                bench.patch_panel.connect(fibre)
+                bench.connect(fibre)
                 mosaics = blocks(bench, seed)
                 yield _projected_answers(bench, fibre, mosaics)
                 yield hopped(bench, fibre, mosaics[:DEPTH_IMAGES])
@@ -173,7 +174,7 @@ def _ranged(bench: Bench, patching: dict[int, int], patterns: Sequence[NDArray[n
     clipped = np.any([capture().clipped[0] for capture in captures], axis=0)
     scale = np.array([bench.scope.vertical_for(scaling).scale_v_per_div for scaling in scalings])
     _sample(bench, patching, AVERAGES)
-    twice = [[_volts(bench, capture()), _volts(bench, bench.scope.capture())] for capture in captures]
+    twice = [[_volts(bench, capture()), _volts(bench, bench.capture())] for capture in captures]
     limits = bench.scope.vertical_scale
     return Ranged(
         np.stack(twice, axis=1), clipped, DIVISIONS * scale, scale <= 1.01 * limits.low, scale >= 0.99 * limits.high
@@ -207,13 +208,13 @@ def _direct_answers(bench: Bench, wavelength_nm: float) -> Answered:
     found: list[Answered] = []
     coarse: Answered | None = None
     for step in range(DIRECT_WAVELENGTHS):
-        bench.laser.tune(wavelength_nm + DIRECT_STEP_NM * step)
+        bench.tune(wavelength_nm + DIRECT_STEP_NM * step)
         for patching in bench.patchings_for(ports):
-            bench.patch_panel.connect(patching)
+            bench.connect(patching)
             if coarse is None:
                 coarse = _answers(bench, patching, (None,), COARSE_ORDER, COARSE_HOLD, None)
             found.append(_answers(bench, patching, (None,), ORDER, 1, None))
-    bench.laser.tune(wavelength_nm)
+    bench.tune(wavelength_nm)
     one = found[0]
     return Answered(
         np.concatenate([each.upright for each in found]),
@@ -242,7 +243,7 @@ def _answers(
     clipped = np.zeros(len(patterns) * len(patching), np.bool_)
     for sign in (1.0, -1.0):
         _play(bench, _held(bench, sign * HOP * sequence, hold))
-        bench.scope.configure(Timebase(FINE_RATE, samples), bench.wiring.trigger, tuple(patching), AVERAGES)
+        bench.configure(Timebase(FINE_RATE, samples), patching, AVERAGES)
         if not both:
             _find_wide_ranges(bench, patching, captures[:COARSE_IMAGES])
         frames = [capture() for capture in captures]
@@ -273,7 +274,7 @@ def hopped(bench: Bench, patching: dict[int, int], patterns: Sequence[NDArray[np
     def play(low: int, high: int, hold: int) -> None:
         _play(bench, _held(bench, LEVELS[low] + (LEVELS[high] - LEVELS[low]) * sequence, hold))
         samples = round(sequence.size * hold * FINE_RATE / DRIVE_RATE)
-        bench.scope.configure(Timebase(FINE_RATE, samples), bench.wiring.trigger, tuple(patching), AVERAGES)
+        bench.configure(Timebase(FINE_RATE, samples), patching, AVERAGES)
 
     def means() -> NDArray[np.float64]:
         return np.concatenate([_volts(bench, capture()).mean(axis=1) for capture in captures])
@@ -313,18 +314,18 @@ def _held(bench: Bench, values: NDArray[np.float64], hold: int) -> Drive:
 
 def _play(bench: Bench, drive: Drive) -> None:
     bench.load_drive(drive)
-    bench.awg.play()
+    bench.play_drive()
 
 
 def _sample(bench: Bench, patching: dict[int, int], averages: int) -> None:
-    bench.scope.configure(Timebase(SAMPLE_RATE, SAMPLES), bench.wiring.trigger, tuple(patching), averages)
+    bench.configure(Timebase(SAMPLE_RATE, SAMPLES), patching, averages)
 
 
 def _shown(bench: Bench, mirrors: NDArray[np.uint8] | None) -> Frames:
     """One frame of a pattern; None: of what is there."""
     if mirrors is not None:
-        bench.dmd.show(mirrors)
-    return bench.scope.capture()
+        bench.show(mirrors)
+    return bench.capture()
 
 
 def _volts(bench: Bench, frames: Frames) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 Software only loads and collects, so the DMD's own rate is the limit.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -47,13 +47,15 @@ def burst_dmd(bench: Bench) -> BurstDmd:
 
 
 def load_pictures(bench: Bench, mirrors: Iterable[NDArray[np.uint8]], count: int) -> None:
-    """Put pictures into the memory of the bench's DMD as `BurstDmd.load` does, and tell the bench how far that is.
+    """Put pictures into the memory of the bench's DMD as `BurstDmd.load` does; its observer hears how far that is.
 
     Raises:
         OutOfRange: more than its capacity.
         ProtocolError: the bench has no such memory.
     """
-    burst_dmd(bench).load(mirrors, count, progress=partial(bench.uploading, "DMD patterns"))
+    dmd, progress = burst_dmd(bench), partial(bench.observer.uploading, "DMD patterns")
+    with bench.observer.step("upload"):
+        dmd.load(mirrors, count, progress=progress)
 
 
 class PictureMemory:
@@ -89,30 +91,28 @@ def measure_bursts(
         InstrumentError: a frame is missing, or came at the wrong time.
     """
     bench.load_drive(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
-    bench.awg.play()
+    bench.play_drive()
     late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
-    bench.scope.configure(late, bench.wiring.trigger, tuple(part.pass_.patching), 1)
+    bench.configure(late, part.pass_.patching)
     dmd.hold()
     longest = min(LONGEST_BURST, bench.scope.most_frames())
     for held in memory.parts:
         for burst_of in stretches([shot.index for shot in part.shots if shot.index in held], longest):
             memory.load(held)
             count = len(burst_of)
-            bench.scope.arm_burst(count)
-            dmd.play(burst_of.start - held.start, count, PICTURE_PERIOD_S)
-            burst = collected(bench)
+            burst = played(bench, count, partial(dmd.play, burst_of.start - held.start, count, PICTURE_PERIOD_S))
             check_times(burst, count)
             yield Record(part.pass_, burst_of.start, burst)
 
 
-def collected(bench: Bench) -> Frames:
-    """The burst for which the oscilloscope is armed and that the DMD plays.
+def played(bench: Bench, frames: int, play: Callable[[], None]) -> Frames:
+    """The burst of so many frames whose pictures `play` has the DMD show.
 
     Raises:
         NoTrigger: frames are missing; the message names the cables that start them.
     """
     try:
-        return bench.scope.read_burst()
+        return bench.capture_burst(frames, play)
     except NoTrigger as error:
         source = bench.wiring.trigger.source
         raise NoTrigger(

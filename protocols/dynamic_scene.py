@@ -27,7 +27,7 @@ from protocols.base import (
     Shot,
     ShotKind,
 )
-from protocols.bursts import PICTURE_PERIOD_S, burst_dmd, collected, load_pictures
+from protocols.bursts import PICTURE_PERIOD_S, burst_dmd, load_pictures, played
 from protocols.image_readout import pseudorandom_drive
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
@@ -122,9 +122,9 @@ class DynamicScene(Measurement[Images]):
         with bench.emitting(parts[0].pass_.wavelength_nm):
             bench.load_drive(drive, periods_per_trigger=math.inf)
             for part in parts:
-                bench.laser.tune(part.pass_.wavelength_nm)
-                bench.patch_panel.connect(part.pass_.patching)
-                bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.pass_.patching), 1)
+                bench.tune(part.pass_.wavelength_nm)
+                bench.connect(part.pass_.patching)
+                bench.configure(timebase, part.pass_.patching)
                 captures = [partial(self._capture, bench, dmd, shot, lead_s) for shot in plan]
                 known = part.scalings and _rescaled(part.scalings, self.averages)
                 scalings = lock_ranges(bench, known, captures)
@@ -137,11 +137,10 @@ class DynamicScene(Measurement[Images]):
     def _capture(self, bench: Bench, dmd: BurstDmd, scene: Shot, lead_s: float) -> Frames:
         """One playing of a scene: the pulse that starts the AWG ends so long before the second image comes."""
         dmd.hold()
-        bench.awg.stop()
-        bench.awg.play()
-        bench.scope.arm_burst(1)
-        dmd.play(2 * scene.index, 2, PICTURE_PERIOD_S, pulse_s=PICTURE_PERIOD_S - lead_s - self.switch_after)
-        return collected(bench)
+        bench.stop_drive()
+        bench.play_drive()
+        pulse_s = PICTURE_PERIOD_S - lead_s - self.switch_after
+        return played(bench, 1, partial(dmd.play, 2 * scene.index, 2, PICTURE_PERIOD_S, pulse_s=pulse_s))
 
     def _drawn(self, inputs: Images, label: int, draw: int) -> NDArray[np.intp]:
         members = np.flatnonzero(inputs.labels == label)

@@ -114,11 +114,11 @@ class ImageReadout(Measurement[Images]):
         with bench.emitting(parts[0].pass_.wavelength_nm):
             for part in parts:
                 pass_ = part.pass_
-                bench.laser.tune(pass_.wavelength_nm)
-                bench.patch_panel.connect(pass_.patching)
+                bench.tune(pass_.wavelength_nm)
+                bench.connect(pass_.patching)
                 bench.load_drive(drive)
-                bench.awg.play()
-                bench.scope.configure(timebase, bench.wiring.trigger, tuple(pass_.patching), self.averages)
+                bench.play_drive()
+                bench.configure(timebase, pass_.patching, self.averages)
                 captures = [partial(show_and_capture, bench, patterns[shot]) for shot in probes]
                 yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures))
                 if self.timing == "burst":
@@ -136,8 +136,8 @@ def pseudorandom_drive(bench: Bench, seed: int) -> Drive:
 
 def show_and_capture(bench: Bench, mirrors: NDArray[np.uint8]) -> Frames:
     """Show one pattern and take one frame of every configured channel."""
-    bench.dmd.show(mirrors)
-    return bench.scope.capture()
+    bench.show(mirrors)
+    return bench.capture()
 
 
 def balanced_order(labels: NDArray[np.int64], generator: np.random.Generator) -> NDArray[np.int64]:

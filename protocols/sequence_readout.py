@@ -117,15 +117,15 @@ class SequenceReadout(Measurement[Sequences]):
         drive = self.drive(bench, inputs)
         with bench.emitting(parts[0].pass_.wavelength_nm):
             bench.load_drive(drive)
-            bench.awg.play()
+            bench.play_drive()
             first_leg = self.passes(bench)[0]
             self._turn_to(bench, first_leg, drive)
-            lock_ranges(bench, None, [bench.scope.capture] * PROBES)
-            begins = self._first_symbol_sample(bench.scope.capture())
+            lock_ranges(bench, None, [bench.capture] * PROBES)
+            begins = self._first_symbol_sample(bench.capture())
             for part in parts:
                 self._turn_to(bench, part.pass_, drive)
-                yield PassStarted(part.pass_, lock_ranges(bench, part.scalings, [bench.scope.capture] * PROBES))
-                record = bench.scope.capture()
+                yield PassStarted(part.pass_, lock_ranges(bench, part.scalings, [bench.capture] * PROBES))
+                record = bench.capture()
                 for places in stretches([shot.index for shot in part.shots], len(part.shots)):
                     yield Record(part.pass_, places.start, self._frames(record, begins, places, inputs))
 
@@ -134,12 +134,10 @@ class SequenceReadout(Measurement[Sequences]):
         return round(SYMBOL_S * self.sample_rate)
 
     def _turn_to(self, bench: Bench, pass_: Pass, drive: Drive) -> None:
-        bench.laser.tune(pass_.wavelength_nm)
-        bench.patch_panel.connect(pass_.patching)
+        bench.tune(pass_.wavelength_nm)
+        bench.connect(pass_.patching)
         samples = round((LONGEST_DELAY_S + drive.period_s) * self.sample_rate)
-        bench.scope.configure(
-            Timebase(self.sample_rate, samples), bench.wiring.trigger, tuple(pass_.patching), self.averages
-        )
+        bench.configure(Timebase(self.sample_rate, samples), pass_.patching, self.averages)
 
     def _first_symbol_sample(self, record: Frames) -> int:
         """Where in a record the light of the first sequence begins; the light of the mark is what tells."""

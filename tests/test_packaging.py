@@ -41,6 +41,7 @@ def test_the_wheel_holds_every_file_of_the_packages_and_the_data(installed: Path
     bundled = {path.replace("data/", "labctl/bundled/", 1) for path in files_of("data")}
     expected = files_of(*PACKAGES) | bundled
     assert {"protocols/experiments/fig3.toml", "instruments/alnair_tlg220.toml"} <= expected
+    assert "labctl/reports/templates/base.html" in expected
     assert "labctl/bundled/mnist-0-3/0.bin" in bundled
     held = {path.relative_to(installed).as_posix() for path in installed.rglob("*") if path.is_file()}
     assert {path for path in held if ".dist-info/" not in path} == expected

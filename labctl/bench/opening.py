@@ -5,14 +5,16 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from instruments.alnair_tlg220 import DEFAULT_TABLE
-from instruments.bench import Bench, Wiring, ending_with
+from instruments.bench import Bench, Observer, Wiring
 from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import Awg, Instrument
 from instruments.limits import Levels, Limits
+from instruments.safe_state import ending_with
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
 from labctl.bench.drivers import Opening, driver
@@ -38,15 +40,20 @@ class OpenBench:
 
 @contextmanager
 def opened(
-    station: Station, transcript: Transcript, *, attended: bool = False, armed: bool = False
+    station: Station,
+    transcript: Transcript,
+    *,
+    observer: Observer | None = None,
+    attended: bool = False,
+    armed: bool = False,
 ) -> Iterator[OpenBench]:
     """The bench of `station`, released at the end however the block ends.
 
     Instruments whose address is "simulated" are served by a simulated bench in this process, over real sockets. No
     message is sent here: a station that is wrong is refused before any instrument hears of it.
 
-    attended: somebody is at the bench. armed: light is allowed, whatever the station says; where there is no light but
-    in a simulation of this process or in a recording, nobody is asked to allow it.
+    observer: follows the bench. attended: somebody is at it. armed: light is allowed, whatever the station says; where
+    there is no light but in a simulation of this process or in a recording, nobody is asked to allow it.
 
     Raises:
         StationError: a driver that does not exist, or a laser that must not be switched on.
@@ -55,7 +62,7 @@ def opened(
     """
     with _reached(station, transcript, attended=attended) as reach:
         try:
-            bench = _bench(reach, armed=armed or _armed(reach.station))
+            bench = _bench(reach, observer or Observer(), armed=armed or _armed(reach.station))
         except (NotConfigured, StationError) as error:
             raise StationError(f"{station.source}: {error}") from None
         with ending_with(bench.close):
@@ -144,7 +151,7 @@ def _limits(station: Station) -> Limits:
     return Limits(station.limits.optical_power, station.limits.rf_amplitude, station.limits.detector)
 
 
-def _bench(reach: _Reach, *, armed: bool) -> Bench:
+def _bench(reach: _Reach, observer: Observer, *, armed: bool) -> Bench:
     station, simulation = reach.station, reach.simulation
     laser = reach.open("laser")
     if not (laser.switches_itself or reach.attended):
@@ -170,9 +177,10 @@ def _bench(reach: _Reach, *, armed: bool) -> Bench:
         ),
         armed=armed,
         source=station.source,
-        now=(lambda: simulation.world.clock.now)
+        now=partial(getattr, simulation.world.clock, "now")
         if simulation is not None and "scope" in station.simulations
         else time.time,
+        observer=observer,
         undisturbed=stops_deferred,
     )
 

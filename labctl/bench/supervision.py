@@ -3,12 +3,13 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO, cast
 
-from instruments.bench import Bench, UnsafeBench
+from instruments.bench import Observer
+from instruments.safe_state import UnsafeBench
 from labctl.bench.opening import laser_commands
 from labctl.bench.recording.replay import replayed
 from labctl.bench.station import Station
@@ -23,29 +24,31 @@ REFUSED = "no light is switched on, since nothing would switch it off if this pr
 
 
 @contextmanager
-def supervised(station: Station, log: CommandLog) -> Iterator[Callable[[Bench], None]]:
-    """One supervisor for the block, told off at its end; what is yielded binds it to the opened bench.
+def supervised(station: Station, log: CommandLog) -> Iterator[Observer]:
+    """One supervisor for the block; what is yielded must observe the bench that is opened inside it.
 
-    From then on the bench gives no light before the supervisor is ready, and none if it has died. A block that switched
-    light on and did not go the way into the safe state to its end leaves that to the supervisor. Around the opened
-    bench, so that its connections are closed by then.
+    The bench then gives no light before the supervisor is ready, and none if it has died. A block that switched light
+    on and did not go the way into the safe state to its end leaves that to the supervisor. The bench's connections are
+    closed by then.
 
     A bench that is simulated in this process, or replayed, has none: it ends with the process.
     """
     if replayed() or not within_reach(station):
-        yield lambda _bench: None
+        yield Observer()
         return
     supervisor = _Supervisor(station, log)
     try:
-        yield supervisor.watch
+        yield supervisor
     finally:
         supervisor.end()
 
 
-class _Supervisor:
+class _Supervisor(Observer):
+    """The process that supervises a bench, and what this process knows of the bench's light."""
+
     def __init__(self, station: Station, log: CommandLog) -> None:
         self._log = log
-        self._bench: Bench | None = None
+        self._lit = False
         try:
             self._process = subprocess.Popen(  # noqa: S603
                 COMMAND, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **_a_session_of_its_own()
@@ -56,28 +59,11 @@ class _Supervisor:
         self._starting = ThreadPoolExecutor(1, thread_name_prefix="supervisor")
         self._ready = self._starting.submit(self._replies.readline)
         task = Task(station=_with_commands(station), log_started=log.started)
-        with suppress(BrokenPipeError):  # it has ended: `_before_light` will find that
+        with suppress(BrokenPipeError):  # it has ended: `before_light` will find that
             self._say(task.model_dump_json())
 
-    def watch(self, bench: Bench) -> None:
-        """Let `bench` give light under supervision only."""
-        self._bench = bench
-        bench.before_light = self._before_light
-
-    def end(self) -> None:
-        """End it; first let it make the bench safe if that was not seen to here.
-
-        A laser that it cannot reach either it goes on trying to reach, and nobody waits for that.
-        """
-        if self._bench is None or not (self._bench.lit or self._bench.left_lit):
-            self._process.kill()
-        self._orders.close()
-        self._starting.shutdown()
-        if self._replies.readline() != TRYING:
-            self._process.wait()
-        self._replies.close()
-
-    def _before_light(self) -> None:
+    def before_light(self) -> None:
+        """Refuse light that nothing would switch off if this process were killed."""
         try:
             well = self._ready.result(START_S) == READY and self._process.poll() is None
             if well and self._log.path is not None:
@@ -86,6 +72,27 @@ class _Supervisor:
             well = False
         if not well:
             raise UnsafeBench(f"the supervisor has not started or has ended: {REFUSED}")
+
+    def emission(self, *, on: bool) -> None:
+        """Light that is on is to be seen to."""
+        self._lit = self._lit or on
+
+    def safe_state(self, error: UnsafeBench | None) -> None:
+        """Seen to, unless the laser did not obey."""
+        self._lit = self._lit and error is not None and "laser" in error.disobeyed
+
+    def end(self) -> None:
+        """End the process; first let it make the bench safe if that was not seen to here.
+
+        A laser that it cannot reach either it goes on trying to reach, and nobody waits for that.
+        """
+        if not self._lit:
+            self._process.kill()
+        self._orders.close()
+        self._starting.shutdown()
+        if self._replies.readline() != TRYING:
+            self._process.wait()
+        self._replies.close()
 
     def _say(self, line: str) -> None:
         self._orders.write(f"{line}\n".encode())

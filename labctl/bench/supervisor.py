@@ -21,13 +21,13 @@ from typing import Any, BinaryIO, NoReturn
 
 from pydantic import BaseModel
 
-from instruments.bench import UnsafeBench, safe_state
 from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
+from instruments.safe_state import UnsafeBench, safe_state
 from labctl.bench.drivers import Opening, driver
 from labctl.bench.station import BY_HAND, SIMULATED, Station
 from labctl.runs.live.commands import CommandLog
-from labctl.runs.live.events import EVENTS, EventLog
+from labctl.runs.live.events import EventLog
 
 READY, TRYING = b"ready\n", b"trying\n"
 AGAIN_S, ATTEMPTS = 1.0, 600
@@ -81,7 +81,7 @@ def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[f
 
     def tell(what: str, *, safe: bool) -> None:
         log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
-        events("safe state", reached=safe, by="supervisor", text=f"the run {what}")
+        events.event("safe state", reached=safe, by="supervisor", text=f"the run {what}")
         with suppress(OSError):
             os.write(STANDARD_ERROR, f"labctl: the run {what}\n".encode())
 
@@ -90,7 +90,7 @@ def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[f
         by_hand = task.station.laser.driver in BY_HAND
         tell(_told(drivers, unsafe, by_hand=by_hand), safe=unsafe is None and not by_hand)
         if path is not None:
-            events.keep_in(path.with_name(EVENTS))
+            events.stored_in(path.parent)
             with suppress(OSError):
                 log.keep_in(path)
         if unsafe is not None and "laser" in unsafe.disobeyed:

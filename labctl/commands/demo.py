@@ -19,7 +19,7 @@ def demo(
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
     (experiment,) = experiments(["demonstration"])
     with interruptible() as interruption, progress_bar("demo") as progress:
-        result = demonstrate(experiment, out or Path("runs"), interruption=interruption, progress=progress)
+        result = demonstrate(experiment, out or Path("runs"), interruption=interruption, progress=progress.progress)
     if result is None:
         return INTERRUPTED
     show(result, as_json, lambda: _print_demo(result))

@@ -30,7 +30,7 @@ def export(
         raise UsageError(f"--to {to}: choose one of {', '.join(FORMATS)}")
     path = out or _beside(run, FORMATS[to])
     with open_run(run) as opened, progress_bar("export") as progress:
-        content = Content.of(opened, shots_of(shots), "codes" if codes else "volts", progress)
+        content = Content.of(opened, shots_of(shots), "codes" if codes else "volts", progress.progress)
         size = write(content, to, path)
     found = {
         "run": str(run),

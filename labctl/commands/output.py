@@ -12,6 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from instruments.bench import Observer
+
 PLAIN_WIDTH = 200
 """Columns of a table that nobody looks at through a terminal: wide enough never to wrap a line for grep."""
 
@@ -50,8 +52,8 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     console.print(grid)
 
 
-class ProgressLine:
-    """A bar with rate and remaining time; called with how much is done, and how much there is in all."""
+class ProgressLine(Observer):
+    """A bar with rate and remaining time, and a line for each warning."""
 
     def __init__(self, bar: Progress, title: str) -> None:
         """Show `title` on `bar`, and no numbers yet."""
@@ -59,13 +61,17 @@ class ProgressLine:
         self._title = title
         self._task = bar.add_task(title, total=None, rate="")
 
-    def __call__(self, done: int, total: int) -> None:
+    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
         """So much of what the title says is done."""
         self._show(self._title, done, total)
 
     def uploading(self, what: str, done: int, total: int) -> None:
         """So much of `what` is uploaded; the line says so until something else is done."""
         self._show(f"{self._title}: uploading {what}", done, total)
+
+    def warning(self, text: str) -> None:
+        """One line above the bar."""
+        warn(text)
 
     def refresh(self) -> None:
         """Draw the line now instead of at its next turn."""

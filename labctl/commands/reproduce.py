@@ -75,7 +75,7 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
     began = time.perf_counter()
     with interruptible() as interruption, progress_bar("reproduce") as progress:
         everything, failures = carry_out(
-            plan, interruption=interruption, progress=progress, uploading=progress.uploading
+            plan, interruption=interruption, progress=progress.progress, uploading=progress.uploading
         )
     if not everything:
         raise next(iter(failures.values()))
@@ -114,7 +114,7 @@ def _vary(plan: "Plan", as_json: bool) -> int:
     experiment = plan.experiments[0]
     study = study_of(experiment)
     with interruptible() as interruption, progress_bar("sensitivity") as progress:
-        found = sensitivity(plan, experiment, interruption=interruption, progress=progress)
+        found = sensitivity(plan, experiment, interruption=interruption, progress=progress.progress)
     seconds = round(time.perf_counter() - began, 1)
     report = verdict.write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
     result = {

@@ -11,7 +11,7 @@ from labctl.bench.station import read_station
 from labctl.commands.exit_status import DONE, INTERRUPTED, WRONG_USE
 from labctl.commands.next_steps import options_again
 from labctl.commands.options import ArmOption, DataOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
+from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.commands.run import describe, print_outcome
 from labctl.engine import session
 from labctl.engine.resume import SettingsChanged
@@ -32,9 +32,7 @@ def resume(
     resumption = Resumption(run, None if station is None else read_station(station), data, attended, armed)
     try:
         with interruptible() as interruption, progress_bar("resume") as progress:
-            outcome = session.resume(
-                resumption, interruption=interruption, progress=progress, uploading=progress.uploading, warn=warn
-            )
+            outcome = session.resume(resumption, observer=progress, interruption=interruption)
     except SettingsChanged as changed:
         return _refuse(changed, as_json)
     result = describe(outcome, options_again(attended=attended, armed=armed, data=data, station=station))

@@ -12,9 +12,10 @@ from labctl.bench.station import read_station
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.next_steps import next_command, options_again, resumable, resume_command
 from labctl.commands.options import ArmOption, DataOption, StationOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
-from labctl.engine.engine import Outcome, Request, bytes_needed, new_directory
+from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.engine.engine import Outcome
 from labctl.engine.inputs import inputs_for
+from labctl.engine.plan import Request, bytes_needed, new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import UsageError
 from labctl.runs.live.commands import CommandLog
@@ -51,9 +52,7 @@ def run(
         return DONE
     options = options_again(attended=attended, armed=armed, data=data)
     with interruptible() as interruption, resumable(directory, options), progress_bar(asked.name) as progress:
-        acquired = acquire(
-            acquisition, interruption=interruption, progress=progress, uploading=progress.uploading, warn=warn
-        )
+        acquired = acquire(acquisition, observer=progress, interruption=interruption)
     result = describe(acquired.outcome, options) | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
     show(result, as_json, lambda: print_outcome(result))
     return DONE if acquired.outcome.complete else INTERRUPTED

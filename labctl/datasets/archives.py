@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from labctl.errors import DatasetError
+from labctl.errors import DatasetError, one_line
 
 MAX_ARCHIVE_BYTES = 1 << 30
 MAX_DIRECTORY_BYTES = 16 << 20
@@ -45,8 +45,7 @@ def opened(path: Path, what: str = "a whole zip file") -> Iterator[zipfile.ZipFi
         _check_directory(path, what)
         archive = zipfile.ZipFile(path)
     except ZIP_ERRORS as error:
-        reason = " ".join(str(error).split())[:200]
-        raise DatasetError(f"{path}: is not {what} ({reason}): get it again") from None
+        raise DatasetError(f"{path}: is not {what} ({one_line(error)[:200]}): get it again") from None
     with archive:
         yield archive
 

@@ -1,4 +1,4 @@
-"""Data cards: what is known about each data set, read from the TOML files beside the bundled samples.
+"""Data cards: what is known about each data set, read from the TOML files next to the bundled samples.
 
 In a checkout the cards lie in `data/`; in an installed package they lie in `labctl/bundled/`.
 """
@@ -69,7 +69,7 @@ class Card(BaseModel):
         binarisation: Rule that made the pixels binary; "none" for grey levels 0..255.
         bundled: True if the files come with the program.
         folders: For pictures that are one JPEG file each: the folder of each class, in the order of the classes, to be
-            found beside each other in the data set's folder or in a zip file there.
+            found next to each other in the data set's folder or in a zip file there.
         obtain: What to do to have the data, where it cannot be downloaded; one line.
         traps: Known properties that spoil a careless evaluation.
         files: The files, training part before test part; records: one file a class, in the order of the classes; none

@@ -13,7 +13,7 @@ from labctl.datasets import archives, binarisation, bits, pictures, store
 from labctl.datasets.cards import Card
 from labctl.datasets.idx import parse_idx
 from labctl.datasets.npy import parse_npy
-from labctl.errors import DatasetError
+from labctl.errors import DatasetError, one_line
 
 NPZ = "an .npz file with the arrays images and labels"
 MAX_ARRAY_BYTES = 1 << 28
@@ -122,8 +122,7 @@ def _array(archive: ZipFile, path: Path, name: str) -> NDArray[Any]:
         member = archive.getinfo(f"{name}.npy")
         content = archives.content(archive, member.filename, MAX_ARRAY_BYTES) if archives.usual(member) else b""
     except archives.ZIP_ERRORS as error:
-        reason = " ".join(str(error).split())[:200]
-        raise DatasetError(f"{path}: is not {NPZ} ({reason})") from None
+        raise DatasetError(f"{path}: is not {NPZ} ({one_line(error)[:200]})") from None
     if len(content) > MAX_ARRAY_BYTES:
         raise DatasetError(f"{path}: {name} unpacks to more than {MAX_ARRAY_BYTES} bytes: store fewer images")
     return parse_npy(content, f"{path}: {name}")

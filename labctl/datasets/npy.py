@@ -1,39 +1,36 @@
-"""NumPy's file format, for files that may be anybody's: plain numbers only, and as many as the file really holds."""
+"""NumPy's files that may be anybody's: plain numbers only, and as many as the file really holds."""
 
 import io
 import math
 import tokenize
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from labctl.errors import DatasetError
+from labctl.errors import DatasetError, one_line
 
-_HEADERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
+_READ_HEADER = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def parse_npy(content: bytes, name: str) -> NDArray[np.generic]:
-    """The array of bool, whole or real numbers in a numpy file.
+    """The array of bool, whole or real numbers in a numpy file; it lies in `content` and cannot be written to.
 
     Args:
         content: The whole file.
         name: What to call it in an error.
 
     Raises:
-        DatasetError: It is no such file, or holds fewer numbers than its header declares.
+        DatasetError: It is no such file, or holds another amount of numbers than its header declares.
     """
+    file = io.BytesIO(content)
     try:
-        version = np.lib.format.read_magic(file := io.BytesIO(content))
-        shape, _, kind = _HEADERS[version](file)
-        held = len(content) - file.tell()
-        if kind.kind not in "biuf" or kind.itemsize * math.prod(shape) != held or max(shape, default=1) > len(content):
-            raise DatasetError(f"{name}: declares {kind} of shape {str(shape)[:80]}, but is no such array of numbers")
-        return np.asarray(np.load(io.BytesIO(content), allow_pickle=False))
-    except (OSError, EOFError, ValueError, KeyError, TypeError, SyntaxError, tokenize.TokenError) as error:
-        reason = " ".join(str(error).split())[:200]
+        shape, by_column, kind = _READ_HEADER[npy.read_magic(file)](file)
+    except (ValueError, LookupError, TypeError, SyntaxError, MemoryError, RecursionError, tokenize.TokenError) as error:
+        reason = one_line(error)[:200] or "its header cannot be read"
         raise DatasetError(f"{name}: is not a numpy file ({reason}): replace the file") from None
-    except (RecursionError, MemoryError):  # of the parser of its header
-        raise DatasetError(f"{name}: is not a numpy file (its header cannot be read): replace the file") from None
+    held = len(content) - file.tell()
+    lengths = all(0 <= length <= len(content) for length in shape)
+    if kind.kind not in "biuf" or not lengths or kind.itemsize * math.prod(shape) != held:
+        raise DatasetError(f"{name}: declares {kind} of shape {str(shape)[:80]}, but is no such array of numbers")
+    return np.frombuffer(content, kind, offset=file.tell()).reshape(shape, order="F" if by_column else "C")

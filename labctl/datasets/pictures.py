@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL.JpegImagePlugin import JpegImageFile
 
 from labctl.datasets import archives
-from labctl.errors import DatasetError
+from labctl.errors import DatasetError, one_line
 
 MAX_PICTURES = 50_000
 MAX_PICTURE_BYTES = 256 * 1024
@@ -51,9 +51,8 @@ class Album:
         try:
             content = self.read(name)
         except archives.ZIP_ERRORS as error:
-            raise DatasetError(
-                _line(f"{self.place}: {name} cannot be read ({str(error)[:200]}): get the data set again")
-            ) from None
+            reason = one_line(error)[:200]
+            raise DatasetError(f"{self.place}: {name} cannot be read ({reason}): get the data set again") from None
         if len(content) > MAX_PICTURE_BYTES:
             raise DatasetError(f"{self.place}: {name} is larger than {MAX_PICTURE_BYTES} bytes: it is no such picture")
         return content
@@ -125,7 +124,7 @@ def decode(content: bytes, name: str, shape: tuple[int, int]) -> NDArray[np.uint
             raise DatasetError(f"{name}: is {rows}x{columns} pixels, the data set has {shape[0]}x{shape[1]}")
         return np.asarray(picture.convert("L"))
     except (OSError, SyntaxError, ValueError, ArithmeticError, LookupError, TypeError, struct.error) as error:
-        raise DatasetError(_line(f"{name}: is not a whole JPEG file ({error}): get the data set again")) from None
+        raise DatasetError(f"{name}: is not a whole JPEG file ({one_line(error)}): get the data set again") from None
 
 
 def _album(place: Path, names: list[str], class_folders: Sequence[str], read: Callable[[str], bytes]) -> Album:
@@ -174,10 +173,5 @@ def _in_archive(archive: zipfile.ZipFile, path: Path, class_folders: Sequence[st
 
 
 def _is_picture(name: str) -> bool:
-    """True for visible JPEG files; a name that a terminal cannot print as it stands is nobody's picture."""
+    """True for visible JPEG files; a file whose name a terminal cannot print is no picture."""
     return name.lower().endswith(SUFFIXES) and not name.startswith(".") and name.isprintable()
-
-
-def _line(text: str) -> str:
-    """Text on one line, whatever a library put into its message."""
-    return " ".join(text.split())

@@ -13,12 +13,12 @@ LONGEST_WORD = 32
 
 
 class Control:
-    """What the run under way is asked, by signals to it (`Interruption`) and by its file."""
+    """What the run under way is asked, by signals to it (`interruption`) and by the file at `path`."""
 
     def __init__(self, path: Path, interruption: Interruption) -> None:
         """Look for words in `path`; those of `interruption` come first."""
-        self._path = path
-        self._interruption = interruption
+        self.path = path
+        self.interruption = interruption
 
     @property
     def holds(self) -> bool:
@@ -27,12 +27,12 @@ class Control:
         Raises:
             StoppedBySignal: the run is to end now.
         """
-        return self._look() is Word.PAUSE or self._interruption.requested
+        return self._look() is Word.PAUSE or self.interruption.requested
 
     @property
     def stopped(self) -> bool:
         """Whether the run is to end after this record, as far as it has heard."""
-        return self._interruption.requested
+        return self.interruption.requested
 
     @property
     def paused(self) -> bool:
@@ -41,23 +41,23 @@ class Control:
         Raises:
             StoppedBySignal: it is to end now.
         """
-        return self._look() is Word.PAUSE and not self._interruption.requested
+        return self._look() is Word.PAUSE and not self.interruption.requested
 
     def wait(self) -> None:
         """Return when the run may go on, or is to end."""
         while self.paused:
-            self._interruption.wait(LOOK_EVERY_S)
+            self.interruption.wait(LOOK_EVERY_S)
 
     def _look(self) -> Word | None:
         try:
-            with self._path.open("rb") as file:
+            with self.path.open("rb") as file:
                 word = Word(file.read(LONGEST_WORD).decode().strip())
         except (OSError, ValueError):  # nothing is asked, or nothing that a run knows
             return None
         if word is Word.STOP:
-            self._interruption.requested = True
+            self.interruption.requested = True
         elif word is Word.STOP_NOW:
-            self._interruption.requested = True
+            self.interruption.requested = True
             raise StoppedBySignal
         return word
 

@@ -1,39 +1,39 @@
 """The engine: carries out a protocol on an opened bench and stores what comes.
 
-It owns what every protocol needs and none should repeat: identities and settings for the manifest, the run directory,
-and, in `measuring`, storage, progress, interruption and lost links. Light and safe state belong to the protocol's own
-`acquire`.
+It owns what every protocol needs and none should repeat: the run directory, pauses and stops, lost links, and the
+comparison with what is on disk when a run goes on. Light and safe state belong to the protocol's own `acquire`. What it
+does is told to the bench's observer.
 """
 
+import logging
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from instruments.bench import Bench
-from instruments.values import Drive
+from instruments.errors import InstrumentError
+from instruments.safe_state import ending_with
+from instruments.values import Scaling
 from labctl.bench.signals import Interruption, heeds_signals
-from labctl.bench.station import Station
-from labctl.engine.control import controlled
-from labctl.engine.profile import Stopwatch
-from labctl.engine.recorder import Measuring, Progress
+from labctl.engine.control import Control, controlled
+from labctl.engine.light_check import REPEATS, refuse_changed_light, to_repeat
+from labctl.engine.manifest import light_and_instruments, manifest
+from labctl.engine.plan import Request, checked, new_directory
+from labctl.engine.recorder import Recorder
 from labctl.engine.recovery import Recovery
 from labctl.engine.resume import refuse_changed_instruments, refuse_other_plan
-from labctl.runs.format.durable import not_written
-from labctl.runs.format.layout import run_name
-from labctl.runs.format.provenance import git_revision, versions
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
-from labctl.runs.live.commands import CommandLog
-from labctl.runs.live.events import EventLog
-from labctl.runs.write.room import needed
+from labctl.engine.storage import Storage
+from labctl.errors import RunError
 from labctl.runs.write.writer import RunWriter
-from protocols.base import Inputs, Measurement, Pass, Shot
+from protocols.base import Events, Part, PassStarted
+
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -61,56 +61,37 @@ class Outcome:
         return self.measured / self.seconds if self.seconds else 0.0
 
 
-@dataclass(frozen=True)
-class Request:
-    """What is to be run: the protocol, what it shows or plays, its station, and a reference to its calibration."""
-
-    protocol: Measurement[Any]
-    inputs: Inputs
-    station: Station
-    calibration: Mapping[str, Any] | None = None
-
-
-@dataclass(frozen=True)
-class Listeners:
-    """Who follows a run while it goes on; `interruption` is asked, after every record, whether it is to end."""
-
-    log: CommandLog
-    events: EventLog
-    progress: Progress
-    interruption: Interruption
-    stopwatch: Stopwatch
-
-
-def carry_out(request: Request, bench: Bench, listeners: Listeners, directory: Path | None) -> Outcome:
+def carry_out(request: Request, bench: Bench, interruption: Interruption, directory: Path | None) -> Outcome:
     """Run the protocol on `bench`; the run directory is `directory`, or a new one under `runs/`.
 
     Every instrument is asked who it is before a file is written or light switched on, and the laser is set in the dark,
-    so that the manifest has the light of the first pass as it settled. The finished shots are kept
-    however the run ends, and the bench is left in the safe state.
+    so that the manifest has the light of the first pass as it settled. The finished shots are kept however the run
+    ends, and the bench is left in the safe state. `interruption` is asked after every record whether the run is to end.
 
     Raises:
         InstrumentError: an instrument failed or gave the same trace twice.
         RunError: the directory exists or cannot be written.
         ProtocolError: the protocol does not suit the inputs or the bench.
     """
-    plan = _plan(request, bench)
+    plan = checked(request, bench)
     started = datetime.now(UTC)
-    manifest = _manifest(request, bench, started)
-    directory = directory or new_directory(request.protocol, started)
-    durability, seconds = durability_of(request.station), _seconds_a_shot(request, bench)
-    with RunWriter.create(directory, manifest, *plan, durability, seconds_a_shot=seconds) as writer:
-        _keep(listeners.log, writer.paths.commands)
-        _tell_start("run started", listeners.events, request, writer)
-        return _measure(request, bench, listeners, writer)
+    values = manifest(request, bench, started)
+    writer = RunWriter.create(
+        directory or new_directory(request.protocol, started),
+        values,
+        plan.shape,
+        plan.shots,
+        plan.drive,
+        request.durability,
+        seconds_a_shot=plan.seconds_a_shot,
+    )
+    with writer:
+        _tell_start("run started", request, bench, writer)
+        bench.observer.stored_in(writer.paths.directory)
+        return _Measurement(request, bench, writer, interruption).outcome()
 
 
-def bytes_needed(request: Request, bench: Bench) -> int:
-    """What the run writes at most; nothing is sent to the bench."""
-    return needed(*_planned(request, bench), durability_of(request.station), _seconds_a_shot(request, bench))
-
-
-def go_on(request: Request, bench: Bench, listeners: Listeners, writer: RunWriter) -> Outcome:
+def go_on(request: Request, bench: Bench, interruption: Interruption, writer: RunWriter) -> Outcome:
     """Measure what the run that `writer` has opened again still lacks, on `bench`.
 
     The bench is made safe first: a killed process may have left it lit. Nothing is lit before instruments and plan are
@@ -122,19 +103,20 @@ def go_on(request: Request, bench: Bench, listeners: Listeners, writer: RunWrite
         RunError: the run was planned otherwise, or cannot be written.
         ProtocolError: the protocol does not suit the inputs or the bench.
     """
-    listeners.log("run", "!", f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}")
+    text = f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}"
+    _tell_start("run resumed", request, bench, writer, text=text)
     bench.make_safe()
-    refuse_other_plan(writer.paths, writer.manifest, *_plan(request, bench))
-    _, instruments = _light_and_instruments(request, bench)
+    plan = checked(request, bench)
+    refuse_other_plan(writer.paths, writer.manifest, plan.shape, plan.shots, plan.drive)
+    _, instruments = light_and_instruments(request, bench)
     refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments)
-    _keep(listeners.log, writer.paths.commands)
-    _tell_start("run resumed", listeners.events, request, writer)
-    return _measure(request, bench, listeners, writer)
+    bench.observer.stored_in(writer.paths.directory)
+    return _Measurement(request, bench, writer, interruption).outcome()
 
 
-def _tell_start(event: str, events: EventLog, request: Request, writer: RunWriter) -> None:
+def _tell_start(event: str, request: Request, bench: Bench, writer: RunWriter, **more: str) -> None:
     shape = writer.manifest["shape"]
-    events(
+    bench.observer.event(
         event,
         protocol=request.protocol.name,
         shots=shape["shots"],
@@ -145,142 +127,142 @@ def _tell_start(event: str, events: EventLog, request: Request, writer: RunWrite
         process=os.getpid(),
         heeds_signals=heeds_signals(),
         host=platform.node(),
+        **more,
     )
-    events.keep_in(writer.paths.events)
 
 
-def _keep(log: CommandLog, path: Path) -> None:
-    try:
-        log.keep_in(path)
-    except OSError as error:
-        raise not_written(path, error) from error
+class _Measurement:
+    """One run under way, through pauses and lost links, until nothing is missing or nobody wants more."""
 
+    def __init__(self, request: Request, bench: Bench, writer: RunWriter, interruption: Interruption) -> None:
+        self._request = request
+        self._bench = bench
+        self._writer = writer
+        self._interruption = interruption
+        self._whole = request.protocol.parts(bench, request.inputs)
+        self._recovery = Recovery(bench)
 
-def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
-    """Where a run goes that names no directory of its own."""
-    return Path("runs") / run_name(started, protocol.name, protocol.digest())
-
-
-def durability_of(station: Station) -> Durability:
-    """How much a killed process may lose there."""
-    return Durability(shots=station.durability.shots, seconds=station.durability.seconds)
-
-
-def _measure(request: Request, bench: Bench, listeners: Listeners, writer: RunWriter) -> Outcome:
-    """Measure what `writer` lacks and finish the run."""
-    before, log, events = writer.complete, listeners.log, listeners.events
-
-    def tell_room(line: str) -> None:
-        log("run", "!", line)
-        events("warning", text=line)
-
-    writer.room.tell = tell_room
-    clock = time.perf_counter(), bench.now()
-    with controlled(writer.paths.directory, listeners.interruption) as control:
-        measuring = Measuring(
-            request.protocol,
-            request.inputs,
-            bench,
-            writer,
-            control=control,
-            progress=listeners.progress,
-            events=events,
-            stopwatch=listeners.stopwatch,
+    def outcome(self) -> Outcome:
+        """Measure all that is missing, finish the run, and say how it went."""
+        writer, bench = self._writer, self._bench
+        before = writer.complete
+        writer.room.tell = bench.observer.warning
+        clock = time.perf_counter(), bench.now()
+        with (
+            controlled(writer.paths.directory, self._interruption) as control,
+            Storage(writer, bench.observer) as storage,
+        ):
+            recorder = Recorder(bench, self._request.inputs, self._whole, writer, storage, control)
+            self._measure(recorder, storage, control)
+        writer.sync()
+        seconds, bench_seconds = time.perf_counter() - clock[0], bench.now() - clock[1]
+        outcome = Outcome(
+            directory=writer.paths.directory,
+            complete=writer.finish(),
+            shots=writer.complete,
+            measured=writer.complete - before,
+            clipped=recorder.clipped,
+            recovered=self._recovery.count,
+            seconds=seconds,
+            bench_seconds=bench_seconds,
+            simulated=self._request.station.simulated,
         )
-        measuring.measure(Recovery(bench, log, events))
-    writer.sync()
-    seconds, bench_seconds = time.perf_counter() - clock[0], bench.now() - clock[1]
-    outcome = Outcome(
-        directory=writer.paths.directory,
-        complete=writer.finish(),
-        shots=writer.complete,
-        measured=writer.complete - before,
-        clipped=measuring.clipped,
-        recovered=measuring.recovered,
-        seconds=seconds,
-        bench_seconds=bench_seconds,
-        simulated=request.station.simulated,
-    )
-    told = {"shots": outcome.shots, "clipped": outcome.clipped, "recovered": outcome.recovered, "seconds": seconds}
-    if outcome.complete:
-        events("finished", **told)
-    else:
-        events("stopped", at_once=False, **told)
-    return outcome
+        counts = {"shots": outcome.shots, "clipped": outcome.clipped, "recovered": outcome.recovered}
+        if outcome.complete:
+            bench.observer.event("finished", **counts, seconds=seconds)
+        else:
+            bench.observer.event("stopped", at_once=False, **counts, seconds=seconds)
+        return outcome
 
+    def _measure(self, recorder: Recorder, storage: Storage, control: Control) -> None:
+        """Store every missing record until there is none, or until stopped.
 
-def _plan(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:
-    """Size, shots and drive of the whole run, if this bench can carry it out."""
-    request.protocol.check_cabling(bench)
-    request.protocol.check(bench, request.inputs)
-    return _planned(request, bench)
+        A lost link ends the light; once the bench is back, the records that are still missing are measured in the
+        vertical ranges that their passes have already. A pause is such a loss that somebody asked for. When a run goes
+        on, by itself or because it is resumed, a reference image that it has on disk is measured first and compared.
 
+        Raises:
+            InstrumentError: an instrument failed, gave the same trace twice, or the light is not what it was; a disk
+                that refused thereafter is a note to it.
+            RunError: the disk is full or refuses.
+        """
+        while missing := self._missing():
+            if control.paused:
+                self._wait(recorder, control)
+                if control.stopped:
+                    return
+            try:
+                if not self._record(missing, recorder):
+                    return
+                self._sync(storage)
+            except InstrumentError as error:
+                try:
+                    self._sync(storage)
+                except RunError as failure:  # nothing more can be kept: no reason to light the bench again
+                    error.add_note(str(failure))
+                    raise error from None
+                recorder.report()
+                self._recovery.after(error, recorder.done)
+            recorder.darkened()
+            if control.stopped:
+                return
 
-def _planned(request: Request, bench: Bench) -> tuple[RunShape, ShotColumns, PlayedDrive]:
-    protocol, inputs = request.protocol, request.inputs
-    shots, passes = protocol.shots(inputs), protocol.passes(bench)
-    return _shape(request, passes, shots), _columns(shots, passes), _played(protocol.drive(bench, inputs))
+    def _record(self, missing: list[Part], recorder: Recorder) -> bool:
+        """Measure in one stretch of light what is missing; True if it ended early because the operator wants it."""
+        known = self._known(missing[0])
+        parts = missing if known is None else [known, *missing]
+        events = self._request.protocol.acquire(self._bench, self._request.inputs, parts)
+        with ending_with(self._darken), ending_with(events.close):
+            if known is not None:
+                self._compare(events, known)
+            return recorder.record(events)
 
+    def _sync(self, storage: Storage) -> None:
+        """Return when everything that was measured so far is on disk."""
+        storage.wait()
+        self._writer.sync()
 
-def _seconds_a_shot(request: Request, bench: Bench) -> float:
-    """On one pass, on real instruments."""
-    shots, passes = len(request.protocol.shots(request.inputs)), len(request.protocol.passes(bench))
-    return request.protocol.duration_s(bench, shots) / (shots * passes)
+    def _darken(self) -> None:
+        """A protocol that keeps hold of another one's generator may have left it, and the light, as they were."""
+        if self._bench.lit:
+            self._bench.make_safe()
 
+    def _missing(self) -> list[Part]:
+        """What the run still lacks on disk, with the ranges of the passes that have some."""
+        parts = []
+        for part in self._whole:
+            index = part.pass_.index
+            missing = self._writer.missing(index)
+            if missing.size:
+                parts.append(Part(part.pass_, [part.shots[shot] for shot in missing], self._ranges(index)))
+        return parts
 
-def _shape(request: Request, passes: Sequence[Pass], shots: Sequence[Shot]) -> RunShape:
-    protocol = request.protocol
-    return RunShape(
-        shots=len(shots),
-        passes=tuple(tuple(pass_.patching.values()) for pass_ in passes),
-        wavelengths_nm=tuple(pass_.wavelength_nm for pass_ in passes),
-        samples=protocol.sample_count(request.inputs),
-        sample_interval_s=1 / protocol.sample_rate,
-        code_type="int8" if protocol.averages == 1 else "int16",
-    )
+    def _ranges(self, pass_index: int) -> tuple[Scaling, ...] | None:
+        locked = self._writer.locked_scales(pass_index)
+        return None if locked is None else tuple(map(Scaling, *(values.tolist() for values in locked)))
 
+    def _known(self, missing: Part) -> Part | None:
+        """A picture on disk to begin with, of the pass that is cut short or else the one before; None without any."""
+        for part in reversed(self._whole[: missing.pass_.index + 1]):
+            stored = [part.shots[shot] for shot in self._writer.stored(part.pass_.index)]
+            if (shot := to_repeat(stored)) is not None:
+                return Part(part.pass_, [shot] * REPEATS, self._ranges(part.pass_.index))
+        return None
 
-def _columns(shots: Sequence[Shot], passes: Sequence[Pass]) -> ShotColumns:
-    return ShotColumns(
-        kind=np.array([shot.kind.value for shot in shots]),
-        dataset_index=np.array([shot.dataset_index for shot in shots], np.int64),
-        label=np.array([shot.label for shot in shots], np.int64),
-        wavelength_nm=np.full(len(shots), passes[0].wavelength_nm),
-        group=np.array([shot.group for shot in shots], np.int64),
-        next_dataset_index=np.array([shot.next_dataset_index for shot in shots], np.int64),
-        next_label=np.array([shot.next_label for shot in shots], np.int64),
-    )
+    def _compare(self, events: Events, known: Part) -> None:
+        found = islice(events, 1 + REPEATS)
+        again = np.concatenate([event.frames.codes for event in found if not isinstance(event, PassStarted)])
+        index, shot = known.pass_.index, known.shots[0]
+        stored = [self._whole[index].shots[place] for place in self._writer.stored(index)]
+        first = next(one for one in stored if one.group == shot.group)
+        earlier, latest = (self._writer.codes(index, one.index) for one in (first, shot))
+        refuse_changed_light(shot, earlier, latest, again)
 
-
-def _played(drive: Drive) -> PlayedDrive:
-    return PlayedDrive(drive.samples, drive.marker, drive.sample_rate)
-
-
-def _manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any]:
-    protocol = request.protocol
-    light, instruments = _light_and_instruments(request, bench)
-    return {
-        "protocol": {"name": protocol.name, "digest": protocol.digest(), "settings": protocol.model_dump(mode="json")},
-        "station": request.station.model_dump(mode="json"),
-        "light": light,
-        "instruments": instruments,
-        "calibration": request.calibration,
-        "inputs_sha256": request.inputs.digest,
-        "started": started.isoformat(timespec="seconds"),
-        "versions": versions(),
-        "git_revision": git_revision(),
-        "seeds": {
-            "seed": protocol.seed,
-            "twin_seed": request.station.sim.twin_seed if request.station.simulated else None,
-        },
-    }
-
-
-def _light_and_instruments(request: Request, bench: Bench) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What the laser settled on for the first pass, in the dark, and who all instruments are and how they are set."""
-    identities = {name: vars(instrument.identify()) for name, instrument in bench.instruments.items()}
-    light = vars(bench.set_light(request.protocol.passes(bench)[0].wavelength_nm))
-    return light, {
-        name: {"identity": identities[name], "settings": instrument.settings()}
-        for name, instrument in bench.instruments.items()
-    }
+    def _wait(self, recorder: Recorder, control: Control) -> None:
+        observer = self._bench.observer
+        observer.event("paused", done=recorder.done, total=recorder.total)
+        _logger.warning("paused in the dark after %s of %s records: waiting to go on", recorder.done, recorder.total)
+        control.wait()
+        if not control.stopped:
+            observer.event("going on")
+            _logger.warning("going on")

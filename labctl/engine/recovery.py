@@ -6,10 +6,9 @@ The light stays off meanwhile: only a protocol switches it on, by `Bench.emittin
 import logging
 import time
 
-from instruments.bench import Bench, UnsafeBench
+from instruments.bench import Bench
 from instruments.errors import InstrumentError, LinkError
-from labctl.runs.live.commands import CommandLog
-from labctl.runs.live.events import EventLog
+from instruments.safe_state import UnsafeBench
 
 ATTEMPTS = 3
 """So often in a row, without a record between, the bench is tried again."""
@@ -20,13 +19,16 @@ _logger = logging.getLogger(__name__)
 
 
 class Recovery:
-    """Brings a bench back after a lost link, and writes into the run's log that it did."""
+    """Brings a bench back after a lost link, and tells its observer of every attempt and its outcome.
 
-    def __init__(self, bench: Bench, log: CommandLog, events: EventLog) -> None:
-        """Watch over `bench`; `log` gets a line with the direction `!` for every attempt and its outcome."""
+    Attributes:
+        count: how often that was needed.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        """Watch over `bench`."""
+        self.count = 0
         self._bench = bench
-        self._log = log
-        self._events = events
         self._attempts = 0
         self._records = 0
 
@@ -57,11 +59,10 @@ class Recovery:
                     "link recovered",
                     "all instruments answer and the bench is in the safe state: measuring what is missing",
                 )
+                self.count += 1
                 return
         raise error
 
     def _tell(self, event: str, message: str) -> None:
-        self._events(event, text=message)
-        self._events.interrupted()
-        self._log("run", "!", message)
+        self._bench.observer.event(event, text=message)
         _logger.warning("%s", message)

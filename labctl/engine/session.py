@@ -1,52 +1,28 @@
 """One run from a station and a protocol: load the inputs, open the bench, carry it out, close it; or go on with one."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from instruments.values import Uploading
+from instruments.bench import Observer, Observers
 from labctl.bench.calibration import newest, warnings
 from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import OpenBench, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
-from labctl.engine.engine import Listeners, Outcome, Request, carry_out, durability_of, go_on
+from labctl.engine.engine import Outcome, carry_out, go_on
 from labctl.engine.inputs import inputs_for
-from labctl.engine.instrument_states import tell_states
-from labctl.engine.profile import Stopwatch
-from labctl.engine.recorder import Progress
+from labctl.engine.plan import Request, durability_of
+from labctl.engine.profile import Profile
 from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs, station_of_manifest
 from labctl.runs.format.layout import Manifest, RunPaths
 from labctl.runs.live.commands import CommandLog
 from labctl.runs.live.events import EventLog
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Measurement
-
-Warn = Callable[[str], None]
-"""Called with each line that must be said before light is switched on."""
-
-
-def _no_progress(_done: int, _total: int) -> None:
-    pass
-
-
-def _no_upload(_what: str, _done: int, _total: int) -> None:
-    pass
-
-
-def _to_nobody(_line: str) -> None:
-    pass
-
-
-def _both(first: Uploading, second: Uploading) -> Uploading:
-    def told(what: str, done: int, total: int) -> None:
-        first(what, done, total)
-        second(what, done, total)
-
-    return told
 
 
 @dataclass(frozen=True)
@@ -71,16 +47,11 @@ class Acquired:
 
 
 def acquire(
-    acquisition: Acquisition,
-    *,
-    interruption: Interruption | None = None,
-    progress: Progress = _no_progress,
-    uploading: Uploading = _no_upload,
-    warn: Warn = _to_nobody,
+    acquisition: Acquisition, *, observer: Observer | None = None, interruption: Interruption | None = None
 ) -> Acquired:
-    """Carry out one acquisition; `progress` is called after every record, `uploading` while something is uploaded.
+    """Carry out one acquisition; `observer` follows it, and `interruption` is asked after every record.
 
-    `warn` hears what is to be said of the newest calibration of the bench; the run's events keep it too.
+    What is to be said of the newest calibration of the bench is a warning, before light is switched on.
 
     Raises:
         DatasetError, StationError, ProtocolError, RunError: what was asked for is wrong; no light was switched on.
@@ -89,22 +60,20 @@ def acquire(
     """
     protocol, station = acquisition.protocol, acquisition.station
     inputs = inputs_for(protocol, acquisition.data)
-    at_work = _at_work(protocol, station, uploading, attended=acquisition.attended, armed=acquisition.armed)
-    with at_work as (open_bench, log, events):
+    with _session(protocol, station, observer, attended=acquisition.attended, armed=acquisition.armed) as (
+        open_bench,
+        observers,
+    ):
         simulation = open_bench.simulation
-        stopwatch = Stopwatch((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
+        profile = Profile((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
         if acquisition.profile:
-            stopwatch.watch(open_bench.bench)
+            observers.add(profile)
         calibrated = newest(station)
         reference = None if calibrated is None else calibrated.reference()
-        _warn(warnings(reference, station), warn, events)
-        outcome = carry_out(
-            Request(protocol, inputs, station, reference),
-            open_bench.bench,
-            Listeners(log, events, progress, interruption or Interruption(), stopwatch),
-            acquisition.directory,
-        )
-        return Acquired(outcome, stopwatch.budget(outcome.shots) if acquisition.profile else {})
+        _warn(warnings(reference, station), observers)
+        request = Request(protocol, inputs, station, reference)
+        outcome = carry_out(request, open_bench.bench, interruption or Interruption(), acquisition.directory)
+        return Acquired(outcome, profile.budget(outcome.shots) if acquisition.profile else {})
 
 
 @dataclass(frozen=True)
@@ -119,18 +88,12 @@ class Resumption:
 
 
 def resume(
-    resumption: Resumption,
-    *,
-    interruption: Interruption | None = None,
-    progress: Progress = _no_progress,
-    uploading: Uploading = _no_upload,
-    warn: Warn = _to_nobody,
+    resumption: Resumption, *, observer: Observer | None = None, interruption: Interruption | None = None
 ) -> Outcome:
     """Measure what a run still lacks, with the protocol, the seeds and the station of its manifest.
 
-    `warn` hears what is to be said of the calibration that the run refers to; the run's events keep it too.
-
-    A run that lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
+    What is to be said of the calibration that the run refers to is a warning, before light is switched on. A run that
+    lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
 
     Raises:
         RunError: no run, one that another process is writing, or one that cannot go on as it was begun.
@@ -158,33 +121,30 @@ def resume(
             )
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
-        open_bench, log, events = stack.enter_context(
-            _at_work(protocol, station, uploading, attended=resumption.attended, armed=resumption.armed)
-        )
-        _warn(warnings(manifest.values.get("calibration"), station), warn, events)
-        listeners = Listeners(log, events, progress, interruption or Interruption(), Stopwatch(lambda: 0.0))
-        return go_on(Request(protocol, inputs, station), open_bench.bench, listeners, writer)
+        session = _session(protocol, station, observer, attended=resumption.attended, armed=resumption.armed)
+        open_bench, observers = stack.enter_context(session)
+        _warn(warnings(manifest.values.get("calibration"), station), observers)
+        request = Request(protocol, inputs, station)
+        return go_on(request, open_bench.bench, interruption or Interruption(), writer)
 
 
-def _warn(lines: Iterable[str], warn: Warn, events: EventLog) -> None:
+def _warn(lines: Iterable[str], observer: Observer) -> None:
     for line in lines:
-        warn(line)
-        events("warning", text=line)
+        observer.warning(line)
 
 
 @contextmanager
-def _at_work(
-    protocol: Measurement[Any], station: Station, uploading: Uploading, *, attended: bool, armed: bool
-) -> Iterator[tuple[OpenBench, CommandLog, EventLog]]:
-    """The opened bench under supervision, allowed to light, and its two logs; nothing was sent to it yet."""
+def _session(
+    protocol: Measurement[Any], station: Station, observer: Observer | None, *, attended: bool, armed: bool
+) -> Iterator[tuple[OpenBench, Observers]]:
+    """The opened bench under supervision, allowed to light, and all that follow it; nothing was sent to it yet."""
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         events = stack.enter_context(EventLog())
-        watch = stack.enter_context(supervised(station, log))
-        open_bench = stack.enter_context(opened(station, log, attended=attended, armed=armed))
-        watch(open_bench.bench)
-        check_laser(station, [pass_.wavelength_nm for pass_ in protocol.passes(open_bench.bench)])
+        supervisor = stack.enter_context(supervised(station, log))
+        observers = Observers(supervisor, log, events, observer or Observer())
+        bench = opened(station, log, observer=observers, attended=attended, armed=armed)
+        open_bench = stack.enter_context(bench)
+        check_laser(station, [one.wavelength_nm for one in protocol.passes(open_bench.bench)])
         open_bench.bench.require_arm()
-        open_bench.bench.uploading = _both(uploading, events.uploading)
-        tell_states(open_bench.bench, events)
-        yield open_bench, log, events
+        yield open_bench, observers

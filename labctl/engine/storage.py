@@ -1,47 +1,42 @@
-"""Storing records while the bench goes on measuring."""
+"""Storing bursts while the bench goes on measuring."""
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 from typing import Self
 
+from instruments.bench import Observer
 from instruments.values import Frames
-from labctl.engine.profile import STORAGE_BESIDE, Stopwatch
+from labctl.engine.profile import STORAGE_BESIDE
 from labctl.runs.format.layout import noted_on
 from labctl.runs.write.writer import RunWriter
 
 
 class Storage:
-    """Stores records; a burst in a thread of its own, while the bench measures the next one.
+    """Stores bursts in a thread of its own, each while the bench measures the next one.
 
     Attributes:
-        kept: how many records are done, see `Progress`.
+        kept: how many of their shots are on disk.
     """
 
-    def __init__(self, writer: RunWriter, stopwatch: Stopwatch) -> None:
-        """Store into `writer`."""
+    def __init__(self, writer: RunWriter, observer: Observer) -> None:
+        """Store into `writer`; `observer` is told how long that takes."""
         self.kept = 0
         self._writer = writer
-        self._stopwatch = stopwatch
+        self._observer = observer
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="storage")
         self._stored: Future[int] | None = None
 
     def keep(self, pass_index: int, first: int, frames: Frames, epoch: int) -> None:
-        """Store a single shot now, or wait until the last burst is stored and begin with this one."""
-        if len(frames) == 1:
-            with self._stopwatch.step("storage"):
-                self._writer.append(pass_index, first, frames, epoch)
-            self.kept += 1
-            return
+        """Wait until the last burst is stored and begin with this one."""
         self.wait()
         self._stored = self._thread.submit(self._store, pass_index, first, frames, epoch)
 
-    def sync(self) -> None:
-        """Return when everything that was kept so far is on disk."""
-        self.wait()
-        self._writer.sync()
-
     def wait(self) -> None:
-        """Return when the burst that is being stored, if there is one, is on disk."""
+        """Return when the burst that is being stored, if there is one, is on disk.
+
+        Raises:
+            RunError: the disk is full or refuses.
+        """
         stored, self._stored = self._stored, None
         if stored is not None:
             self.kept += stored.result()
@@ -59,6 +54,6 @@ class Storage:
             self._thread.shutdown()
 
     def _store(self, pass_index: int, first: int, frames: Frames, epoch: int) -> int:
-        with self._stopwatch.beside(STORAGE_BESIDE):
+        with self._observer.step(STORAGE_BESIDE):
             self._writer.append(pass_index, first, frames, epoch)
-        return len(frames)
+        return len(frames.codes)

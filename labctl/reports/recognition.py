@@ -3,27 +3,22 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from labctl.reports.figures import (
-    Curve,
-    accuracy_figure,
-    confusion_figure,
-    save_figure,
-    traces_figure,
-)
-from labctl.reports.page import Paragraph, Picture, Result, Results, Section, Table, mapping_section, write_report
+from labctl.reports.canvas import Series, port_name
+from labctl.reports.figures.confusion import confusion_figure
+from labctl.reports.figures.traces import traces_figure
+from labctl.reports.figures.window import accuracy_figure
+from labctl.reports.page import Result, embedded, write_report
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.records import volts
 from labctl.runs.read.run import Run, open_run
 
 Accuracy = Mapping[str, Mapping[str, float]]
 """Acquisition time in ns as text -> {"mean", "sd"} of the accuracy."""
-
-PORT_NAMES = {0: "before the chip"}
 
 
 @dataclass(frozen=True)
@@ -57,62 +52,42 @@ def recognition_report(
     """
     paths = RunPaths(directory)
     paths.figures.mkdir(exist_ok=True)
-    curves = [_curve(name, accuracy) for name, accuracy in accuracies.items()]
+    curves = [Series.of(name, accuracy, unit=1e-9) for name, accuracy in accuracies.items()]
     with open_run(directory) as run:
-        interval = run.shape.sample_interval_s
-        figures = (
-            (
-                "accuracy",
-                accuracy_figure(curves, tau_s=interval, chance=1 / len(classes)),
-                "Accuracy on test images against the acquisition time; bands are one standard deviation over splits.",
-            ),
-            (
-                "confusion",
-                confusion_figure([(confusion.title, confusion.counts) for confusion in confusions], list(classes)),
-                "Test images of all splits, true class by row.",
-            ),
-            ("traces", _traces(run, classes), "One image of each class on every port; time 0 is the trigger."),
-        )
-        manifest = run.manifest
-    pictures = []
-    for name, figure, caption in figures:
-        _, svg = save_figure(figure, paths.figures / name)
-        pictures.append(Picture(svg, caption, caption))
+        interval, manifest = run.shape.sample_interval_s, run.manifest
+        traces = _traces(run, classes)
+    figures = {
+        "accuracy": accuracy_figure(curves, tau_s=interval, chance=1 / len(classes)),
+        "confusion": confusion_figure([(confusion.title, confusion.counts) for confusion in confusions], classes),
+        "traces": traces,
+    }
     write_report(
         paths.report,
+        "recognition.html",
         title=title,
-        sections=(
-            Section("What came out", (Paragraph(summary), Results(results), pictures[0], _table(accuracies))),
-            Section("Which classes are taken for which", (pictures[1],)),
-            Section("What the oscilloscope saw", (pictures[2],)),
-            mapping_section("Where it came from", manifest),
-        ),
+        summary=summary,
+        results=results,
+        names=list(accuracies),
+        rows=_rows(accuracies),
+        manifest=manifest,
+        pictures={name: embedded(figure, paths.figures / name) for name, figure in figures.items()},
     )
     return paths.report
 
 
-def _curve(name: str, accuracy: Accuracy) -> Curve:
-    return Curve(
-        name,
-        [float(window) * 1e-9 for window in accuracy],
-        [reached["mean"] for reached in accuracy.values()],
-        [reached["sd"] for reached in accuracy.values()],
-    )
-
-
-def _table(accuracies: Mapping[str, Accuracy]) -> Table:
+def _rows(accuracies: Mapping[str, Accuracy]) -> list[list[str]]:
+    """Mean and spread by acquisition time, a column for each name."""
     windows = next(iter(accuracies.values()))
-    rows = [
-        (
+    return [
+        [
             window,
             *(f"{accuracy[window]['mean']:.3f} ± {accuracy[window]['sd']:.3f}" for accuracy in accuracies.values()),
-        )
+        ]
         for window in windows
     ]
-    return Table(("T_N (ns)", *accuracies), rows)
 
 
-def _traces(run: Run, classes: Sequence[str]) -> Any:
+def _traces(run: Run, classes: Sequence[str]) -> Figure:
     shots = run.shots
     images = np.flatnonzero(shots["kind"] == "image")
     labels = shots["label"][images]
@@ -124,5 +99,5 @@ def _traces(run: Run, classes: Sequence[str]) -> Any:
         run.time,
         volts(frames, run.scale, run.offset),
         shots=[f"class {name}" for name in classes],
-        ports=[PORT_NAMES.get(port, f"port {port}") for port in run.ports],
+        ports=[port_name(port) for port in run.ports],
     )

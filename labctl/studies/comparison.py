@@ -1,6 +1,6 @@
 """Two runs beside each other: what was set otherwise, how many shots, the same image, how well both are read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from labctl.analysis.evaluation import WindowAccuracy, accuracy_against_window, mean_and_sd, window_key, windows_to_try
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError, RunError
-from labctl.reports.comparison import SameImage, same_image_figure
-from labctl.reports.figures import Curve, accuracy_figure, save_png
+from labctl.reports.canvas import Series, save_png
+from labctl.reports.figures.same_image import SameImage, same_image_figure
+from labctl.reports.figures.window import accuracy_figure
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.differences import Difference, settings_that_differ
 from labctl.runs.read.records import read_records
@@ -96,7 +97,11 @@ def draw(comparison: Comparison, out: Path) -> list[Path]:
         if comparison.same_image is not None:
             pictures.append(save_png(same_image_figure(comparison.same_image, comparison.names), out / "traces"))
         named = zip(comparison.names, comparison.accuracies, strict=True)
-        if curves := [_curve(name, table) for name, table in named if table is not None]:
+        if curves := [
+            Series.of(name, {row.window_s: mean_and_sd(row.scores) for row in table})
+            for name, table in named
+            if table is not None
+        ]:
             figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=0, claim=None)
             pictures.append(save_png(figure, out / "accuracy"))
     except OSError as error:
@@ -116,7 +121,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
         else {
             "dataset_index": [int(index) for index in same.dataset_index],
             "labels": [int(label) for label in same.labels],
-            "correlation": dict(zip(same.ports, same.correlation, strict=True)),
+            "correlation": _correlations(same),
         },
         "accuracy": [
             None if table is None else {window_key(row.window_s): mean_and_sd(row.scores) for row in table}
@@ -138,9 +143,15 @@ def _names(first: Path, second: Path) -> tuple[str, str]:
     return (one.name, other.name) if one.name != other.name else (str(first), str(second))
 
 
-def _curve(name: str, table: Sequence[WindowAccuracy]) -> Curve:
-    scores = [mean_and_sd(row.scores) for row in table]
-    return Curve(name, [row.window_s for row in table], [one["mean"] for one in scores], [one["sd"] for one in scores])
+def _correlations(same: SameImage) -> dict[str, float | None]:
+    """Of the two records of each port over all images, 1 = same shape; None where they are not sampled alike."""
+    if same.time_s[0].shape != same.time_s[1].shape or not np.allclose(*same.time_s, rtol=1e-9, atol=1e-15):
+        return dict.fromkeys(same.ports)
+    first, second = (np.swapaxes(volts, 0, 1).reshape(len(same.ports), -1) for volts in same.volts)
+    return {
+        port: float(np.corrcoef(one, other)[0, 1]) if np.ptp(one) and np.ptp(other) else None
+        for port, one, other in zip(same.ports, first, second, strict=True)
+    }
 
 
 def _shots(run: Run) -> dict[str, int]:

@@ -5,7 +5,7 @@ test set of 100 images scatter by several points.
 """
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ import numpy as np
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.engine.inputs import images_for, inputs_for
-from labctl.engine.recorder import Progress
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.layout import run_name
@@ -25,6 +24,9 @@ from labctl.studies.paper.reproduction import Plan, Reproduced, reproduce
 from labctl.studies.paper.verdict import passed
 from labctl.studies.processes import Interrupted
 from protocols.base import Measurement
+
+Progress = Callable[[int, int], None]
+"""Called with the number of records that are done and of all."""
 
 SHOWN = "chip"
 """The run that is reported."""
@@ -45,7 +47,7 @@ def demonstrate(
         experiment: What is carried out: a recognition by a run `chip` and others.
         folder: Where the run directories go.
         interruption: Asked again and again.
-        progress: Called with the number of records that are done, and of all.
+        progress: Called again and again.
 
     Returns:
         The object that `labctl demo --json` prints.

@@ -17,9 +17,11 @@ from labctl.analysis.signal_quality import CodeCounts, Drift, drift, no_codes
 from labctl.engine.inputs import images_for
 from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs
 from labctl.errors import DatasetError, RunError
-from labctl.reports.figures import images_figure, save_png, traces_figure
-from labctl.reports.inspection import codes_figure, drift_figure, one_picture
-from labctl.reports.recognition import PORT_NAMES
+from labctl.reports.canvas import join_pictures, port_name, save_png
+from labctl.reports.figures.codes import codes_figure
+from labctl.reports.figures.drift import drift_figure
+from labctl.reports.figures.images import images_figure
+from labctl.reports.figures.traces import traces_figure
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.run import Run
 from labctl.runs.read.variables import volts
@@ -86,7 +88,7 @@ def part_of(run: Run, shots: tuple[int, int] | None, ports: Sequence[int] | None
 
 def port_names(run: Run) -> tuple[str, ...]:
     """A name for each entry of the port axis, with the wavelength where a port was measured at several."""
-    names = [PORT_NAMES.get(port, f"port {port}") for port in run.ports]
+    names = [port_name(port) for port in run.ports]
     if len(set(run.ports)) == len(run.ports):
         return tuple(names)
     return tuple(
@@ -145,7 +147,7 @@ def draw(run: Run, part: Part, look: Look, out: Path | None) -> Drawn:
             return _draw(run, part, look, out, "")
         with TemporaryDirectory() as folder:
             drawn = _draw(run, part, look, Path(folder), "")
-            one_picture(drawn.pictures, out)
+            join_pictures(drawn.pictures, out)
         return Drawn((out,), drawn.left_out)
     except OSError as error:
         where = figures if out is None else out
@@ -218,7 +220,7 @@ def _images(run: Run, part: Part) -> Figure:
     chosen = [place[int(index)] for index in planned["dataset_index"] if int(index) in place]
     if not chosen or len(chosen) < planned.size:
         raise RunError("no image belongs to these shots")
-    return images_figure(shown.images[chosen], [_named(shot) for shot in planned], columns=8)
+    return images_figure(shown.images[chosen], [_named(shot) for shot in planned])
 
 
 def _named(shot: Any) -> str:

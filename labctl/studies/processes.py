@@ -10,8 +10,9 @@ from itertools import islice
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from instruments.bench import Observer
 from labctl.bench.signals import Interruption
 
 Name = TypeVar("Name")
@@ -28,7 +29,7 @@ class _Shared:
     """What the processes of one pool share."""
 
     stop: Event
-    steps: "Synchronized[int]"
+    records: "Synchronized[int]"
 
 
 def in_parallel(
@@ -42,8 +43,8 @@ def in_parallel(
 
     Args:
         tasks: Functions of a module, or partials of them, called in other processes; the first ones go first.
-        interruption: Asked again and again; once requested, running tasks hear of it by `stop_requested`.
-        progress: Called again and again with how many tasks are done and how many steps they have reported.
+        interruption: Asked again and again; once requested, running tasks end, if a `TaskObserver` follows them.
+        progress: Called again and again with how many tasks are done and how many records were made in them.
         needs: The tasks that must be done before a task begins.
 
     Raises:
@@ -51,10 +52,10 @@ def in_parallel(
     """
     context = multiprocessing.get_context("spawn")
     workers = min(os.cpu_count() or 1, len(tasks))
-    stop, steps = context.Event(), context.Value("q", 0)
+    stop, records = context.Event(), context.Value("q", 0)
     found: dict[Name, tuple[Found, float]] = {}
     running: dict[Future[tuple[Found, float]], Name] = {}
-    with ProcessPoolExecutor(workers, context, initializer=_join, initargs=(stop, steps)) as pool:
+    with ProcessPoolExecutor(workers, context, initializer=_join, initargs=(stop, records)) as pool:
         try:
             while len(found) < len(tasks):
                 begun = found.keys() | set(running.values())
@@ -63,7 +64,7 @@ def in_parallel(
                     running[pool.submit(_timed, tasks[name])] = name
                 for future in wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED).done:
                     found[running.pop(future)] = future.result()
-                progress(len(found), steps.value)
+                progress(len(found), records.value)
                 if interruption.requested:
                     raise Interrupted
         finally:
@@ -72,21 +73,24 @@ def in_parallel(
     return found
 
 
-def stop_requested() -> bool:
-    """Inside a task: whether it should come to its end."""
-    return _Shared.stop.is_set()
+class TaskObserver(Observer):
+    """Follows a run inside a task: counts its records, and ends it when the task should come to its end."""
+
+    def __init__(self, interruption: Interruption) -> None:
+        """Of the run that `interruption` ends."""
+        self._interruption = interruption
+
+    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """One record more."""
+        with _Shared.records.get_lock():
+            _Shared.records.value += 1
+        self._interruption.requested |= _Shared.stop.is_set()
 
 
-def step_done() -> None:
-    """Inside a task: report one step."""
-    with _Shared.steps.get_lock():
-        _Shared.steps.value += 1
-
-
-def _join(stop: Event, steps: "Synchronized[int]") -> None:
+def _join(stop: Event, records: "Synchronized[int]") -> None:
     # Ctrl-C reaches the whole process group; these processes hear of it from their parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _Shared.stop, _Shared.steps = stop, steps
+    _Shared.stop, _Shared.records = stop, records
 
 
 def _timed(task: Callable[[], Found]) -> tuple[Found, float]:

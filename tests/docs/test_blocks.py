@@ -4,12 +4,15 @@ import re
 import tomllib
 from pathlib import Path
 from textwrap import dedent
+from typing import Any
 
+import numpy as np
 import pytest
 
 from instruments.alnair_tlg220 import DEFAULT_TABLE, UNKNOWN, CommandTable
 from labctl.bench.station import Station, read_station
 from labctl.commands.main import main
+from tests.labctl.reports.figures.drawn import check_figure, legend, noise
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -61,3 +64,15 @@ def test_the_readme_reads_a_run(
     capsys.readouterr()
     exec(compile(block, "README.md", "exec"), {})  # noqa: S102
     assert capsys.readouterr().out.startswith("[2 3 4 5 6]")
+
+
+def test_the_figure_that_is_added_is_sound(tmp_path: Path) -> None:
+    module, _ = blocks(ROOT / "docs" / "how-to" / "add-a-figure.md", "{testcode}")
+    names: dict[str, Any] = {}
+    exec(compile(module, "spectrum.py", "exec"), names)  # noqa: S102
+
+    def draw() -> Any:
+        return names["spectrum_figure"](np.arange(50) * 40e-12, noise(2, 50), ports=["port 2", "port 3"])
+
+    check_figure(draw, tmp_path)
+    assert legend(draw()) == ["port 2", "port 3"]

@@ -142,7 +142,9 @@ def _of_the_scope(scope: Dpo72504dx) -> Iterator[Step]:
     yield partial(scope.configure, Timebase(50e9, 60, 0.0), EdgeTrigger("AUX", 0.5), CHANNELS, 1)
     for channel in CHANNELS:
         yield partial(scope.set_vertical, channel, Vertical(0.05, 0.0))
-    yield scope.capture
+    yield scope.arm
+    yield scope.wait
+    yield scope.read
     yield scope.scalings
     yield scope.most_frames
     yield partial(scope.arm_burst, 3)

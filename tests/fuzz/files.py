@@ -202,21 +202,21 @@ def _calibration() -> tuple[bytes, ...]:
 
 def _events() -> tuple[bytes, ...]:
     with TemporaryDirectory() as folder, EventLog() as events:
-        events(
+        events.event(
             "run started", protocol="image-readout", shots=20, records=40, pid=1, station="bench.toml", simulated=True
         )
-        events("power set", power_w=0.03)
-        events("tuned", wavelength_nm=1550.0)
-        events("emission", on=True)
-        events("patched", ports={"1": 2, "2": 3})
-        events("scope set", channels=[1, 2], samples=50, sample_rate=25e9)
-        events("pass started", **{"pass": 0, "passes": 2}, wavelength_nm=1550.0)
+        events.event("power set", power_w=0.03)
+        events.event("tuned", wavelength_nm=1550.0)
+        events.event("emission", on=True)
+        events.event("patched", ports={"1": 2, "2": 3})
+        events.event("scope set", channels=[1, 2], samples=50, sample_rate=25e9)
+        events.event("pass started", **{"pass": 0, "passes": 2}, wavelength_nm=1550.0)
         picture = {"rows": 2, "columns": 4, "bits": "8A=="}
         events.progress(20, 40, lambda: {"shot": 19, "kind": "image", "label": 3, "dataset_index": 7, "image": picture})
-        events("warning", text="records touch the end of the vertical range")
-        events("paused", done=20, total=40)
-        events("safe state", reached=True, by="supervisor", text="dark")
-        events("failed", error="scope: no trigger", notes=["the run can go on"])
+        events.event("warning", text="records touch the end of the vertical range")
+        events.event("paused", done=20, total=40)
+        events.event("safe state", reached=True, by="supervisor", text="dark")
+        events.event("failed", error="scope: no trigger", notes=["the run can go on"])
         events.keep_in(Path(folder) / "events.jsonl")
         return ((Path(folder) / "events.jsonl").read_bytes(),)
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from instruments.bench import Bench, UnsafeBench
+from instruments.bench import Bench
 from instruments.errors import InstrumentError, LinkError, NotConfigured, OutOfRange
 from instruments.interfaces import BYPASS_PORT, Instrument
 from instruments.limits import Limits, OverLimit
+from instruments.safe_state import UnsafeBench
 from instruments.values import Drive, Scaling
 from instruments.vialux_alp import VialuxAlp
 from labctl.bench.opening import opened

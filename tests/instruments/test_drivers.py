@@ -104,7 +104,7 @@ class TestScope:
         bench.awg.play()
         bench.patch_panel.connect({1: 2, 2: 3})
         bench.scope.configure(Timebase(25e9, 50), AUX, (1, 2), 1)
-        frames = bench.scope.capture()
+        frames = bench.capture()
         assert frames.codes.shape == (1, 2, 50)
         assert frames.codes.dtype == np.int8
         assert frames.trigger_offset_s.shape == (1, 2)
@@ -115,11 +115,11 @@ class TestScope:
         bench.patch_panel.connect({1: 2})
         bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 16)
         bench.scope.set_vertical(1, Vertical(0.01, 0.0))
-        averaged = bench.scope.capture().codes
+        averaged = bench.capture().codes
         assert averaged.dtype == np.int16
         (fine,) = bench.scope.scalings()
         bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
-        bench.scope.capture()
+        bench.capture()
         (coarse,) = bench.scope.scalings()
         assert coarse.scale_v == pytest.approx(256 * fine.scale_v)
 
@@ -129,9 +129,9 @@ class TestScope:
         bench.patch_panel.connect({1: 2})
         bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
         bench.scope.set_vertical(1, Vertical(0.01, 1.0))
-        assert bench.scope.capture().clipped.all()
+        assert bench.capture().clipped.all()
         bench.scope.set_vertical(1, Vertical(0.5, 0.0))
-        assert not bench.scope.capture().clipped.any()
+        assert not bench.capture().clipped.any()
 
     def test_a_setting_that_does_not_take_is_an_error(self, bench: Bench) -> None:
         with pytest.raises(InstrumentError, match="scope"):
@@ -162,12 +162,12 @@ class TestScope:
             bench.scope.configure(Timebase(25e9, 50), AUX, (1, 2), averages)
             for channel, vertical in ((1, Vertical(0.0123456789, 0.00123456789)), (2, Vertical(0.6, -0.98765432))):
                 bench.scope.set_vertical(channel, vertical)
-            bench.scope.capture()
+            bench.capture()
             scalings = bench.scope.scalings()
             for channel, scaling in zip((1, 2), scalings, strict=True):
                 bench.scope.set_vertical(channel, Vertical(0.1, 0.0))
                 bench.scope.set_vertical(channel, bench.scope.vertical_for(scaling))
-            bench.scope.capture()
+            bench.capture()
             assert bench.scope.scalings() == scalings
 
     def test_no_trigger_ends_in_a_clear_error(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.write import storage as storing
 from protocols import bursts
 from protocols.image_readout import ImageReadout
+from tests.observers import Follower
 
 BURST = 24
 """Pictures of a burst, instead of thousands: a short run then has several of them."""
@@ -141,9 +142,11 @@ def _in_the_process(kind: Kind, directory: Path, path: Path) -> int:
     storing.replace_file = told_of(storing.replace_file)  # type: ignore[attr-defined]
     try:
         if RunPaths(directory).manifest.exists():
-            resume(Resumption(directory), progress=lambda done, _total: tell(done))
+            resume(Resumption(directory), observer=Follower(lambda done, _total: tell(done)))
         else:
-            acquire(Acquisition(kind.protocol, kind.station, directory), progress=lambda done, _total: tell(done))
+            acquire(
+                Acquisition(kind.protocol, kind.station, directory), observer=Follower(lambda done, _total: tell(done))
+            )
     except BaseException:  # noqa: BLE001 - this process has nobody else to tell
         traceback.print_exc(file=sys.stderr)
         sys.stderr.flush()

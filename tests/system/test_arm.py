@@ -16,6 +16,7 @@ from labctl.engine.session import Acquisition, acquire
 from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
 from sim_backends.world.world import Emission
+from tests.observers import Follower
 
 SETTINGS = ("images=4", "ports=2", "window=0.4 ns")
 RUN = ("run", "image-readout", *(word for setting in SETTINGS for word in ("--set", setting)))
@@ -68,7 +69,9 @@ def cut(station: Path, directory: Path, *, by_command: bool) -> Path:
 
     asked = read_protocol("image-readout", list(SETTINGS))
     acquire(
-        Acquisition(asked, read_station(station), directory, armed=by_command), interruption=interruption, progress=stop
+        Acquisition(asked, read_station(station), directory, armed=by_command),
+        interruption=interruption,
+        observer=Follower(stop),
     )
     return directory
 

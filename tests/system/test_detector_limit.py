@@ -17,6 +17,7 @@ from labctl.runs.read.run import open_run
 from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
 from sim_backends.parameters import Parameters
+from tests.observers import Follower
 
 SETTINGS = ["images=6", "ports=4", "window=2 ns"]
 WEAK_MW, STRONG_DBM = 5, 16
@@ -73,7 +74,7 @@ def test_a_laser_turned_up_in_the_middle_of_a_run(simulation: SimulatedBench, tm
             tell_the_laser(simulation, f"POWER {STRONG_DBM}")
 
     with pytest.raises(OverLimit, match=rf"scope: CH1 shows [\d.]+ V, above limits.detector = {limit:g} V"):
-        acquire(Acquisition(asked, station, tmp_path / "run"), progress=turned_up)
+        acquire(Acquisition(asked, station, tmp_path / "run"), observer=Follower(turned_up))
     assert tell_the_laser(simulation, "") == "0"
     assert nothing_but_dark_at_the_end(tmp_path / "run")
     with open_run(tmp_path / "run") as run:

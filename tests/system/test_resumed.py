@@ -23,6 +23,7 @@ from labctl.runs.write.writer import RunWriter
 from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
 from tests import command_line
+from tests.observers import Follower
 from tests.system.waiting import until_stored
 
 resource = pytest.importorskip("resource")
@@ -156,7 +157,7 @@ def stopped(station: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         interruption.requested = done == SHOTS + 5
 
     asked = read_protocol("image-readout", [setting for setting in SOFTWARE[1:] if setting != "--set"])
-    acquire(Acquisition(asked, read_station(station), directory), interruption=interruption, progress=stop)
+    acquire(Acquisition(asked, read_station(station), directory), interruption=interruption, observer=Follower(stop))
     return directory
 
 

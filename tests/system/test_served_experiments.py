@@ -19,11 +19,10 @@ from instruments.interfaces import PatchPanel, TunableLaser
 from labctl.bench.opening import opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import LaserSection, PatchPanelSection, Station, WiringSection, read_station, write_addresses
-from labctl.engine.engine import Listeners, Request, carry_out
-from labctl.engine.profile import Stopwatch
+from labctl.engine.engine import carry_out
+from labctl.engine.plan import Request
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.live.commands import CommandLog
-from labctl.runs.live.events import EventLog
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import experiments
 from labctl.studies.paper.reproduction import Plan, reproduce
@@ -198,9 +197,9 @@ def test_a_sequence_on_a_served_bench_has_the_frames_of_its_twin(straight: Path,
     protocol = SequenceReadout(ports=(2, 3), averages=2, wavelengths=(1550.0, 1551.0))
     digests = []
     for name, where in (("near", twin_in_process(tmp_path, projector=False)), ("far", straight)):
-        with CommandLog() as log, EventLog() as events, opened(read_station(where), log) as found:
-            listeners = Listeners(log, events, lambda _done, _total: None, Interruption(), Stopwatch(lambda: 0.0))
-            outcome = carry_out(Request(protocol, inputs, read_station(where)), found.bench, listeners, tmp_path / name)
+        with CommandLog() as log, opened(read_station(where), log) as found:
+            request = Request(protocol, inputs, read_station(where))
+            outcome = carry_out(request, found.bench, Interruption(), tmp_path / name)
         digests.append(frames(outcome.directory))
     assert digests[0] == digests[1]
 

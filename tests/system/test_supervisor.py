@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import pytest
 
-from instruments.bench import UnsafeBench
+from instruments.safe_state import UnsafeBench
 from labctl.bench.opening import opened
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import read_station, write_addresses
@@ -139,9 +139,12 @@ def test_a_run_that_ends_by_itself_leaves_no_supervisor(
     served: Served, laser: Asked, capfd: pytest.CaptureFixture[str]
 ) -> None:
     station = read_station(served[1])
-    with CommandLog() as log, supervised(station, log) as watch, opened(station, log) as found:
-        watch(found.bench)
-        process = found.bench.before_light.__self__._process  # type: ignore[attr-defined]
+    with (
+        CommandLog() as log,
+        supervised(station, log) as supervisor,
+        opened(station, log, observer=supervisor) as found,
+    ):
+        process = supervisor._process  # type: ignore[attr-defined]
         with found.bench.emitting(1550.0):
             assert laser.ask("OUTPUT?") == "1"
         assert laser.ask("OUTPUT?") == "0"
@@ -196,11 +199,14 @@ def test_a_laser_that_no_longer_answers_is_told_to_be_dark_all_the_same(
 
 def test_no_light_without_a_supervisor(served: Served, laser: Asked, tmp_path: Path) -> None:
     station = read_station(served[1])
-    with CommandLog() as log, supervised(station, log) as watch, opened(station, log) as found:
-        watch(found.bench)
-        supervisor = found.bench.before_light.__self__  # type: ignore[attr-defined]
-        supervisor._process.kill()
-        supervisor._process.wait()
+    with (
+        CommandLog() as log,
+        supervised(station, log) as supervisor,
+        opened(station, log, observer=supervisor) as found,
+    ):
+        process = supervisor._process  # type: ignore[attr-defined]
+        process.kill()
+        process.wait()
         with pytest.raises(UnsafeBench, match="the supervisor has not started or has ended: no light"):
             found.bench.emitting(1550.0).__enter__()
         assert laser.ask("OUTPUT?") == "0"
@@ -210,10 +216,9 @@ def test_a_safe_state_that_was_cut_short_is_left_to_the_supervisor(
     served: Served, laser: Asked, capfd: pytest.CaptureFixture[str]
 ) -> None:
     station = read_station(served[1])
-    with CommandLog() as log, supervised(station, log) as watch, opened(station, log) as found:
-        watch(found.bench)
-        found.bench.before_light()
-        found.bench.lit = True
+    with CommandLog() as log, supervised(station, log) as supervisor, opened(station, log) as found:
+        supervisor.before_light()
+        supervisor.emission(on=True)
         found.bench.laser.emit()
         assert laser.ask("OUTPUT?") == "1"
     assert laser.ask("OUTPUT?") == "0"
@@ -225,11 +230,13 @@ def test_a_laser_whose_cable_is_out_goes_dark_when_it_is_in_again(served: Served
     with Hanging(address) as cable:
         addressed(served, tmp_path / "station.toml", "laser", cable)
         station = read_station(tmp_path / "station.toml")
-        with CommandLog() as log, supervised(station, log) as watch, opened(station, log) as found:
-            watch(found.bench)
-            supervisor = found.bench.before_light.__self__  # type: ignore[attr-defined]
-            found.bench.before_light()
-            found.bench.lit = True
+        with (
+            CommandLog() as log,
+            supervised(station, log) as supervisor,
+            opened(station, log, observer=supervisor) as found,
+        ):
+            supervisor.before_light()
+            supervisor.emission(on=True)
             found.bench.laser.emit()
             cable.hangs.set()
             cable.__exit__()
@@ -237,7 +244,7 @@ def test_a_laser_whose_cable_is_out_goes_dark_when_it_is_in_again(served: Served
                 found.bench.make_safe()
     assert laser.ask("OUTPUT?") == "1", "nobody can reach it, and nobody waits for that"
     with Hanging(address, port=cable.port):
-        supervisor._process.wait()
+        supervisor._process.wait()  # type: ignore[attr-defined]
     assert laser.ask("OUTPUT?") == "0"
 
 

@@ -115,10 +115,10 @@ class Repeatability(Measurement[Images]):
         timebase = Timebase(self.sample_rate, self.sample_count(inputs))
         with bench.emitting(parts[0].pass_.wavelength_nm):
             for part in parts:
-                bench.patch_panel.connect(part.pass_.patching)
+                bench.connect(part.pass_.patching)
                 bench.load_drive(drive)
-                bench.awg.play()
-                bench.scope.configure(timebase, bench.wiring.trigger, tuple(part.pass_.patching), self.averages)
+                bench.play_drive()
+                bench.configure(timebase, part.pass_.patching, self.averages)
                 mirrors = patterns[part.shots[0]]
                 probe = partial(show_and_capture, bench, mirrors)
                 yield PassStarted(part.pass_, lock_ranges(bench, part.scalings, [probe]))

@@ -13,16 +13,23 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TextIO
+from typing import Any, Self, TextIO
+
+from instruments.bench import Observer
+from labctl.runs.format.durable import not_written
+
+COMMANDS = "commands.log"
+"""Name of the file in a run directory."""
 
 _logger = logging.getLogger(__name__)
 
 
-class CommandLog:
+class CommandLog(Observer):
     """A transcript that a `VisaLink` can write to; a context manager that closes its file.
 
-    `started` is when its seconds began, by its clock; `path` is its file, once there is one. A disk that is full ends
-    the log and nothing else: the messages that switch the light off must still go out.
+    As an observer of a run it also has a line for whatever goes wrong. `started` is when its seconds began, by its
+    clock; `path` is its file, once there is one. A disk that is full ends the log and nothing else: the messages that
+    switch the light off must still go out.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic, *, started: float | None = None) -> None:
@@ -38,6 +45,27 @@ class CommandLog:
         """Log one message; line ends inside it are escaped, so that one message is one line."""
         text = message.replace("\r", "\\r").replace("\n", "\\n")
         self._write(f"{self._clock() - self.started:.6f} {direction} {instrument} {text}\n")
+
+    def event(self, name: str, **fields: Any) -> None:
+        """A line for an event that has a text."""
+        if "text" in fields:
+            self("run", "!", str(fields["text"]))
+
+    def warning(self, text: str) -> None:
+        """A line."""
+        self("run", "!", text)
+
+    def stored_in(self, directory: Path) -> None:
+        """Go on in the file of the run.
+
+        Raises:
+            RunError: it cannot be opened.
+        """
+        path = directory / COMMANDS
+        try:
+            self.keep_in(path)
+        except OSError as error:
+            raise not_written(path, error) from error
 
     def keep_in(self, path: Path) -> None:
         """Write what has been logged so far, and everything from now on, to the end of `path`.

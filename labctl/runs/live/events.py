@@ -18,12 +18,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from instruments.bench import Observer
+from instruments.safe_state import UnsafeBench
+
 EVENTS = "events.jsonl"
 """Name of the file in a run directory."""
 PROGRESS_EVERY_S = 0.5
 LARGE = 64_000_000
 """Bytes of the file from which on progress is told seldom: a week's run does not fill the disk with it."""
 SELDOM_S = 10.0
+INTERRUPTIONS = ("paused", "link lost", "link recovered")
 LONGEST_LINE = 1 << 16
 READ_AT_ONCE = 1 << 20
 IN_1_1 = {"leg started": "pass started", "leg": "pass", "legs": "passes"}
@@ -31,14 +35,12 @@ IN_1_1 = {"leg started": "pass started", "leg": "pass", "legs": "passes"}
 
 _logger = logging.getLogger(__name__)
 
-Details = Callable[[], Mapping[str, Any]]
-
 
 def _now() -> datetime:
     return datetime.now(UTC)
 
 
-class EventLog:
+class EventLog(Observer):
     """Writes the events of a run; a context manager that closes its file.
 
     Events that come before the run has a directory wait in memory. A disk that is full ends the log and nothing else.
@@ -56,17 +58,31 @@ class EventLog:
         self._measured: tuple[float, int] | None = None
         self._rate: float | None = None
 
-    def __call__(self, event: str, **fields: Any) -> None:
-        """Tell one event now."""
+    def event(self, name: str, **fields: Any) -> None:
+        """Write one event now."""
+        if name in INTERRUPTIONS:  # the next rate is not to be taken over a time in which nothing was to be measured
+            self._measured = None
         stamp = self._now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        line = json.dumps({"time": stamp, "event": event} | fields, default=str).encode() + b"\n"
+        line = json.dumps({"time": stamp, "event": name} | fields, default=str).encode() + b"\n"
         if self._file is None:
             self._waiting.append(line)
         else:
             self._write(line)
 
-    def progress(self, done: int, total: int, details: Details) -> None:
-        """Tell how many records of how many there are, with what `details` adds, unless that was told just now."""
+    def emission(self, *, on: bool) -> None:
+        """An event."""
+        self.event("emission", on=on)
+
+    def safe_state(self, error: UnsafeBench | None) -> None:
+        """An event."""
+        self.event("safe state", reached=error is None, **({} if error is None else {"text": str(error)}))
+
+    def warning(self, text: str) -> None:
+        """An event."""
+        self.event("warning", text=text)
+
+    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """An event with rate and remaining time, unless there was one just now."""
         at = self._clock()
         if not self._is_due("progress", at) and done < total:
             return
@@ -74,20 +90,20 @@ class EventLog:
             self._rate = (done - self._measured[1]) / (at - self._measured[0])
         self._measured = at, done
         remaining = {"rate_per_s": self._rate, "remaining_s": (total - done) / self._rate} if self._rate else {}
-        self("progress", done=done, total=total, **remaining, **details())
+        self.event("progress", done=done, total=total, **remaining, **last())
 
     def uploading(self, what: str, done: int, total: int) -> None:
-        """Tell how much of `what` is uploaded, unless that was told just now; the end of it always."""
+        """An event, unless there was one just now; at the end always."""
         at = self._clock()
         if self._is_due("uploading", at) or done >= total:
-            self("uploading", what=what, done=done, total=total)
+            self.event("uploading", what=what, done=done, total=total)
 
-    def interrupted(self) -> None:
-        """The next rate is not to be taken over a time in which nothing was to be measured."""
-        self._measured = None
+    def stored_in(self, directory: Path) -> None:
+        """Go on in the file of the run."""
+        self.keep_in(directory / EVENTS)
 
     def keep_in(self, path: Path) -> None:
-        """Write what was told so far, and everything from now on, to the end of `path`."""
+        """Write what has happened so far, and everything from now on, to the end of `path`."""
         try:
             self._file = FileIO(path, "a+")
             size = self._file.seek(0, os.SEEK_END)
@@ -128,9 +144,9 @@ class EventLog:
     ) -> None:
         """Tell how the run ended, if an error ends it, and close the file."""
         if isinstance(error, Exception):
-            self("failed", error=" ".join(str(error).split()), notes=list(getattr(error, "__notes__", ())))
+            self.event("failed", error=" ".join(str(error).split()), notes=list(getattr(error, "__notes__", ())))
         elif error is not None:
-            self("stopped", at_once=True, notes=list(getattr(error, "__notes__", ())))
+            self.event("stopped", at_once=True, notes=list(getattr(error, "__notes__", ())))
         if self._file is not None:
             self._file.close()
 

@@ -35,7 +35,7 @@ from labctl.studies.alignment.steps import (
     of_depth,
     of_range,
     of_repeats,
-    told,
+    unmeasured,
 )
 from protocols.alignment import (
     DIRECT_STEP_NM,
@@ -96,9 +96,8 @@ def align_bench(
     results: list[Result] = []
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
-        watch = stack.enter_context(supervised(station, log))
-        bench = stack.enter_context(opened(station, log, attended=attended, armed=armed)).bench
-        watch(bench)
+        supervisor = stack.enter_context(supervised(station, log))
+        bench = stack.enter_context(opened(station, log, observer=supervisor, attended=attended, armed=armed)).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
         check_laser(station, (station.laser.wavelength, last))
         bench.require_arm()
@@ -107,7 +106,7 @@ def align_bench(
             for name, instrument in bench.instruments.items()
         }
         folder.mkdir(parents=True, exist_ok=True)
-        log.keep_in(folder / "commands.log")
+        log.stored_in(folder)
         for result in _measured(station, bench, images):
             for finding in result.findings:
                 tell(finding)
@@ -121,7 +120,14 @@ def align_bench(
         if measured
         else None
     )
-    return Aligned(folder, kept, alignment_report(folder, station.name, started, results), findings)
+    report = alignment_report(
+        folder,
+        station.name,
+        started,
+        findings={one.step: [(finding.line(), finding.good) for finding in one.findings] for one in results},
+        figures={one.step: one.figure for one in results if one.figure is not None},
+    )
+    return Aligned(folder, kept, report, findings)
 
 
 def _measured(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
@@ -157,12 +163,12 @@ def _results(station: Station, bench: Bench, images: Images) -> Iterator[Result]
         if bench.wiring.projector:
             yield of_contrast(ranged, dark, channels, lit)
         for piece in pieces:
-            yield _said(piece, channels, lit)
+            yield _result(piece, channels, lit)
     if bench.wiring.projector:
         yield _scanned(station, bench)
 
 
-def _said(piece: Piece, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
+def _result(piece: Piece, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
     match piece:
         case Answered():
             step, what = "delay", "trigger to light"
@@ -177,7 +183,7 @@ def _said(piece: Piece, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Re
             case Hopped():
                 return of_depth(piece)
     except AnalysisError as error:
-        return told(step, what, error)
+        return unmeasured(step, what, error)
     raise TypeError(f"{type(piece).__name__} comes first")
 
 

@@ -13,10 +13,13 @@ from labctl.analysis.drive_depth import drive_depth
 from labctl.analysis.estimates import Estimate
 from labctl.analysis.light_delay import light_delay, responses
 from labctl.errors import AnalysisError
-from labctl.reports import alignment as pictures
+from labctl.reports.figures import alignment as figures
 from labctl.studies.alignment.findings import COVERAGE, Finding
-from protocols.alignment import Answered, Dark, Hopped, Ranged, Repeated
+from protocols.alignment import SAMPLE_RATE, Answered, Dark, Hopped, Ranged, Repeated
+from protocols.image_readout import DRIVE_RATE
 
+WELL_USED = 0.7
+"""Part of its range that a channel's images should fill."""
 NOISY_V = 5e-3
 """Noise in the dark that a detector of this kind does not have by itself."""
 REPEATABLE_DB = 10.0
@@ -24,7 +27,7 @@ DIFFERENT = 0.1
 """Contrast between images below which a readout has little to learn from."""
 PART_OF_A_SAMPLE = 0.25
 """Standard uncertainty of the delay, in samples of the drive, that is well below one."""
-SAMPLE_S = 40e-12
+INTERVAL_S, HOLD_S = 1 / SAMPLE_RATE, 1 / DRIVE_RATE
 SHALLOW, DEEP = math.pi, 3 * math.pi
 """Drive depths, rad: below, much of the speckle stands still; above, the amplifier is beyond what 2 pi needs."""
 LONGEST_DELAY_S = 1e-6
@@ -56,7 +59,7 @@ def of_dark(piece: Dark, channels: tuple[int, ...]) -> Result:
         elif spread.value > NOISY_V:
             advice = f"more than {NOISY_V * 1e3:g} mV: check the detector's supply and its cable"
         findings.append(Finding("dark", "noise in the dark", channel, spread, "V", advice))
-    return Result("dark", tuple(findings), pictures.dark_figure(piece.volts, channels))
+    return Result("dark", tuple(findings), figures.dark_figure(piece.volts, channels))
 
 
 def lit_channels(piece: Ranged, dark: Dark) -> NDArray[np.bool_]:
@@ -87,16 +90,19 @@ def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
         elif flat:
             top = f"{piece.volts[:, :, place].max() * 1e3:.3g} mV"
             advice = f"flat at {top}, below the range's end: the detector gives no more: attenuate its light"
-        elif used.value < pictures.WELL_USED:
+        elif used.value < WELL_USED:
             why = "more light or gain is needed" if piece.finest[place] else "find out what the brightest image is"
-            advice = f"less than {pictures.WELL_USED:.0%} of the range is used: {why}"
+            advice = f"less than {WELL_USED:.0%} of the range is used: {why}"
         if flat:
             cut.append(channel)
         findings.append(Finding("range", "range used", channel, used, "1", advice))
     ends = f"mend channel {', '.join(map(str, cut))} first, whose signal is cut" if cut else ""
     if not lit.any():
         ends = "no light on any channel"
-    return Result("range", tuple(findings), pictures.range_figure(piece, channels), ends)
+    figure = figures.range_figure(
+        piece.volts, channels, full_scale_v=piece.full_scale_v, to_be_used=WELL_USED, interval_s=INTERVAL_S
+    )
+    return Result("range", tuple(findings), figure, ends)
 
 
 def of_repeats(piece: Repeated, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
@@ -109,7 +115,8 @@ def of_repeats(piece: Repeated, channels: tuple[int, ...], lit: NDArray[np.bool_
             more = 2 ** math.ceil((REPEATABLE_DB - found.value) / 3)
             advice = f"below {REPEATABLE_DB:g} dB: more light, or --set averages={more}"
         findings.append(Finding("repeatability", "signal to noise", channels[place], found, "dB", advice))
-    return Result("repeatability", tuple(findings), pictures.repeats_figure(piece.volts, channels))
+    figure = figures.repeats_figure(piece.volts, channels, interval_s=INTERVAL_S)
+    return Result("repeatability", tuple(findings), figure)
 
 
 def of_contrast(piece: Ranged, dark: Dark, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
@@ -119,7 +126,8 @@ def of_contrast(piece: Ranged, dark: Dark, channels: tuple[int, ...], lit: NDArr
         found = contrast(piece.volts[:, :, place], level(dark.volts[:, place]))
         advice = "" if found.value >= DIFFERENT else "images hardly differ: check the picture on the DMD and its focus"
         findings.append(Finding("contrast", "contrast between images", channels[place], found, "1", advice))
-    return Result("contrast", tuple(findings), pictures.contrast_figure(piece.volts, channels))
+    figure = figures.contrast_figure(piece.volts, channels, interval_s=INTERVAL_S)
+    return Result("contrast", tuple(findings), figure)
 
 
 def of_delay(piece: Answered) -> Result:
@@ -144,12 +152,12 @@ def of_delay(piece: Answered) -> Result:
     off = np.abs((candidates - coarse.delay.value + periods[1] / 2) % periods[1] - periods[1] / 2)
     whole = Estimate(float(candidates[np.argmin(off)]), fine.delay.uncertainty)
     advice = ""
-    if whole.uncertainty > PART_OF_A_SAMPLE * SAMPLE_S:
+    if whole.uncertainty > PART_OF_A_SAMPLE * HOLD_S:
         advice = (
             f"uncertain by more than {PART_OF_A_SAMPLE:g} sample: more light, or check the trigger's level and slope"
         )
     finding = Finding("delay", "trigger to light", None, whole, "s", advice)
-    return Result("delay", (finding,), pictures.delay_figure(fine, whole))
+    return Result("delay", (finding,), figures.delay_figure(fine, whole, hold_s=HOLD_S))
 
 
 def of_depth(piece: Hopped) -> Result:
@@ -168,7 +176,7 @@ def of_depth(piece: Hopped) -> Result:
     elif found.depth.value > DEEP:
         advice = "more than 3 pi: lower awg.amplitude or the RF gain"
     depth = Finding("depth", "drive depth", None, found.depth, "rad", advice)
-    return Result("depth", (depth,), pictures.depth_figure(found))
+    return Result("depth", (depth,), figures.depth_figure(found))
 
 
 def of_decorrelation(scan: Scan) -> Result:
@@ -191,9 +199,9 @@ def of_decorrelation(scan: Scan) -> Result:
         reach = math.expm1(COVERAGE * spread / found.half_width_nm) / COVERAGE
         half = Estimate(1e-9 * found.half_width_nm, 1e-9 * found.half_width_nm * reach)
         finding = Finding("decorrelation", "half width of the speckle's correlation with wavelength", None, half, "m")
-    return Result("decorrelation", (finding,), pictures.decorrelation_picture(found))
+    return Result("decorrelation", (finding,), figures.scan_figure(found))
 
 
-def told(step: str, what: str, error: AnalysisError) -> Result:
-    """A step whose frames do not say what was asked."""
+def unmeasured(step: str, what: str, error: AnalysisError) -> Result:
+    """A step whose frames do not determine its quantity."""
     return Result(step, (Finding(step, what, None, None, "1", str(error)),))

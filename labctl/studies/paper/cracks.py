@@ -15,9 +15,10 @@ from labctl.analysis.anomaly import CovarianceScore, NormalityScore, Roc, roc
 from labctl.analysis.baselines import dark_pixels
 from labctl.analysis.evaluation import mean_and_sd
 from labctl.errors import AnalysisError
-from labctl.reports.anomalies import RocCurve, roc_figure, scores_figure
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.pictures import ImageRow, image_rows_figure
+from labctl.reports.figures.images import ImageRow, image_rows_figure
+from labctl.reports.figures.roc import RocCurve, roc_figure
+from labctl.reports.figures.scores import scores_figure
 from labctl.runs.read.records import Records
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TwinRuns, window_features

@@ -21,10 +21,11 @@ from labctl.analysis.regression import nmse, ridge_readout
 from labctl.analysis.symbols import one_step_ahead, require_causal, symbol_features
 from labctl.datasets.sequences import load_sequences
 from labctl.errors import AnalysisError
-from labctl.reports.axes import Level, Series
-from labctl.reports.curves import ports_figure
+from labctl.reports.canvas import Level, Series, port_name
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.signals import prediction_figure, responses_figure
+from labctl.reports.figures.ports import port_error_figure
+from labctl.reports.figures.prediction import prediction_figure
+from labctl.reports.figures.responses import responses_figure
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TwinRuns
@@ -234,7 +235,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
             ),
             ExperimentFigure(
                 "ports",
-                ports_figure(curves, quantity="nmse", levels=levels),
+                port_error_figure(curves, levels=levels),
                 "Error against the number of ports, in the order of the waveguides and in the order of forward "
                 "selection inside the training part; means over the twins.",
             ),
@@ -271,7 +272,7 @@ def _traces(finding: Findings) -> ExperimentFigure:
         np.arange(samples) * finding.sample_interval_s,
         np.repeat(finding.series, samples // finding.series.size),
         finding.volts,
-        ports=[f"port {port}" for port in finding.ports],
+        ports=[port_name(port) for port in finding.ports],
     )
     return ExperimentFigure(
         "responses",

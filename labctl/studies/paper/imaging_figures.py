@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.reports.axes import Level, Series
-from labctl.reports.curves import rmse_window_figure
+from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.pictures import Bar, Bars, ImageRow, bars_figure, image_rows_figure
-from labctl.reports.switching import filmstrip_figure
+from labctl.reports.figures.bars import Bar, Bars, bars_figure
+from labctl.reports.figures.images import ImageRow, filmstrip_figure, image_rows_figure
+from labctl.reports.figures.window import rmse_figure
 from labctl.studies.paper.film import Film
 
 NAMES = {"network": "network", "best": "best readout", "linear": "linear"}
@@ -55,14 +55,14 @@ def bars(lines: Sequence[Line]) -> ExperimentFigure:
 
 def error_curves(lines: Sequence[Line], *, tau_s: float) -> ExperimentFigure:
     """The best readout's error against acquisition time, with the network's where it was trained."""
-    best = [_series(f"{label}, best readout", results["best"], tag=label) for label, results, *_ in lines]
+    best = [Series.of(f"{label}, best readout", results["best"], unit=1e-9, tag=label) for label, results, *_ in lines]
     network = [
-        _series(f"{label}, network", results["network"], joined=False, alike=position)
+        Series.of(f"{label}, network", results["network"], unit=1e-9, joined=False, alike=position)
         for position, (label, results, *_) in enumerate(lines)
     ]
     return ExperimentFigure(
         "rmse",
-        rmse_window_figure([*best, *network], tau_s=tau_s, levels=[Level("mean image", lines[0][2])]),
+        rmse_figure([*best, *network], tau_s=tau_s, levels=[Level("mean image", lines[0][2])]),
         "Error of the reconstructed test images against acquisition time; mean and standard deviation over twins and "
         "splits. Open symbols: the paper's network.",
     )
@@ -82,14 +82,4 @@ def filmstrip(film: Film) -> ExperimentFigure:
         filmstrip_figure(strips, list(times), transit_s=film.transit_s),
         "A scene of the first twin, an image from each window. The readouts were trained on still images without these "
         "two. Grey on the mirrors: pixels that are changing.",
-    )
-
-
-def _series(label: str, results: Mapping[str, Any], **look: Any) -> Series:
-    return Series(
-        label,
-        [float(window) * 1e-9 for window in results],
-        [reached["mean"] for reached in results.values()],
-        [reached["sd"] for reached in results.values()],
-        **look,
     )

@@ -14,10 +14,12 @@ from labctl.analysis.evaluation import pooled, validate, window_key
 from labctl.analysis.learning_curve import learning_curve
 from labctl.analysis.splits import Split
 from labctl.analysis.windows import sample_count
-from labctl.reports.axes import Level, Series
-from labctl.reports.curves import learning_figure
+from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.figures import PAPER_CLAIM, Claim, Curve, accuracy_figure, confusion_figure, images_figure
+from labctl.reports.figures.confusion import confusion_figure
+from labctl.reports.figures.images import images_figure
+from labctl.reports.figures.learning import learning_figure
+from labctl.reports.figures.window import PAPER_CLAIM, accuracy_figure
 from labctl.runs.read.records import Records
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TAU_S, TEST_PART, TwinRuns, window_features
@@ -221,29 +223,19 @@ def _accuracy(here: dict[str, Any], baseline: dict[str, Any], settings: Settings
         "numerical_network_n_rows": "numerical network, $N$ mask rows",
         "numerical_network_mn_rows": "numerical network, $MN$ mask rows",
     }
-    curves = [_curve(curve.label, here[curve.key]) for curve in settings.curves]
-    curves += [_curve(label, baseline[name]) for name, label in names.items() if name in baseline]
-    claim: Claim | None = PAPER_CLAIM if settings.claim else None
+    drawn = [(curve.label, here[curve.key]) for curve in settings.curves]
+    drawn += [(label, baseline[name]) for name, label in names.items() if name in baseline]
     figure = accuracy_figure(
-        curves,
+        [Series.of(label, accuracy, unit=1e-9) for label, accuracy in drawn],
         tau_s=TAU_S,
         chance=1 / len(settings.classes),
-        claim=claim,
+        claim=PAPER_CLAIM if settings.claim else None,
         levels=[Level("raw pixels, digital", baseline["raw_pixels"]["mean"])],
     )
     return ExperimentFigure(
         "accuracy",
         figure,
         "Accuracy on test images against acquisition time; mean and standard deviation over twins and splits.",
-    )
-
-
-def _curve(label: str, accuracy: dict[str, Any]) -> Curve:
-    return Curve(
-        label,
-        [float(window) * 1e-9 for window in accuracy],
-        [reached["mean"] for reached in accuracy.values()],
-        [reached["sd"] for reached in accuracy.values()],
     )
 
 
@@ -256,11 +248,6 @@ def _confusion(findings: Sequence[Findings], settings: Settings) -> ExperimentFi
 
 
 def _learning_curve(learning: dict[str, Any], raw: float, settings: Settings) -> ExperimentFigure:
-    series = Series(
-        f"with the chip, {(settings.learning_window or 0) * 1e9:g} ns",
-        [float(size) for size in learning],
-        [reached["mean"] for reached in learning.values()],
-        [reached["sd"] for reached in learning.values()],
-    )
-    figure = learning_figure([series], chance=1 / len(settings.classes), levels=[Level("raw pixels, 900 images", raw)])
+    series = Series.of(f"with the chip, {(settings.learning_window or 0) * 1e9:g} ns", learning)
+    figure = learning_figure(series, chance=1 / len(settings.classes), levels=[Level("raw pixels, 900 images", raw)])
     return ExperimentFigure("learning", figure, "Accuracy against the number of training images, same test images.")

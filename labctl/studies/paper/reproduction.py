@@ -8,6 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from instruments.bench import Observer
 from instruments.values import Uploading
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
@@ -17,7 +18,7 @@ from labctl.errors import AnalysisError
 from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
-from labctl.studies.processes import Interrupted, in_parallel, step_done, stop_requested
+from labctl.studies.processes import Interrupted, TaskObserver, in_parallel
 from protocols.base import Measurement
 
 ONE_BENCH = "One bench for every seed: seeds differ in images, order, drive and splits, not in fibre, chip and noise."
@@ -133,7 +134,8 @@ def reproduce(
 ) -> tuple[list[Reproduced], dict[str, AnalysisError]]:
     """Acquire every run, examine every twin, and conclude.
 
-    `uploading` hears of uploads to the one bench there is; `measured` hears how many records all runs have so far.
+    `uploading` hears of uploads to the one bench there is; `measured`, where all are simulated, how many records there
+    are so far.
 
     Returns:
         What came of the experiments; and of those whose analysis failed, name -> why. The others do not suffer from it.
@@ -155,10 +157,9 @@ def reproduce(
     tasks: dict[Task, Callable[[], Any]] = {name: partial(_examine, *twin) for name, twin in twins.items()}
     done: dict[Task, tuple[Any, float]] = {}
 
-    def heard(finished: int, records: int) -> None:
+    def heard(finished: int, records: int = 0) -> None:
         progress(len(done) + finished, len(runs) + len(twins))
-        if records:
-            measured(records)
+        measured(records)
 
     needs: dict[Task, Iterable[Task]] = {}
     if plan.station.wholly_simulated:
@@ -180,12 +181,7 @@ def reproduce(
 def acquire_run(run: Acquisition) -> Outcome:
     """Carry out one run in this process; it ends early, in the safe state, if the parent says so."""
     interruption = Interruption()
-
-    def progress(_done: int, _total: int) -> None:
-        step_done()
-        interruption.requested |= stop_requested()
-
-    return acquire(run, interruption=interruption, progress=progress).outcome
+    return acquire(run, observer=TaskObserver(interruption), interruption=interruption).outcome
 
 
 def _twin(plan: Plan, experiment: Experiment, seed: int) -> TwinRuns:
@@ -197,25 +193,26 @@ def _twin(plan: Plan, experiment: Experiment, seed: int) -> TwinRuns:
 def _acquired_in_turn(
     runs: Mapping[Path, Acquisition],
     interruption: Interruption,
-    progress: Callable[[int, int], None],
+    progress: Callable[[int], None],
     uploading: Uploading,
 ) -> dict[Task, tuple[Any, float]]:
     """Carry out runs on the one bench there is; in this process, which has the terminal and hears its operator."""
     acquired: dict[Task, tuple[Any, float]] = {}
-    records = 0
 
-    def measuring(_done: int, _total: int) -> None:
-        nonlocal records
-        records += 1
-        progress(len(acquired), records)
+    class Following(Observer):
+        def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+            progress(len(acquired))
+
+        def uploading(self, what: str, done: int, total: int) -> None:
+            uploading(what, done, total)
 
     for directory, run in runs.items():
         began = time.perf_counter()
-        outcome = acquire(run, interruption=interruption, progress=measuring, uploading=uploading).outcome
+        outcome = acquire(run, observer=Following(), interruption=interruption).outcome
         acquired[directory] = outcome, time.perf_counter() - began
         if interruption.requested:
             raise Interrupted
-        progress(len(acquired), records)
+        progress(len(acquired))
     return acquired
 
 

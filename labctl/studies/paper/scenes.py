@@ -20,7 +20,7 @@ from labctl.analysis.evaluation import mean_and_sd
 from labctl.analysis.readouts import softmax_readout
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.switching import switching_figure
+from labctl.reports.figures.switch import switch_figure
 from labctl.studies.paper.analyses import Analysis, Conclusion
 from labctl.studies.paper.switching import Switching, SwitchSettings, read_switching
 from labctl.studies.paper.twin_runs import TwinRuns
@@ -135,7 +135,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     found, shown = judged[0]
     names = [f'"{label}"' for label in found.classes]
     of_pair = [names[int(np.searchsorted(found.classes, label))] for label in shown.labels]
-    figure = switching_figure(
+    figure = switch_figure(
         shown.time_s,
         dict(zip(of_pair, shown.correlations, strict=True)),
         shown.probabilities,

@@ -13,8 +13,8 @@ from labctl.analysis.evaluation import pooled, validate
 from labctl.bench.signals import Interruption
 from labctl.engine.session import Acquisition
 from labctl.errors import ExperimentError
-from labctl.reports.curves import Sensitivity, sensitivity_figure
 from labctl.reports.experiments import ExperimentFigure
+from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
 from labctl.studies.paper.experiments import Experiment, SensitivityStudy, Variation
 from labctl.studies.paper.reproduction import Plan, Progress, acquire_run
 from labctl.studies.paper.twin_runs import TwinRuns, window_features

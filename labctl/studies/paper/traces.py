@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from labctl.analysis.evaluation import mean_and_sd
 from labctl.errors import AnalysisError
+from labctl.reports.canvas import port_name
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.signals import encoding_figure
+from labctl.reports.figures.encoding import encoding_figure
 from labctl.runs.read.records import Records
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TwinRuns
@@ -108,13 +109,12 @@ def smallest_ratio(traces: NDArray[np.floating], noise: NDArray[np.floating]) ->
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     """Ratios over all twins, and the figure of the first."""
     first = findings[0]
-    names = ["before the chip" if port == 0 else f"port {port}" for port in first.ports]
     figure = encoding_figure(
         first.images,
         first.time_s,
         first.volts,
         classes=[f'"{label}"' for label in first.classes],
-        ports=names,
+        ports=[port_name(port) for port in first.ports],
     )
     here: dict[str, Any] = {
         "input": _ratios([one.input_ratio for one in findings]),

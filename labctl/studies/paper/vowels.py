@@ -14,10 +14,10 @@ from labctl.analysis.splits import Split, random_splits
 from labctl.datasets.cards import card
 from labctl.datasets.sequences import group_splits
 from labctl.errors import AnalysisError
-from labctl.reports.axes import Level, Series
-from labctl.reports.curves import ports_figure
+from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.figures import confusion_figure
+from labctl.reports.figures.confusion import confusion_figure
+from labctl.reports.figures.ports import port_accuracy_figure
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TwinRuns
@@ -131,7 +131,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
             ),
             ExperimentFigure(
                 "ports",
-                ports_figure(curves, quantity="accuracy", levels=network, chance=1 / len(first.classes)),
+                port_accuracy_figure(curves, levels=network, chance=1 / len(first.classes)),
                 "Accuracy against the number of ports, in the order of the waveguides; the line is the digital network "
                 "on the numbers themselves, random split.",
             ),

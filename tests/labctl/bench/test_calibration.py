@@ -16,6 +16,7 @@ from labctl.runs.live.events import EventReader
 from labctl.runs.read.run import open_run
 from labctl.studies.alignment.findings import Finding, in_words
 from protocols.image_readout import ImageReadout
+from tests.observers import Follower
 
 NOW = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
 LONG_AGO = datetime(2020, 3, 2, tzinfo=UTC)
@@ -112,7 +113,11 @@ def stopped_at_once(station: Station, directory: Path, warned: list[str]) -> Pat
         interruption.requested = True
 
     asked = ImageReadout(images=2, classes=(0, 1), ports=(2,), window=4e-10)
-    acquire(Acquisition(asked, station, directory), interruption=interruption, progress=stop, warn=warned.append)
+    acquire(
+        Acquisition(asked, station, directory),
+        interruption=interruption,
+        observer=Follower(stop, warning=warned.append),
+    )
     return directory
 
 

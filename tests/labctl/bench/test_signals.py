@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from instruments.bench import UnsafeBench
+from instruments.safe_state import UnsafeBench
 from labctl.bench.opening import opened
 from labctl.bench.signals import Interruption, StoppedBySignal, interruptible, on_stop_signal, stops_deferred
 from labctl.bench.station import Station

@@ -222,7 +222,7 @@ class TestRun:
     def test_every_message_is_in_the_command_log(self, run: Path) -> None:
         lines = (run / "commands.log").read_text().splitlines()
         assert any("> awg WLISt:WAVeform:DATA" in line and "crc32" in line for line in lines)
-        assert sum("> scope CURVe?" in line for line in lines) > 88 * 5
+        assert sum("> scope DATa:SOUrce" in line and line.endswith("CURVe?") for line in lines) > 88 * 5
         last = [line.split(" ", 3)[2:] for line in lines if " > " in line]
         assert ["laser", "OUTPUT OFF"] in last[-40:]
 

@@ -128,6 +128,7 @@ def header(text: str) -> bytes:
         header("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }"),
         header("{'descr': '<f8', 'fortran_order': False, 'shape': (1" + "," * 9000),
         header("(" * 5000),
+        header("{'descr': (), 'fortran_order': False, 'shape': (1,), }"),
     ],
 )
 def test_what_is_no_series_is_refused(content: bytes) -> None:

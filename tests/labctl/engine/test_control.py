@@ -14,6 +14,7 @@ from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.events import EventReader
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
+from tests.observers import Follower
 
 BURSTS = Station(wiring=WiringSection(burst=True))
 SOFTWARE = ImageReadout(images=10, reference_every=3, window=0.8e-9)
@@ -56,7 +57,7 @@ def test_a_paused_run_is_dark_and_goes_on_to_the_same_frames(protocol: Any, reco
     acquired = acquire(
         Acquisition(protocol, BURSTS, run),
         interruption=Interruption(wait=wait),
-        progress=asking(run, **{f"at_{records}": Word.PAUSE}),
+        observer=Follower(asking(run, **{f"at_{records}": Word.PAUSE})),
     )
     assert acquired.outcome.complete
     assert [name for name in waited if name in ("safe state", "paused")] == ["safe state", "paused"]
@@ -74,7 +75,7 @@ def test_a_pause_after_the_last_record_is_none(tmp_path: Path) -> None:
     acquired = acquire(
         Acquisition(ONE_LEG, BURSTS, tmp_path / "run"),
         interruption=Interruption(wait=never),
-        progress=lambda done, total: ask(tmp_path / "run", Word.PAUSE) if done == total else None,
+        observer=Follower(lambda done, total: ask(tmp_path / "run", Word.PAUSE) if done == total else None),
     )
     assert acquired.outcome.complete
 
@@ -89,7 +90,7 @@ def test_ctrl_c_ends_a_paused_run(tmp_path: Path) -> None:
     acquired = acquire(
         Acquisition(ONE_LEG, BURSTS, tmp_path / "run"),
         interruption=interruption,
-        progress=asking(tmp_path / "run", at_3=Word.PAUSE),
+        observer=Follower(asking(tmp_path / "run", at_3=Word.PAUSE)),
     )
     assert not acquired.outcome.complete
     with open_run(tmp_path / "run") as stored:
@@ -99,7 +100,7 @@ def test_ctrl_c_ends_a_paused_run(tmp_path: Path) -> None:
 
 def test_stop_finishes_the_record(tmp_path: Path) -> None:
     acquired = acquire(
-        Acquisition(ONE_LEG, BURSTS, tmp_path / "run"), progress=asking(tmp_path / "run", at_4=Word.STOP)
+        Acquisition(ONE_LEG, BURSTS, tmp_path / "run"), observer=Follower(asking(tmp_path / "run", at_4=Word.STOP))
     )
     assert not acquired.outcome.complete
     with open_run(tmp_path / "run") as stored:
@@ -108,7 +109,10 @@ def test_stop_finishes_the_record(tmp_path: Path) -> None:
 
 def test_stop_now_ends_in_the_safe_state(tmp_path: Path) -> None:
     with pytest.raises(StoppedBySignal):
-        acquire(Acquisition(ONE_LEG, BURSTS, tmp_path / "run"), progress=asking(tmp_path / "run", at_4=Word.STOP_NOW))
+        acquire(
+            Acquisition(ONE_LEG, BURSTS, tmp_path / "run"),
+            observer=Follower(asking(tmp_path / "run", at_4=Word.STOP_NOW)),
+        )
     assert told(tmp_path / "run")[-2:] == ["safe state", "stopped"]
 
 

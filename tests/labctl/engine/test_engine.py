@@ -5,19 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from instruments.bench import Observer
 from instruments.errors import InstrumentError
 from instruments.values import Frames
 from labctl.bench.opening import OpenBench, ask_operator
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
-from labctl.engine.engine import Listeners, Outcome, Request, carry_out
+from labctl.engine.engine import Outcome, carry_out
 from labctl.engine.inputs import images_for
-from labctl.engine.profile import Stopwatch
-from labctl.engine.recorder import Progress
-from labctl.runs.live.commands import CommandLog
-from labctl.runs.live.events import EventLog
+from labctl.engine.plan import Request
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
+from tests.observers import Follower
 
 PROTOCOL = ImageReadout(images=40)
 
@@ -26,13 +25,12 @@ def run(
     open_bench: OpenBench,
     directory: Path,
     *,
-    progress: Progress = lambda _done, _total: None,
+    observer: Observer | None = None,
     interruption: Interruption | None = None,
 ) -> Outcome:
     request = Request(PROTOCOL, images_for(PROTOCOL), Station())
-    with CommandLog() as log, EventLog() as events:
-        listeners = Listeners(log, events, progress, interruption or Interruption(), Stopwatch(lambda: 0.0))
-        return carry_out(request, open_bench.bench, listeners, directory)
+    open_bench.bench.observer = observer or Observer()
+    return carry_out(request, open_bench.bench, interruption or Interruption(), directory)
 
 
 def test_the_same_trace_twice_is_an_error_and_what_was_measured_is_kept(
@@ -61,7 +59,7 @@ def test_an_interruption_finishes_the_shot(open_bench: OpenBench, tmp_path: Path
     def progress(done: int, _total: int) -> None:
         interruption.requested = done == 50
 
-    outcome = run(open_bench, tmp_path / "run", interruption=interruption, progress=progress)
+    outcome = run(open_bench, tmp_path / "run", interruption=interruption, observer=Follower(progress))
     assert not outcome.complete
     assert outcome.shots == 6
     assert open_bench.bench.laser.settings()["emitting"] == 0

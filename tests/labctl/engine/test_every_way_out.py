@@ -22,6 +22,7 @@ from protocols.base import Events, Images, Part
 from protocols.image_readout import ImageReadout
 from sim_backends.faults.bench import FaultyBench
 from tests.faults.matrix import SAFE
+from tests.observers import Follower
 
 STATION = Station(
     sim=SimSection(parameters={"simulated_modes_limit": 20, "chip_modes": 50}),
@@ -115,7 +116,7 @@ def test_what_progress_raises(kind: type[BaseException], tmp_path: Path) -> None
             raise kind
 
     with pytest.raises(kind):
-        run(tmp_path / "run", progress=progress)
+        run(tmp_path / "run", observer=Follower(progress))
     kept(tmp_path / "run", 3)
 
 
@@ -152,7 +153,7 @@ def test_what_comes_in_the_midst_of_the_clean_up(
 
     monkeypatch.setattr(VialuxAlp, "make_safe", interrupted)
     with pytest.raises((kind, InstrumentError)):
-        run(tmp_path / "run", progress=progress)
+        run(tmp_path / "run", observer=Follower(progress))
     kept(tmp_path / "run", 3)
 
 
@@ -178,6 +179,6 @@ def test_an_instrument_and_then_the_disk_are_both_told(tmp_path: Path, monkeypat
 
     hoarding = STATION.model_copy(update={"durability": DurabilitySection(shots=1000, seconds=3600)})
     with pytest.raises(LinkError, match="scope at nowhere") as failure:
-        acquire(Acquisition(ImageReadout(**SETTINGS), hoarding, tmp_path / "run"), progress=progress)
+        acquire(Acquisition(ImageReadout(**SETTINGS), hoarding, tmp_path / "run"), observer=Follower(progress))
     (note,) = set(failure.value.__notes__)
     assert note.startswith(f"{tmp_path / 'run' / 'shards' / '000000.h5'}: cannot be written: No space left on device")

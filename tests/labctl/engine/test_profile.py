@@ -2,7 +2,7 @@
 
 import pytest
 
-from labctl.engine.profile import Stopwatch
+from labctl.engine.profile import Profile
 
 
 class World:
@@ -24,22 +24,22 @@ def world(monkeypatch: pytest.MonkeyPatch) -> World:
 
 
 def test_what_the_world_computes_during_a_step_is_physics(world: World) -> None:
-    stopwatch = Stopwatch(lambda: world.physics)
-    with stopwatch.step("transfer"):
+    profile = Profile(lambda: world.physics)
+    with profile.step("transfer"):
         world.passes(5.0, computing=3.0)
-    assert stopwatch.budget(10) == {"physics": 300.0, "transfer": 200.0}
+    assert profile.budget(10) == {"physics": 300.0, "transfer": 200.0}
 
 
 def test_what_the_world_computes_beside_a_step_is_no_part_of_it(world: World) -> None:
-    stopwatch = Stopwatch(lambda: world.physics)
-    with stopwatch.step("transfer"), stopwatch.beside("storage_beside_the_next_burst"):
+    profile = Profile(lambda: world.physics)
+    with profile.step("transfer"), profile.step("storage_beside_the_next_burst"):
         world.passes(5.0, computing=3.0)
-    assert stopwatch.budget(1) == {"physics": 3e3, "transfer": 2e3, "storage_beside_the_next_burst": 5e3}
+    assert profile.budget(1) == {"physics": 3e3, "transfer": 2e3, "storage_beside_the_next_burst": 5e3}
 
 
 def test_steps_come_in_the_order_of_a_shot(world: World) -> None:
-    stopwatch = Stopwatch(lambda: world.physics)
+    profile = Profile(lambda: world.physics)
     for name in ("storage", "upload", "arm"):
-        with stopwatch.step(name):
+        with profile.step(name):
             world.passes(1.0)
-    assert list(stopwatch.budget(1)) == ["upload", "arm", "physics", "storage"]
+    assert list(profile.budget(1)) == ["upload", "arm", "physics", "storage"]

@@ -6,12 +6,11 @@ from typing import Any
 
 import pytest
 
-from instruments.bench import UnsafeBench
 from instruments.errors import InstrumentError, LinkError
+from instruments.safe_state import UnsafeBench
 from labctl.bench.opening import OpenBench
 from labctl.engine.recovery import ATTEMPTS, Recovery
 from labctl.runs.live.commands import CommandLog
-from labctl.runs.live.events import EventLog
 
 LOST = LinkError("scope at nowhere cannot be reached")
 
@@ -26,7 +25,8 @@ def run_log(tmp_path: Path) -> Iterator[CommandLog]:
 @pytest.fixture
 def recovery(open_bench: OpenBench, run_log: CommandLog, monkeypatch: pytest.MonkeyPatch) -> Recovery:
     monkeypatch.setattr("labctl.engine.recovery.PAUSE_S", 0.0)
-    return Recovery(open_bench.bench, run_log, EventLog())
+    open_bench.bench.observer = run_log
+    return Recovery(open_bench.bench)
 
 
 def lines(run_log: CommandLog, tmp_path: Path) -> list[str]:

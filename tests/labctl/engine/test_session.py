@@ -12,14 +12,15 @@ from instruments.tektronix_awg70002a import Awg70002a
 from labctl.bench.opening import opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station, WiringSection
-from labctl.engine.engine import Request, bytes_needed
 from labctl.engine.inputs import inputs_for
+from labctl.engine.plan import Request, bytes_needed
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.runs.format.journal import read_journal
 from labctl.runs.live.commands import CommandLog
 from labctl.runs.read.run import open_run
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
+from tests.observers import Follower
 
 BURSTS = Station(wiring=WiringSection(burst=True))
 SHOTS = 22
@@ -42,7 +43,7 @@ def test_a_frame_sync_that_stays_away_is_no_lost_link_and_loses_nothing(
             monkeypatch.setattr(Awg70002a, "TRIGGER_LEVEL_V", ABOVE_ANY_PULSE_V)
 
     with pytest.raises(NoTrigger, match="DMD frame sync -> AWG trigger input"):
-        acquire(Acquisition(bursts(), BURSTS, tmp_path / "run"), progress=cable_out_after_the_first_pass)
+        acquire(Acquisition(bursts(), BURSTS, tmp_path / "run"), observer=Follower(cable_out_after_the_first_pass))
     assert "lost link" not in caplog.text
     with open_run(tmp_path / "run") as stored:
         assert stored.done == (SHOTS, 0)
@@ -68,7 +69,10 @@ def test_the_time_of_a_shot_by_steps(protocol: ImageReadout, steps: list[str], t
 
 def test_uploads_are_told_while_they_last(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
-    acquire(Acquisition(bursts(ports=(2,)), BURSTS, tmp_path / "run"), uploading=lambda *upload: told.append(upload))
+    acquire(
+        Acquisition(bursts(ports=(2,)), BURSTS, tmp_path / "run"),
+        observer=Follower(uploading=lambda *upload: told.append(upload)),
+    )
     assert told[0] == ("DMD patterns", SHOTS, SHOTS)
     assert set(told[1:]) == {("waveform", PERIOD_SAMPLES, PERIOD_SAMPLES), ("waveform", BURST_SAMPLES, BURST_SAMPLES)}
 
@@ -82,7 +86,7 @@ def test_a_burst_is_reported_as_done_once_it_is_on_disk(tmp_path: Path, monkeypa
         stored = read_journal(tmp_path / "run" / "journal.jsonl").entries
         assert done <= sum(entry.count for entry in stored)
 
-    acquire(Acquisition(bursts(), BURSTS, tmp_path / "run"), progress=compare)
+    acquire(Acquisition(bursts(), BURSTS, tmp_path / "run"), observer=Follower(compare))
     assert reported == [8, 16, SHOTS, SHOTS + 8, SHOTS + 16, 2 * SHOTS]
 
 
@@ -114,7 +118,9 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, record
         interruption.requested = done == records
 
     acquire(Acquisition(protocol, BURSTS, tmp_path / "whole"))
-    stopped = acquire(Acquisition(protocol, BURSTS, tmp_path / "run"), interruption=interruption, progress=stop)
+    stopped = acquire(
+        Acquisition(protocol, BURSTS, tmp_path / "run"), interruption=interruption, observer=Follower(stop)
+    )
     assert not stopped.outcome.complete
     assert resume(Resumption(tmp_path / "run")).complete
     with open_run(tmp_path / "whole") as whole, open_run(tmp_path / "run") as resumed:

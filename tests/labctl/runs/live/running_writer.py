@@ -10,7 +10,7 @@ from tests.labctl.runs.conftest import begin, measure_until
 
 if __name__ == "__main__":
     with EventLog() as events, begin(Path(sys.argv[1])) as writer:
-        events("run started", process=os.getpid(), host=platform.node(), heeds_signals=True)
+        events.event("run started", process=os.getpid(), host=platform.node(), heeds_signals=True)
         events.keep_in(writer.paths.events)
         measure_until(writer, 3)
         print("writing", flush=True)  # noqa: T201

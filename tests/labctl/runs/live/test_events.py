@@ -12,6 +12,7 @@ from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.runs.live import events as module
 from labctl.runs.live.events import EventLog, EventReader
 from protocols.image_readout import ImageReadout
+from tests.observers import Follower
 
 PROTOCOL = ImageReadout(images=5, reference_every=5, window=0.8e-9)
 RECORDS = 14
@@ -46,9 +47,9 @@ def told(path: Path) -> list[tuple[str, dict[str, object]]]:
 def test_events_before_the_file_come_first_and_a_torn_line_is_ended(path: Path) -> None:
     path.write_bytes(b'{"time": "2026", "event": "to')
     with EventLog(now=fixed) as log:
-        log("tuned", wavelength_nm=1550.0)
+        log.event("tuned", wavelength_nm=1550.0)
         log.keep_in(path)
-        log("emission", on=True)
+        log.event("emission", on=True)
     lines = path.read_text().splitlines()
     assert json.loads(lines[1]) == {"time": "2026-11-21T09:15:00.125Z", "event": "tuned", "wavelength_nm": 1550.0}
     assert [name for name, _ in told(path)] == ["tuned", "emission"]
@@ -108,8 +109,8 @@ def test_a_line_without_end_takes_no_memory(path: Path) -> None:
 def test_a_full_disk_ends_the_log_and_nothing_else(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with EventLog() as log:
         log.keep_in(Path("/dev/full"))
-        log("emission", on=True)
-        log("emission", on=False)
+        log.event("emission", on=True)
+        log.event("emission", on=False)
     assert caplog.text.count("it ends here") == 1
 
 
@@ -137,7 +138,7 @@ def test_a_stopped_run_and_its_resumption_share_the_file(tmp_path: Path) -> None
     def stop(done: int, _total: int) -> None:
         interruption.requested = done == 3
 
-    acquire(Acquisition(PROTOCOL, Station(), tmp_path / "run"), interruption=interruption, progress=stop)
+    acquire(Acquisition(PROTOCOL, Station(), tmp_path / "run"), interruption=interruption, observer=Follower(stop))
     resume(Resumption(tmp_path / "run"))
     names = [name for name, _ in told(tmp_path / "run" / "events.jsonl")]
     assert names.index("stopped") < names.index("run resumed") < names.index("finished")
@@ -150,7 +151,7 @@ def test_what_ends_a_run_early_is_told(error: BaseException, event: str, tmp_pat
             raise error
 
     with pytest.raises(type(error)):
-        acquire(Acquisition(PROTOCOL, Station(), tmp_path / "run"), progress=fail)
+        acquire(Acquisition(PROTOCOL, Station(), tmp_path / "run"), observer=Follower(fail))
     found = told(tmp_path / "run" / "events.jsonl")
     assert [name for name, _ in found][-2:] == ["safe state", event]
     assert found[-1][1].get("error", "no room") == "no room"

@@ -30,7 +30,7 @@ def states(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) -> d
 def claim(directory: Path, process: int) -> None:
     """Events that name a process."""
     with EventLog() as events:
-        events("run started", process=process, host=platform.node(), heeds_signals=True)
+        events.event("run started", process=process, host=platform.node(), heeds_signals=True)
         events.keep_in(RunPaths(directory).events)
 
 

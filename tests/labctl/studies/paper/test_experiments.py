@@ -14,7 +14,7 @@ HERE = {"accuracy": {"0.4": {"mean": 0.91, "sd": 0.03, "se": 0.005}, "1.0": {"me
 
 
 @pytest.mark.parametrize(
-    "experiment", (*experiments(), *experiments(["demonstration"])), ids=lambda experiment: experiment.name
+    "experiment", [*experiments(), *experiments(["demonstration"])], ids=lambda experiment: experiment.name
 )
 def test_every_experiment_of_the_house_is_whole(experiment: Experiment) -> None:
     analysis_of(experiment)

@@ -1,13 +1,27 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from PIL import Image
 
-from labctl.reports.axes import Series, draw_series, legend_below, spread_out
-from labctl.reports.envelope import envelope, reduced, volt_scale
-from labctl.reports.style import DASHES, MARKERS, PALETTE, look
+from labctl.reports.canvas import (
+    DASHES,
+    MARKERS,
+    PALETTE,
+    Series,
+    draw_series,
+    join_pictures,
+    legend_below,
+    look,
+    port_name,
+    spread_out,
+    thinned,
+    volt_scale,
+)
 
 
 @given(st.lists(st.floats(0, 1), max_size=12))
@@ -19,30 +33,20 @@ def test_labels_keep_their_order_and_their_distance(heights: list[float]) -> Non
     assert all(-1e-9 <= height <= 1 + 1e-9 for height in placed)
 
 
-def test_labels_that_stand_clear_stay() -> None:
+def test_labels_that_are_clear_stay() -> None:
     assert spread_out([0.9, 0.1, 0.5], 0.1) == [0.9, 0.1, 0.5]
 
 
 @given(st.integers(1, 5000), st.integers(1, 50))
 def test_thinning_keeps_the_ends_and_the_extremes(count: int, bins: int) -> None:
     values = np.random.default_rng(count).normal(size=count)
-    x, y = reduced(np.arange(count), values, bins=bins)
+    x, y = thinned(np.arange(count), values, bins=bins)
     assert x.size == y.size <= 2 * bins + 2
     assert x[0] == 0
     assert x[-1] == count - 1
     assert np.all(np.diff(x) > 0)
     assert (y.min(), y.max()) == (values.min(), values.max())
     np.testing.assert_array_equal(values[x], y)
-
-
-def test_an_envelope_holds_all_values() -> None:
-    values = np.random.default_rng(0).normal(size=10_007)
-    middle, low, median, high = envelope(np.arange(values.size), values, bins=100)
-    assert middle.size == 100
-    assert (low.min(), high.max()) == (values.min(), values.max())
-    assert np.all((low <= median) & (median <= high))
-    short = envelope([0, 1], [3, 4])
-    np.testing.assert_array_equal(short, [[0, 1], [3, 4], [3, 4], [3, 4]])
 
 
 @pytest.mark.parametrize(("peak", "unit"), [(0.5, "V"), (0.1, "V"), (0.05, "mV"), (0.0, "mV")])
@@ -80,3 +84,25 @@ def test_a_legend_is_not_wider_than_its_figure(characters: int) -> None:
     box = figure.legends[0].get_window_extent()
     assert box.x0 >= 0
     assert box.x1 <= figure.bbox.width
+
+
+def test_a_series_is_made_of_results_by_their_position() -> None:
+    results = {"0.4": {"mean": 0.9, "sd": 0.1}, "2.0": {"mean": 0.95, "sd": 0.0, "se": 0.0}}
+    series = Series.of("chip", results, unit=1e-9, tag="c")
+    assert series == Series("chip", [0.4 * 1e-9, 2.0 * 1e-9], [0.9, 0.95], [0.1, 0.0], "c")
+    assert series.top == 1.0
+
+
+def test_the_port_before_the_chip_has_a_name_of_its_own() -> None:
+    assert [port_name(port) for port in (0, 2)] == ["before the chip", "port 2"]
+
+
+def test_pictures_are_joined_below_each_other(tmp_path: Path) -> None:
+    parts = [tmp_path / "wide.png", tmp_path / "high.png"]
+    for part, size in zip(parts, ((4, 1), (2, 3)), strict=True):
+        Image.new("RGB", size, "black").save(part)
+    join_pictures(parts, tmp_path / "all.png")
+    with Image.open(tmp_path / "all.png") as joined:
+        assert joined.size == (4, 4)
+        assert joined.getpixel((3, 3)) == (255, 255, 255)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["all.png", "high.png", "wide.png"]

@@ -1,0 +1,43 @@
+"""The manifest of a run: what was asked for, who the instruments are and how they are set, and what made the run."""
+
+from datetime import datetime
+from typing import Any
+
+from instruments.bench import Bench
+from labctl.engine.plan import Request
+from labctl.runs.format.provenance import git_revision, versions
+
+
+def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any]:
+    """What manifest.json holds beside the sizes that the writer adds; the bench stays dark.
+
+    Raises:
+        InstrumentError: an instrument does not answer, or the laser does not settle.
+    """
+    protocol = request.protocol
+    light, instruments = light_and_instruments(request, bench)
+    return {
+        "protocol": {"name": protocol.name, "digest": protocol.digest(), "settings": protocol.model_dump(mode="json")},
+        "station": request.station.model_dump(mode="json"),
+        "light": light,
+        "instruments": instruments,
+        "calibration": request.calibration,
+        "inputs_sha256": request.inputs.digest,
+        "started": started.isoformat(timespec="seconds"),
+        "versions": versions(),
+        "git_revision": git_revision(),
+        "seeds": {
+            "seed": protocol.seed,
+            "twin_seed": request.station.sim.twin_seed if request.station.simulated else None,
+        },
+    }
+
+
+def light_and_instruments(request: Request, bench: Bench) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What the laser settled on for the first pass, in the dark, and who all instruments are and how they are set."""
+    identities = {name: vars(instrument.identify()) for name, instrument in bench.instruments.items()}
+    light = vars(bench.set_light(request.protocol.passes(bench)[0].wavelength_nm))
+    return light, {
+        name: {"identity": identities[name], "settings": instrument.settings()}
+        for name, instrument in bench.instruments.items()
+    }

@@ -1,0 +1,100 @@
+"""What a run will measure, as its files describe it: size, shots and drive, and how much room they take."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from instruments.bench import Bench
+from labctl.bench.station import Station
+from labctl.runs.format.layout import run_name
+from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.write.room import needed
+from protocols.base import Inputs, Measurement, Pass, Shot
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be run: the protocol, what it shows or plays, its station, and a reference to its calibration."""
+
+    protocol: Measurement[Any]
+    inputs: Inputs
+    station: Station
+    calibration: Mapping[str, Any] | None = None
+
+    @property
+    def durability(self) -> Durability:
+        """How much a killed process may lose."""
+        return durability_of(self.station)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Size, shots and drive of a run, and the seconds that a shot takes on one pass on real instruments."""
+
+    shape: RunShape
+    shots: ShotColumns
+    drive: PlayedDrive
+    seconds_a_shot: float
+
+
+def planned(request: Request, bench: Bench) -> Plan:
+    """What `request` asks of `bench`, to which nothing is sent."""
+    protocol, inputs = request.protocol, request.inputs
+    shots, passes = protocol.shots(inputs), protocol.passes(bench)
+    drive = protocol.drive(bench, inputs)
+    return Plan(
+        RunShape(
+            shots=len(shots),
+            passes=tuple(tuple(one.patching.values()) for one in passes),
+            wavelengths_nm=tuple(one.wavelength_nm for one in passes),
+            samples=protocol.sample_count(inputs),
+            sample_interval_s=1 / protocol.sample_rate,
+            code_type="int8" if protocol.averages == 1 else "int16",
+        ),
+        _columns(shots, passes),
+        PlayedDrive(drive.samples, drive.marker, drive.sample_rate),
+        protocol.duration_s(bench, len(shots)) / (len(shots) * len(passes)),
+    )
+
+
+def checked(request: Request, bench: Bench) -> Plan:
+    """`planned`, if this bench can carry it out.
+
+    Raises:
+        ProtocolError: it cannot.
+    """
+    request.protocol.check_cabling(bench)
+    request.protocol.check(bench, request.inputs)
+    return planned(request, bench)
+
+
+def bytes_needed(request: Request, bench: Bench) -> int:
+    """What the run writes at most; nothing is sent to the bench."""
+    plan = planned(request, bench)
+    return needed(plan.shape, plan.shots, plan.drive, request.durability, plan.seconds_a_shot)
+
+
+def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
+    """Where a run goes that names no directory of its own."""
+    return Path("runs") / run_name(started, protocol.name, protocol.digest())
+
+
+def durability_of(station: Station) -> Durability:
+    """How much a killed process may lose there."""
+    return Durability(shots=station.durability.shots, seconds=station.durability.seconds)
+
+
+def _columns(shots: Sequence[Shot], passes: Sequence[Pass]) -> ShotColumns:
+    return ShotColumns(
+        kind=np.array([shot.kind.value for shot in shots]),
+        dataset_index=np.array([shot.dataset_index for shot in shots], np.int64),
+        label=np.array([shot.label for shot in shots], np.int64),
+        wavelength_nm=np.full(len(shots), passes[0].wavelength_nm),
+        group=np.array([shot.group for shot in shots], np.int64),
+        next_dataset_index=np.array([shot.next_dataset_index for shot in shots], np.int64),
+        next_label=np.array([shot.next_label for shot in shots], np.int64),
+    )

@@ -1,0 +1,34 @@
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from labctl.reports.alignment import alignment_report
+from labctl.reports.figures.images import images_figure
+from tests.labctl.reports.html import Page
+
+
+def test_every_finding_has_a_verdict_and_every_step_its_section(tmp_path: Path) -> None:
+    report = alignment_report(
+        tmp_path,
+        "<bench> & Co",
+        datetime(2026, 11, 21, 20, 30, tzinfo=UTC),
+        findings={
+            "dark": [("dark level: good", True), ("noise <b>: check", False)],
+            "depth": [("not measured", False)],
+        },
+        figures={"dark": images_figure(np.eye(28)[np.newaxis], ["one"])},
+    )
+    page = Page(report)
+    assert page.rows == [
+        ["finding", "verdict"],
+        ["dark level: good", "good"],
+        ["noise <b>: check", "look at this"],
+        ["not measured", "look at this"],
+    ]
+    assert "Alignment of <bench> & Co, 2026-11-21 20:30 UTC" in page.words
+    assert "b" not in page.tags
+    assert page.attributes["alt"] == ["Dark level and noise"]
+    assert page.attributes["src"][0].startswith("data:image/svg+xml;base64,")
+    assert page.tags.count("section") == 3
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"dark.png", "dark.svg"}
