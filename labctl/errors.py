@@ -6,6 +6,7 @@ Those of instruments and protocols are where these are: `instruments.errors`, `p
 from instruments.errors import LabctlError
 
 __all__ = [
+    "IMPORT_FAILURES",
     "AnalysisError",
     "DatasetError",
     "ExperimentError",
@@ -18,6 +19,9 @@ __all__ = [
     "notes",
     "one_line",
 ]
+
+IMPORT_FAILURES = (ImportError, OSError, AttributeError, ValueError)
+"""How a package that is incomplete, or that does not fit another, ends its import."""
 
 
 class UsageError(LabctlError):

@@ -1,10 +1,16 @@
 """JSON Schema of the files that people write: station files, and the protocol files of every installed protocol."""
 
 import json
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from labctl.bench.station import Station
+from pydantic import BaseModel, Field, create_model
+
+from instruments.sections import InstrumentSection
+from labctl.bench.drivers import installed
+from labctl.bench.station import USUAL, Station
 from labctl.errors import UsageError
 from protocols.registry import protocol_class, protocol_names
 
@@ -22,14 +28,14 @@ def names() -> tuple[str, ...]:
 def schema_of(name: str) -> Schema:
     """The schema of station files, or of files of the protocol `name`.
 
-    It says less than the program checks: what it refuses is wrong, what it lets pass may still be, such as a level
-    above its limit. Quantities are numbers in SI, or text with one of the usual units.
+    It says less than the program checks: what it refuses is wrong or has no effect, what it lets pass may be wrong,
+    such as a level above its limit. Quantities are numbers in SI, or text with one of the usual units.
 
     Raises:
         UsageError: there is none.
     """
     if name == STATION:
-        found: Schema = _tidy(Station.model_json_schema())
+        found: Schema = _tidy(_station().model_json_schema())
         del found["properties"]["source"]  # which the reader sets
         return {"$schema": DIALECT, "title": "Station file"} | found
     if name not in protocol_names():
@@ -44,6 +50,23 @@ def schema_of(name: str) -> Schema:
         "required": ["protocol"],
         "additionalProperties": False,
     }
+
+
+def _station() -> type[BaseModel]:
+    """The model of station files whose instruments have one of the installed drivers, told apart by `driver`."""
+    sections = {
+        role: reduce(or_, (_section(role, name, found.section) for name, found in installed(role).items()))
+        for role in USUAL
+    }
+    fields: dict[str, Any] = {role: (section, Field(default_factory=dict)) for role, section in sections.items()}
+    return create_model("Station", __base__=Station, __doc__=Station.__doc__, **fields)
+
+
+def _section(role: str, name: str, section: type[InstrumentSection]) -> Any:
+    """The section of one driver; only of the usual one the name may be left out."""
+    about = Field(description=section.model_fields["driver"].description)
+    named: dict[str, Any] = {"driver": (Annotated[Literal[name], about], USUAL[role] if USUAL[role] == name else ...)}
+    return create_model(name, __base__=section, __doc__=section.__doc__, **named)
 
 
 def write_schemas(folder: Path) -> list[Path]:
