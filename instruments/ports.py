@@ -1,8 +1,10 @@
 """Ports of the chip as people write them: "2-6", "0,2,4-6", a number or a list."""
 
-from typing import Annotated
+from typing import Annotated, TypeVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
+
+Number = TypeVar("Number", int, float)
 
 
 def parse_ports(value: object) -> object:
@@ -24,10 +26,22 @@ def parse_ports(value: object) -> object:
     return tuple(ports)
 
 
+def require_distinct(values: tuple[Number, ...]) -> tuple[Number, ...]:
+    """The same values.
+
+    Raises:
+        ValueError: one comes twice.
+    """
+    if len(set(values)) != len(values):
+        raise ValueError(f"{values} names one twice: list each once")
+    return values
+
+
 Port = Annotated[int, Field(ge=0, le=14)]
 _Ranges = Annotated[str, Field(pattern=r"^\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?(,\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?)*$")]
 Ports = Annotated[
     tuple[Port, ...],
     BeforeValidator(parse_ports, json_schema_input_type=_Ranges | Port | tuple[Port, ...]),
     Field(min_length=1),
+    AfterValidator(require_distinct),
 ]

@@ -3,10 +3,11 @@
 from itertools import product
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, PositiveInt
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt
 
 from instruments.bench import Bench
 from instruments.ports import Ports as Ports
+from instruments.ports import require_distinct
 from instruments.units import Nanometres
 from protocols.base import Pass
 
@@ -21,6 +22,7 @@ Wavelengths = Annotated[
     tuple[Nanometres, ...],
     BeforeValidator(parse_list, json_schema_input_type=str | tuple[Nanometres, ...]),
     Field(min_length=1),
+    AfterValidator(require_distinct),
 ]
 Classes = Annotated[tuple[int, ...], BeforeValidator(parse_list, json_schema_input_type=_Counts | tuple[int, ...])]
 Binarisation = Annotated[

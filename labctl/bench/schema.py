@@ -2,7 +2,6 @@
 
 import json
 from functools import reduce
-from importlib.metadata import entry_points
 from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +12,7 @@ from instruments.sections import InstrumentSection
 from labctl.bench.drivers import installed
 from labctl.bench.station import USUAL, Station
 from labctl.errors import UsageError
-from protocols.registry import GROUP
+from protocols.registry import protocol_class, protocol_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 STATION = "station"
@@ -23,7 +22,7 @@ Schema = dict[str, Any]
 
 def names() -> tuple[str, ...]:
     """What there are schemas of: the station, and protocols by name."""
-    return (STATION, *sorted({point.name for point in entry_points(group=GROUP)}))
+    return (STATION, *protocol_names())
 
 
 def schema_of(name: str) -> Schema:
@@ -39,10 +38,9 @@ def schema_of(name: str) -> Schema:
         found: Schema = _tidy(_station().model_json_schema())
         del found["properties"]["source"]  # which the reader sets
         return {"$schema": DIALECT, "title": "Station file"} | found
-    chosen = [point for point in entry_points(group=GROUP) if point.name == name]
-    if not chosen:
+    if name not in protocol_names():
         raise UsageError(f"schema of {name!r}: there is none: choose one of {', '.join(names())}")
-    settings: Schema = _tidy(chosen[0].load().model_json_schema())
+    settings: Schema = _tidy(protocol_class(name).model_json_schema())
     return {
         "$schema": DIALECT,
         "title": f"Protocol file of {name}",
