@@ -25,8 +25,9 @@ demo: $(INSTALLED)
 	$(BIN)/labctl demo
 
 test: check
-	$(BIN)/pytest -m "not full" --numprocesses 2 --dist worksteal --cov --cov-report=term-missing:skip-covered
+	$(BIN)/pytest -m "not full" --numprocesses 2 --dist worksteal
 
+# The whole of every test matrix, and what of the code no test runs.
 test-full: check
 	$(BIN)/pytest --numprocesses 2 --dist worksteal --cov --cov-report=term-missing:skip-covered
 

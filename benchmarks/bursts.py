@@ -35,7 +35,7 @@ from labctl.runs.write.writer import RunWriter
 from protocols.bursts import PICTURE_PERIOD_S, UPLOAD_BLOCK
 from protocols.image_readout import ImageReadout
 from protocols.patterns import Patterns
-from sim_backends.virtual.alp.sequence import Sequence
+from sim_backends.virtual.alp.instrument import VirtualAlp
 from sim_backends.world.world import World
 
 WINDOW_S = 0.4e-9
@@ -145,7 +145,7 @@ def measure_speed(images: int, folder: Path) -> None:
     spans = Spans(
         (VialuxAlp, "load"),
         (Patterns, "block"),
-        (Sequence, "put"),
+        (VirtualAlp, "put"),
         (Dpo72504dx, "arm_burst"),
         (VialuxAlp, "play"),
         (Dpo72504dx, "read_burst"),

@@ -1,165 +1,49 @@
-"""Alnair Labs TLG-220 tunable laser, driven from a command table that the operator can correct.
-
-No public command set exists for this laser, so the commands are data: a TOML file beside this module, or one the
-station names. What is still `<unknown>` there raises a named error, and an unverified table never emits unattended.
-"""
+"""Alnair Labs TLG-220 tunable laser, driven from a command table that the operator can correct."""
 
 import contextlib
 import math
 import re
 import time
-from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field
 
+from instruments.driver import Driver
 from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import TunableLaser
+from instruments.laser_table import DEFAULT_TABLE, UNKNOWN, Command, CommandTable
 from instruments.readback import confirm
-from instruments.toml_files import TomlError, one_line, read_toml
+from instruments.sections import File, LaserSection
 from instruments.transcripts import Transcript
-from instruments.values import Examination, Identity, Range
+from instruments.values import Examination, Identity
 from instruments.visa import MAX_ERRORS_READ, VisaLink
 
-UNKNOWN = "<unknown>"
-DEFAULT_TABLE = Path(__file__).with_suffix(".toml")
+
+class Tlg220Section(LaserSection):
+    """The light source. Its command set is not public: try each command of a table, and name its file by `commands`.
+
+    "simulated" names the table of the simulated laser. `armed` allows light.
+    """
+
+    commands: Annotated[
+        File | None, Field(description="File with the laser's commands; without it the driver's own table.")
+    ] = None
+
+
+DRIVER = Driver(
+    section=Tlg220Section,
+    open=lambda section, opening: Tlg220(
+        opening.address, _table(section).ready(attended=opening.attended), opening.transcript
+    ),
+    identity=re.compile(r"Alnair.*TLG-?2\d0", re.IGNORECASE),
+    sent_anew=("wavelength_nm", "power_dbm", "emitting"),
+    ranges=lambda section: _table(section).ranges(),
+)
+
 WAVELENGTH_TOLERANCE_NM = 0.01
 POWER_TOLERANCE_DB = 0.2
-COMMANDS = (
-    "identify",
-    "set_wavelength",
-    "get_wavelength",
-    "set_power",
-    "get_power",
-    "output_on",
-    "output_off",
-    "get_output",
-    "is_settled",
-    "error",
-)
-REPLIED = {"identify": ("text",), "error": ("code", "text")} | dict.fromkeys(
-    ("get_wavelength", "get_power", "get_output", "is_settled"), ("value",)
-)
-"""Which named groups the expression of a reply must have."""
 LONGEST_ANSWER = 300
 """Characters of an answer that a table's expression is held against."""
-
-_NUMBER_PLACE = re.compile(r"\{value(:[-+]?[0-9]{0,2}(\.[0-9]{1,2})?[efgEFG]?)?\}")
-_ESCAPED = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]")
-_OPEN_REPEATS, _CHOICES = 4, 6
-
-
-def _one_command(text: str) -> str:
-    """A text to send that is one command, with at most one number in it."""
-    bare = _NUMBER_PLACE.sub("", text, count=1)
-    if not text.isascii() or not one_line(text) or set(bare) & set(";{}"):
-        raise ValueError(
-            "is not one command: write it without line ends and semicolons, and a number as {value} or {value:.3f}"
-        )
-    return text
-
-
-def _quick_expression(text: str) -> str:
-    """A regular expression whose time no answer can make endless: no repeated group, few repeats and choices."""
-    try:
-        re.compile(text)
-    except (re.error, OverflowError, RecursionError) as error:
-        raise ValueError(f"is not a regular expression ({error})") from None
-    bare = _ESCAPED.sub("x", text).replace("(?", "(")
-    repeats, choices = len(re.findall(r"[*+{]", bare)), len(re.findall(r"[?|]", bare))
-    if re.search(r"\)[*+{]", bare) or repeats > _OPEN_REPEATS or choices > _CHOICES:
-        raise ValueError(
-            f"could take for ever: repeat no group, and use at most {_OPEN_REPEATS} of * + {{}} and {_CHOICES} of ? |"
-        )
-    return text
-
-
-class Command(BaseModel):
-    """One line of the table."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    write: Annotated[str, Field(max_length=200), AfterValidator(_one_command)]
-    reply: Annotated[str, Field(max_length=200), AfterValidator(_quick_expression)] | None = None
-    unit: str = Field(default="", max_length=20)
-    min: float = -math.inf
-    max: float = math.inf
-    step: float | None = None
-    poll_s: float = Field(default=0.1, ge=0, le=60)
-    timeout_s: float = Field(default=30.0, gt=0, le=3600)
-
-
-class TableTransport(BaseModel):
-    """How messages end on this laser, and how long a reply may take."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    write_eol: str = Field(default="\n", pattern=r"^[\r\n]{1,2}$")
-    read_eol: str = Field(default="\n", pattern=r"^[\r\n]{1,2}$")
-    timeout_s: float = Field(default=2.0, gt=0, le=3600)
-
-
-class CommandTable(BaseModel):
-    """The laser's commands as its operator knows them."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    model: str = Field(max_length=200)
-    verified: bool
-    transport: TableTransport = TableTransport()
-    commands: dict[str, Command]
-    source: str = ""
-
-    @model_validator(mode="after")
-    def _replies_give_what_is_read(self) -> Self:
-        for name, command in self.commands.items():
-            wanted = REPLIED.get(name, ())
-            if command.write != UNKNOWN and not set(wanted) <= set(re.compile(command.reply or "").groupindex):
-                groups = " and ".join(f"(?P<{group}>...)" for group in wanted)
-                raise ValueError(f"commands.{name}.reply lacks {groups}")
-        return self
-
-    @classmethod
-    def read(cls, path: Path) -> "CommandTable":
-        """Read a table.
-
-        Raises:
-            NotConfigured: the file is missing or is not such a table.
-        """
-        try:
-            return cls.model_validate(read_toml(path) | {"source": str(path)})
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = "".join(f"{part}." for part in first["loc"]).removesuffix(".")[:100]
-            message = ": ".join(filter(None, (where, first["msg"].removeprefix("Value error, ")[:300])))
-            raise NotConfigured(f"{path}: {message}: correct the laser's command table") from None
-        except (OSError, TomlError) as error:
-            raise NotConfigured(f"{path}: {error}: the laser's command table cannot be read") from None
-
-    def require_complete(self) -> None:
-        """Check that every command is there.
-
-        Raises:
-            NotConfigured: a command is missing or `<unknown>`.
-        """
-        for name in COMMANDS:
-            if name not in self.commands or self.commands[name].write == UNKNOWN:
-                raise NotConfigured(
-                    f"{self.source}: commands.{name}.write = {UNKNOWN!r}: enter the command from the laser's manual, "
-                    f"or use the driver 'manual-laser'"
-                )
-
-    def require_verified(self) -> None:
-        """Check that the laser may be switched on with nobody beside it.
-
-        Raises:
-            NotConfigured: `verified` is not true.
-        """
-        if not self.verified:
-            raise NotConfigured(
-                f"{self.source}: verified = false: try every command on the bench, then set verified = true; "
-                f"until then the laser is not switched on unattended"
-            )
 
 
 class Tlg220(TunableLaser):
@@ -186,8 +70,7 @@ class Tlg220(TunableLaser):
 
     def examine(self) -> Examination:
         """The error queue, and the limits of the table."""
-        settable = {name: self._command(f"set_{name}") for name in ("wavelength", "power")}
-        limits = {name: Range(command.min, command.max, command.unit) for name, command in settable.items()}
+        limits = {quantity: self._table.range(quantity) for quantity in ("wavelength", "power")}
         return Examination(errors=tuple(self._link.errors()), limits=limits)
 
     def self_test(self) -> None:
@@ -197,7 +80,7 @@ class Tlg220(TunableLaser):
 
     def tune(self, wavelength_nm: float) -> float:
         """Set the wavelength, wait until settled, and compare with the read-back (tolerance 10 pm)."""
-        self._set("set_wavelength", wavelength_nm)
+        self._set("wavelength", wavelength_nm)
         self._settle()
         return confirm(
             "laser: wavelength",
@@ -211,7 +94,7 @@ class Tlg220(TunableLaser):
     def set_power(self, power_w: float) -> float:
         """Set the output power and compare with the read-back (tolerance 0.2 dB)."""
         power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
-        self._set("set_power", power_dbm)
+        self._set("power", power_dbm)
         settled_dbm = confirm(
             "laser: power",
             power_dbm,
@@ -291,9 +174,9 @@ class Tlg220(TunableLaser):
             f"laser: {self._command(name).write!r} was answered {text!r}, not a number: correct {self._table.source}"
         )
 
-    def _set(self, name: str, value: float) -> None:
-        command = self._command(name)
-        Range(command.min, command.max, command.unit).check(f"laser {name.removeprefix('set_')}", value)
+    def _set(self, quantity: str, value: float) -> None:
+        command = self._command(f"set_{quantity}")
+        self._table.range(quantity).check(f"laser {quantity}", value)
         with self._link.checked():
             self._link.write(command.write.format(value=value))
 
@@ -313,6 +196,10 @@ class Tlg220(TunableLaser):
                 break
             errors.append(f"{reply['code']} {reply['text']}")
         return errors
+
+
+def _table(section: Tlg220Section) -> CommandTable:
+    return CommandTable.read(section.commands or DEFAULT_TABLE)
 
 
 def _watts(dbm: float) -> float:

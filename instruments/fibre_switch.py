@@ -1,11 +1,31 @@
 """An optical matrix switch with SCPI routing commands: `ROUTe:CLOSe (@channel!port)`, `ROUTe:OPEN:ALL`."""
 
+import re
 from collections.abc import Mapping
 
+from instruments.driver import Driver
 from instruments.errors import InstrumentError, OutOfRange, excerpt
 from instruments.interfaces import PatchPanel
+from instruments.sections import PatchPanelSection, Timeout
 from instruments.values import Examination, Identity
 from instruments.visa import VisaLink
+
+
+class FibreSwitchSection(PatchPanelSection):
+    """What connects the chip to the oscilloscope: `ports` are the waveguides that are wired, 0 the fibre before it."""
+
+    timeout: Timeout = 5.0
+
+
+DRIVER = Driver(
+    section=FibreSwitchSection,
+    open=lambda section, opening: ScpiFibreSwitch(
+        VisaLink(opening.address, name="patch_panel", timeout_s=section.timeout, transcript=opening.transcript),
+        ports=section.ports,
+    ),
+    identity=re.compile("switch", re.IGNORECASE),
+    sent_anew=("routes",),
+)
 
 
 class ScpiFibreSwitch(PatchPanel):

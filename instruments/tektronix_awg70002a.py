@@ -5,16 +5,39 @@ byte.
 """
 
 import math
+import re
 from enum import StrEnum
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from instruments.driver import Driver
 from instruments.errors import InstrumentError, excerpt
 from instruments.interfaces import Awg
 from instruments.readback import confirm
+from instruments.sections import AwgSection, Timeout
 from instruments.values import Drive, Examination, Identity, Loaded, Progress, Range
 from instruments.visa import VisaLink
+
+
+class Awg70002aSection(AwgSection):
+    """The arbitrary waveform generator."""
+
+    channel: Annotated[Literal[1, 2], Field(description="Channel that plays the drive.")] = 1
+    timeout: Timeout = 5.0
+
+
+DRIVER = Driver(
+    section=Awg70002aSection,
+    open=lambda section, opening: Awg70002a(
+        VisaLink(opening.address, name="awg", timeout_s=section.timeout, transcript=opening.transcript),
+        channel=section.channel,
+    ),
+    identity=re.compile(r"TEKTRONIX AWG70\d{3}", re.IGNORECASE),
+    sent_anew=("sample_rate", "amplitude_vpp", "dac_bits", "waveform", "run_mode", "output"),
+)
 
 SLOW_S = 30.0
 """Bound on the commands that the manual calls overlapping: clock, assignment, run and stop."""

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.driver import Driver
 from instruments.errors import InstrumentError, NoTrigger
 from instruments.interfaces import Oscilloscope
 from instruments.readback import confirm
+from instruments.sections import ScopeSection, Timeout
 from instruments.values import (
     EdgeTrigger,
     Examination,
@@ -26,7 +28,36 @@ from instruments.values import (
     Timebase,
     Vertical,
 )
-from instruments.visa import NoAnswer, VisaLink
+from instruments.visa import NoAnswer, VisaLink, tektronix_event_queue
+
+
+class Dpo72504dxSection(ScopeSection):
+    """The oscilloscope and what triggers it."""
+
+    timeout: Timeout = 10.0
+
+
+DRIVER = Driver(
+    section=Dpo72504dxSection,
+    open=lambda section, opening: Dpo72504dx(
+        VisaLink(
+            opening.address,
+            name="scope",
+            timeout_s=section.timeout,
+            transcript=opening.transcript,
+            error_queue=tektronix_event_queue,
+        )
+    ),
+    identity=re.compile(r"TEKTRONIX (DPO|DSA|MSO)7\d{4}", re.IGNORECASE),
+    sent_anew=(
+        "sample_rate",
+        "record_length",
+        "acquisition_mode",
+        "trigger_source",
+        "ch?_scale_v_per_div",
+        "ch?_offset_v",
+    ),
+)
 
 SELF_TEST_S = 60.0
 TRIGGER_WAIT_S = 10.0

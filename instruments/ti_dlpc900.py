@@ -8,15 +8,30 @@ import importlib
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from instruments import dlpc900_image
+from instruments.driver import Driver
 from instruments.errors import InstrumentError, LinkError, NotConfigured
 from instruments.interfaces import Dmd
+from instruments.sections import USB, DmdSection
 from instruments.values import Identity
+
+
+class TiDlpc900Section(DmdSection):
+    """The micromirror device, on USB only."""
+
+    address: Literal["usb"] = USB
+
+
+DRIVER = Driver(
+    section=TiDlpc900Section,
+    open=lambda _section, opening: TiDlpc900(HidApi.at(opening.address)),
+    sent_anew=("display_mode",),
+)
 
 VENDOR, PRODUCT = 0x0451, 0xC900
 REPORT = 64  # bytes
@@ -108,6 +123,17 @@ class HidApi:
         self._hid = hid
         self._device: Any = None
         self._open()
+
+    @classmethod
+    def at(cls, address: str) -> "HidApi":
+        """The device at `address`, of which there is one only: a replay has another.
+
+        Raises:
+            NotConfigured: it is not `USB`.
+        """
+        if address != USB:
+            raise NotConfigured(f"dmd.address = {address!r}: a DLPC900 is on USB only: write address = {USB!r}")
+        return cls()
 
     def write(self, report: bytes) -> None:
         """Send one report; report number 0, which hidapi wants in front, is not part of it.

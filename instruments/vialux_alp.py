@@ -1,26 +1,41 @@
-"""ViALUX DMD controllers (ALP-4) through the calls of the vendor's library.
-
-The driver talks to `AlpLibrary`, a narrow part of the ALP API. Two things stand behind it: `ALP4lib` with the vendor's
-library on a bench (extra `alp`), and `AlpOverVisa`, which sends the same calls as lines to a DMD served on the network,
-the simulated one among them.
-"""
+"""ViALUX DMD controllers (ALP-4) through the calls of the vendor's library."""
 
 import contextlib
-import ctypes
 import re
 import time
-from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from collections.abc import Iterable
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from instruments.errors import InstrumentError, LinkError, NotConfigured, excerpt
+from instruments.alp_library import AlpByVendorLibrary, AlpLibrary, AlpOverVisa
+from instruments.driver import Driver, Opening
+from instruments.errors import InstrumentError, LinkError
 from instruments.interfaces import BurstDmd
+from instruments.sections import USB, DmdSection, Text, Timeout
 from instruments.values import Identity, Progress, Range
 from instruments.visa import VisaLink
 
-ALP_DEFAULT = 0
+
+class VialuxAlpSection(DmdSection):
+    """The micromirror device. `version` and `library` name the vendor's ALP library on a real bench."""
+
+    version: Annotated[Text, Field(description="Version of the vendor's ALP library.")] = "4.3"
+    library: Annotated[
+        Text | None, Field(description="Folder of the vendor's ALP library; without it the system's.")
+    ] = None
+    timeout: Timeout = 5.0
+
+
+DRIVER = Driver(
+    section=VialuxAlpSection,
+    open=lambda section, opening: VialuxAlp(_library(section, opening)),
+    identity=re.compile("ViALUX ALP", re.IGNORECASE),
+    sent_anew=("free_pictures",),
+)
+
 ALP_DEVICE_NUMBER = 2000
 ALP_VERSION = 2001
 ALP_AVAIL_MEMORY = 2003
@@ -33,226 +48,12 @@ ALP_BIN_UNINTERRUPTED = 2106
 ALP_DATA_FORMAT = 2110
 ALP_DATA_BINARY_TOPDOWN = 2
 ALP_MIN_PICTURE_TIME = 2211
-
-RETURN_CODES = {
-    1001: "the device is not online",
-    1002: "the device is not idle",
-    1003: "the device identifier is not valid",
-    1004: "the device is already allocated",
-    1005: "a parameter is not valid",
-    1006: "the user data cannot be read",
-    1007: "the memory is full",
-    1008: "the sequence is in use",
-    1009: "halted during a transfer",
-    1010: "initialisation failed",
-    1011: "communication failed: check the USB cable",
-    1012: "the device was removed",
-    1013: "the FPGA is not configured",
-    1014: "the driver version does not fit the device",
-    1018: "the DMD did not wake up",
-    1019: "the driver is too old for the device",
-    1020: "the memory was not initialised",
-}
-"""What the return codes of the ALP library mean (ALP-4 API description)."""
-
-LOST = (1001, 1011, 1012)
-"""Return codes of a device that cannot be reached."""
-ALREADY_ALLOCATED = "1004"
 MOST_MIRRORS = 1 << 13  # along a side
-RETURN = re.compile(r"(\d{1,9})(?:,(-?\d{1,18}))?")
-"""A reply on the network: the return code, and the value of an inquiry."""
 
 SETTLING_S = 50e-6
 """Longer than a mirror needs: reset, flight and settling end within 13 us, the load of a frame within 44 us."""
-
-
 SYNCH_PULSE_US = 20
 """The frame synchronisation pulse begins with the picture and ends when the mirrors have rested for microseconds."""
-
-
-class AlpLibrary(Protocol):
-    """The calls of the ALP API that the driver needs, named as ALP4lib names them."""
-
-    def Initialize(self) -> None: ...  # noqa: N802, D102
-    def DevInquire(self, inquire_type: int) -> int: ...  # noqa: N802, D102
-    def SeqAlloc(self, pictures: int, bit_depth: int) -> int: ...  # noqa: N802, D102
-    def SeqControl(self, sequence: int, control_type: int, value: int) -> None: ...  # noqa: N802, D102
-    def SeqInquire(self, sequence: int, inquire_type: int) -> int: ...  # noqa: N802, D102
-    def SeqPut(self, sequence: int, offset: int, frames: NDArray[np.uint8]) -> None: ...  # noqa: N802, D102
-    def SeqTiming(self, sequence: int, picture_time_us: int, pulse_us: int) -> None: ...  # noqa: N802, D102
-    def Run(self, sequence: int, *, loop: bool) -> None: ...  # noqa: N802, D102
-    def Halt(self) -> None: ...  # noqa: N802, D102
-    def FreeSeq(self, sequence: int) -> None: ...  # noqa: N802, D102
-    def Free(self) -> None: ...  # noqa: N802, D102
-
-    def close(self) -> None:
-        """Release the connection, if there is one besides the allocated device."""
-
-
-class AlpOverVisa:
-    """The ALP calls as text lines: `ALP:SEQPUT id,offset,n,<block>` and so on; each reply is the return code."""
-
-    def __init__(self, link: VisaLink) -> None:
-        """Send the calls over `link`."""
-        self._link = link
-
-    def Initialize(self) -> None:  # noqa: N802
-        """AlpDevAlloc; a device that a client has left behind allocated is freed first."""
-        reply = self._link.query("ALP:DEVALLOC")
-        if reply == ALREADY_ALLOCATED:
-            self._call("ALP:DEVHALT")
-            self._call("ALP:DEVFREE")
-            reply = self._link.query("ALP:DEVALLOC")
-        self._result("ALP:DEVALLOC", reply)
-
-    def DevInquire(self, inquire_type: int) -> int:  # noqa: N802
-        """AlpDevInquire."""
-        return self._call(f"ALP:DEVINQUIRE {inquire_type}")
-
-    def SeqAlloc(self, pictures: int, bit_depth: int) -> int:  # noqa: N802
-        """AlpSeqAlloc; returns the sequence's identifier."""
-        return self._call(f"ALP:SEQALLOC {bit_depth},{pictures}")
-
-    def SeqControl(self, sequence: int, control_type: int, value: int) -> None:  # noqa: N802
-        """AlpSeqControl."""
-        self._call(f"ALP:SEQCONTROL {sequence},{control_type},{value}")
-
-    def SeqInquire(self, sequence: int, inquire_type: int) -> int:  # noqa: N802
-        """AlpSeqInquire."""
-        return self._call(f"ALP:SEQINQUIRE {sequence},{inquire_type}")
-
-    def SeqPut(self, sequence: int, offset: int, frames: NDArray[np.uint8]) -> None:  # noqa: N802
-        """AlpSeqPut of `frames`, shape (n, rows, bytes a row)."""
-        header = f"ALP:SEQPUT {sequence},{offset},{len(frames)},"
-        self._result("ALP:SEQPUT", self._link.query_block(header, frames))
-
-    def SeqTiming(self, sequence: int, picture_time_us: int, pulse_us: int) -> None:  # noqa: N802
-        """AlpSeqTiming with the library's own illumination time and delays."""
-        self._call(f"ALP:SEQTIMING {sequence},0,{picture_time_us},0,{pulse_us},0")
-
-    def Run(self, sequence: int, *, loop: bool) -> None:  # noqa: N802
-        """AlpProjStartCont, or AlpProjStart for once."""
-        self._call(f"ALP:PROJSTART{'CONT' if loop else ''} {sequence}")
-
-    def Halt(self) -> None:  # noqa: N802
-        """AlpDevHalt."""
-        self._call("ALP:DEVHALT")
-
-    def FreeSeq(self, sequence: int) -> None:  # noqa: N802
-        """AlpSeqFree."""
-        self._call(f"ALP:SEQFREE {sequence}")
-
-    def Free(self) -> None:  # noqa: N802
-        """AlpDevFree."""
-        self._call("ALP:DEVFREE")
-
-    def close(self) -> None:
-        """Close the link."""
-        self._link.close()
-
-    def _call(self, line: str) -> int:
-        return self._result(line, self._link.query(line))
-
-    def _result(self, line: str, reply: str) -> int:
-        call = line.split()[0]
-        found = RETURN.fullmatch(reply)
-        if found is None:
-            raise InstrumentError(
-                f"dmd: {call} was answered {excerpt(reply)}, not with a return code: check its address"
-            )
-        code, value = int(found[1]), int(found[2] or 0)
-        if code != 0:
-            failure = LinkError if code in LOST else InstrumentError
-            raise failure(f"dmd: {call} returned {code}: {RETURN_CODES.get(code, 'unknown return code')}")
-        return value
-
-
-class AlpByVendorLibrary:
-    """The ALP calls through ALP4lib and the vendor's shared library."""
-
-    def __init__(self, version: str, library_folder: str | None) -> None:
-        """Load the vendor's library.
-
-        Raises:
-            NotConfigured: ALP4lib or the vendor's library is not installed.
-        """
-        try:
-            import ALP4
-        except ImportError:
-            raise NotConfigured("dmd: ALP4lib is not installed: pip install 'photonic-labctl[alp]'") from None
-        try:
-            self._alp: Any = ALP4.ALP4(version=version, libDir=library_folder)
-        except OSError as error:
-            raise NotConfigured(f"dmd: the ViALUX library for ALP {version} cannot be loaded: {error}") from None
-        self._failure: type[Exception] = ALP4.ALPError
-
-    def Initialize(self) -> None:  # noqa: N802
-        """AlpDevAlloc of the first device."""
-        self._call(self._alp.Initialize)
-
-    def DevInquire(self, inquire_type: int) -> int:  # noqa: N802
-        """AlpDevInquire."""
-        value = self._call(self._alp.DevInquire, inquire_type)
-        return int(getattr(value, "value", value))
-
-    def SeqAlloc(self, pictures: int, bit_depth: int) -> int:  # noqa: N802
-        """AlpSeqAlloc; returns the sequence's identifier."""
-        return int(self._call(self._alp.SeqAlloc, nbImg=pictures, bitDepth=bit_depth).value)
-
-    def SeqControl(self, sequence: int, control_type: int, value: int) -> None:  # noqa: N802
-        """AlpSeqControl."""
-        self._call(self._alp.SeqControl, control_type, value, SequenceId=ctypes.c_ulong(sequence))
-
-    def SeqInquire(self, sequence: int, inquire_type: int) -> int:  # noqa: N802
-        """AlpSeqInquire."""
-        value = self._call(self._alp.SeqInquire, inquire_type, SequenceId=ctypes.c_ulong(sequence))
-        return int(getattr(value, "value", value))
-
-    def SeqPut(self, sequence: int, offset: int, frames: NDArray[np.uint8]) -> None:  # noqa: N802
-        """AlpSeqPut of `frames`, shape (n, rows, bytes a row), taken from memory as they are."""
-        data = np.ascontiguousarray(frames).ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte))
-        self._call(
-            self._alp.SeqPut,
-            data,
-            SequenceId=ctypes.c_ulong(sequence),
-            PicOffset=offset,
-            PicLoad=len(frames),
-            dataFormat="C",
-        )
-
-    def SeqTiming(self, sequence: int, picture_time_us: int, pulse_us: int) -> None:  # noqa: N802
-        """AlpSeqTiming with the library's own illumination time and delays."""
-        self._call(
-            self._alp.SetTiming,
-            SequenceId=ctypes.c_ulong(sequence),
-            pictureTime=picture_time_us,
-            synchPulseWidth=pulse_us,
-        )
-
-    def Run(self, sequence: int, *, loop: bool) -> None:  # noqa: N802
-        """AlpProjStartCont, or AlpProjStart for once."""
-        self._call(self._alp.Run, SequenceId=ctypes.c_ulong(sequence), loop=loop)
-
-    def Halt(self) -> None:  # noqa: N802
-        """AlpDevHalt."""
-        self._call(self._alp.Halt)
-
-    def FreeSeq(self, sequence: int) -> None:  # noqa: N802
-        """AlpSeqFree."""
-        self._call(self._alp.FreeSeq, ctypes.c_ulong(sequence))
-
-    def Free(self) -> None:  # noqa: N802
-        """AlpDevFree."""
-        self._call(self._alp.Free)
-
-    def close(self) -> None:
-        """Nothing: the library's only connection is the allocated device."""
-
-    def _call(self, function: Callable[..., Any], *arguments: object, **named: object) -> Any:
-        try:
-            return function(*arguments, **named)
-        except self._failure as error:
-            raise InstrumentError(f"dmd: {function.__name__} failed: {error}") from None
 
 
 class VialuxAlp(BurstDmd):
@@ -397,3 +198,10 @@ class VialuxAlp(BurstDmd):
         if not 1 <= mirrors <= MOST_MIRRORS:
             raise InstrumentError(f"dmd: says that it has {mirrors} mirrors a side: check its address and its cable")
         return mirrors
+
+
+def _library(section: VialuxAlpSection, opening: Opening) -> AlpLibrary:
+    """The vendor's own on USB, or lines to a device that is served on the network."""
+    if opening.address == USB:
+        return AlpByVendorLibrary(section.version, section.library)
+    return AlpOverVisa(VisaLink(opening.address, name="dmd", timeout_s=section.timeout, transcript=opening.transcript))

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from instruments.errors import LabctlError
 
 __all__ = [
+    "IMPORT_FAILURES",
     "AnalysisError",
     "DatasetError",
     "ExperimentError",
@@ -22,6 +23,9 @@ __all__ = [
     "notes",
     "one_line",
 ]
+
+IMPORT_FAILURES = (ImportError, OSError, AttributeError, ValueError)
+"""How a package that is incomplete, or that does not fit another, ends its import."""
 
 
 class UsageError(LabctlError):

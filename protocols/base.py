@@ -30,6 +30,19 @@ class ShotKind(StrEnum):
     SEQUENCE = "sequence"
 
 
+class Judgement(StrEnum):
+    """How a run of a protocol is judged.
+
+    READOUT: with a readout that is trained on a part of it. ITSELF: by what its records say, without a readout.
+    EXPERIMENT: together with other runs, by an experiment that acquires all that it needs. NONE: not by labctl.
+    """
+
+    READOUT = "readout"
+    ITSELF = "itself"
+    EXPERIMENT = "experiment"
+    NONE = "none"
+
+
 class Inputs(Protocol):
     """What is shown or played to the bench."""
 
@@ -139,7 +152,8 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
 
     `seed` fixes everything that is drawn at random: which images, their order, the drive. Frames are the mean of
     `averages` triggers. `sample_rate` is the oscilloscope's, S/s. `projector`: the light comes by multimode fibre and
-    DMD; otherwise it goes from the modulator straight into the chip.
+    DMD; otherwise it goes from the modulator straight into the chip. `takes`: what is shown or played, `Images` by the
+    settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by `dataset`, `classes`, `symbols`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -147,6 +161,8 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     name: ClassVar[str]
     sample_rate: ClassVar[float] = 25e9
     projector: ClassVar[bool] = True
+    takes: ClassVar[type[Images | Sequences]] = Images
+    judgement: ClassVar[Judgement] = Judgement.NONE
 
     seed: int = 1
     averages: PositiveInt = 1

@@ -14,7 +14,19 @@ from instruments.bench import Bench
 from instruments.interfaces import BurstDmd
 from instruments.units import Seconds
 from instruments.values import Drive, Frames, Scaling, Timebase
-from protocols.base import Events, Images, Measurement, Part, Pass, PassStarted, ProtocolError, Record, Shot, ShotKind
+from protocols.base import (
+    Events,
+    Images,
+    Judgement,
+    Measurement,
+    Part,
+    Pass,
+    PassStarted,
+    ProtocolError,
+    Record,
+    Shot,
+    ShotKind,
+)
 from protocols.bursts import PICTURE_PERIOD_S, burst_dmd, load_pictures, played
 from protocols.image_readout import pseudorandom_drive
 from protocols.patterns import Patterns
@@ -37,6 +49,7 @@ class DynamicScene(Measurement[Images]):
     """
 
     name: ClassVar[str] = "dynamic-scene"
+    judgement: ClassVar[Judgement] = Judgement.EXPERIMENT
 
     dataset: str = "mnist-0-3"
     classes: Classes | None = None

@@ -6,12 +6,24 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PositiveInt, field_validator
+from pydantic import Field, PositiveInt
 
 from instruments.bench import Bench
 from instruments.units import Seconds
 from instruments.values import Drive, Frames, Timebase
-from protocols.base import Events, Images, Measurement, Part, Pass, PassStarted, ProtocolError, Record, Shot, ShotKind
+from protocols.base import (
+    Events,
+    Images,
+    Judgement,
+    Measurement,
+    Part,
+    Pass,
+    PassStarted,
+    ProtocolError,
+    Record,
+    Shot,
+    ShotKind,
+)
 from protocols.bursts import PictureMemory, burst_dmd, measure_bursts
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
@@ -38,6 +50,7 @@ class ImageReadout(Measurement[Images]):
     """
 
     name: ClassVar[str] = "image-readout"
+    judgement: ClassVar[Judgement] = Judgement.READOUT
 
     dataset: str = "mnist-0-3"
     classes: Classes | None = None
@@ -48,13 +61,6 @@ class ImageReadout(Measurement[Images]):
     wavelengths: Wavelengths = (1550.0,)
     timing: Literal["software", "burst"] = "software"
     reference_every: PositiveInt = 20
-
-    @field_validator("ports", "wavelengths")
-    @classmethod
-    def _distinct(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        if len(set(values)) != len(values):
-            raise ValueError(f"{values} names one twice: list each once")
-        return values
 
     def shots(self, inputs: Images) -> Sequence[Shot]:
         """A class-balanced random order of the images, with a reference and a dark frame after every few.

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from instruments.toml_files import TomlError, describe, one_line, read_toml
-from protocols.base import Measurement, ProtocolError
+from protocols.base import Judgement, Measurement, ProtocolError
 
 GROUP = "labctl.protocols"
 
@@ -40,10 +40,7 @@ def protocol_from(name: str, values: Mapping[str, Any], *, origin: str) -> Measu
     Raises:
         ProtocolError: no such protocol, no such setting, or a value that does not fit it.
     """
-    found = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in found:
-        raise ProtocolError(f"protocol {name!r} is not installed: choose one of {', '.join(sorted(found))}")
-    protocol: type[Measurement[Any]] = found[name].load()
+    protocol = protocol_class(name)
     unknown = values.keys() - protocol.model_fields.keys()
     if unknown:
         raise ProtocolError(
@@ -56,6 +53,35 @@ def protocol_from(name: str, values: Mapping[str, Any], *, origin: str) -> Measu
         return protocol.model_validate(values)
     except ValidationError as error:
         raise ProtocolError(f"{origin}: {describe(error)}") from None
+
+
+def protocol_class(name: str) -> type[Measurement[Any]]:
+    """The protocol called `name`, without settings.
+
+    Raises:
+        ProtocolError: it is not installed, or its package cannot be imported.
+    """
+    found = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in found:
+        raise ProtocolError(f"protocol {name!r} is not installed: choose one of {', '.join(protocol_names())}")
+    try:
+        protocol: type[Measurement[Any]] = found[name].load()
+    except (ImportError, AttributeError) as error:
+        raise ProtocolError(f"protocol {name!r} cannot be loaded ({error}): install its package again") from error
+    return protocol
+
+
+def protocol_names() -> tuple[str, ...]:
+    """The names of the protocols that are installed, in alphabetical order."""
+    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+
+
+def judgement_of(name: str) -> Judgement:
+    """How runs of the protocol called `name` are judged; of one that cannot be found any more nothing is known."""
+    try:
+        return protocol_class(name).judgement
+    except ProtocolError:
+        return Judgement.NONE
 
 
 def _read_file(path: Path) -> tuple[str, dict[str, Any]]:

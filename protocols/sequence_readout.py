@@ -11,6 +11,8 @@ from instruments.bench import Bench
 from instruments.values import Drive, Frames, Timebase
 from protocols.base import (
     Events,
+    Images,
+    Judgement,
     Measurement,
     Part,
     Pass,
@@ -58,6 +60,8 @@ class SequenceReadout(Measurement[Sequences]):
     name: ClassVar[str] = "sequence-readout"
     sample_rate: ClassVar[float] = 50e9
     projector: ClassVar[bool] = False
+    takes: ClassVar[type[Images | Sequences]] = Sequences
+    judgement: ClassVar[Judgement] = Judgement.EXPERIMENT
 
     dataset: str = "santa-fe"
     classes: Classes | None = None

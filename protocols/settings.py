@@ -3,30 +3,13 @@
 from itertools import product
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, PositiveInt
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt
 
 from instruments.bench import Bench
+from instruments.ports import Ports as Ports
+from instruments.ports import require_distinct
 from instruments.units import Nanometres
 from protocols.base import Pass
-
-
-def parse_ports(value: object) -> object:
-    """Turn "2-6" or "0,2,4-6" into a tuple of port numbers; anything else is left to pydantic.
-
-    Raises:
-        ValueError: a part is neither a number nor a range.
-    """
-    if isinstance(value, int):
-        return (value,)
-    if not isinstance(value, str):
-        return value
-    ports: list[int] = []
-    for part in value.split(","):
-        first, _, last = part.strip().partition("-")
-        if not (first.isdecimal() and (last or first).isdecimal() and max(len(first), len(last)) <= 2):
-            raise ValueError(f"{value!r} is not a list of ports: write it like '2-6' or '2,3,5'")
-        ports.extend(range(int(first), int(last or first) + 1))
-    return tuple(ports)
 
 
 def parse_list(value: object) -> object:
@@ -34,18 +17,12 @@ def parse_list(value: object) -> object:
     return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
 
 
-Port = Annotated[int, Field(ge=0, le=14)]
-_Ranges = Annotated[str, Field(pattern=r"^\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?(,\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?)*$")]
 _Counts = Annotated[str, Field(pattern=r"^\s*\d+\s*(,\s*\d+\s*)*$")]
-Ports = Annotated[
-    tuple[Port, ...],
-    BeforeValidator(parse_ports, json_schema_input_type=_Ranges | Port | tuple[Port, ...]),
-    Field(min_length=1),
-]
 Wavelengths = Annotated[
     tuple[Nanometres, ...],
     BeforeValidator(parse_list, json_schema_input_type=str | tuple[Nanometres, ...]),
     Field(min_length=1),
+    AfterValidator(require_distinct),
 ]
 Classes = Annotated[tuple[int, ...], BeforeValidator(parse_list, json_schema_input_type=_Counts | tuple[int, ...])]
 Binarisation = Annotated[

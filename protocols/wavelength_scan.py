@@ -9,7 +9,7 @@ from pydantic import Field, PositiveInt
 from instruments.bench import Bench
 from instruments.units import Nanometres, Seconds
 from instruments.values import Drive
-from protocols.base import Events, Images, Measurement, Part, Pass, Shot
+from protocols.base import Events, Images, Judgement, Measurement, Part, Pass, Shot
 from protocols.image_readout import ImageReadout
 from protocols.settings import Binarisation, Classes, Ports
 
@@ -25,6 +25,7 @@ class WavelengthScan(Measurement[Images]):
     """
 
     name: ClassVar[str] = "wavelength-scan"
+    judgement: ClassVar[Judgement] = Judgement.ITSELF
 
     dataset: str = "mnist-0-3"
     classes: Classes | None = None

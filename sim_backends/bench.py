@@ -7,9 +7,8 @@ from typing import Any, Self
 from threadpoolctl import threadpool_limits
 
 from sim_backends.parameters import Parameters
-from sim_backends.servers.clients import Instrument
 from sim_backends.servers.hislip import serve_hislip
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.socket import serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
 from sim_backends.virtual.alp.instrument import VirtualAlp
@@ -29,10 +28,10 @@ class SimulatedBench:
     Args:
         parameters: The physics; None: the defaults.
         twin_seed: Which fibre, which chip, which noise.
-        host: The address to listen on. The default is reachable from this machine only: nothing here asks who calls.
+        host: The address to listen on. The default is reachable from this machine only: clients are not checked.
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
             ports 10 higher, VXI-11 20 higher; None: any free ports.
-        laser_table: The commands the laser obeys, in the form of `virtual/tlg220.toml`; None: that file.
+        laser_table: The commands the laser obeys, in the form of `virtual/tlg220/commands.toml`; None: that file.
     """
 
     def __init__(

@@ -13,7 +13,6 @@ from threadpoolctl import threadpool_limits
 from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.splits import Split, random_splits
 from labctl.analysis.windows import WindowFeatures, compressive_ratio
-from labctl.errors import AnalysisError
 
 STANDARD_ERRORS = 4.0
 """A control counts as chance up to this many standard errors above it: an honest one fails once in 30000 times."""
@@ -160,19 +159,9 @@ def mean_and_sd(scores: NDArray[np.float64]) -> dict[str, float]:
     return {"mean": float(np.mean(scores)), "sd": float(np.std(scores, ddof=1)) if scores.size > 1 else 0.0}
 
 
-def pooled(tables: Sequence[Sequence[WindowAccuracy]]) -> dict[str, dict[str, float]]:
-    """Mean and standard deviation of the accuracy at each window over several tables (twins, runs) with all splits.
-
-    Raises:
-        AnalysisError: The tables are of different windows.
-    """
-    windows = [[window_key(row.window_s) for row in table] for table in tables]
-    if not windows or any(keys != windows[0] for keys in windows):
-        raise AnalysisError("only tables of the same windows can be pooled: evaluate every run at the same windows")
-    return {
-        key: mean_and_sd(np.concatenate([table[position].scores for table in tables]))
-        for position, key in enumerate(windows[0])
-    }
+def pooled(scores: Iterable[NDArray[np.float64]]) -> dict[str, float]:
+    """Mean and standard deviation over the scores (splits,) of several twins or runs together, as `mean_and_sd`."""
+    return mean_and_sd(np.concatenate(list(scores)))
 
 
 def control(

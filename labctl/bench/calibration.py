@@ -14,14 +14,14 @@ from typing import Any
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
 
-from labctl.bench.station import Station
+from labctl.bench.station import USUAL, Station
 from labctl.runs.format.durable import replace_file
 
 FILE = "calibration.json"
 FORMAT_VERSION = "1.0"
 LARGEST = 1 << 20
 """Bytes; a calibration has some ten thousand."""
-SECTIONS = ("awg", "scope", "laser", "dmd", "patch_panel", "wiring")
+SECTIONS = (*USUAL, "wiring")
 SET_ASIDE = ("timeout", "armed")
 """Keys that change nothing of what is measured."""
 
@@ -116,9 +116,9 @@ def concerns(calibration: Calibration, station: Station, now: datetime) -> list[
         )
     present, then = _flat(_settings(station)), _flat(stored.settings)
     told += [
-        f"{key} was {then.get(key)!r}, is {present.get(key)!r}"
-        for key in sorted(present.keys() | then.keys())
-        if present.get(key) != then.get(key)
+        f"{key} was {then.get(key)!r}, is {present[key]!r}"
+        for key in sorted(present)  # a key that the driver no longer has cannot have changed the bench
+        if present[key] != then.get(key)
     ]
     if not stored.good:
         told.append("not all of it was good")

@@ -10,7 +10,7 @@ from pyvisa.highlevel import get_wrapper_class, list_backends
 from instruments.errors import InstrumentError
 from instruments.values import Identity
 from instruments.visa import VisaLink
-from labctl.bench.drivers import RECOGNISED
+from labctl.bench.drivers import installed
 
 SERIAL = "ASRL"
 PATIENCE_S = 1.0
@@ -57,9 +57,14 @@ def answers_at(addresses: Iterable[str]) -> Iterator[Answer]:
 
 
 def recognised(address: str, identity: Identity) -> Answer:
-    """What an instrument is for labctl, by its maker and model."""
+    """What an instrument is for labctl, by its maker and model: of several drivers, the one that matches most of it."""
     told = f"{identity.manufacturer} {identity.model}"
-    for instrument, driver, pattern in RECOGNISED:
-        if pattern.search(told):
-            return Answer(address, identity, instrument, driver)
-    return Answer(address, identity)
+    known = [
+        (match, driver.role, name)
+        for name, driver in installed().items()
+        if driver.identity is not None and (match := driver.identity.search(told))
+    ]
+    if not known:
+        return Answer(address, identity)
+    _, instrument, name = max(known, key=lambda one: len(one[0][0]))
+    return Answer(address, identity, instrument, name)

@@ -6,7 +6,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from labctl.bench.station import Station, toml
+from labctl.bench.drivers import driver
+from labctl.bench.station import USUAL, Station, toml
 
 WRITTEN = {
     "amplitude": (1.0, "V"),
@@ -43,12 +44,13 @@ Values = Mapping[str, Mapping[str, Any]]
 def draft(values: Values, remarks: Mapping[str, Sequence[str]], *, name: str, schema: str) -> str:
     """The text of a station file called `name`.
 
-    values: table -> key -> what it is set to; every other key is written as a comment with its default. remarks: table
-    -> lines about what was found. schema: where the JSON Schema lies, for editors.
+    values: table -> key -> what it is set to, for every instrument its driver at least; every other key is written as a
+    comment with its default. remarks: table -> lines about what was found. schema: where the JSON Schema lies, for
+    editors.
     """
     parts = [HEADING.format(schema=schema) + f"\nname = {toml(name)}\n"]
     for table, field in Station.model_fields.items():
-        section = field.annotation
+        section: Any = driver(table, values[table]["driver"]).section if table in USUAL else field.annotation
         if isinstance(section, type) and issubclass(section, BaseModel):
             parts.append("\n".join(_table(table, section, values.get(table, {}), remarks.get(table, ()))) + "\n")
     return "\n".join(parts)

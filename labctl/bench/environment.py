@@ -2,7 +2,7 @@
 
 import platform
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, requires, version
@@ -12,6 +12,7 @@ from typing import Any
 from packaging.requirements import Requirement
 
 import labctl
+from labctl.errors import IMPORT_FAILURES
 from labctl.runs.format.provenance import DISTRIBUTION, this_version
 
 OK, MISSING, BROKEN = "ok", "missing", "broken"
@@ -29,9 +30,6 @@ EXTRAS = {
 
 MODULES = {"scikit-learn": "sklearn", "pillow": "PIL", "pyvisa-py": "pyvisa_py"}
 """Packages that are imported by another name than they are installed by."""
-
-FAILS = (ImportError, OSError, AttributeError, ValueError)
-"""How a package that is incomplete, or that does not fit another, ends its import."""
 
 NETWORK = ("TCPIP SOCKET", "TCPIP INSTR")
 """The VISA resources that labctl cannot do without; every other kind is for some benches."""
@@ -96,7 +94,7 @@ def _problem(one: Requirement) -> str:
         import_module(MODULES.get(one.name, one.name))
     except PackageNotFoundError:
         return "is not installed"
-    except FAILS as error:
+    except IMPORT_FAILURES as error:
         return f"cannot be imported ({' '.join(str(error).split())})"
     return ""
 
@@ -118,23 +116,24 @@ def _visa() -> Iterator[Finding]:
 
 def _plug_ins() -> Iterator[Finding]:
     from labctl.bench.drivers import GROUP as DRIVERS
+    from labctl.bench.drivers import load
     from protocols.registry import GROUP as PROTOCOLS
 
     for about, group in (("driver", DRIVERS), ("protocol", PROTOCOLS)):
         points = sorted(entry_points(group=group), key=lambda point: point.name)
-        yield from (_plug_in(about, point) for point in points)
+        yield from (_plug_in(about, point, load if group == DRIVERS else EntryPoint.load) for point in points)
         if not any(_is_own(point) for point in points):
             yield Finding(about, "all", BROKEN, f"none of labctl's own is registered: pip install {DISTRIBUTION}")
 
 
-def _plug_in(about: str, point: EntryPoint) -> Finding:
+def _plug_in(about: str, point: EntryPoint, load: Callable[[EntryPoint], Any]) -> Finding:
     origin = "" if point.dist is None else point.dist.name
     try:
-        point.load()
-    except FAILS as error:
+        found = load(point)
+    except IMPORT_FAILURES as error:
         state = BROKEN if _is_own(point) else MISSING
         return Finding(about, point.name, state, f"of {origin} does not load: {' '.join(str(error).split())}")
-    return Finding(about, point.name, OK, f"of {origin}")
+    return Finding(about, point.name, OK, f"{getattr(found, 'role', '')} of {origin}".lstrip())
 
 
 def _is_own(point: EntryPoint) -> bool:

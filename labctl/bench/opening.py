@@ -6,24 +6,23 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from instruments.alnair_tlg220 import DEFAULT_TABLE
 from instruments.bench import Bench, Observer, Wiring
+from instruments.driver import Opening
 from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import Awg, Instrument
 from instruments.limits import Levels, Limits
 from instruments.safe_state import ending_with
+from instruments.sections import SIMULATED
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
-from labctl.bench.drivers import Opening, driver
 from labctl.bench.recording.recorder import recorded
 from labctl.bench.recording.replay import redirected, replayed
 from labctl.bench.signals import stops_deferred
-from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.simulation import simulated_bench as simulated_bench
-from labctl.bench.station import BY_HAND, SIMULATED, LaserSection, Station
+from labctl.bench.simulation import with_laser_commands
+from labctl.bench.station import Station
 from labctl.errors import StationError
 
 if TYPE_CHECKING:  # a bench of real instruments does without
@@ -98,18 +97,8 @@ def opened_one_by_one(
         yield found
 
 
-def laser_commands(station: Station) -> Path | None:
-    """The command table that the station's laser is driven from, None if its driver works without one."""
-    laser = station.laser
-    if laser.driver != LaserSection().driver:
-        return None
-    if str(laser.commands) == SIMULATED or (laser.commands is None and "laser" in station.simulations):
-        return SIMULATED_LASER
-    return laser.commands or DEFAULT_TABLE
-
-
 def _armed(station: Station) -> bool:
-    shines = "laser" not in station.simulations and not (replayed() and station.laser.driver not in BY_HAND)
+    shines = "laser" not in station.simulations and not (replayed() and "laser" not in station.by_hand)
     return station.laser.armed or not shines
 
 
@@ -128,17 +117,16 @@ class _Reach:
         address = section.address
         if self.simulation is not None and address == SIMULATED:
             address = self.simulation.resources[name]["socket"]
-            if isinstance(section, LaserSection) and section.commands is None:
-                section = section.model_copy(update={"commands": SIMULATED})
-        opening = Opening(address, self.transcript, ask_operator, self.attended, SIMULATED_LASER)
-        return driver(section.driver)(section, opening)
+        return self.station.driver_of(name).open(
+            section, Opening(address, self.transcript, ask_operator, self.attended)
+        )
 
 
 @contextmanager
 def _reached(station: Station, transcript: Transcript, *, attended: bool) -> Iterator[_Reach]:
     with ExitStack() as stack:
         transcript = stack.enter_context(recorded(transcript, station))
-        station = redirected(station)
+        station = with_laser_commands(redirected(station))
         simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
         yield _Reach(station, transcript, simulation, attended)
 

@@ -1,13 +1,18 @@
 """JSON Schema of the files that people write: station files, and the protocol files of every installed protocol."""
 
 import json
-from importlib.metadata import entry_points
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from labctl.bench.station import Station
+from pydantic import BaseModel, Field, create_model
+
+from instruments.sections import InstrumentSection
+from labctl.bench.drivers import installed
+from labctl.bench.station import USUAL, Station
 from labctl.errors import UsageError
-from protocols.registry import GROUP
+from protocols.registry import protocol_class, protocol_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 STATION = "station"
@@ -17,26 +22,25 @@ Schema = dict[str, Any]
 
 def names() -> tuple[str, ...]:
     """What there are schemas of: the station, and protocols by name."""
-    return (STATION, *sorted({point.name for point in entry_points(group=GROUP)}))
+    return (STATION, *protocol_names())
 
 
 def schema_of(name: str) -> Schema:
     """The schema of station files, or of files of the protocol `name`.
 
-    It says less than the program checks: what it refuses is wrong, what it lets pass may still be, such as a level
-    above its limit. Quantities are numbers in SI, or text with one of the usual units.
+    It says less than the program checks: what it refuses is wrong or has no effect, what it lets pass may be wrong,
+    such as a level above its limit. Quantities are numbers in SI, or text with one of the usual units.
 
     Raises:
         UsageError: there is none.
     """
     if name == STATION:
-        found: Schema = _tidy(Station.model_json_schema())
+        found: Schema = _tidy(_station().model_json_schema())
         del found["properties"]["source"]  # which the reader sets
         return {"$schema": DIALECT, "title": "Station file"} | found
-    chosen = [point for point in entry_points(group=GROUP) if point.name == name]
-    if not chosen:
+    if name not in protocol_names():
         raise UsageError(f"schema of {name!r}: there is none: choose one of {', '.join(names())}")
-    settings: Schema = _tidy(chosen[0].load().model_json_schema())
+    settings: Schema = _tidy(protocol_class(name).model_json_schema())
     return {
         "$schema": DIALECT,
         "title": f"Protocol file of {name}",
@@ -46,6 +50,23 @@ def schema_of(name: str) -> Schema:
         "required": ["protocol"],
         "additionalProperties": False,
     }
+
+
+def _station() -> type[BaseModel]:
+    """The model of station files whose instruments have one of the installed drivers, told apart by `driver`."""
+    sections = {
+        role: reduce(or_, (_section(role, name, found.section) for name, found in installed(role).items()))
+        for role in USUAL
+    }
+    fields: dict[str, Any] = {role: (section, Field(default_factory=dict)) for role, section in sections.items()}
+    return create_model("Station", __base__=Station, __doc__=Station.__doc__, **fields)
+
+
+def _section(role: str, name: str, section: type[InstrumentSection]) -> Any:
+    """The section of one driver; only of the usual one the name may be left out."""
+    about = Field(description=section.model_fields["driver"].description)
+    named: dict[str, Any] = {"driver": (Annotated[Literal[name], about], USUAL[role] if USUAL[role] == name else ...)}
+    return create_model(name, __base__=section, __doc__=section.__doc__, **named)
 
 
 def write_schemas(folder: Path) -> list[Path]:

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from instruments.alnair_tlg220 import CommandTable
+from instruments.alnair_tlg220 import Tlg220Section
+from instruments.laser_table import CommandTable
+from instruments.sections import SIMULATED
 from instruments.toml_files import describe, read_toml
-from labctl.bench.station import SIMULATED, Station
+from labctl.bench.station import Station
 from labctl.errors import StationError
 
 if TYPE_CHECKING:  # a bench of real instruments does without
@@ -20,6 +22,16 @@ if TYPE_CHECKING:  # a bench of real instruments does without
 
 SIMULATED_LASER = Path(str(files("sim_backends") / "virtual" / "tlg220" / "commands.toml"))
 """Command table of the simulated laser."""
+
+
+def with_laser_commands(station: Station) -> Station:
+    """`station` with the simulated laser's command table by its path, where the station has that laser or names it."""
+    laser = station.laser
+    if isinstance(laser, Tlg220Section):
+        unnamed = laser.commands is None and "laser" in station.simulations
+        if unnamed or str(laser.commands) == SIMULATED:
+            return station.model_copy(update={"laser": laser.model_copy(update={"commands": SIMULATED_LASER})})
+    return station
 
 
 def simulated_bench(
@@ -39,11 +51,11 @@ def simulated_bench(
         befalling = [read_fault(fault) for fault in faults]
     except FaultError as error:
         raise StationError(f"--fault {error}") from None
-    table = station.laser.commands
+    laser = with_laser_commands(station).laser
     laser_table = None
-    if table is not None and str(table) != SIMULATED:
-        CommandTable.read(table)
-        laser_table = read_toml(table)
+    if isinstance(laser, Tlg220Section) and laser.commands is not None:
+        CommandTable.read(laser.commands)
+        laser_table = read_toml(laser.commands)
     return FaultyBench(
         befalling,
         _parameters(station),

@@ -7,121 +7,48 @@ which file is wrong and what to do.
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PositiveInt, ValidationError
+from pydantic import Field, PositiveInt, SerializeAsAny, ValidationError, ValidationInfo, field_validator
 
-from instruments.toml_files import TomlError, describe, one_line, read_toml
-from instruments.units import Nanometres, Seconds, Volts, Watts
+from instruments.alnair_tlg220 import Tlg220Section
+from instruments.driver import Driver
+from instruments.sections import (
+    FOLDER,
+    SIMULATED,
+    AwgSection,
+    DmdSection,
+    LaserSection,
+    PatchPanelSection,
+    ScopeSection,
+    Section,
+    Text,
+)
+from instruments.toml_files import TomlError, describe, read_toml
+from instruments.units import Seconds, Volts, Watts
+from labctl.bench.drivers import driver
 from labctl.errors import StationError
-from protocols.settings import Ports
 
-SIMULATED = "simulated"
-BY_HAND = ("manual-laser", "manual-patch-panel")
-"""Drivers of instruments that have no address: a person sets them."""
+USUAL = {
+    "awg": "tektronix-awg70002a",
+    "scope": "tektronix-dpo72504dx",
+    "laser": "alnair-tlg-220",
+    "dmd": "vialux-alp",
+    "patch_panel": "scpi-fibre-switch",
+}
+"""The instruments of a bench, and the driver of each where its section names none."""
 
+ONCE_COMMON = {
+    "awg": {"channel", "timeout"},
+    "scope": {"timeout"},
+    "laser": {"commands"},
+    "dmd": {"version", "library", "timeout"},
+    "patch_panel": {"timeout"},
+}
+"""Keys that once belonged to a role, so that every driver of it took them, with a use for them or without.
 
-class Section(BaseModel):
-    """A table of the station file: unknown keys are errors, and so are nan, which passes any limit, and infinity."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-def _one_line(text: str) -> str:
-    if not one_line(text):
-        raise ValueError("does not fit on one line: write it without control characters")
-    return text
-
-
-def _address(text: str) -> str:
-    if not text or not text.isascii() or set(text) & set(";\"'"):
-        raise ValueError("is no address: write one as VISA does, without quotes and semicolons")
-    return text
-
-
-Text = Annotated[str, Field(max_length=200), AfterValidator(_one_line)]
-Address = Annotated[Text, AfterValidator(_address), Field(description='VISA resource, or "simulated".')]
-Driver = Annotated[Text, Field(description="Which driver: an entry point of the group labctl.instruments.")]
-Channel = Annotated[int, Field(ge=1, le=4)]
-Channels = Annotated[tuple[Channel, ...], Field(min_length=1, description="Channels that carry detectors.")]
-_Auxiliary = Annotated[str, Field(pattern="^([Aa][Uu][Xx]|[Aa][Uu][Xx][Ii][Ll][Ii][Aa][Rr][Yy])$")]
-Timeout = Annotated[Seconds, Field(gt=0, description="Bound on every reply.")]
-
-
-def _by_source(value: object) -> object:
-    return "AUX" if isinstance(value, str) and value.upper() in ("AUX", "AUXILIARY") else value
-
-
-class AwgSection(Section):
-    """The arbitrary waveform generator."""
-
-    driver: Driver = "tektronix-awg70002a"
-    address: Address = SIMULATED
-    channel: Annotated[Literal[1, 2], Field(description="Channel that plays the drive.")] = 1
-    amplitude: Annotated[Volts, Field(description="Of the drive, peak to peak.")] = 0.5
-    timeout: Timeout = 5.0
-
-
-class ScopeSection(Section):
-    """The oscilloscope and what triggers it."""
-
-    driver: Driver = "tektronix-dpo72504dx"
-    address: Address = SIMULATED
-    channels: Channels = (1, 2, 3, 4)
-    trigger_source: Annotated[
-        Literal["AUX"] | Channel,
-        BeforeValidator(_by_source, json_schema_input_type=_Auxiliary | Channel),
-        Field(description="AUX or a channel."),
-    ] = "AUX"
-    trigger_level: Annotated[Volts, Field(description="Level that triggers.")] = 0.5
-    trigger_slope: Annotated[Literal["rise", "fall"], Field(description="Edge that triggers.")] = "rise"
-    timeout: Timeout = 10.0
-
-
-class LaserSection(Section):
-    """The light source.
-
-    `commands` is the operator's command table, or "simulated" for the simulated laser's; without it the driver's own.
-    `armed` allows light.
-    """
-
-    driver: Driver = "alnair-tlg-220"
-    address: Address = SIMULATED
-    commands: Annotated[
-        Path | None, Field(description="File with the laser's commands; without it the driver's own table.")
-    ] = None
-    armed: Annotated[bool, Field(description="Light may be switched on.")] = False
-    power: Annotated[Watts, Field(description="Optical output power.")] = 0.03
-    wavelength: Annotated[Nanometres, Field(description="For the record: every protocol sets its own.")] = 1550.0
-
-
-class DmdSection(Section):
-    """The micromirror device. `version` and `library` name the vendor's ALP library on a real bench."""
-
-    driver: Driver = "vialux-alp"
-    address: Annotated[Address, Field(description='VISA resource, "usb", or "simulated".')] = SIMULATED
-    version: Annotated[Text, Field(description="Version of the vendor's ALP library.")] = "4.3"
-    library: Annotated[
-        Text | None, Field(description="Folder of the vendor's ALP library; without it the system's.")
-    ] = None
-    timeout: Timeout = 5.0
-
-
-class PatchPanelSection(Section):
-    """What connects the chip to the oscilloscope; `ports` are the waveguides that are wired, 0 the fibre before it.
-
-    With `bypass` the fibre that would enter the chip is wired to the oscilloscope instead, and every run measures that.
-    """
-
-    driver: Driver = "scpi-fibre-switch"
-    address: Address = SIMULATED
-    ports: Annotated[Ports, Field(description="Waveguides that have a fibre; 0 is the fibre before the chip.")] = tuple(
-        port for port in range(15) if port != 10
-    )
-    bypass: Annotated[bool, Field(description="The fibre that would enter the chip is wired to the first channel.")] = (
-        False
-    )
-    timeout: Timeout = 5.0
+Station files and manifests of that time have them: a driver that has no such key accepts it and drops it.
+"""
 
 
 class LimitsSection(Section):
@@ -168,41 +95,74 @@ class SimSection(Section):
     """
 
     twin_seed: Annotated[int, Field(description="Which fibre, chip and noise.")] = 1
-    parameters: Annotated[
-        dict[str, float | int | bool | str], Field(description="Physical parameters that differ from their defaults.")
-    ] = {}
+    parameters: dict[str, float | int | bool | str] = Field(
+        {}, description="Physical parameters that differ from their defaults."
+    )
 
 
 class Station(Section):
-    """A bench as its file describes it; `source` is where it came from, for messages."""
+    """A bench as its file describes it; `source` is where it came from, for messages.
+
+    The section of an instrument is the one that its driver declares.
+    """
 
     source: str = "built-in station"
     name: Text = "simulated bench"
-    awg: AwgSection = AwgSection()
-    scope: ScopeSection = ScopeSection()
-    laser: LaserSection = LaserSection()
-    dmd: DmdSection = DmdSection()
-    patch_panel: PatchPanelSection = PatchPanelSection()
+    awg: SerializeAsAny[AwgSection] = Field(default_factory=dict, validate_default=True)
+    scope: SerializeAsAny[ScopeSection] = Field(default_factory=dict, validate_default=True)
+    laser: SerializeAsAny[LaserSection] = Field(default_factory=dict, validate_default=True)
+    dmd: SerializeAsAny[DmdSection] = Field(default_factory=dict, validate_default=True)
+    patch_panel: SerializeAsAny[PatchPanelSection] = Field(default_factory=dict, validate_default=True)
     limits: LimitsSection = LimitsSection()
     wiring: WiringSection = WiringSection()
     durability: DurabilitySection = DurabilitySection()
     calibration: CalibrationSection = CalibrationSection()
     sim: SimSection = SimSection()
 
+    @field_validator(*USUAL, mode="before")
+    @classmethod
+    def _as_its_driver_reads_it(cls, section: object, info: ValidationInfo) -> object:
+        """The section by the model of the driver that it names; anything but a table is left to pydantic.
+
+        Raises:
+            StationError: there is no such driver.
+        """
+        if not isinstance(section, Mapping):
+            return section
+        role = str(info.field_name)
+        whole = {"driver": USUAL[role], **section}
+        name = whole["driver"] if isinstance(whole["driver"], str) else USUAL[role]
+        model = driver(role, name).section
+        kept = {
+            key: value
+            for key, value in whole.items()
+            if key in model.model_fields or key not in ONCE_COMMON.get(role, ())
+        }
+        return model.model_validate(kept, context=info.context)
+
+    def driver_of(self, role: str) -> Driver[Any]:
+        """The driver of an instrument.
+
+        Raises:
+            StationError: it is not installed any more.
+        """
+        return driver(role, getattr(self, role).driver)
+
     @property
     def addresses(self) -> dict[str, str]:
         """Instrument -> VISA address."""
-        sections = ("awg", "scope", "laser", "dmd", "patch_panel")
-        return {section: getattr(self, section).address for section in sections}
+        return {role: getattr(self, role).address for role in USUAL}
+
+    @property
+    def by_hand(self) -> tuple[str, ...]:
+        """The instruments that a person sets."""
+        return tuple(role for role in USUAL if self.driver_of(role).by_hand)
 
     @property
     def simulations(self) -> tuple[str, ...]:
         """The instruments that a simulated bench in this process stands in for."""
-        return tuple(
-            name
-            for name, address in self.addresses.items()
-            if address == SIMULATED and getattr(self, name).driver not in BY_HAND
-        )
+        by_hand = self.by_hand
+        return tuple(role for role, address in self.addresses.items() if address == SIMULATED and role not in by_hand)
 
     @property
     def simulated(self) -> bool:
@@ -228,7 +188,7 @@ SIMULATED_STATION = Station(wiring=WiringSection(burst=True))
 
 
 def read_station(path: Path | None) -> Station:
-    """Read a station file; without one, the simulated bench. The laser's command table is looked for beside the file.
+    """Read a station file; without one, the simulated bench. Files that it names are looked for beside it.
 
     Raises:
         StationError: the file cannot be read or is wrong anywhere.
@@ -236,33 +196,34 @@ def read_station(path: Path | None) -> Station:
     if path is None:
         return SIMULATED_STATION
     try:
-        station = Station.model_validate(read_toml(path) | {"source": str(path)})
+        return Station.model_validate(read_toml(path) | {"source": str(path)}, context={FOLDER: path.parent})
     except OSError as error:
         raise StationError(f"{path}: cannot be read ({error.strerror}): name a station file") from None
     except TomlError as error:
         raise StationError(f"{path}: is not TOML ({error}): correct that line") from None
     except ValidationError as error:
         raise StationError(f"{path}: {describe(error)}") from None
-    table = station.laser.commands
-    if table is None or str(table) == SIMULATED:
-        return station
-    return station.model_copy(update={"laser": station.laser.model_copy(update={"commands": path.parent / table})})
+    except StationError as error:
+        raise StationError(f"{path}: {error}") from None
 
 
 def write_addresses(path: Path, addresses: Mapping[str, str], station: Station = SIMULATED_STATION) -> None:
     """Write a station file: what `station` says, with its instruments at `addresses`.
 
-    The laser is the simulated one unless `station` names a command table; it is armed, since nothing there shines.
+    A laser with a command table is the simulated one unless `station` names a table; it is armed, since nothing shines
+    there.
 
     Raises:
         StationError: the file exists or cannot be written.
     """
     whole = station.model_dump(mode="json", exclude_defaults=True, exclude={"source"})
-    for name, address in addresses.items():
-        whole[name] = whole.get(name, {}) | {"address": address}
-    table = station.laser.commands or Path(SIMULATED)
-    commands = SIMULATED if str(table) == SIMULATED else str(table.absolute())
-    whole["laser"] = whole.get("laser", {}) | {"commands": commands, "armed": True}
+    for role, address in addresses.items():
+        files = {key: value for key, value in getattr(station, role) if isinstance(value, Path)}
+        whole[role] |= {key: str(file.absolute()) for key, file in files.items() if str(file) != SIMULATED}
+        whole[role]["address"] = address
+    if isinstance(station.laser, Tlg220Section) and station.laser.commands is None:
+        whole["laser"]["commands"] = SIMULATED
+    whole["laser"]["armed"] = True
     lines = [f"{key} = {toml(value)}" for key, value in whole.items() if not isinstance(value, dict)]
     for section, values in whole.items():
         if isinstance(values, dict):

@@ -10,8 +10,8 @@ from typing import Any, BinaryIO, cast
 
 from instruments.bench import Observer
 from instruments.safe_state import UnsafeBench
-from labctl.bench.opening import laser_commands
 from labctl.bench.recording.replay import replayed
+from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
 from labctl.bench.supervisor import READY, TRYING, Task, within_reach
 from labctl.runs.live.commands import CommandLog
@@ -58,7 +58,7 @@ class _Supervisor(Observer):
         self._orders, self._replies = cast(BinaryIO, self._process.stdin), cast(BinaryIO, self._process.stdout)
         self._starting = ThreadPoolExecutor(1, thread_name_prefix="supervisor")
         self._ready = self._starting.submit(self._replies.readline)
-        task = Task(station=_with_commands(station), log_started=log.started)
+        task = Task(station=with_laser_commands(station), log_started=log.started)
         with suppress(BrokenPipeError):  # it has ended: `before_light` will find that
             self._say(task.model_dump_json())
 
@@ -96,14 +96,6 @@ class _Supervisor(Observer):
 
     def _say(self, line: str) -> None:
         self._orders.write(f"{line}\n".encode())
-
-
-def _with_commands(station: Station) -> Station:
-    """The station with its laser's table by its path, since what a path or none stands for is not known elsewhere."""
-    table = laser_commands(station)
-    if table is None:
-        return station
-    return station.model_copy(update={"laser": station.laser.model_copy(update={"commands": table.absolute()})})
 
 
 def _a_session_of_its_own() -> dict[str, Any]:

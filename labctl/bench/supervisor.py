@@ -21,11 +21,11 @@ from typing import Any, BinaryIO, NoReturn
 
 from pydantic import BaseModel
 
+from instruments.driver import Driver, Opening
 from instruments.errors import InstrumentError
-from instruments.interfaces import Instrument
 from instruments.safe_state import UnsafeBench, safe_state
-from labctl.bench.drivers import Opening, driver
-from labctl.bench.station import BY_HAND, SIMULATED, Station
+from instruments.sections import SIMULATED
+from labctl.bench.station import Station
 from labctl.runs.live.commands import CommandLog
 from labctl.runs.live.events import EventLog
 
@@ -41,10 +41,6 @@ SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
 
 
-Opener = Callable[[Any, Opening], Any]
-"""Opens an instrument from its section of the station."""
-
-
 class Task(BaseModel):
     """What a supervisor is for: a bench, as its station says, and when the run's log began by the monotonic clock."""
 
@@ -57,11 +53,8 @@ def within_reach(station: Station) -> tuple[str, ...]:
 
     A bench simulated in this process ends with it; what is set by hand, only a person can switch off.
     """
-    return tuple(
-        name
-        for name in ORDER
-        if getattr(station, name).address != SIMULATED and getattr(station, name).driver not in BY_HAND
-    )
+    by_hand = station.by_hand
+    return tuple(name for name in ORDER if station.addresses[name] != SIMULATED and name not in by_hand)
 
 
 def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[float], None] = time.sleep) -> None:
@@ -71,7 +64,7 @@ def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[f
         return  # the parent ended before there was anything to do
     task = Task.model_validate_json(first)
     names = within_reach(task.station)
-    drivers = {name: driver(getattr(task.station, name).driver) for name in names}
+    drivers = {name: task.station.driver_of(name) for name in names}
     say(READY)
     path = None
     for order in orders:
@@ -87,7 +80,7 @@ def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[f
 
     with log, EventLog() as events:
         unsafe = _make_safe(task, drivers, log)
-        by_hand = task.station.laser.driver in BY_HAND
+        by_hand = "laser" in task.station.by_hand
         tell(_told(drivers, unsafe, by_hand=by_hand), safe=unsafe is None and not by_hand)
         if path is not None:
             events.stored_in(path.parent)
@@ -112,15 +105,15 @@ def main() -> None:
     supervise(sys.stdin.buffer, say)
 
 
-def _make_safe(task: Task, drivers: dict[str, Opener], log: CommandLog) -> UnsafeBench | None:
+def _make_safe(task: Task, drivers: dict[str, Driver[Any]], log: CommandLog) -> UnsafeBench | None:
     """Take every instrument that has a driver into the safe state; what went wrong, if anything did."""
 
     def step(name: str) -> Callable[[], None]:
         def make_safe() -> None:
             section = getattr(task.station, name)
-            opening = Opening(section.address, log, _nobody, attended=True, simulated_laser=Path())
-            instrument: Instrument = drivers[name](section, opening)
-            with closing(instrument):
+            with closing(
+                drivers[name].open(section, Opening(section.address, log, _nobody, attended=True))
+            ) as instrument:
                 instrument.make_safe()
 
         return make_safe
@@ -132,7 +125,7 @@ def _make_safe(task: Task, drivers: dict[str, Opener], log: CommandLog) -> Unsaf
     return None
 
 
-def _told(drivers: dict[str, Opener], unsafe: UnsafeBench | None, *, by_hand: bool) -> str:
+def _told(drivers: dict[str, Driver[Any]], unsafe: UnsafeBench | None, *, by_hand: bool) -> str:
     if unsafe is not None:
         told = f"{UNSAFE}, and the supervisor could not: {unsafe}"
         again = f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min"
@@ -142,11 +135,11 @@ def _told(drivers: dict[str, Opener], unsafe: UnsafeBench | None, *, by_hand: bo
     return f"{UNSAFE}, the supervisor did: {reached}{laser}"
 
 
-def _darkened_later(task: Task, opener: Opener, log: CommandLog, pause: Callable[[float], None]) -> bool:
+def _darkened_later(task: Task, driver: Driver[Any], log: CommandLog, pause: Callable[[float], None]) -> bool:
     """Try to reach the laser until it is dark, or for long enough; whether it is."""
     for _ in range(ATTEMPTS):
         pause(AGAIN_S)
-        if _make_safe(task, {"laser": opener}, log) is None:
+        if _make_safe(task, {"laser": driver}, log) is None:
             return True
     return False
 

@@ -8,7 +8,8 @@ import typer
 from labctl.bench.signals import interruptible
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
-from labctl.studies import demonstration
+from labctl.studies.demonstration import demonstrate, paper_says
+from labctl.studies.paper.experiments import experiments
 
 
 def demo(
@@ -16,8 +17,9 @@ def demo(
     as_json: JsonOption = False,
 ) -> int:
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
+    (experiment,) = experiments(["demonstration"])
     with interruptible() as interruption, progress_bar("demo") as progress:
-        result = demonstration.demonstrate(out or Path("runs"), interruption=interruption, progress=progress.progress)
+        result = demonstrate(experiment, out or Path("runs"), interruption=interruption, progress=progress.progress)
     if result is None:
         return INTERRUPTED
     show(result, as_json, lambda: _print_demo(result))
@@ -35,7 +37,7 @@ def _print_demo(result: dict[str, Any]) -> None:
                 f"{reached['sd']:.3f}",
                 f"{result['accuracy_without_reservoir'][window]['mean']:.3f}",
                 f"{result['accuracy_without_reservoir'][window]['sd']:.3f}",
-                demonstration.paper_says(window),
+                paper_says(window),
             )
             for window, reached in result["accuracy"].items()
         ),

@@ -7,15 +7,12 @@ import typer
 
 from labctl.commands import train
 from labctl.commands.exit_status import DONE
-from labctl.commands.next_steps import cannot_judge, protocol_of
+from labctl.commands.next_steps import cannot_judge, protocol_of, require_readout
 from labctl.commands.output import JsonOption, say, show
 from labctl.errors import UsageError
 from labctl.studies.fibre import in_words, measure_fibre
-from protocols.dynamic_scene import DynamicScene
-from protocols.sequence_readout import SequenceReadout
-from protocols.wavelength_scan import WavelengthScan
-
-WITHOUT_STILL_IMAGES = (DynamicScene.name, SequenceReadout.name, WavelengthScan.name)
+from protocols.base import Judgement
+from protocols.registry import judgement_of
 
 
 def evaluate(
@@ -33,12 +30,11 @@ def evaluate(
     controls. RUN of wavelength-scan: correlation against detuning, its half width, the fibre's delay spread.
     """
     if run is not None:
-        if run.is_dir() and (protocol := protocol_of(run)) in WITHOUT_STILL_IMAGES:
-            raise cannot_judge(run, protocol)
+        require_readout(run)
         return train.evaluate(subject, run, as_json)
     if subject.is_file():
         raise UsageError(f"{subject}: a file is tested on a run: name the run directory behind it")
-    if (protocol := protocol_of(subject)) != WavelengthScan.name:
+    if judgement_of(protocol := protocol_of(subject)) is not Judgement.ITSELF:
         raise cannot_judge(subject, protocol)
     found = measure_fibre(subject)
     show(found, as_json, lambda: _print(found))

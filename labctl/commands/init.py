@@ -10,26 +10,27 @@ from typing import Annotated, Any
 import typer
 from pydantic import ValidationError
 
+from instruments.alnair_tlg220 import Tlg220Section
+from instruments.sections import SIMULATED, USB, InstrumentSection, PatchPanelSection
 from instruments.toml_files import describe
 from instruments.units import quantity
 from labctl.bench.discovery import SERIAL, Answer, answers_at, visible_addresses
 from labctl.bench.draft import draft
-from labctl.bench.drivers import USB
+from labctl.bench.drivers import driver, installed
 from labctl.bench.schema import STATION, file_name, write_schema
-from labctl.bench.station import SIMULATED, AwgSection, LaserSection, PatchPanelSection, Station
+from labctl.bench.station import USUAL, Station
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, errors, progress_bar, say, show, table
 from labctl.commands.questions import ask, confirm
 from labctl.errors import StationError, UsageError
 
 MANUAL = "manual"
-BY_HAND = {"laser": "manual-laser", "patch_panel": "manual-patch-panel"}
-PLACES = {
+TITLES = {
     "awg": "arbitrary waveform generator",
     "scope": "oscilloscope",
-    "laser": f"laser, or '{MANUAL}'",
-    "dmd": f"DMD, or '{USB}'",
-    "patch_panel": f"patch panel, or '{MANUAL}'",
+    "laser": "laser",
+    "dmd": "DMD",
+    "patch_panel": "patch panel",
 }
 EVERY_PORT = "0-9,11-14"
 EXAMPLE = "TCPIP0::192.0.2.10::inst0::INSTR"
@@ -37,7 +38,6 @@ BEFORE_QUESTIONS = f"""\
 Enter takes what stands in brackets; '{SIMULATED}' stands in for what is not there.
 An address is written as VISA does, such as {EXAMPLE}."""
 ABSENT = f'Not found, so it is simulated: write its VISA address, such as "{EXAMPLE}".'
-GAPS = "Its command set is not public: enter its commands in a table, try each, and name the file by commands."
 
 
 def init(
@@ -79,9 +79,10 @@ def init(
     if asking:
         _tell(BEFORE_QUESTIONS)
     places: dict[str, str] = {}
-    for role, told in PLACES.items():
+    for role, title in TITLES.items():
         default = proposed.get(role, SIMULATED)
-        places[role] = _asked(asking, f"Address of the {told}", said[role], default, partial(_check_place, role))
+        question = f"Address of the {title}" + "".join(f", or '{word}'" for word in _words(role))
+        places[role] = _asked(asking, question, said[role], default, partial(_check_place, role))
         if "::" in places[role] and places[role] not in heard:
             answers += answers_at([places[role]])
         if asking:
@@ -104,7 +105,7 @@ def init(
     result = {
         "station": str(file),
         "schema": str(schema),
-        "instruments": {role: values[role] for role in PLACES},
+        "instruments": {role: values[role] for role in TITLES},
         "silent": [role for role, place in places.items() if "::" in place and not _at(place, answers)],
         "others": [
             {"address": answer.address, "identity": answer.who}
@@ -124,17 +125,27 @@ def _asked(asking: bool, question: str, said: str | None, default: str, check: C
     return ask(question, default, check) if asking else default
 
 
+def _by_hand(role: str) -> str:
+    """The driver of an instrument that a person sets; empty if there is none."""
+    return next((name for name, found in installed(role).items() if found.by_hand), "")
+
+
+def _words(role: str) -> tuple[str, ...]:
+    """What may stand in the place of an address, besides `simulated`."""
+    return (*((MANUAL,) if _by_hand(role) else ()), *((USB,) if role == "dmd" else ()))
+
+
 def _check_place(role: str, place: str) -> None:
-    words = (SIMULATED, *([MANUAL] if role in BY_HAND else []), *([USB] if role == "dmd" else []))
+    words = (SIMULATED, *_words(role))
     if place in words:
         return
     if "::" not in place:
         raise ValueError(f"{place!r} is no address: write one such as {EXAMPLE}, or {' or '.join(words)}")
-    AwgSection(address=place)
+    InstrumentSection(driver=USUAL[role], address=place)
 
 
 def _check_ports(ports: str) -> None:
-    PatchPanelSection.model_validate({"ports": ports})
+    PatchPanelSection.model_validate({"driver": USUAL["patch_panel"], "ports": ports})
 
 
 def _at(place: str, answers: list[Answer]) -> Answer | None:
@@ -153,7 +164,7 @@ def _tell_who(role: str, place: str, answers: list[Answer]) -> None:
     elif answer.instrument == role:
         _tell(f"  {' '.join(answer.who.split())}")
     else:
-        _tell(f"  {' '.join(answer.who.split())}: not what labctl knows as {PLACES[role].partition(',')[0]}")
+        _tell(f"  {' '.join(answer.who.split())}: not what labctl knows as {TITLES[role]}")
 
 
 def _instruments(
@@ -165,29 +176,28 @@ def _instruments(
     for role, place in places.items():
         answer = _at(place, answers)
         if place == MANUAL:
-            if role not in BY_HAND:
+            if not (by_hand := _by_hand(role)):
                 raise UsageError(f"--{role} {MANUAL}: this instrument is not set by hand: give its VISA address")
-            values[role] = {"driver": BY_HAND[role]}
+            values[role] = {"driver": by_hand}
             continue
-        usual = Station.model_fields[role].default.driver
-        values[role] = {"driver": answer.driver if answer and answer.instrument == role else usual, "address": place}
+        known = answer.driver if answer and answer.instrument == role else USUAL[role]
+        values[role] = {"driver": known, "address": place}
         if answer is not None:
             remarks[role] = (f"Answered here: {' '.join(answer.who.split())}.",)
         elif place == SIMULATED:
             remarks[role] = (ABSENT,)
         elif place != USB:
             remarks[role] = ("Did not answer when this file was written.",)
-    if values["laser"].get("address", SIMULATED) != SIMULATED:
-        simulated = "(simulated)" in " ".join(remarks["laser"])
-        values["laser"] |= {"commands": SIMULATED} if simulated else {}
-        remarks["laser"] += () if simulated else (GAPS,)
+    speaks_table = driver("laser", values["laser"]["driver"]).section is Tlg220Section
+    if speaks_table and "(simulated)" in " ".join(remarks.get("laser", ())):
+        values["laser"]["commands"] = SIMULATED
     return values, remarks
 
 
 def _power_below(bound: str) -> dict[str, str]:
     """The laser's power where its default would exceed the limit."""
     try:
-        return {"power": bound} if quantity(bound, "W") < LaserSection().power else {}
+        return {"power": bound} if quantity(bound, "W") < Station().laser.power else {}
     except ValueError as error:
         raise UsageError(f"--optical-power: {error}") from None
 

@@ -1,4 +1,4 @@
-"""What a run is good for: the command that leads on from it, by its protocol."""
+"""What a run is good for: how its protocol says that it is judged, and the command that leads on from it."""
 
 import shlex
 from collections.abc import Iterator
@@ -9,8 +9,11 @@ from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import experiments
-from protocols.image_readout import ImageReadout
-from protocols.wavelength_scan import WavelengthScan
+from protocols.base import Judgement
+from protocols.registry import judgement_of
+
+OTHERWISE = (Judgement.ITSELF, Judgement.EXPERIMENT)
+"""Than with a readout."""
 
 
 def next_command(protocol: str, directory: Path) -> str:
@@ -21,14 +24,7 @@ def next_command(protocol: str, directory: Path) -> str:
     Raises:
         ExperimentError: an experiment file is wrong.
     """
-    where = shlex.quote(str(directory))
-    if protocol == WavelengthScan.name:
-        return f"labctl evaluate {where}"
-    if protocol == ImageReadout.name:
-        models = models_of(directory)
-        return f"labctl evaluate {shlex.quote(str(models[0]))} {where}" if models else f"labctl train {where}"
-    found = [one.name for one in experiments() if any(run.protocol == protocol for run in one.runs.values())]
-    return f"labctl reproduce {' '.join(found)}" if found else f"labctl show {where}"
+    return _judged(protocol, directory)[1]
 
 
 def resume_command(directory: Path, options: str = "") -> str:
@@ -56,11 +52,6 @@ def resumable(directory: Path, options: str = "") -> Iterator[None]:
         raise
 
 
-def models_of(directory: Path) -> list[Path]:
-    """The readouts that were trained on a run, by name."""
-    return sorted((directory / "models").glob("*.h5"))
-
-
 def protocol_of(directory: Path) -> str:
     """Name of the protocol that made a run.
 
@@ -75,15 +66,39 @@ def protocol_of(directory: Path) -> str:
     return str(asked["name"]) if isinstance(asked, dict) and "name" in asked else "an unknown protocol"
 
 
+def require_readout(directory: Path) -> None:
+    """Refuse a run whose protocol says that it is judged in another way than with a readout.
+
+    What is no run directory is left to whoever reads it.
+
+    Raises:
+        UsageError: it is judged in another way.
+        RunError: not a run, or damaged.
+    """
+    if directory.is_dir() and judgement_of(protocol := protocol_of(directory)) in OTHERWISE:
+        raise cannot_judge(directory, protocol)
+
+
 def cannot_judge(directory: Path, protocol: str) -> UsageError:
     """The one line for a run that cannot be judged as asked: what its protocol needs, and what to type."""
-    command = next_command(protocol, directory)
-    needs = {
-        ImageReadout.name: "is judged with a readout",
-        WavelengthScan.name: "is judged without a readout",
-    }
-    if command.startswith("labctl reproduce"):
-        why = "is judged by an experiment, which acquires all that it needs"
-    else:
-        why = needs.get(protocol, "is nothing that labctl can judge")
-    return UsageError(f"{directory}: a run of {protocol} {why}: go on with '{command}'")
+    how, command = _judged(protocol, directory)
+    return UsageError(f"{directory}: a run of {protocol} {how}: go on with '{command}'")
+
+
+def _judged(protocol: str, directory: Path) -> tuple[str, str]:
+    """How a run of the protocol called so is judged, and the command that does so or comes first."""
+    where = shlex.quote(str(directory))
+    match judgement_of(protocol):
+        case Judgement.READOUT:
+            found = RunPaths(directory).readouts
+            judging = f"labctl evaluate {shlex.quote(str(found[0]))} {where}" if found else f"labctl train {where}"
+            return "is judged with a readout", judging
+        case Judgement.ITSELF:
+            return "is judged without a readout", f"labctl evaluate {where}"
+        case Judgement.EXPERIMENT if names := _experiments_with(protocol):
+            return "is judged by an experiment, which acquires all that it needs", f"labctl reproduce {' '.join(names)}"
+    return "is nothing that labctl can judge", f"labctl show {where}"
+
+
+def _experiments_with(protocol: str) -> list[str]:
+    return [one.name for one in experiments() if any(run.protocol == protocol for run in one.runs.values())]

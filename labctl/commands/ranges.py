@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
+from instruments.ports import parse_ports
 from labctl.errors import UsageError
-from protocols.settings import parse_ports
 
 ShotsOption = Annotated[
     str | None, typer.Option("--shots", help='Shots by their number in the plan, such as "0-19" or "7".')

@@ -17,14 +17,15 @@ from labctl.engine.engine import Outcome
 from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, bytes_needed, new_directory
 from labctl.engine.session import Acquisition, acquire
+from labctl.errors import UsageError
 from labctl.runs.live.commands import CommandLog
 from labctl.runs.read.run import open_run
 from protocols.base import ShotKind
-from protocols.registry import read_protocol
+from protocols.registry import protocol_names, read_protocol
 
 
 def run(
-    protocol: Annotated[str, typer.Argument(help="Name of a protocol, or a protocol file (TOML).")],
+    protocol: Annotated[str | None, typer.Argument(help="Name of a protocol, or a protocol file (TOML).")] = None,
     station: StationOption = None,
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value; may be repeated.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Run directory; must be new or empty.")] = None,
@@ -36,6 +37,9 @@ def run(
     as_json: JsonOption = False,
 ) -> int:
     """Carry out a protocol and store the run."""
+    if protocol is None:
+        names = ", ".join(protocol_names())
+        raise UsageError(f"Missing argument 'protocol': choose one of {names}, or name a protocol file")
     asked = read_protocol(protocol, settings or [])
     found = read_station(station)
     if station is None:

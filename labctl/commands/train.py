@@ -7,6 +7,7 @@ import typer
 
 from instruments.units import quantity
 from labctl.commands.exit_status import DONE
+from labctl.commands.next_steps import require_readout
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.commands.ranges import ports_of
 from labctl.errors import UsageError
@@ -27,6 +28,7 @@ def train(
     """Train a readout on nine tenths of a run's images; the rest is kept for `labctl evaluate`."""
     if readout != "softmax":
         raise UsageError(f"--readout {readout}: unknown readout: choose softmax")
+    require_readout(run)
     trained = train_readout(run, window_s=_seconds(window), ports=ports_of(ports), seed=seed, out=out)
     show(trained, as_json, lambda: _print_training(trained))
     return DONE

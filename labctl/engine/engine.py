@@ -110,7 +110,7 @@ def go_on(request: Request, bench: Bench, interruption: Interruption, writer: Ru
     plan = checked(request, bench)
     refuse_other_plan(writer.paths, writer.manifest, plan.shape, plan.shots, plan.drive)
     _, instruments = light_and_instruments(request, bench)
-    refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments)
+    refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments, request.station)
     bench.observer.stored_in(writer.paths.directory)
     return _Measurement(request, bench, writer, interruption).outcome()
 

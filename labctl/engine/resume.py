@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from instruments.toml_files import describe
 from instruments.values import Drive
 from labctl.bench.station import Station
-from labctl.errors import RunError
+from labctl.errors import RunError, StationError
 from labctl.runs.format.columns import same_shots
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.plan import read_plan
@@ -20,21 +20,6 @@ from labctl.runs.read.differences import Difference, differences
 from protocols.base import Inputs, Measurement
 from protocols.registry import protocol_from
 
-SENT_ANEW = {
-    "awg": ("sample_rate", "amplitude_vpp", "dac_bits", "waveform", "run_mode", "output"),
-    "scope": (
-        "sample_rate",
-        "record_length",
-        "acquisition_mode",
-        "trigger_source",
-        "ch?_scale_v_per_div",
-        "ch?_offset_v",
-    ),
-    "laser": ("wavelength_nm", "power_dbm", "emitting"),
-    "dmd": ("free_pictures", "display_mode"),
-    "patch_panel": ("routes", "ch?"),
-}
-"""Settings that every run sends before its first record and reads back: what they are meanwhile says nothing."""
 MAY_CHANGE = ("source", "durability.*", "*.address", "laser.armed")
 """Of the station: where the instruments are reached, how much may be lost, and whether light is allowed."""
 
@@ -82,7 +67,7 @@ def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Sta
 
     Raises:
         SettingsChanged: `given` differs in more than addresses, durability and arm.
-        RunError: the manifest does not say, or not in words that this version of labctl knows.
+        RunError: the manifest does not say, or not in words that this version of labctl and its drivers know.
     """
     try:
         begun = Station.model_validate(manifest["station"])
@@ -90,6 +75,8 @@ def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Sta
         raise RunError(f"{directory}: the manifest does not name the station: begin a new run") from None
     except ValidationError as error:
         raise RunError(f"{directory}: station in the manifest: {describe(error)}") from None
+    except StationError as error:
+        raise RunError(f"{directory}: station in the manifest: {error}") from None
     if given is None:
         return begun
     then, now = (station.model_dump(mode="json") for station in (begun, given))
@@ -133,17 +120,22 @@ def refuse_other_plan(
         )
 
 
-def refuse_changed_instruments(directory: Path, manifest: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+def refuse_changed_instruments(
+    directory: Path, manifest: Mapping[str, Any], now: Mapping[str, Any], station: Station
+) -> None:
     """Compare instruments, each a map of `identity` and `settings`, with the manifest's; both taken in the same way.
+
+    What the drivers of `station` send anew in every run is not compared, nor an instrument that the manifest does not
+    have: the labctl that wrote it knew none such.
 
     Raises:
         SettingsChanged: another instrument, other firmware, or a setting that no run sends by itself.
     """
     then = manifest["instruments"]
     found: list[Difference] = []
-    for name in now:
-        ignored = tuple(f"settings.{setting}" for setting in SENT_ANEW.get(name, ()))
-        found += differences(then.get(name, {}), now[name], of=name, ignored=ignored)
+    for name in (name for name in now if name in then):
+        ignored = tuple(f"settings.{setting}" for setting in station.driver_of(name).sent_anew)
+        found += differences(then[name], now[name], of=name, ignored=ignored)
     _refuse(directory, found)
 
 

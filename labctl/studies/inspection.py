@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labctl.analysis.signal_quality import CodeCounts, Drift, drift, no_codes
-from labctl.engine.inputs import ShowsImages, images_for
+from labctl.engine.inputs import images_for
 from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs
 from labctl.errors import DatasetError, RunError
 from labctl.reports.canvas import join_pictures, port_name, save_png
@@ -24,7 +24,7 @@ from labctl.reports.figures.images import images_figure
 from labctl.reports.figures.traces import traces_figure
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.run import Run
-from protocols.base import ProtocolError
+from protocols.base import Images, ProtocolError
 
 MOST_TRACES = 6
 MOST_PORTS = 8
@@ -209,7 +209,7 @@ def _examples(planned: NDArray[Any], shots: NDArray[np.intp]) -> NDArray[np.intp
 def _images(run: Run, part: Part) -> Figure:
     """The first images of the chosen shots, as the mirrors were set."""
     protocol = protocol_of_manifest(run.path, run.manifest)
-    if not isinstance(protocol, ShowsImages):
+    if protocol.takes is not Images:
         raise RunError("the run showed none")
     shown = images_for(protocol)
     refuse_other_inputs(run.path, run.manifest, shown)

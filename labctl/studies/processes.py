@@ -1,19 +1,21 @@
-"""Work in several processes at once, which ends early, and orderly, when somebody asks for it."""
+"""Work in several processes at once, which ends early, and orderly, when it is interrupted."""
 
 import multiprocessing
+import os
 import signal
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from instruments.bench import Observer
 from labctl.bench.signals import Interruption
 
 Name = TypeVar("Name")
-Task = TypeVar("Task")
 Found = TypeVar("Found")
 
 POLL_S = 0.2
@@ -27,57 +29,48 @@ class _Shared:
     """What the processes of one pool share."""
 
     stop: Event
-    steps: "Synchronized[int]"
+    records: "Synchronized[int]"
 
 
 def in_parallel(
-    function: Callable[[Task], Found],
-    tasks: Mapping[Name, Task],
+    tasks: Mapping[Name, Callable[[], Found]],
     *,
-    workers: int,
     interruption: Interruption,
     progress: Callable[[int, int], None],
+    needs: Mapping[Name, Iterable[Name]] = MappingProxyType({}),
 ) -> dict[Name, tuple[Found, float]]:
-    """Result of `function` for every task, and the seconds it took; the first failure ends it all.
+    """Result of every task, and the seconds it took, on as many processes as there are cores; a failure ends it all.
 
     Args:
-        function: A function of a module, called in another process.
-        tasks: What it is called with, by any name.
-        workers: How many processes.
-        interruption: Asked again and again; once requested, running tasks hear of it by `stop_requested`.
-        progress: Called again and again with how many tasks are done and how many steps they have told of.
+        tasks: Functions of a module, or partials of them, called in other processes; the first ones go first.
+        interruption: Asked again and again; once requested, running tasks end, if a `TaskObserver` follows them.
+        progress: Called again and again with how many tasks are done and how many records were made in them.
+        needs: The tasks that must be done before a task begins.
 
     Raises:
         Interrupted: it was requested.
     """
     context = multiprocessing.get_context("spawn")
-    stop, steps = context.Event(), context.Value("q", 0)
-    with ProcessPoolExecutor(min(workers, len(tasks)), context, initializer=_join, initargs=(stop, steps)) as pool:
+    workers = min(os.cpu_count() or 1, len(tasks))
+    stop, records = context.Event(), context.Value("q", 0)
+    found: dict[Name, tuple[Found, float]] = {}
+    running: dict[Future[tuple[Found, float]], Name] = {}
+    with ProcessPoolExecutor(workers, context, initializer=_join, initargs=(stop, records)) as pool:
         try:
-            futures = {name: pool.submit(_timed, function, task) for name, task in tasks.items()}
-            waiting = set(futures.values())
-            while waiting:
-                finished, waiting = wait(waiting, timeout=POLL_S, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    future.result()
-                progress(len(futures) - len(waiting), steps.value)
+            while len(found) < len(tasks):
+                begun = found.keys() | set(running.values())
+                ready = (name for name in tasks if name not in begun and found.keys() >= set(needs.get(name, ())))
+                for name in islice(ready, workers - len(running)):
+                    running[pool.submit(_timed, tasks[name])] = name
+                for future in wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED).done:
+                    found[running.pop(future)] = future.result()
+                progress(len(found), records.value)
                 if interruption.requested:
                     raise Interrupted
         finally:
             stop.set()
             pool.shutdown(wait=True, cancel_futures=True)
-    return {name: future.result() for name, future in futures.items()}
-
-
-def stop_requested() -> bool:
-    """Inside a task: whether it should come to its end."""
-    return _Shared.stop.is_set()
-
-
-def step_done() -> None:
-    """Inside a task: tell of one step."""
-    with _Shared.steps.get_lock():
-        _Shared.steps.value += 1
+    return found
 
 
 class TaskObserver(Observer):
@@ -88,17 +81,18 @@ class TaskObserver(Observer):
         self._interruption = interruption
 
     def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
-        """One step more."""
-        step_done()
-        self._interruption.requested |= stop_requested()
+        """One record more."""
+        with _Shared.records.get_lock():
+            _Shared.records.value += 1
+        self._interruption.requested |= _Shared.stop.is_set()
 
 
-def _join(stop: Event, steps: "Synchronized[int]") -> None:
+def _join(stop: Event, records: "Synchronized[int]") -> None:
     # Ctrl-C reaches the whole process group; these processes hear of it from their parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _Shared.stop, _Shared.steps = stop, steps
+    _Shared.stop, _Shared.records = stop, records
 
 
-def _timed(function: Callable[[Any], Any], task: Any) -> tuple[Any, float]:
+def _timed(task: Callable[[], Found]) -> tuple[Found, float]:
     began = time.perf_counter()
-    return function(task), time.perf_counter() - began
+    return task(), time.perf_counter() - began

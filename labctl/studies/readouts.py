@@ -24,6 +24,7 @@ from labctl.analysis.splits import forward_in_time_split, random_splits
 from labctl.errors import AnalysisError
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
+from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.readout_file import load_metadata, load_model, save_model
@@ -73,7 +74,7 @@ def train_readout(
     with threadpool_limits(1):
         pipeline.fit(records.traces[train], records.labels[train])
     score = float(np.mean(pipeline.predict(records.traces[test]) == records.labels[test]))
-    path = out or directory / "models" / f"softmax-{window_key(window_s)}ns-ports-{'-'.join(map(str, chosen))}.h5"
+    path = out or RunPaths(directory).models / f"softmax-{window_key(window_s)}ns-ports-{'-'.join(map(str, chosen))}.h5"
     metadata = {
         "readout": "softmax",
         "run": str(directory),

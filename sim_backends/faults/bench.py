@@ -7,8 +7,7 @@ from sim_backends.bench import SimulatedBench
 from sim_backends.faults.catalogue import Fault, Moment
 from sim_backends.faults.injection import Faulty, Injection
 from sim_backends.parameters import Parameters
-from sim_backends.servers.clients import Instrument
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import Instrument, Loop
 
 
 class Befalling(NamedTuple):

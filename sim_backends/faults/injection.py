@@ -8,8 +8,8 @@ from itertools import zip_longest
 from sim_backends.faults.catalogue import Arrival, Fault, Moment
 from sim_backends.faults.distortions import Distortion
 from sim_backends.scpi.messages import Message, Unit
-from sim_backends.servers.clients import Execution, Instrument
 from sim_backends.servers.disturbed import Disturbed
+from sim_backends.servers.loop import Execution, Instrument
 from sim_backends.virtual.instrument import VirtualInstrument
 
 _logger = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ class Injection:
             self._strike()
 
     def go_on(self) -> None:
-        """Before a reply is sent: what lasts in the world, lasts whatever the instrument has been told meanwhile."""
+        """Before a reply is sent: what lasts in the world, lasts whatever was sent to the instrument meanwhile."""
         if self.struck and self.fault.lasting:
             self._happen()
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-SPEED_OF_LIGHT = 299_792_458.0
+from sim_backends.parameters import SPEED_OF_LIGHT
 
 
 def weyl_density(*, radius: float, straight: float, index: float, group_index: float, wavelength: float) -> float:

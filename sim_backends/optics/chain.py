@@ -18,7 +18,6 @@ from sim_backends.optics import cavity, derived, drive, fibre, mirrors, receiver
 from sim_backends.parameters import Parameters, power_ratio
 
 BYPASS = 0
-IMAGE_BLOCK = 8
 IMPULSE_POINTS = 1024
 _ACAUSAL_POINTS = 128  # band limits smear the chip's response a little to negative times
 
@@ -165,34 +164,6 @@ def masks(
     product = taps.reshape(modes * rank, depth) @ delayed.reshape(depth, -1)
     split = np.stack([product.real, product.imag]).reshape(2, modes, rank, -1)
     return np.ascontiguousarray(split.transpose(2, 0, 1, 3)).reshape(rank, -1)
-
-
-def speckle_amplitudes(basis: NDArray[np.float32], on: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Mirror patterns in the speckle basis, a = v Phi: on-fractions (images, 784) -> (images, r) float32."""
-    return in_blocks(on, basis)
-
-
-def in_blocks(rows: NDArray[np.float32], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Product rows @ matrix in blocks of `IMAGE_BLOCK` rows, zero-padded.
-
-    Every block has the same shape, so how many rows there are cannot change a byte of one.
-    """
-    out = np.empty((rows.shape[0], matrix.shape[1]), np.float32)
-    for start in range(0, rows.shape[0], IMAGE_BLOCK):
-        block = rows[start : start + IMAGE_BLOCK]
-        padded = np.zeros((IMAGE_BLOCK, rows.shape[1]), np.float32)
-        padded[: len(block)] = block
-        out[start : start + len(block)] = (padded @ matrix)[: len(block)]
-    return out
-
-
-def fast_volts(field: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Volts behind an infinitely fast detector: |E|^2, collected modes added as powers.
-
-    Root volts (..., real and imaginary, modes, channels, K) -> (..., channels, K).
-    """
-    squared = field * field
-    return np.asarray(squared.sum(axis=(-4, -3)))
 
 
 def mean_volts(

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from scipy.special import j1
 
 from sim_backends.optics.mirrors import SIDE
+from sim_backends.parameters import SPEED_OF_LIGHT
 
-SPEED_OF_LIGHT = 299_792_458.0
 LaunchProfile = Literal["filled", "gaussian"]
 _HALF_WIDTH = 1.616339948  # |2 J1(x) / x|^2 = 1/2
 

@@ -14,6 +14,7 @@ from scipy.special import erfc
 ELEMENTARY_CHARGE = 1.602176634e-19
 CODES_PER_DIVISION = 25
 DIVISIONS = 10.24
+LOWEST_CODE, HIGHEST_CODE = -128, 127
 
 
 def gaussian_time_width(bandwidth_hz: float) -> float:
@@ -45,6 +46,15 @@ def impulse_response(
     return h, (gauss - h) / tau
 
 
+def fast_volts(field: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Volts behind an infinitely fast detector: |E|^2, collected modes added as powers.
+
+    Root volts (..., real and imaginary, modes, channels, K) -> (..., channels, K).
+    """
+    squared = field * field
+    return np.asarray(squared.sum(axis=(-4, -3)))
+
+
 @dataclass(frozen=True, eq=False)
 class SamplingFilter:
     """Filter and decimation as one matrix for a block of samples.
@@ -54,14 +64,10 @@ class SamplingFilter:
     """
 
     matrix: NDArray[np.float32]
+    points: int
     samples: int
     decimation: int
     before: int
-
-    @property
-    def points(self) -> int:
-        """Grid points one block of samples needs."""
-        return int(self.matrix.shape[0])
 
 
 def sampling_filter(
@@ -80,7 +86,7 @@ def sampling_filter(
     total = h.sum(axis=0)
     slope = slope - h * (slope.sum(axis=0) / total)  # a constant has no slope
     matrix = np.concatenate([h / total, slope / total], axis=1).astype(np.float32)
-    return SamplingFilter(matrix, samples, decimation, before)
+    return SamplingFilter(matrix, points, samples, decimation, before)
 
 
 def apply_filter(
@@ -160,3 +166,19 @@ def digitiser_noise_codes(enob: float) -> float:
     Total: FS / 2^ENOB / sqrt(12), FS = 10.24 div = 256 codes; the quantiser's own 1/12 code^2 is part of it.
     """
     return math.sqrt(max(0.0, (CODES_PER_DIVISION * DIVISIONS / 2**enob) ** 2 - 1.0) / 12.0)
+
+
+def quantised(
+    volts: NDArray[np.float32], noise: NDArray[np.float32], scale_v: float, offset_v: float, position_div: float
+) -> NDArray[np.int8]:
+    """What the 8-bit digitiser of one channel makes of `volts`, any shape, with as much `noise` in codes before it.
+
+    code = round((v - offset) 25 / scale + 25 position + noise), clipped to -128..127: 25 codes a division, 10.24
+    divisions.
+    """
+    exact = volts - np.float32(offset_v)
+    exact *= np.float32(CODES_PER_DIVISION / scale_v)
+    exact += np.float32(CODES_PER_DIVISION * position_div)
+    exact += noise
+    np.rint(exact, out=exact)
+    return np.clip(exact, LOWEST_CODE, HIGHEST_CODE, out=exact).astype(np.int8)

@@ -65,7 +65,7 @@ def message_end(data: bytearray, terminator: bytes) -> int | None:
 
 
 def _block(data: bytes | bytearray, stop: int) -> tuple[int, int, int] | None:
-    """The block that begins before `stop`: where its `#` is, where its bytes begin, how many; -1: not yet told."""
+    """The block that begins before `stop`: where its `#` is, where its bytes begin, how many; -1: not yet known."""
     for found in _BLOCK.finditer(data, 0, stop):
         begin, start = found.start(), found.end() + int(found[1], 16)
         if begin and data[begin - 1] not in b" ,":

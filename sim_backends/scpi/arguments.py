@@ -45,7 +45,7 @@ class Kind(ABC):
         """The value of `argument`; raises ScpiError."""
 
     def format(self, value: Any, *, verbose: bool) -> str:
-        """The value as a reply writes it; `verbose` asks for long words."""
+        """The value as a reply writes it, with long words if `verbose`."""
         return str(value)
 
 
@@ -173,7 +173,7 @@ class NumberOrWord(Kind):
 
 @dataclass(frozen=True)
 class Quoted(Kind):
-    """A string in quotes; `words` may stand without (`ALL`), and with `bare` so may anything."""
+    """A string in quotes; `words` are taken without them, too (`ALL`), and with `bare` so is anything."""
 
     words: tuple[str, ...] = ()
     bare: bool = False

@@ -7,7 +7,8 @@ after that it is one dictionary look-up. Rules: SCPI-99, volume 1, chapter 6.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from itertools import product
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -15,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sim_backends.scpi.arguments import Kind, Several, nr3, short_form
-from sim_backends.scpi.messages import Argument
+from sim_backends.scpi.messages import Argument, Chunk
 from sim_backends.scpi.status import ScpiError
 
-Chunk = bytes | memoryview
-Reply = str | bool | int | float | bytes | memoryview | list[Chunk] | None
+Answer = str | bool | int | float | bytes | memoryview | list[Chunk] | None
+"""What a method returns to be sent; None: nothing."""
 
 _CACHED_SPELLINGS = 4096
 _OPTIONAL_NODE = re.compile(r"\[:\w+#?\]")
@@ -32,15 +33,17 @@ def definite_block(data: memoryview) -> list[Chunk]:
     return [f"#{len(length):X}{length}".encode(), data]
 
 
-def chunks(reply: Reply) -> list[Chunk]:
-    """A reply as the pieces to be sent."""
-    if isinstance(reply, list):
-        return reply
-    if isinstance(reply, (bytes, memoryview)):
-        return [reply]
-    if isinstance(reply, (bool, np.bool_)):
-        return [b"1" if reply else b"0"]
-    return [(nr3(reply) if isinstance(reply, float) else str(reply)).encode("latin-1", "replace")]
+def chunks(answer: Answer) -> list[Chunk]:
+    """An answer as the pieces to be sent, [] for none."""
+    if answer is None:
+        return []
+    if isinstance(answer, list):
+        return answer
+    if isinstance(answer, (bytes, memoryview)):
+        return [answer]
+    if isinstance(answer, (bool, np.bool_)):
+        return [b"1" if answer else b"0"]
+    return [(nr3(answer) if isinstance(answer, float) else str(answer)).encode("latin-1", "replace")]
 
 
 class Command(ABC):
@@ -48,24 +51,27 @@ class Command(ABC):
 
     Attributes:
         header: As declared, without `?`.
-        waits: Whether the instrument first finishes every overlapping operation.
+        acts: Whether there is a command form.
+        answers: Whether there is a query form.
+        effect: Whether it changes anything but the reply to its own query.
+        waits: The instrument's question whether the command must still wait, if it ever does.
+        endless: Whether it is answered again and again, until the client sends something.
         labelled: Whether the reply brings its own headers, if the instrument sends headers.
     """
 
-    answers = True
-    acts = True
+    acts = answers = effect = True
+    endless = labelled = False
+    waits: Callable[[Any], Callable[[], bool]] | None = None
 
-    def __init__(self, header: str, *, waits: bool = False, labelled: bool = False) -> None:
+    def __init__(self, header: str) -> None:
         self.header = header.removesuffix("?")
-        self.waits = waits
-        self.labelled = labelled
 
     @abstractmethod
-    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> Reply:
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """Carry out the command form; only an Action of a line-oriented instrument replies."""
 
     @abstractmethod
-    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> Reply:
+    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """Carry out the query form."""
 
 
@@ -76,23 +82,25 @@ class Setting(Command):
     value by raising ScpiError.
     """
 
-    def __init__(self, header: str, attribute: str, kind: Kind) -> None:
+    def __init__(self, header: str, attribute: str, kind: Kind, *, effect: bool = True) -> None:
         super().__init__(header)
-        self.acts = not header.endswith("?")
+        self.acts, self.effect = not header.endswith("?"), effect
         *self._owners, self.attribute = attribute.split(".")
         self.kind = kind
         self._kinds = (kind,)
 
-    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> None:
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """Set the attribute."""
         (value,) = bind(self._kinds, arguments)
         setattr(_owner(instrument, self._owners, suffixes), self.attribute, value)
+        return []
 
-    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> str:
+    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """The attribute, formatted."""
-        bind((), arguments)
+        if arguments:
+            raise ScpiError(-108)
         value = getattr(_owner(instrument, self._owners, suffixes), self.attribute)
-        return self.kind.format(value, verbose=instrument.verbose)
+        return chunks(self.kind.format(value, verbose=instrument.verbose))
 
 
 def _owner(root: Any, path: Sequence[str], suffixes: Sequence[int]) -> Any:
@@ -120,32 +128,43 @@ class ItemSetting(Command):
         self._items = attrgetter(items)
         self._kind, self._name = kind, name
 
-    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> None:
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """Set the attribute of the entry."""
         name, value = bind((self._name, self._kind), arguments)
         item = self._items(instrument)[name]
         setattr(_owner(item, self._owners, suffixes), self._attribute, value)
         item.modified()
+        return []
 
-    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> str:
+    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """The attribute of the entry."""
         (name,) = bind((self._name,), arguments)
         value = getattr(_owner(self._items(instrument)[name], self._owners, suffixes), self._attribute)
-        return self._kind.format(value, verbose=instrument.verbose)
+        return chunks(self._kind.format(value, verbose=instrument.verbose))
 
 
 class _Call(Command):
     """A command carried out by a method of the instrument or of one of its parts (`waveforms.new`)."""
 
-    def __init__(self, header: str, method: str, *kinds: Kind, waits: bool = False, labelled: bool = False) -> None:
-        super().__init__(header, waits=waits, labelled=labelled)
+    def __init__(
+        self,
+        header: str,
+        method: str,
+        *kinds: Kind,
+        waits: str = "",
+        endless: bool = False,
+        labelled: bool = False,
+        effect: bool = True,
+    ) -> None:
+        super().__init__(header)
         self._method = attrgetter(method)
         self._kinds = kinds
+        self.waits = attrgetter(waits) if waits else None
+        self.endless, self.labelled, self.effect = endless, labelled, effect
 
-    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> Reply:
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """Call the method with the header's suffixes and the arguments; one that was left out is None."""
-        reply: Reply = self._method(instrument)(*suffixes, *bind(self._kinds, arguments))
-        return reply
+        return chunks(self._method(instrument)(*suffixes, *bind(self._kinds, arguments)))
 
     answer = execute
 
@@ -210,6 +229,10 @@ class CommandTable:
         commands: The table.
         suffixes: For each node that is declared with `#`, its highest suffix (the lowest is 1).
         default_suffix: What a missing suffix means; None: it may not be missing.
+
+    Attributes:
+        find: The command that a header means behind a path, as a query or not; raises ScpiError -113 (undefined) or
+            -114 (bad suffix).
     """
 
     def __init__(
@@ -217,7 +240,7 @@ class CommandTable:
     ) -> None:
         self._default_suffix = default_suffix
         self._entries: dict[tuple[str, bool], list[_Entry]] = {}
-        self._found: dict[tuple[str, str, bool], Found] = {}
+        self.find = lru_cache(_CACHED_SPELLINGS)(self._search)
         for command in commands:
             for key, suffixed, nodes in _spellings(command.header):
                 limits = tuple((suffixes or {}).get(node, 0) for node in nodes)
@@ -226,18 +249,7 @@ class CommandTable:
                     if meant:
                         self._entries.setdefault((key, query), []).append(entry)
 
-    def find(self, path: str, header: str, *, query: bool) -> Found:
-        """The command that `header` means behind `path`; raises ScpiError -113 (undefined) or -114 (bad suffix)."""
-        key = (path, header, query)
-        found = self._found.get(key)
-        if found is None:
-            found = self._search(path, header, query=query)
-            if len(self._found) >= _CACHED_SPELLINGS:
-                self._found.clear()
-            self._found[key] = found
-        return found
-
-    def _search(self, path: str, header: str, *, query: bool) -> Found:
+    def _search(self, path: str, header: str, query: bool) -> Found:
         if header.startswith("*"):
             whole, path_after = header, path
         else:

@@ -1,27 +1,22 @@
-"""IEEE 488.2 program messages, read byte by byte from a stream.
+"""IEEE 488.2 program messages: read byte by byte from a stream, and divided into commands, queries and their arguments.
 
 A message ends at a newline, but quoted strings may hold the separators, and blocks (`#<digits><length><bytes>`) any
-byte at all. Grammar: IEEE 488.2-1992, chapter 7.
+byte at all. Units are separated by `;`, a header ends at white space, arguments are separated by `,`; quoted strings
+and parentheses may hold commas, quoted strings semicolons as well. Grammar: IEEE 488.2-1992, chapter 7.
 """
 
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
-from sim_backends.scpi.units import (
-    BLOCK,
-    INVALID_BLOCK,
-    SYNTAX_ERROR,
-    WHITE,
-    Argument,
-    Malformed,
-    Message,
-    Unit,
-    malformed,
-    parse,
-)
+SYNTAX_ERROR = -102
+INVALID_BLOCK = -161
 
-__all__ = ["Argument", "Malformed", "Message", "MessageReader", "Unit"]
+BLOCK = "#0"  # stands for a block in a line of text: no other argument can read like this
+WHITE = "".join(map(chr, range(0x21))).replace("\n", "")  # every control character but the newline
 
 TEXT_ROOM = 65_536  # bytes; the text buffer's first size
 LONGEST_TEXT = 1 << 20  # bytes; text without a newline is cut here
@@ -33,19 +28,75 @@ _WHITE_BYTES = WHITE.encode()
 # As far as the first block: a `#` that begins an argument and is followed by a digit (or by A: ten digits; B, H and Q
 # begin numbers). Stops at a quote that nothing closes, too. A message never begins with a block, whatever came before.
 _UP_TO_BLOCK = re.compile(rb"""#?(?:[^"'#\n]+|"[^"\n]*"|'[^'\n]*'|#(?=[^0-9A])|(?<![\x00-\x09\x0b-\x20,])#)*+""")
+_LONGEST_CACHED = 256  # bytes
+_UNIT = re.compile(r"""(?:[^"';]+|"[^"]*"|'[^']*')*+""")
+_HEADER = re.compile(r"([^\x00-\x20]+)[\x00-\x20]*(.*)", re.DOTALL)
+_ARGUMENT = re.compile(
+    r"""(?:[^"',(]+|"[^"]*"|'[^']*'|\((?:[^()"']|"[^"]*"|'[^']*')*+\)|\()*+"""  # (@1,2) is one argument
+)
+
+Argument = str | memoryview
+Chunk = bytes | memoryview
+"""A piece of a reply."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """One command or query.
+
+    Attributes:
+        header: As sent, a leading `:` kept, the `?` of a query removed.
+        query: Whether the header ended in `?`.
+        arguments: Text as sent, quotes kept, surrounding white space removed; blocks as bytes without their `#` header.
+    """
+
+    header: str
+    query: bool
+    arguments: tuple[Argument, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Malformed(Unit):
+    """A unit that cannot be read: empty header, no arguments, and the SCPI error `code` to queue (-102 or -161)."""
+
+    code: int
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One program message: the units up to its terminator, or up to the end of a block behind which nothing follows.
+
+    Attributes:
+        queries: Whether any unit has a reply.
+    """
+
+    units: tuple[Unit, ...]
+    queries: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "queries", any(unit.query for unit in self.units))
+
+
+def malformed(code: int) -> Malformed:
+    """A unit that could not be read, with the SCPI error `code`."""
+    return Malformed(header="", query=False, arguments=(), code=code)
 
 
 class MessageReader:
     r"""Cuts the bytes of one connection into messages; one reader per connection.
 
-    Receive into `buffer()`, then tell `received` how many bytes came. Blocks are received where they stay: `buffer()`
-    is the rest of the block while one is under way, and the argument handed out is a view of that memory, which
-    `numpy.frombuffer` reads without a copy. (Only a block's first bytes, which came with the text before, are moved.)
+    Receive into `buffer()`, then call `received` with how many bytes came. Blocks are received where they stay:
+    `buffer()` is the rest of the block while one is under way, and the argument handed out is a view of that memory,
+    which `numpy.frombuffer` reads without a copy. (Only a block's first bytes, which came with the text before, are
+    moved.)
 
     Behind a block the message may end (`\n`, `\r\n`), go on (`;` or `,`) or simply stop: many clients send no
     terminator there. A message whose bytes at hand end with a block is therefore complete at once; a newline that
     follows later is an empty message, and empty messages are dropped. Nothing a client sends can raise: what is not a
     message becomes `Malformed`, and the next message is read as if nothing had been wrong.
+
+    Attributes:
+        begun: The text before the block that is under way; empty while none is.
     """
 
     def __init__(self) -> None:
@@ -60,12 +111,8 @@ class MessageReader:
         self._blocks: list[memoryview] = []
         self._behind_block = False
         self._block: memoryview | None = None  # the block under way, with some room behind it
+        self.begun = b""
         self._length = self._filled = 0
-
-    @property
-    def begun(self) -> bytes:
-        """The text before the block that is under way; empty while none is."""
-        return b"" if self._block is None else self._pieces[0]
 
     def buffer(self) -> memoryview:
         """Where the next bytes belong; never empty."""
@@ -87,7 +134,6 @@ class MessageReader:
     def end(self) -> list[Message]:
         """End the present message here, without a newline: the transport itself marks the ends of messages (HiSLIP)."""
         if self._block is not None:
-            self._block = None
             return self._cut(INVALID_BLOCK)
         if self._start == self._end:
             return []
@@ -174,13 +220,14 @@ class MessageReader:
             self._behind_block = True
         else:
             self._block, self._length, self._filled = block, length, at_hand
+            self.begun = self._pieces[0]
         return complete
 
     def _end_block(self, block: memoryview) -> None:
         """The block under way is complete: keep it, and move what came behind it to the text buffer."""
         behind = block[self._length : self._filled]
         self._blocks.append(block[: self._length])
-        self._block = None
+        self._block, self.begun = None, b""
         self._behind_block = True
         self._start = self._searched = 0
         self._end = len(behind)
@@ -223,3 +270,70 @@ class MessageReader:
             self._text, self._view = text, memoryview(text)
             self._searched = max(0, self._searched - self._start)
             self._start, self._end = 0, len(rest)
+
+
+def parse(text: bytes, blocks: list[memoryview]) -> Message:
+    """The message in a line of text in which `#0` stands for each of `blocks`, in order."""
+    template = _parsed(text) if len(text) <= _LONGEST_CACHED else _parse(text)
+    if not blocks:
+        return template
+    if sum(unit.arguments.count(BLOCK) for unit in template.units) != len(blocks):
+        return Message((malformed(SYNTAX_ERROR),))  # a block where no argument can stand
+    return _with_blocks(template, iter(blocks))
+
+
+def _parse(text: bytes) -> Message:
+    return Message(tuple(_units(text.decode("latin-1"))))
+
+
+_parsed = lru_cache(maxsize=2048)(_parse)  # clients repeat themselves
+
+
+def _units(text: str) -> Iterator[Unit]:
+    position = 0
+    while position < len(text):
+        match = _UNIT.match(text, position)
+        end = match.end() if match else len(text)
+        if end < len(text) and text[end] != ";":
+            yield malformed(SYNTAX_ERROR)  # a quote that nothing closes
+            return
+        if unit := text[position:end].strip(WHITE):
+            yield _unit(unit)
+        position = end + 1
+
+
+def _unit(text: str) -> Unit:
+    match = _HEADER.match(text)
+    if match is None or text[0] in "#,?":
+        return malformed(SYNTAX_ERROR)
+    header, rest = match.groups()
+    arguments = tuple(_arguments(rest)) if rest else ()
+    if None in arguments:
+        return malformed(SYNTAX_ERROR)
+    query = header.endswith("?")
+    return Unit(header[:-1] if query else header, query, tuple(text for text in arguments if text is not None))
+
+
+def _arguments(text: str) -> Iterator[str | None]:
+    """The arguments in `text`, split at its commas; None where a quote stays open."""
+    if not any(mark in text for mark in "\"'("):
+        yield from (argument.strip(WHITE) for argument in text.split(","))
+        return
+    position = 0
+    while position <= len(text):
+        match = _ARGUMENT.match(text, position)
+        end = match.end() if match else len(text)
+        if end < len(text) and text[end] != ",":
+            yield None
+            return
+        yield text[position:end].strip(WHITE)
+        position = end + 1
+
+
+def _with_blocks(template: Message, blocks: Iterator[memoryview]) -> Message:
+    return Message(
+        tuple(
+            replace(unit, arguments=tuple(next(blocks) if text == BLOCK else text for text in unit.arguments))
+            for unit in template.units
+        )
+    )

@@ -5,8 +5,9 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
-from sim_backends.servers.channel import Channel, Chunk
+from sim_backends.scpi.messages import Chunk
 from sim_backends.servers.disturbed import Disturbed, fragments
+from sim_backends.servers.socket import Channel
 
 HEADER = struct.Struct("!2sBBIQ")  # "HS", kind, control code, parameter, bytes of payload
 LONGEST_PAYLOAD = 4096  # bytes, of all messages but Data and DataEnd; what is longer is cut

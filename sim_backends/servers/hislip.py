@@ -1,18 +1,17 @@
 """HiSLIP 1.0 in synchronised mode (`TCPIP0::host::hislip0,port::INSTR`), after IVI-6.1.
 
 A session has two connections: messages and replies on the synchronous one; status, device clear and locks on the
-asynchronous one. The first message on a connection tells which of them it is.
+asynchronous one. The first message on a connection shows which of them it is.
 """
 
 import socket
 from collections.abc import Callable
 
-from sim_backends.servers.channel import Channel
-from sim_backends.servers.clients import Instrument
 from sim_backends.servers.frames import UNRECOGNISED_TYPE, Fatal, Frame, FrameReader, Kind, error, fatal_error, header
 from sim_backends.servers.locks import Locks
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.sessions import Session
+from sim_backends.servers.socket import Channel
 
 VERSION = 0x0100  # 1.0
 VENDOR = int.from_bytes(b"LC", "big")
@@ -39,7 +38,7 @@ class HislipServer:
         self._last = 0
 
     def accept(self, connection: socket.socket) -> None:
-        """Take in a connection; its first message tells which of the two it is."""
+        """Take in a connection; its first message shows which of the two it is."""
         Connection(self, connection)
 
     def new_session(self, connection: "Connection") -> "Session":
@@ -54,11 +53,12 @@ class HislipServer:
             self.locks,
             ended=lambda: self.sessions.pop(identifier),
         )
+        self.loop.join(session)
         return session
 
 
 class Connection:
-    """One of the two connections of a session, or one that has not said yet."""
+    """One of the two connections of a session, or one of which that is not known yet."""
 
     def __init__(self, server: HislipServer, connection: socket.socket) -> None:
         self._server = server

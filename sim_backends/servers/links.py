@@ -5,17 +5,14 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
-from sim_backends.scpi.messages import Message, Unit
-from sim_backends.servers.channel import Chunk
-from sim_backends.servers.clients import Client, Instrument
+from sim_backends.scpi.messages import Chunk
+from sim_backends.scpi.status import MESSAGE_AVAILABLE
 from sim_backends.servers.disturbed import INTACT, Disturbed
 from sim_backends.servers.locks import LockAnswer, Locks
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import TRIGGER, Client, Instrument, Loop
 
-MESSAGE_AVAILABLE = 0x10  # bit 4 of the status byte (IEEE 488.2, 11.2)
 COUNT_REACHED, TERMINATOR_FOUND, END_REACHED = 1, 2, 4  # why a device_read ended
 _SEARCHED_AT_ONCE = 1024  # bytes
-TRIGGER = Message((Unit("*TRG", query=False, arguments=()),))
 
 
 class DeviceError(IntEnum):
@@ -49,10 +46,10 @@ class Link(Client):
     as timed out at once, because nothing here waits on a clock.
 
     Args:
-        loop: Where it is heard.
-        instrument: What it talks to.
-        locks: Who may talk to the instrument.
-        pace: Reads the link's connection on, unless too much is waiting.
+        loop: Where its messages are executed.
+        instrument: By which.
+        locks: Who may use the instrument.
+        read_on: Reads the link's connection on, unless too many messages are waiting.
         transmitting: Whether its connection still has something to send.
         hang_up: Closes its connection.
     """
@@ -63,13 +60,13 @@ class Link(Client):
         instrument: Instrument,
         locks: "Locks[Link]",
         *,
-        pace: Callable[[], None],
+        read_on: Callable[[], None],
         transmitting: Callable[[], bool],
         hang_up: Callable[[], None],
     ) -> None:
         super().__init__(loop, instrument)
         self._locks = locks
-        self._pace = pace
+        self._read_on = read_on
         self._transmitting = transmitting
         self._hang_up = hang_up
         self._output: deque[memoryview] = deque()  # of one reply
@@ -93,7 +90,7 @@ class Link(Client):
             room = self.reader.buffer()
             count = min(len(room), len(data))
             room[:count] = data[:count]
-            self.deliver(self.take(count))
+            self.receive(count)
             data = data[count:]
         if last and not self._ended:
             self.deliver(self.reader.end())
@@ -153,10 +150,10 @@ class Link(Client):
             self._disturbed = disturbed
             self._transfer()
 
-    def resume(self) -> None:
-        """Read on; a read that waits for a message without reply is given up."""
+    def pace(self) -> None:
+        """Read on, unless too many messages are waiting; a read that waits for a message without reply is given up."""
         if not self._ended:
-            self._pace()
+            self._read_on()
         if self._read:
             self.loop.when_idle(self._give_up)
 

@@ -1,25 +1,135 @@
-"""The one thread in which every client of the simulated bench is heard and every virtual instrument runs.
+"""The one thread that reads what every client of the simulated bench sends, and in which every virtual instrument runs.
 
 What an instrument does depends on the order in which messages reach it, and messages of several clients reach the
-sockets in an order that nobody controls. The loop makes the order as firm as it can: it hears everybody before anything
-is executed, executes settings before queries, and answers queries one by one, in the order in which clients connected.
+sockets in an order that nobody controls. The loop makes the order as firm as it can: it reads all that was sent before
+anything is executed, executes settings before queries, and answers queries one by one, in the order in which clients
+connected.
 """
 
 import logging
 import selectors
 import socket
 import threading
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Generator
 from contextlib import suppress
+from itertools import count
+from typing import NamedTuple, Protocol
 
-from sim_backends.servers.clients import Client
+from sim_backends.scpi.messages import Chunk, Message, MessageReader, Unit
 from sim_backends.servers.disturbed import Disturbed
 
 logger = logging.getLogger(__name__)
 
+MOST_WAITING = 256  # messages of one client; more are left on its side of the wire
+TRIGGER = Message((Unit("*TRG", query=False, arguments=()),))
+"""What a trigger of the transport's own means."""
+
+Execution = Generator[list[Chunk] | None, None, list[Chunk] | Disturbed]
+
+
+class Instrument(Protocol):
+    """What the loop needs of a virtual instrument."""
+
+    def run(self, message: Message) -> Execution:
+        """Execute `message`: yields while it is blocked, returns the reply without its terminator, [] for none.
+
+        A reply without end comes in parts: each is yielded, [] while there is none. It ends when the client sends
+        something.
+        """
+
+    def listens(self, begun: bytes) -> bool:
+        """Whether it goes on to receive a message that has begun with `begun` and is inside a block."""
+
+    def clear(self) -> None:
+        """Drop pending output and blocked execution (device clear)."""
+
+    def status_byte(self) -> int:
+        """The status byte of IEEE 488.2, as a serial poll reads it."""
+
+
+class Request(NamedTuple):
+    """A message that waits to be executed."""
+
+    arrival: int
+    message: Message
+    tag: int  # what the transport needs again when the reply is sent
+
+
+class Client(ABC):
+    """One client of one instrument: the messages it has sent and the one that is blocked, if any.
+
+    Its transport makes it and joins it to the loop.
+    """
+
+    def __init__(self, loop: "Loop", instrument: Instrument) -> None:
+        self.loop = loop
+        self.instrument = instrument
+        self.reader = MessageReader()
+        self.number = 0  # its rank among clients with queries at the same time; the loop gives it
+        self.waiting: deque[Request] = deque()
+        self.blocked: tuple[Execution, int] | None = None
+        self.part: list[Chunk] | None = None  # what `blocked` has yielded
+
+    def receive(self, size: int, tag: int = 0) -> None:
+        """Take `size` more bytes in the reader's buffer, and queue the messages that they complete."""
+        messages = self.reader.received(size)
+        if self.reader.begun and not self.instrument.listens(self.reader.begun):
+            self.hang_up()
+        self.deliver(messages, tag)
+
+    def deliver(self, messages: list[Message], tag: int = 0) -> None:
+        """Queue `messages` for execution."""
+        for message in messages:
+            self.waiting.append(Request(next(self.loop.arrivals), message, tag))
+        if len(self.waiting) >= MOST_WAITING:
+            self.pace()
+
+    def abandon(self) -> None:
+        """Forget what is waiting and what is blocked."""
+        self.waiting.clear()
+        self.drop()
+
+    def drop(self) -> None:
+        """Forget what is blocked."""
+        self.part = None
+        if self.blocked:
+            self.blocked[0].close()
+            self.blocked = None
+
+    def held_off(self) -> bool:
+        """Whether this client must wait although it has sent something (another one holds the lock)."""
+        return False
+
+    @property
+    @abstractmethod
+    def sending(self) -> bool:
+        """Whether a reply is still on its way."""
+
+    @abstractmethod
+    def reply(self, chunks: list[Chunk], tag: int) -> None:
+        """Send the reply to the request that came with `tag`."""
+
+    @abstractmethod
+    def disturb(self, disturbed: Disturbed, tag: int) -> None:
+        """Send what a fault has made of the reply to the request that came with `tag`."""
+
+    @abstractmethod
+    def hang_up(self) -> None:
+        """End the connection at once: what was not sent is dropped; what was received is still executed."""
+
+    @abstractmethod
+    def pace(self) -> None:
+        """Read on, unless too many messages are waiting; called when one was executed, or is blocked."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the connection."""
+
 
 class Loop:
-    """Listens, hears, executes, replies; in one thread between `start` and `stop`."""
+    """Listens, reads, executes, replies; in one thread between `start` and `stop`."""
 
     def __init__(self) -> None:
         self.selector = selectors.DefaultSelector()
@@ -27,7 +137,8 @@ class Loop:
         self._listeners: dict[int, socket.socket] = {}
         self._leaving: list[Client] = []
         self._later: list[Callable[[], None]] = []
-        self._numbers = self._arrivals = 0
+        self.arrivals = count(1)  # the rank of a message among all messages
+        self._numbers = count(1)
         self._stopping = False
         self._failure: BaseException | None = None
         self._alarm, self._bell = socket.socketpair()
@@ -92,22 +203,16 @@ class Loop:
         if failure is not None:
             raise failure
 
-    def join(self, client: Client) -> int:
-        """Take in a client; returns its number, which is its rank among clients that ask at the same time."""
+    def join(self, client: Client) -> None:
+        """Take in a client, and give it its number."""
+        client.number = next(self._numbers)
         self._clients.append(client)
-        self._numbers += 1
-        return self._numbers
 
     def leave(self, client: Client) -> None:
         """The client sends nothing any more: execute what it has sent, then close it."""
         if client.blocked:
             client.abandon()
         self._leaving.append(client)
-
-    def count_arrival(self) -> int:
-        """The rank of a message among all messages."""
-        self._arrivals += 1
-        return self._arrivals
 
     def when_idle(self, call: Callable[[], None]) -> None:
         """Call once, as soon as everything that can be executed is executed."""
@@ -123,9 +228,9 @@ class Loop:
             self._close()
 
     def _serve(self) -> None:
-        while not self._stopping:  # a ring of the bell may have been heard between two queries
-            self._hear(0 if any(client.part and not client.sending for client in self._clients) else None)
-            self._hear_everybody()
+        while not self._stopping:  # the bell may have rung between two queries
+            self._poll(0 if any(client.part and not client.sending for client in self._clients) else None)
+            self._read_everything()
             self._retry_blocked()  # a device clear may have set them free
             self._execute_everything()
             while self._later:
@@ -134,28 +239,28 @@ class Loop:
                     call()
                 self._execute_everything()
             self._close_leaving()
-        self._hear_everybody()  # what was sent before `stop`
+        self._read_everything()  # what was sent before `stop`
 
-    def _hear(self, timeout: float | None) -> bool:
+    def _poll(self, timeout: float | None) -> bool:
         """Read what is there (None: wait for it) and send on where there is room; returns whether anything happened."""
         events = self.selector.select(timeout)
         for key, mask in events:
             key.data(mask)
         return bool(events)
 
-    def _hear_everybody(self) -> None:
-        while self._hear(0):
+    def _read_everything(self) -> None:
+        while self._poll(0):
             pass
 
     def _execute_everything(self) -> None:
-        heard = True
+        everything_read = True
         while (client := self._next()) is not None:
-            if client.waiting[0].queries and not heard:
-                self._hear_everybody()  # settings that came in the meantime go first
-                heard = True
+            if client.waiting[0].message.queries and not everything_read:
+                self._read_everything()  # settings that came in the meantime go first
+                everything_read = True
                 continue
             self._execute(client)
-            heard = False
+            everything_read = False
 
     def _next(self) -> Client | None:
         """Whose turn it is: settings in the order of arrival, then queries in the order of the clients."""
@@ -165,9 +270,10 @@ class Loop:
             if not client.waiting or client.blocked or client.held_off():
                 continue
             head = client.waiting[0]
-            if head.queries and client.sending:
+            queries = head.message.queries
+            if queries and client.sending:
                 continue  # who does not fetch a reply gets no other
-            candidate = (head.queries, client.number if head.queries else head.arrival)
+            candidate = (queries, client.number if queries else head.arrival)
             if chosen is None or candidate < rank:
                 chosen, rank = client, candidate
         return chosen
@@ -176,7 +282,7 @@ class Loop:
         request = client.waiting.popleft()
         client.blocked = (client.instrument.run(request.message), request.tag)
         if not self._advance(client):
-            client.resume()
+            client.pace()
         self._retry_blocked()
 
     def _retry_blocked(self) -> None:
@@ -190,7 +296,7 @@ class Loop:
         execution, tag = client.blocked
         if client.part is not None and client.waiting:
             client.drop()
-            client.resume()
+            client.pace()
             return True
         if client.part and client.sending:
             return False
@@ -204,7 +310,7 @@ class Loop:
                 client.disturb(end.value, tag)
             elif end.value:
                 client.reply(end.value, tag)
-            client.resume()
+            client.pace()
             return True
         if client.part:
             client.reply(client.part, tag)

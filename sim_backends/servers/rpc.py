@@ -7,8 +7,9 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
-from sim_backends.servers.channel import Channel, Chunk
+from sim_backends.scpi.messages import Chunk
 from sim_backends.servers.disturbed import INTACT, Disturbed, fragments, pieces
+from sim_backends.servers.socket import Channel
 
 _MARK = struct.Struct("!I")
 _LAST_FRAGMENT = 0x8000_0000
@@ -194,7 +195,7 @@ class RpcConnection:
         try:
             call = self._call(record)
         except GarbageArguments:
-            self.end()  # not even a call: what follows cannot be told either
+            self.end()  # not even a call: what follows cannot be read either
             return
         if call is None:
             return
@@ -223,7 +224,7 @@ class RpcConnection:
             self._send(_DENIED.pack(number, _REPLY, 1, 0, _RPC_VERSION, _RPC_VERSION), [])
             return None
         arguments = Arguments(record[_CALL_HEAD.size :])
-        for _ in ("credential", "verifier"):  # who calls is not asked
+        for _ in ("credential", "verifier"):  # callers are not checked
             arguments.integer()
             arguments.opaque()
         return Call(number, program, version, procedure, arguments)

@@ -6,30 +6,28 @@ A reply carries the identifier of the message that asked for it; clients drop re
 import struct
 from collections.abc import Callable
 
-from sim_backends.scpi.messages import Message, Unit
-from sim_backends.servers.channel import Channel, Chunk
-from sim_backends.servers.clients import MOST_WAITING, Client, Instrument
+from sim_backends.scpi.messages import Chunk
+from sim_backends.scpi.status import MESSAGE_AVAILABLE
 from sim_backends.servers.disturbed import Disturbed, pieces
 from sim_backends.servers.frames import Fatal, Frame, Kind, data_frames, disturbed_frames, fatal_error, header
 from sim_backends.servers.locks import Locks
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import MOST_WAITING, TRIGGER, Client, Instrument, Loop
+from sim_backends.servers.socket import Channel
 
 LARGEST_MESSAGE = 1 << 20  # bytes, header included: what clients propose as well
-MESSAGE_AVAILABLE = 0x10  # bit 4 of the status byte (IEEE 488.2, 11.2)
 REPLY_DELIVERED = 1  # control bit of a client that has read a reply to its end
 LOCK_REQUESTED = 1  # control code of AsyncLock; 0 releases
-TRIGGER = Message((Unit("*TRG", query=False, arguments=()),))
 
 
 class Session(Client):
     """A client on HiSLIP.
 
     Args:
-        loop: Where it is heard.
-        instrument: What it talks to.
+        loop: Where its messages are executed.
+        instrument: By which.
         identifier: The number by which its second connection names it.
         channel: The synchronous connection; the asynchronous one is assigned when it comes.
-        locks: Who may talk to the instrument.
+        locks: Who may use the instrument.
         ended: Called when the client is gone.
     """
 
@@ -82,7 +80,7 @@ class Session(Client):
     @property
     def sending(self) -> bool:
         """Whether a reply is still on its way."""
-        return self._channel.sending
+        return bool(self._channel.unsent)
 
     def held_off(self) -> bool:
         """Whether another session holds the lock."""
@@ -115,8 +113,8 @@ class Session(Client):
         self._channel.close()
         self.end()
 
-    def resume(self) -> None:
-        """Read on, unless too much is waiting."""
+    def pace(self) -> None:
+        """Read on, unless too many messages are waiting."""
         self._channel.read(wanted=not self._ended and len(self.waiting) < MOST_WAITING)
 
     def end(self) -> None:
@@ -142,7 +140,7 @@ class Session(Client):
 
     def data(self, frame: Frame, count: int) -> None:
         """`count` bytes of a program message came into `data_room()`."""
-        self._deliver(self.take(count), frame)
+        self.receive(count, frame.parameter)
 
     def _data_complete(self, frame: Frame, _payload: bytes) -> None:
         if self.asynchronous is None:
@@ -151,12 +149,7 @@ class Session(Client):
         elif not (self._clearing or self._ended):
             self._note_delivery(frame)
             if frame.kind == Kind.DATA_END:
-                self._deliver(self.reader.end(), frame)
-
-    def _deliver(self, messages: list[Message], frame: Frame) -> None:
-        self.deliver(messages, frame.parameter)
-        if len(self.waiting) >= MOST_WAITING:
-            self._channel.read(wanted=False)
+                self.deliver(self.reader.end(), frame.parameter)
 
     def _note_delivery(self, frame: Frame) -> None:
         if frame.control & REPLY_DELIVERED:
@@ -164,7 +157,7 @@ class Session(Client):
 
     def _trigger(self, frame: Frame, _payload: bytes) -> None:
         self._note_delivery(frame)
-        self._deliver([TRIGGER], frame)
+        self.deliver([TRIGGER], frame.parameter)
 
     def _answer(self, kind: Kind, control: int = 0, parameter: int = 0, payload: bytes = b"") -> None:
         if self.asynchronous:
@@ -191,7 +184,7 @@ class Session(Client):
         self.abandon()
         self.reader.clear()
         self.instrument.clear()
-        self.resume()
+        self.pace()
         self._answer(Kind.ASYNC_DEVICE_CLEAR_ACKNOWLEDGE)
 
     def _complete_clear(self, _frame: Frame, _payload: bytes) -> None:

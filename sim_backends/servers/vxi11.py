@@ -7,12 +7,11 @@ TCP/IP instrument protocol), appendix B. Not served: interrupt channels and serv
 import socket
 from collections.abc import Callable
 
-from sim_backends.servers.channel import Chunk
-from sim_backends.servers.clients import MOST_WAITING, Instrument
+from sim_backends.scpi.messages import Chunk
 from sim_backends.servers.disturbed import Disturbed
 from sim_backends.servers.links import DeviceError, Link, Read
 from sim_backends.servers.locks import Locks
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import MOST_WAITING, Instrument, Loop
 from sim_backends.servers.rpc import Call, RpcConnection, opaque, unsigned
 
 CORE_PROGRAM, ABORT_PROGRAM, VERSION = 0x0607AF, 0x0607B0, 1
@@ -79,10 +78,11 @@ class Vxi11Server:
             self.loop,
             self.instrument,
             self.locks,
-            pace=core.pace,
-            transmitting=lambda: core.rpc.channel.sending,
+            read_on=core.read_on,
+            transmitting=lambda: bool(core.rpc.channel.unsent),
             hang_up=core.rpc.end,
         )
+        self.loop.join(link)
         self.links[self._last] = link
         return self._last, link
 
@@ -120,8 +120,8 @@ class CoreConnection:
             ended=self._end,
         )
 
-    def pace(self) -> None:
-        """Read on, unless too much of a link is waiting."""
+    def read_on(self) -> None:
+        """Read on, unless too many messages of a link are waiting."""
         self.rpc.channel.read(wanted=all(len(link.waiting) < MOST_WAITING for link in self._links.values()))
 
     def _end(self) -> None:
@@ -181,7 +181,6 @@ class CoreConnection:
             self._fail(call, DeviceError.LOCKED)
             return
         link.write(data, last=bool(flags & END_OF_MESSAGE))
-        self.pace()
         self._answer(call, DeviceError.NONE, unsigned(len(data)))
 
     def _read(self, call: Call, link: Link) -> None:
@@ -213,7 +212,7 @@ class CoreConnection:
 
     def _clear(self, call: Call, link: Link) -> None:
         link.clear()
-        self.pace()
+        self.read_on()
         self._acknowledge(call, link)
 
     def _acknowledge(self, call: Call, _link: Link) -> None:

@@ -1,14 +1,10 @@
-"""What the virtual instruments understand, as a document: every command with its state.
+"""What the virtual instruments understand, as a document made from their tables of commands.
 
-`python -m sim_backends.virtual.catalogue` writes `docs/reference/virtual-instruments.md` of the checkout it runs in. A
-command works, is accepted without effect, or is known from the real instrument's manual and not there.
+`python -m sim_backends.virtual.catalogue` writes `docs/reference/virtual-instruments.md` of the checkout it runs in.
 """
 
-import re
 import sys
-import tomllib
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,28 +12,22 @@ from sim_backends import virtual
 from sim_backends.scpi.commands import Command
 from sim_backends.virtual import VirtualInstrument
 from sim_backends.virtual.instrument import COMMON
-from sim_backends.virtual.tlg220.table import default_table
+from sim_backends.virtual.tlg220.instrument import default_table
 
 DOCUMENT = Path("docs/reference/virtual-instruments.md")
 
 WORKS = "works"
 WITHOUT_EFFECT = "accepted without effect"
-MISSING = "not there"
 
 _INTRODUCTION = """\
 # Virtual instruments
 
 Every command the virtual instruments understand. Capitals are the short form, `[...]` may be left out, `#` stands for
-a numeric suffix. *Accepted without effect*: the value is checked, kept and read back, and nothing else changes.
-*Not there*: the real instrument's manual has it, the virtual one answers -113 (113 on the oscilloscope).
+a numeric suffix. *Accepted without effect*: the value is checked, kept and read back, and nothing else changes. Any
+other command gets the error that the model gives for an unknown one: -113, or 113 on the oscilloscope.
 
 This document is generated: `python -m sim_backends.virtual.catalogue`.
 """
-
-
-def known_commands() -> dict[str, dict[str, list[str]]]:
-    """For some models: headers the real instrument is known to have, and those that are here without effect."""
-    return tomllib.loads(files("sim_backends.virtual").joinpath("known_commands.toml").read_text(encoding="utf-8"))
 
 
 def models() -> dict[str, type[VirtualInstrument]]:
@@ -50,38 +40,24 @@ def models() -> dict[str, type[VirtualInstrument]]:
     }
 
 
-def states(commands: Sequence[Command], known: Mapping[str, Sequence[str]]) -> list[tuple[str, str, str]]:
-    """One line a command: header, forms (`set`, `query`, `set and query`) and state, in the order of the headers.
-
-    Args:
-        commands: The table of a model.
-        known: `known`, headers of the real instrument; `without_effect`, headers of this table.
-    """
+def states(commands: Sequence[Command]) -> list[tuple[str, str, str]]:
+    """One line a command: header, forms (`set`, `query`, `set and query`) and state, in the order of the headers."""
     forms: dict[str, set[str]] = {}
+    state: dict[str, str] = {}
     for command in commands:
         meant = forms.setdefault(command.header, set())
         meant.update(form for form, there in (("set", command.acts), ("query", command.answers)) if there)
-    idle = set(known.get("without_effect", ()))
-    present = [_pattern(header) for header in forms]
-    lines = [
-        (header, " and ".join(sorted(meant, reverse=True)), WITHOUT_EFFECT if header in idle else WORKS)
-        for header, meant in forms.items()
-    ]
-    lines += [
-        (header, "", MISSING)
-        for header in known.get("known", ())
-        if not any(pattern.fullmatch(header.upper()) for pattern in present)
-    ]
+        state[command.header] = WORKS if command.effect else WITHOUT_EFFECT
+    lines = [(header, " and ".join(sorted(meant, reverse=True)), state[header]) for header, meant in forms.items()]
     return sorted(lines, key=lambda line: line[0].replace("[", "").upper())
 
 
 def document() -> str:
     """The whole document."""
-    parts = [_INTRODUCTION, _section("Common to all", "", states(COMMON, {}))]
-    known = known_commands()
+    parts = [_INTRODUCTION, _section("Common to all", "", states(COMMON))]
     for name, model in models().items():
         if model.COMMANDS:
-            parts.append(_section(name, model.IDENTITY, states(model.COMMANDS, known.get(name, {}))))
+            parts.append(_section(name, model.IDENTITY, states(model.COMMANDS)))
         else:
             parts.append(_laser_section(name, model.IDENTITY, default_table()))
     return "\n".join(parts)
@@ -94,7 +70,7 @@ def main(root: Path = Path()) -> int:
 
 
 def _section(name: str, identity: str, lines: Sequence[tuple[str, str, str]]) -> str:
-    counts = {state: sum(line[2] == state for line in lines) for state in (WORKS, WITHOUT_EFFECT, MISSING)}
+    counts = {state: sum(line[2] == state for line in lines) for state in (WORKS, WITHOUT_EFFECT)}
     summary = ", ".join(f"{count} {state}" for state, count in counts.items() if count)
     rows = "\n".join(f"| `{header}` | {forms} | {state} |" for header, forms, state in lines)
     heading = f"## {name}\n\n" + (f"`{identity}`\n\n" if identity else "")
@@ -107,11 +83,6 @@ def _laser_section(name: str, identity: str, table: Mapping[str, Any]) -> str:
         f"## {name}\n\n`{identity}`\n\nIts commands are a table, by default these; see the laser table's own file."
     )
     return f"{heading}\n\n| written | entry | state |\n| --- | --- | --- |\n{rows}\n"
-
-
-def _pattern(header: str) -> re.Pattern[str]:
-    """Matches a declared header with its optional nodes present or left out."""
-    return re.compile(re.escape(header.upper()).replace(r"\[", "(?:").replace(r"\]", ")?"))
 
 
 if __name__ == "__main__":

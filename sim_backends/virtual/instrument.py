@@ -1,22 +1,11 @@
 """What every virtual instrument is: a table of commands, IEEE 488.2 status, and the execution of messages."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from typing import ClassVar
 
 from sim_backends.scpi.arguments import integer
-from sim_backends.scpi.commands import (
-    Action,
-    Chunk,
-    Command,
-    CommandTable,
-    Found,
-    Query,
-    Reply,
-    Setting,
-    chunks,
-    reply_header,
-)
-from sim_backends.scpi.messages import Malformed, Message, Unit
+from sim_backends.scpi.commands import Action, Command, CommandTable, Query, Setting, reply_header
+from sim_backends.scpi.messages import Chunk, Malformed, Message, Unit
 from sim_backends.scpi.status import ScpiError, Status
 from sim_backends.world.world import World
 
@@ -30,9 +19,9 @@ COMMON = (
     Setting("*ESE", "status.event_mask", integer(0, 255)),
     Setting("*SRE", "status.service_mask", integer(0, 255)),
     Query("*STB?", "read_status_byte"),
-    Query("*OPC?", "operations_complete", waits=True),
+    Query("*OPC?", "operations_complete", waits="pending"),
     Action("*OPC", "note_completion"),
-    Action("*WAI", "carry_on", waits=True),
+    Action("*WAI", "carry_on", waits="pending"),
     Action("*CLS", "clear_status"),
     Action("*RST", "reset"),
     Action("*TRG", "bus_trigger"),
@@ -77,27 +66,30 @@ class VirtualInstrument:
     def run(self, message: Message) -> Execution:
         """Execute `message`; returns its reply as the chunks to send, [] for none.
 
-        Yields None while a command must wait for an overlapping operation (`*OPC?`, `*WAI`), and the parts of a reply
-        without end.
+        Yields None while a command must wait (`*OPC?`, `*WAI`). A reply without end comes in parts: each is yielded, []
+        while there is none.
         """
         reply: list[Chunk] = []
         path = ""
         for unit in message.units:
             self._notice_completion()
             try:
-                found = self._find(path, unit)
-                path = found.path
-                if found.command.waits:
-                    while self.pending():
-                        yield None
-                self._replying = bool(reply)
-                part = self._execute(found, unit)
+                if isinstance(unit, Malformed):
+                    raise ScpiError(unit.code)
+                command, suffixes, path = self._TABLE.find(path, unit.header, unit.query)
+                self.prepare(command, query=unit.query)
+                while True:
+                    while command.waits and command.waits(self)():
+                        yield [] if command.endless else None
+                    self._replying = bool(reply)
+                    part = self._execute(command, suffixes, unit)
+                    if not (command.endless and part):
+                        break
+                    yield _joined(reply, part)
+                    reply = []
             except ScpiError as error:
                 part = self.refused(unit, error)
-            if part is not None:
-                if reply:
-                    reply.append(b";")
-                reply.extend(chunks(part))
+            reply = _joined(reply, part)
         return reply
 
     def listens(self, begun: bytes) -> bool:
@@ -119,8 +111,11 @@ class VirtualInstrument:
         """Whether an overlapping operation is still under way."""
         return False
 
-    def changed(self) -> None:
-        """A command was executed (perhaps one that changed nothing)."""
+    def prepare(self, command: Command, *, query: bool) -> None:
+        """`command` is about to be executed, as soon as it need not wait."""
+
+    def changed(self, command: Command) -> None:
+        """`command` was executed (perhaps it changed nothing)."""
 
     def reset(self) -> None:
         """`*RST`."""
@@ -128,10 +123,10 @@ class VirtualInstrument:
     def bus_trigger(self) -> None:
         """`*TRG`."""
 
-    def refused(self, unit: Unit, error: ScpiError) -> Reply:
+    def refused(self, unit: Unit, error: ScpiError) -> list[Chunk]:
         """`unit` was refused: queue the error; a line-oriented instrument answers with it."""
         self.status.report(error)
-        return None
+        return []
 
     # --- common commands
 
@@ -174,19 +169,15 @@ class VirtualInstrument:
             self._completion_asked = False
             self.status.complete()
 
-    def _find(self, path: str, unit: Unit) -> Found:
-        if isinstance(unit, Malformed):
-            raise ScpiError(unit.code)
-        return self._TABLE.find(path, unit.header, query=unit.query)
-
-    def _execute(self, found: Found, unit: Unit) -> Reply:
-        command, suffixes, _ = found
+    def _execute(self, command: Command, suffixes: Sequence[int], unit: Unit) -> list[Chunk]:
         if not unit.query:
             reply = command.execute(self, suffixes, unit.arguments)
-            self.changed()
+            self.changed(command)
             return reply
         reply = command.answer(self, suffixes, unit.arguments)
-        if not self.headers or command.labelled or reply is None:
-            return reply
-        header = reply_header(command, suffixes, verbose=self.verbose)
-        return [header.encode() + b" ", *chunks(reply)] if header else reply
+        header = reply_header(command, suffixes, verbose=self.verbose) if self.headers and not command.labelled else ""
+        return [header.encode() + b" ", *reply] if header and reply else reply
+
+
+def _joined(replies: list[Chunk], reply: list[Chunk]) -> list[Chunk]:
+    return [*replies, b";", *reply] if replies and reply else replies + reply

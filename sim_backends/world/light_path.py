@@ -1,106 +1,122 @@
-"""One twin's fibre and chip, and what the settings of the instruments make of them, computed once and kept.
+"""What the detectors put out under a setting of the instruments: the light of every picture, and its noise.
 
-Keeps the draws (fibre, one cavity a nanometre) and small caches of what a setting fixes: fields behind the ports,
-masks at the sampled times, sampling filters. Knows no mirrors' history, no triggers, no noise.
+Keeps small caches of what a setting fixes: fields behind the ports, masks at the sampled times, sampling filters. A
+picture then costs two real matrix products and the detector's filter. Knows no mirrors' history and no triggers.
 """
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.optics import cavity, chain, derived, drive, fibre, mirrors, receiver
-from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
-from sim_backends.world import noise as chance
-from sim_backends.world.signals import BYPASS, Acquisition, Emission, Playback
+from sim_backends.optics import chain, mirrors, receiver
+from sim_backends.parameters import Parameters
+from sim_backends.world.pictures import Sight
+from sim_backends.world.signals import Acquisition
+from sim_backends.world.triggers import level_crossings
+from sim_backends.world.twin import Optics, Setting, Twin
 
+IMAGE_BLOCK = 8
+_BLOCK_BYTES = 32_000_000  # of fields computed together; bounds the memory, not the result
 _KEPT_SETTINGS = 12
 _KEPT_MASK_BYTES = 300_000_000
 _PAGE_POINTS = 4096
 _BLOCK_SAMPLES = 64
-_LEAD_S = 2e-9  # more than the band limits smear the start of a segment forward
-_FILTERS_S = 1e-9  # more than generator, amplifier and modulator remember
+_PHASE_STEP_S = 1.25e-12
+_SAME_PHASE_S = 15e-12
 
 sampling_filter = lru_cache(maxsize=64)(receiver.sampling_filter)
 
 
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What the instruments fix before the mirrors come in.
+class Light(NamedTuple):
+    """What triggers have in common that one computation serves: all but the pattern.
 
-    ports: the port whose light each recorded channel sees, None = none. wander_step: number of the virtual-time step.
-    segment: of a triggered playback, the one that plays; None: it waits for its first trigger. repeats: how often the
-    segment is played before the output idles again; 0: for ever, and has been.
+    step, segment, repeats, lit: of their `Setting`. phase_s: in the drive's period, or time from the segment's start to
+    the trigger. shift_s: samples are taken this much later than the acquisition says. scene: of the mirrors. age_s:
+    from the mirrors' last change to the trigger; None: they stand still.
     """
 
-    emission: Emission | None
-    playback: Playback | None
-    ports: tuple[int | None, ...]
-    wander_step: int
-    segment: int | None = None
-    repeats: int = 1
-
-    @property
-    def periodic(self) -> bool:
-        """Whether the light repeats for ever."""
-        return self.playback is None or self.playback.lengths is None or self.segment is None or self.repeats == 0
-
-    @property
-    def key(self) -> bytes:
-        """Names the setting."""
-        laser = (self.emission.wavelength_nm, self.emission.power_w) if self.emission else ("dark",)
-        played = self.playback.digest if self.playback else "idle"
-        segment: tuple[chance.Purpose, ...] = () if self.segment is None else ("segment", self.segment, self.repeats)
-        return chance.digest(*laser, played, *(str(port) for port in self.ports), self.wander_step, *segment)
-
-
-@dataclass(frozen=True, eq=False)
-class Optics:
-    """What a setting fixes: fields (root volts) behind the ports on a grid of `step_s`, fibre taps, receiver noise.
-
-    laws: (4, channels, 1) float32, rows of `receiver.NoiseLaw`: floor, linear, quadratic, offset.
-    idle_s: light idles from this long before the segment's start, and at the end of the fields; None: it is periodic.
-    """
-
-    key: bytes
-    fields: NDArray[np.complex64]
-    taps: NDArray[np.complex64]
-    step_s: float
-    laws: NDArray[np.float32]
+    step: int
+    segment: int | None
+    repeats: int
+    phase_s: float
+    shift_s: float
+    scene: int
+    age_s: float | None
     lit: bool
-    idle_s: float | None
 
 
 class LightPath:
-    """Laser to detector input of one twin: `Parameters` and a seed."""
+    """Laser to detector of one twin: `Parameters` and a seed.
+
+    Attributes:
+        optics: what a `Setting` fixes; the latest ones are kept.
+    """
 
     def __init__(self, parameters: Parameters, twin_seed: int) -> None:
+        twin = Twin(parameters, twin_seed)
+        self.optics = lru_cache(_KEPT_SETTINGS)(twin.optics)
         self._parameters = parameters
-        self._seed = twin_seed
-        self._chips: dict[int, cavity.Cavity] = {}
-        self._optics: OrderedDict[bytes, Optics] = OrderedDict()
-        self._masks: OrderedDict[bytes, NDArray[np.float32]] = OrderedDict()
-        self._basis, self._modes = chain.draw_fibre(parameters, self._generator("fibre"))
+        self._basis = twin.basis
+        self._delay_s = parameters.light_delay_s
+        self._masks: OrderedDict[tuple[bytes, float, float, int], NDArray[np.float32]] = OrderedDict()
 
     def amplitudes(self, on: NDArray[np.float32]) -> NDArray[np.float32]:
         """Mirror patterns, on-fractions (images, 784), in the speckle basis: (images, r)."""
         if self._parameters.light_path == "direct":
             return np.ones((on.shape[0], 1), np.float32)
-        return chain.speckle_amplitudes(self._basis, on)
+        return in_blocks(on, self._basis)
 
-    def optics(self, setting: Setting) -> Optics:
-        """What `setting` fixes; from the cache if it was there before."""
-        key = setting.key
-        if key in self._optics:
-            self._optics.move_to_end(key)
-        else:
-            self._optics[key] = self._new_optics(setting)
-            if len(self._optics) > _KEPT_SETTINGS:
-                self._optics.popitem(last=False)
-        return self._optics[key]
+    def detect(
+        self,
+        volts: NDArray[np.float32],
+        rows: NDArray[np.intp],
+        lateness: NDArray[np.float64],
+        acquisition: Acquisition,
+        setting: Setting,
+        light: Light,
+        sight: Sight,
+    ) -> None:
+        """Turn unit noise in `volts[rows]` into what the detectors put out.
+
+        Jitter, `lateness` (s) of each row, enters by the trace's slope: first-order Taylor.
+        """
+        optics = self.optics(setting)
+        floor, linear, quadratic, offset = optics.laws
+        amplitudes = sight.scenes[light.scene].amplitudes
+        seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if light.age_s is not None else 0)
+        pairs, which = np.unique(seen, return_inverse=True)
+        after, before = amplitudes[pairs // len(amplitudes)], amplitudes[pairs % len(amplitudes)]
+        points = acquisition.samples / (acquisition.sample_rate * self._parameters.record_step_s) + 100
+        block = max(1, int(_BLOCK_BYTES / (8 * len(acquisition.channels) * points * IMAGE_BLOCK)))
+        block *= IMAGE_BLOCK
+        order = np.argsort(which, kind="stable")
+        at_once = max(1, _BLOCK_BYTES // volts[0].nbytes)
+        for begin in range(0, len(pairs), block):
+            clean, slope = self.sampled(
+                optics,
+                acquisition,
+                after[begin : begin + block],
+                phase_s=light.phase_s,
+                shift_s=light.shift_s,
+                before=None if light.age_s is None else before[begin : begin + block],
+                moving_since_s=light.age_s or 0.0,
+            )
+            signal = np.maximum(clean, 0)
+            deviation = np.sqrt(floor + signal * (linear + quadratic * signal))
+            clean = clean + offset
+            low, high = np.searchsorted(which[order], [begin, begin + len(clean)])
+            for first in range(low, high, at_once):
+                places = order[first : min(first + at_once, high)]
+                own, image = rows[places], which[places] - begin
+                traces = volts[own]
+                traces *= deviation[image]
+                traces += clean[image]
+                traces += lateness[own, np.newaxis, np.newaxis].astype(np.float32) * slope[image]
+                volts[own] = np.minimum(traces, np.float32(self._parameters.detector_limit_v), out=traces)
 
     def sampled(
         self,
@@ -140,7 +156,7 @@ class LightPath:
             return zero, zero
         points = sampling.points + (acquisition.samples - sampling.samples) * decimation
         first = acquisition.start_s - sampling.before * step
-        light_time = phase_s + first - constants.light_delay_s
+        light_time = phase_s + first - self._delay_s
         field = self._field(optics, amplitudes, light_time, step, points)
         if before is not None:
             moved = mirrors.moved_fraction(
@@ -150,15 +166,28 @@ class LightPath:
             ).astype(np.float32)
             old = self._field(optics, before, light_time, step, points)
             field = old + moved * (field - old)
-        clean, slope = receiver.apply_filter(sampling, chain.fast_volts(field), acquisition.samples)
+        clean, slope = receiver.apply_filter(sampling, receiver.fast_volts(field), acquisition.samples)
         if constants.detector_coupling == "ac":
             clean = clean - self._mean_volts(optics, amplitudes)
         return clean, slope
 
+    def crossings(
+        self, setting: Setting, amplitudes: NDArray[np.float32], level_v: float, *, rising: bool
+    ) -> NDArray[np.float64]:
+        """Phases (s) of the drive's period at which the light on the setting's only port crosses a level."""
+        if setting.playback is None:
+            return np.empty(0)
+        points = math.ceil(setting.playback.period / self._parameters.record_step_s)
+        period = Acquisition((1,), points / setting.playback.period, points, 0.0)
+        optics = self.optics(setting)
+        clean, _ = self.sampled(optics, period, amplitudes[np.newaxis], phase_s=0.0, shift_s=0.0)
+        trace = np.minimum(clean[0, 0] + optics.laws[3, 0], np.float32(self._parameters.detector_limit_v))
+        return level_crossings(trace, level_v, rising=rising) / period.sample_rate
+
     def _mean_volts(self, optics: Optics, amplitudes: NDArray[np.float32]) -> NDArray[np.float32]:
         """What an AC-coupled detector takes away, (images, channels, 1): behind a triggered drive, the idle light."""
         if optics.idle_s is not None:
-            return chain.fast_volts(self._inside(optics, amplitudes, 0.0, optics.step_s, 1))
+            return receiver.fast_volts(self._inside(optics, amplitudes, 0.0, optics.step_s, 1))
         means = [chain.mean_volts(row, optics.fields, optics.taps) for row in amplitudes]
         return np.array(means, np.float32)[:, :, None]
 
@@ -208,12 +237,12 @@ class LightPath:
         pages = []
         for begin in range(0, points, _PAGE_POINTS):
             page = self._page(optics, start_s + begin * step, step, min(points - begin, _PAGE_POINTS))
-            pages.append(chain.in_blocks(amplitudes, page).reshape(shape))
+            pages.append(in_blocks(amplitudes, page).reshape(shape))
         return pages[0] if len(pages) == 1 else np.concatenate(pages, axis=-1)
 
     def _page(self, optics: Optics, start_s: float, step: float, points: int) -> NDArray[np.float32]:
         """Masks at `points` light times from `start_s`, kept while there is room."""
-        key = chance.digest(optics.key, start_s, step, points)
+        key = (optics.key, start_s, step, points)
         if key in self._masks:
             self._masks.move_to_end(key)
             return self._masks[key]
@@ -225,68 +254,29 @@ class LightPath:
             self._masks.popitem(last=False)
         return page
 
-    def _new_optics(self, setting: Setting) -> Optics:
-        constants = self._parameters
-        laser = setting.emission or Emission(constants.design_wavelength_nm, 0.0)
-        light, idle_s = self._light(setting)
-        frequency = SPEED_OF_LIGHT / (laser.wavelength_nm * 1e-9)
-        frequency += self._detuning("laser wander", constants.laser_wander_hz, setting.wander_step)
-        nearest_nm = round(laser.wavelength_nm)
-        detuning = frequency - SPEED_OF_LIGHT / (nearest_nm * 1e-9)
-        detuning -= self._detuning("chip wander", constants.chip_wander_hz, setting.wander_step)
-        transfer = chain.chip_transfer(constants, self._chip(nearest_nm), step_s=light.step_s, detuning_hz=detuning)
-        wanted = [
-            (BYPASS, 0.0) if port is None else (port, math.sqrt(chain.volts_per_field(constants, port, laser.power_w)))
-            for port in setting.ports
-        ]
-        laws = [chain.port_noise(constants, transfer, port, light.step_s) for port in setting.ports]
-        return Optics(
-            setting.key,
-            chain.port_fields(light, transfer, wanted),
-            fibre.delay_taps(self._modes, frequency_hz=frequency, step=light.step_s),
-            light.step_s,
-            np.array([[law.floor, law.linear, law.quadratic, law.offset_v] for law in laws], np.float32).T[:, :, None],
-            setting.emission is not None,
-            idle_s,
-        )
 
-    def _light(self, setting: Setting) -> tuple[chain.DriveLight, float | None]:
-        """Light behind the modulator and, unless it is periodic, how long it idles before the segment starts.
+def snapped(phases: NDArray[np.float64], period: float, marks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Phases (s) of light on a fine grid, or on `marks`, the edges that triggers come from, where they are near one."""
+    on_grid = np.rint(phases / _PHASE_STEP_S) * _PHASE_STEP_S
+    if marks.size == 0:
+        return on_grid
+    away = np.abs(phases[:, None] - marks)
+    if math.isfinite(period):
+        away = np.minimum(away, period - away)
+    nearest = away.argmin(axis=1)
+    close = away[np.arange(phases.size), nearest] < _SAME_PHASE_S
+    return np.where(close, marks[nearest], on_grid)
 
-        After the segment it idles for longer than fibre and chip remember, so that the end of the field is the
-        beginning. A segment is taken to start from idle light: the one before ended some 10 ns earlier at least.
-        """
-        constants, playback = self._parameters, setting.playback
-        waiting = playback is not None and playback.lengths is not None and setting.segment is None
-        if playback is None or waiting:
-            return chain.idle_light(constants), None
-        rate = playback.sample_rate
-        volts, _ = playback.segment(setting.segment or 0)
-        if setting.periodic:
-            return chain.driven_light(constants, volts, rate), None
-        step = 1.0 / (rate * drive.oversampling(rate, constants.drive_step_s))
-        remembered = chain.IMPULSE_POINTS * step + float(self._modes.delays_s.max()) + _FILTERS_S
-        lead, tail = math.ceil(_LEAD_S * rate), math.ceil(remembered * rate)
-        volts = np.concatenate(
-            [np.zeros(lead, np.float32), np.tile(volts, setting.repeats), np.zeros(tail, np.float32)]
-        )
-        return chain.driven_light(constants, volts, rate), lead / rate
 
-    def _chip(self, wavelength_nm: int) -> cavity.Cavity:
-        """One independent cavity a nanometre (125 GHz, many linewidths); small detunings shift the same one."""
-        if wavelength_nm not in self._chips:
-            constants = self._parameters
-            self._chips[wavelength_nm] = cavity.draw_cavity(
-                self._generator("chip", wavelength_nm),
-                modes=constants.chip_modes,
-                density=derived.mode_density_per_hz(constants),
-                ports=constants.chip_ports,
-                transmission=constants.chip_coupling,
-            )
-        return self._chips[wavelength_nm]
+def in_blocks(rows: NDArray[np.float32], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Product rows @ matrix in blocks of `IMAGE_BLOCK` rows, zero-padded.
 
-    def _detuning(self, what: str, rms_hz: float, step: int) -> float:
-        return rms_hz * float(self._generator(what, step).standard_normal()) if rms_hz else 0.0
-
-    def _generator(self, *purpose: str | int) -> np.random.Generator:
-        return chance.generator(chance.digest(self._seed, *purpose))
+    Every block has the same shape, so how many rows there are cannot change a byte of one.
+    """
+    out = np.empty((rows.shape[0], matrix.shape[1]), np.float32)
+    for start in range(0, rows.shape[0], IMAGE_BLOCK):
+        block = rows[start : start + IMAGE_BLOCK]
+        padded = np.zeros((IMAGE_BLOCK, rows.shape[1]), np.float32)
+        padded[: len(block)] = block
+        out[start : start + len(block)] = (padded @ matrix)[: len(block)]
+    return out

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.optics import mirrors
-from sim_backends.world import noise as chance
+from sim_backends.world.keyed_random import digest
 from sim_backends.world.signals import Projection
 
-FLOATING = chance.digest("floating")
+FLOATING = digest("floating")
 
 _SLACK_S = 20e-12  # rounding of a large virtual time must not miss a latch
 _AGE_STEP_S = 1e-12
@@ -204,14 +204,14 @@ class Pictures:
         """Names and amplitudes (n, r) of pictures; None is floating mirrors."""
         if counts is None:
             return (FLOATING,), self._amplitudes(np.zeros((1, mirrors.SIDE**2), np.float32))
-        return tuple(chance.digest(row.tobytes()) for row in counts), self._amplitudes(mirrors.fraction(counts))
+        return tuple(digest(row.tobytes()) for row in counts), self._amplitudes(mirrors.fraction(counts))
 
 
 def state_of(names: tuple[bytes, ...], projection: Projection | None) -> bytes:
     """Digest of pictures and timing, without when they started: one picture is named by its mirrors alone."""
     if projection is None or (len(names) == 1 and not projection.triggered):
         return names[0]
-    return chance.digest(
+    return digest(
         *names,
         float(projection.picture_time_s),
         float(projection.synch_delay_s),

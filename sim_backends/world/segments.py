@@ -8,6 +8,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,22 +60,42 @@ class _Run:
         return np.asarray(np.minimum(np.where(edges < 0, 0, done), self.count), np.int64)
 
 
+class Repetition(NamedTuple):
+    """A last segment that runs on: when it began (s), its period (s), the phases of its marker's edges (s).
+
+    counted_s: edges before this time (s) are among those of the segments.
+    """
+
+    began_s: float
+    period: float
+    edges: NDArray[np.float64]
+    counted_s: float
+
+
 class SegmentStarts:
-    """The starts of a triggered playback, those to come under the present settings included."""
+    """The starts of a triggered playback, those to come under the present settings included.
 
-    def __init__(self) -> None:
-        self._level_v = DEFAULT_LEVEL_V
-        self._rising = True
-        self._projection: Projection | None = None
-        self.play(None, 0.0)
+    Args:
+        playback: what is played; the sequence begins with the next edge.
+        level_v: which frame synch pulses are taken: those through this level (V),
+        rising: with their rising or their falling edge.
+        projection: where the pulses come from; None: there are none.
+        now_s: virtual time.
 
-    def play(self, playback: Playback | None, now_s: float) -> None:
-        """Play another playback: the sequence starts anew with the next edge."""
-        lengths = playback.lengths if playback is not None and playback.lengths is not None else ()
-        self._playback = playback if lengths else None
-        self._markers = [playback.segment(number)[1] for number in range(len(lengths))] if playback is not None else []
-        self._rate = playback.sample_rate if playback is not None else 1.0
-        self._durations = np.array(lengths) / self._rate  # s
+    Raises:
+        ValueError: the playback needs no trigger.
+    """
+
+    def __init__(
+        self, playback: Playback, level_v: float, *, rising: bool, projection: Projection | None, now_s: float
+    ) -> None:
+        if playback.lengths is None:
+            raise ValueError("segments: this playback repeats for ever: give one with lengths")
+        self._playback = playback
+        self._level_v, self._rising = level_v, rising
+        self._projection = projection
+        self._markers = [playback.segment(number)[1] for number in range(len(playback.lengths))]
+        self._durations = np.array(playback.lengths) / playback.sample_rate  # s
         self._runs: deque[_Run] = deque(maxlen=_KEPT_RUNS)
         self._resume(now_s)
 
@@ -93,9 +114,7 @@ class SegmentStarts:
             self._resume(now_s)
 
     def edge(self, now_s: float) -> int | None:
-        """An edge now: the segment that it starts; None while one plays, or for a playback that needs no trigger."""
-        if self._playback is None:
-            return None
+        """An edge now: the segment that it starts; None while one plays."""
         self._close(now_s)
         before = len(self._runs)
         self._open(now_s, 1.0, 1, now_s)
@@ -115,27 +134,26 @@ class SegmentStarts:
                 break
         return starts, numbers
 
-    def marker_edges(self, count: int, *, rising: bool, after_s: float, holdoff_s: float) -> NDArray[np.float64]:
+    def marker_edges(self, count: int, *, rising: bool, after_s: float, holdoff_s: float) -> list[float]:
         """Times (s) of at most `count` marker edges at or after `after_s`: the first one of every segment played."""
-        if self._playback is None:
-            return np.empty(0)
         times: list[float] = []
         for edges in self._marker_edges(rising, after_s):
             for edge in edges.tolist():
                 if not times or edge >= times[-1] + holdoff_s - _SLACK_S:
                     times.append(edge)
                 if len(times) == count:
-                    return np.array(times)
-        running = self._runs_on_since(math.inf)
-        phases = self._repeated_edges(rising)
-        if running is None or phases.size == 0:
-            return np.array(times)
-        period = self._durations[-1]
-        first = np.nan_to_num(self._edge_phases(rising)[-1])  # there already
-        begins = running + first + max(_SLACK_S, 2e-6 * period)
-        earliest = max(after_s, begins, times[-1] + holdoff_s if times else after_s)
-        more = triggers.upcoming(phases, period, after=earliest - running, count=count - len(times), holdoff=holdoff_s)
-        return np.concatenate([times, running + more])
+                    return times
+        return times
+
+    def repetition(self, *, rising: bool) -> Repetition | None:
+        """The last segment, if it was reached and repeats for ever."""
+        began_s = self._runs_on_since(math.inf)
+        edges = triggers.marker_edges(self._markers[-1], rising=rising) / self._playback.sample_rate
+        if began_s is None or edges.size == 0:
+            return None
+        period = float(self._durations[-1])
+        first = float(np.nan_to_num(self._edge_phases(rising)[-1]))
+        return Repetition(began_s, period, edges, began_s + first + max(_SLACK_S, 2e-6 * period))
 
     def _marker_edges(self, rising: bool, after_s: float) -> Iterator[NDArray[np.float64]]:
         phases = self._edge_phases(rising)
@@ -156,17 +174,12 @@ class SegmentStarts:
         for played in self._markers:
             marker = np.concatenate([[False], played, [False]]).astype(np.int8)
             places = np.flatnonzero(np.diff(marker) == (1 if rising else -1))
-            phases.append(places[0] / self._rate if places.size else np.nan)
+            phases.append(places[0] / self._playback.sample_rate if places.size else np.nan)
         return np.array(phases)
-
-    def _repeated_edges(self, rising: bool) -> NDArray[np.float64]:
-        return triggers.marker_edges(self._markers[-1], rising=rising) / self._rate
 
     def _runs_on_since(self, time_s: float) -> float | None:
         """When the last segment of a playback that runs on was reached, if it was before `time_s`."""
-        if self._playback is None or not self._playback.runs_on or not self._runs:
-            return None
-        for run in self._runs:
+        for run in self._runs if self._playback.runs_on else ():
             if run.count and math.isfinite(run.count):
                 start, number = run.starts(int(run.count) - 1, int(run.count))
                 if number[0] == self._durations.size - 1 and start[0] <= time_s:
@@ -194,8 +207,7 @@ class SegmentStarts:
 
     def _open(self, edge_s: float, every_s: float, count: float, now_s: float) -> None:
         """Heed `count` edges `every_s` apart from `edge_s` on, as far as they come after now and nothing plays."""
-        playback = self._playback
-        if playback is None or self._runs_on_since(now_s) is not None:
+        if self._runs_on_since(now_s) is not None:
             return
         durations = self._durations
         number, free_s = 0, now_s
@@ -211,7 +223,7 @@ class SegmentStarts:
         most: float = math.inf
         if math.isfinite(count):
             most = float(run.until(np.array([edge_s + (count - 1) * every_s]))[0])
-        if playback.runs_on:
+        if self._playback.runs_on:
             most = min(most, durations.size - number)
         if most > 0:
             self._runs.append(replace(run, count=most))

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.world import noise as chance
+from sim_backends.world.keyed_random import Purpose, digest
 
 AUX = 0
 BYPASS = 0
@@ -71,10 +71,8 @@ class Playback:
     @cached_property
     def digest(self) -> bytes:
         """Names the playback, computed once."""
-        triggered: tuple[chance.Purpose, ...] = (
-            () if self.lengths is None else ("triggered", *self.lengths, self.runs_on)
-        )
-        return chance.digest(
+        triggered: tuple[Purpose, ...] = () if self.lengths is None else ("triggered", *self.lengths, self.runs_on)
+        return digest(
             self.volts.astype("<f4").tobytes(),
             np.packbits(self.marker).tobytes(),
             float(self.marker_low_v),
@@ -89,7 +87,7 @@ class Projection:
     """Pictures that the DMD shows one after another.
 
     counts: (n, 784) mirrors turned to the collecting fibre in every superpixel, as `mirrors.on_counts` has them: all
-        that the light tells of a picture, in a sixtieth of its memory.
+        that matters of a picture to the light, in a sixtieth of its memory.
     start_s: virtual time at which the first one is latched; the others follow every `picture_time_s`.
     synch_delay_s: from the latch to the frame synch pulse that goes to the generator's trigger input A.
     loop: from the beginning again after the last one, for ever; otherwise the last one stays.
@@ -97,9 +95,6 @@ class Projection:
         sooner than `picture_time_s` after the one before. The generator's marker 1 supplies the edges, one a segment.
     synch_pulse_s: width of the frame synch pulse. synch_high: whether the pulse goes from 0 up to 3.3 V or down.
     repeats: how often a finite projection shows all its patterns.
-
-    Raises:
-        ValueError: counts of another shape, or none; no picture time.
     """
 
     counts: NDArray[np.uint16]
@@ -111,13 +106,6 @@ class Projection:
     synch_pulse_s: float = 10e-6
     synch_high: bool = True
     repeats: int = 1
-
-    def __post_init__(self) -> None:
-        if self.counts.ndim != 2 or len(self.counts) == 0 or not self.picture_time_s > 0:
-            raise ValueError(
-                f"projection: counts {self.counts.shape} every {self.picture_time_s} s: "
-                "give mirrors on in every superpixel (n, 784) and a time above 0"
-            )
 
 
 @dataclass(frozen=True)
@@ -141,7 +129,7 @@ class Acquisition:
     @cached_property
     def digest(self) -> bytes:
         """Names the acquisition."""
-        return chance.digest(*self.channels, "at", float(self.sample_rate), self.samples, float(self.start_s))
+        return digest(*self.channels, "at", float(self.sample_rate), self.samples, float(self.start_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,11 +143,3 @@ class Record:
     volts: NDArray[np.float32]
     trigger_offset_s: NDArray[np.float64]
     keys: tuple[bytes, ...]
-
-    def digitiser_noise(self) -> NDArray[np.float32]:
-        """Unit noise of the shape of `volts`; a trigger's is the same however many triggers the record has."""
-        noise = np.empty(self.volts.shape, np.float32)
-        rekeyed = chance.Rekeyed()
-        for key, frame in zip(self.keys, noise, strict=True):
-            rekeyed.generator(chance.digest(key, "digitiser")).standard_normal(out=frame, dtype=np.float32)
-        return noise

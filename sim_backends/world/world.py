@@ -12,20 +12,16 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from time import perf_counter
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.optics import chain
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world import noise as chance
-from sim_backends.world import triggers
-from sim_backends.world.clock import VirtualClock
-from sim_backends.world.light_path import LightPath, Setting
+from sim_backends.world.keyed_random import Rekeyed, digest, generator
+from sim_backends.world.light_path import Light, LightPath, snapped
 from sim_backends.world.pictures import Pictures, Sight
-from sim_backends.world.segments import SegmentStarts
+from sim_backends.world.segments import DEFAULT_LEVEL_V, SegmentStarts
 from sim_backends.world.signals import (
     AUX,
     BYPASS,
@@ -36,30 +32,30 @@ from sim_backends.world.signals import (
     Record,
     TriggerCondition,
 )
-
-__all__ = ["AUX", "BYPASS", "Acquisition", "Emission", "Playback", "Projection", "Record", "TriggerCondition", "World"]
+from sim_backends.world.triggers import marker_edges
+from sim_backends.world.twin import Setting
 
 CHANNELS = (1, 2, 3, 4)
 _SHIFT_STEP_S = 2.5e-12
-_PHASE_STEP_S = 1.25e-12
-_SAME_PHASE_S = 15e-12
-
-_BLOCK_BYTES = 32_000_000  # of fields computed together; bounds the memory, not the result
 _ONSET_S = 15e-9  # longer than fibre, chip and filters remember
 _LONGEST_ONSET = 2**22  # samples of a repeated segment that are followed from its first one on
 
 
-class _Light(NamedTuple):
-    """What triggers have in common that one computation serves: all but the pattern."""
+class VirtualClock:
+    """Virtual time of a bench: `now`, in seconds since it was switched on; waiting costs nothing else."""
 
-    step: int
-    segment: int | None
-    repeats: int
-    phase_s: float
-    shift_s: float
-    scene: int
-    age_s: float | None
-    lit: bool
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def advance(self, seconds: float) -> None:
+        """Let `seconds` of virtual time pass.
+
+        Raises:
+            ValueError: `seconds` is negative or not a number.
+        """
+        if not seconds >= 0:
+            raise ValueError(f"the virtual clock cannot advance by {seconds} s: give a time of at least 0")
+        self.now += seconds
 
 
 class World:
@@ -74,16 +70,21 @@ class World:
         self._emission: Emission | None = None
         self._lit_from_s = 0.0
         self._playback: Playback | None = None
-        self._starts = SegmentStarts()
+        self._starts: SegmentStarts | None = None  # of a triggered playback
+        self._period = 0.0  # of the playback (s)
+        self._edges: dict[bool, NDArray[np.float64]] = {}  # phases of the marker's edges, rising and falling (s)
+        self._trigger_input = (DEFAULT_LEVEL_V, True)
+        self._projection: Projection | None = None
         self._patching: dict[int, int] = {}
+        self._ports: dict[int, int] = {}  # whose light each channel sees
         self._pictures = Pictures(
             self._light_path.amplitudes,
             leaves_s=self.parameters.mirror_leaves_s,
             arrives_s=self.parameters.mirror_arrives_s,
         )
+        self._state: bytes | None = None  # names everything but the pictures
         self._recorded: Counter[bytes] = Counter()
-        self._marker_phases = np.empty(0)
-        self._light_phases = np.empty(0)
+        self._marker_phases = self._light_phases = np.empty(0)
         self.physics_seconds = perf_counter() - began
 
     def emit(self, emission: Emission | None, *, lit_from_s: float = 0.0) -> None:
@@ -100,19 +101,26 @@ class World:
         before = self._playback.digest if self._playback else None
         if (playback.digest if playback else None) == before:
             return
-        self._playback = playback
-        self._starts.play(playback, self.clock.now)
-        self._marker_phases = np.empty(0)
+        self._playback, self._starts, self._edges, self._marker_phases = playback, None, {}, np.empty(0)
         if playback is not None:
-            segments = range(len(playback.lengths or (0,)))
-            markers = [playback.segment(number)[1] for number in segments]
-            edges = [triggers.marker_edges(marker, rising=rising) for marker in markers for rising in (True, False)]
-            self._marker_phases = np.unique(np.concatenate([[0.0], *edges])) / playback.sample_rate
+            self._period = playback.period
+            markers = [playback.segment(number)[1] for number in range(len(playback.lengths or (0,)))]
+            self._edges = {
+                rising: np.concatenate([marker_edges(marker, rising=rising) for marker in markers])
+                / playback.sample_rate
+                for rising in (True, False)
+            }
+            self._marker_phases = np.unique(np.concatenate([[0.0], *self._edges.values()]))
+            if playback.lengths is not None:
+                level_v, rising = self._trigger_input
+                self._starts = SegmentStarts(
+                    playback, level_v, rising=rising, projection=self._projection, now_s=self.clock.now
+                )
         self._changed()
 
     def trigger_awg(self) -> None:
         """An edge at the generator's trigger input A now: a software or internal trigger."""
-        number = self._starts.edge(self.clock.now)
+        number = self._starts.edge(self.clock.now) if self._starts else None
         if number is not None and self._playback is not None and self._playback.segment(number)[1].any():
             self._pictures.advance(self.clock.now)
 
@@ -121,7 +129,9 @@ class World:
 
         A level the pulse does not cross takes none.
         """
-        self._starts.heed(level_v, rising=rising, now_s=self.clock.now)
+        self._trigger_input = level_v, rising
+        if self._starts:
+            self._starts.heed(level_v, rising=rising, now_s=self.clock.now)
 
     def show(self, mirrors: NDArray[np.uint8] | None) -> None:
         """Latch a pattern: packed bits (768, 128), 1 = towards the collecting fibre; None lets the mirrors float.
@@ -132,22 +142,32 @@ class World:
             ValueError: not (768, 128) bytes.
         """
         began = perf_counter()
-        self._starts.project(None, self.clock.now)
+        self._synchronise(None)
         self._latch(None if mirrors is None else on_counts(mirrors[np.newaxis]), None)
         self.physics_seconds += perf_counter() - began
 
     def project(self, projection: Projection) -> None:
-        """Play pictures one after another on the virtual clock; after the last one of a finite projection it stays."""
+        """Play pictures one after another on the virtual clock; after the last one of a finite projection it stays.
+
+        Raises:
+            ValueError: counts of another shape, or none; no picture time.
+        """
+        counts, every_s = projection.counts, projection.picture_time_s
+        if counts.ndim != 2 or len(counts) == 0 or not every_s > 0:
+            raise ValueError(
+                f"projection: counts {counts.shape} every {every_s} s: "
+                "give mirrors on in every superpixel (n, 784) and a time above 0"
+            )
         began = perf_counter()
-        self._latch(projection.counts, projection)
-        self._starts.project(projection, self.clock.now)
+        self._latch(counts, projection)
+        self._synchronise(projection)
         self.physics_seconds += perf_counter() - began
 
     def hold(self) -> None:
         """Stop a projection: the picture of now stays, the frame synch output is silent."""
-        self._starts.project(None, self.clock.now)
+        self._synchronise(None)
         if self._pictures.hold(self.clock.now):
-            self._changed()
+            self._recount()
 
     def pictures_shown(self) -> int:
         """How many pictures of the present projection have been latched, repetitions counted."""
@@ -156,20 +176,24 @@ class World:
     def patch(self, patching: Mapping[int, int]) -> None:
         """Connect oscilloscope channels to ports: 0 is the collecting fibre itself, past the chip.
 
+        A channel is dark if nothing is connected to it, or the input port, or if the fibre is unplugged from the chip.
+
         Raises:
             ValueError: a channel outside 1..4 or a port the chip does not have.
         """
-        ports = self.parameters.chip_ports
+        ports, entrance = self.parameters.chip_ports, self.parameters.chip_input_port
         for channel, port in patching.items():
             if channel not in CHANNELS or not BYPASS <= port <= ports:
                 raise ValueError(f"patching {channel} -> {port}: channels are 1..4, ports 0..{ports}")
         if dict(patching) != self._patching:
             self._patching = dict(patching)
+            lit = (BYPASS,) if BYPASS in patching.values() else range(1, ports + 1)
+            self._ports = {channel: port for channel, port in patching.items() if port in lit and port != entrance}
             self._changed()
 
     def generator(self, *purpose: str | int | bytes) -> np.random.Generator:
         """Counter-based generator keyed by the twin's seed and `purpose`."""
-        return chance.generator(chance.digest(self.twin_seed, *purpose))
+        return generator(digest(self.twin_seed, *purpose))
 
     def next_triggers(
         self, condition: TriggerCondition, count: int, holdoff_s: float = 0.0, *, after_s: float | None = None
@@ -181,17 +205,19 @@ class World:
         """
         began = perf_counter()
         after_s = self.clock.now if after_s is None else after_s
-        playback = self._playback
-        times = None
-        if playback is not None and playback.lengths is not None:
-            if condition.source == AUX and playback.marker_low_v < condition.level_v < playback.marker_high_v:
-                times = self._starts.marker_edges(count, rising=condition.rising, after_s=after_s, holdoff_s=holdoff_s)
-        elif playback is not None:
-            phases = self._trigger_phases(playback, condition)
+        playback, times = self._playback, np.empty(0)
+        if playback is None or (
+            condition.source == AUX and not playback.marker_low_v < condition.level_v < playback.marker_high_v
+        ):
+            return None
+        if self._starts is None:
+            phases = self._edges[condition.rising] if condition.source == AUX else self._crossings(condition)
             if phases.size:
-                times = triggers.upcoming(phases, playback.period, after=after_s, count=count, holdoff=holdoff_s)
+                times = upcoming(phases, self._period, after=after_s, count=count, holdoff=holdoff_s)
+        elif condition.source == AUX:
+            times = _segment_edges(self._starts, condition.rising, count, after_s, holdoff_s)
         self.physics_seconds += perf_counter() - began
-        return None if times is None or times.size == 0 else times
+        return times if times.size else None
 
     def record(self, acquisition: Acquisition, trigger_times: NDArray[np.float64], *, setting: bytes = b"") -> Record:
         """Sample the light after each of `trigger_times`, (T,) s.
@@ -210,7 +236,7 @@ class World:
         keys = self._keys(sight.names, acquisition, setting)
         offsets, lateness = np.zeros(shape[0]), np.empty(shape[0])
         volts = np.empty(shape, np.float32)
-        rekeyed = chance.Rekeyed()
+        rekeyed = Rekeyed()
         for number, key in enumerate(keys):
             source = rekeyed.generator(key)
             source.standard_normal(out=volts[number], dtype=np.float32)
@@ -220,89 +246,54 @@ class World:
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse
         for light, rows in self._alike(times, coarse, acquisition, sight).items():
-            self._expose(volts, np.array(rows), lateness, acquisition, light, sight)
+            light_setting = self._setting(acquisition.channels, light.step, light.segment, light.repeats, lit=light.lit)
+            self._light_path.detect(volts, np.array(rows), lateness, acquisition, light_setting, light, sight)
         self.physics_seconds += perf_counter() - began
         return Record(volts, offsets, tuple(keys))
 
-    def _expose(
-        self,
-        volts: NDArray[np.float32],
-        rows: NDArray[np.intp],
-        lateness: NDArray[np.float64],
-        acquisition: Acquisition,
-        light: _Light,
-        sight: Sight,
-    ) -> None:
-        """Turn unit noise in `volts[rows]` into noisy volts. Jitter enters by the trace's slope: first-order Taylor."""
-        setting = self._setting(acquisition.channels, light.step, light.segment, light.repeats, lit=light.lit)
-        optics = self._light_path.optics(setting)
-        floor, linear, quadratic, offset = optics.laws
-        amplitudes = sight.scenes[light.scene].amplitudes
-        seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if light.age_s is not None else 0)
-        pairs, which = np.unique(seen, return_inverse=True)
-        after, before = amplitudes[pairs // len(amplitudes)], amplitudes[pairs % len(amplitudes)]
-        points = acquisition.samples / (acquisition.sample_rate * self.parameters.record_step_s) + 100
-        block = max(1, int(_BLOCK_BYTES / (8 * len(acquisition.channels) * points * chain.IMAGE_BLOCK)))
-        block *= chain.IMAGE_BLOCK
-        order = np.argsort(which, kind="stable")
-        at_once = max(1, _BLOCK_BYTES // volts[0].nbytes)
-        for begin in range(0, len(pairs), block):
-            clean, slope = self._light_path.sampled(
-                optics,
-                acquisition,
-                after[begin : begin + block],
-                phase_s=light.phase_s,
-                shift_s=light.shift_s,
-                before=None if light.age_s is None else before[begin : begin + block],
-                moving_since_s=light.age_s or 0.0,
-            )
-            signal = np.maximum(clean, 0)
-            deviation = np.sqrt(floor + signal * (linear + quadratic * signal))
-            clean = clean + offset
-            low, high = np.searchsorted(which[order], [begin, begin + len(clean)])
-            for first in range(low, high, at_once):
-                places = order[first : min(first + at_once, high)]
-                own, image = rows[places], which[places] - begin
-                traces = volts[own]
-                traces *= deviation[image]
-                traces += clean[image]
-                traces += lateness[own, np.newaxis, np.newaxis].astype(np.float32) * slope[image]
-                volts[own] = np.minimum(traces, np.float32(self.parameters.detector_limit_v), out=traces)
-
     def _latch(self, counts: NDArray[np.uint16] | None, projection: Projection | None) -> None:
         if self._pictures.latch(counts, projection, self.clock.now):
-            self._changed()
+            self._recount()
+
+    def _synchronise(self, projection: Projection | None) -> None:
+        self._projection = projection
+        if self._starts:
+            self._starts.project(projection, self.clock.now)
 
     def _changed(self) -> None:
+        self._state = None
+        self._recount()
+
+    def _recount(self) -> None:
         self._recorded.clear()
         self._light_phases = np.empty(0)
 
     def _keys(self, shown: list[bytes], acquisition: Acquisition, setting: bytes) -> list[bytes]:
         """Noise keys of triggers that come while the patterns named `shown` are latched; counts them."""
-        others = chance.digest(
-            self._setting(CHANNELS, 0, None, 1, lit=True).key,
-            *(f"{channel}:{port}" for channel, port in sorted(self._patching.items())),
-        )
+        if self._state is None:
+            patched = (f"{channel}:{port}" for channel, port in sorted(self._patching.items()))
+            self._state = digest(self._setting(CHANNELS, 0, None, 1, lit=True).key, *patched)
         frames: dict[bytes, bytes] = {}
         keys = []
         for name in shown:
             if name not in frames:
-                frames[name] = chance.digest(self.twin_seed, others, name, acquisition.digest, setting)
-            keys.append(chance.digest(frames[name], self._recorded[name]))
+                frames[name] = digest(self.twin_seed, self._state, name, acquisition.digest, setting)
+            keys.append(digest(frames[name], self._recorded[name]))
             self._recorded[name] += 1
         return keys
 
     def _setting(
         self, channels: tuple[int, ...], step: int, segment: int | None, repeats: int, *, lit: bool
     ) -> Setting:
-        ports = tuple(self._lit_port(channel) for channel in channels)
+        ports = tuple(map(self._ports.get, channels))
         return Setting(self._emission if lit else None, self._playback, ports, step, segment, repeats)
 
-    def _lit_port(self, channel: int) -> int | None:
-        """The port whose light a channel sees; None: nothing connected, the input port, or the fibre is unplugged."""
-        port = self._patching.get(channel)
-        unplugged = port != BYPASS and BYPASS in self._patching.values()
-        return None if unplugged or port == self.parameters.chip_input_port else port
+    def _crossings(self, condition: TriggerCondition) -> NDArray[np.float64]:
+        """Phases (s) at which the light on a channel triggers."""
+        setting = self._setting((condition.source,), self._wander_step(self.clock.now), None, 1, lit=True)
+        shown = self._pictures.latched(self.clock.now)
+        self._light_phases = self._light_path.crossings(setting, shown, condition.level_v, rising=condition.rising)
+        return self._light_phases
 
     def _wander_step(self, time_s: float) -> int:
         constants = self.parameters
@@ -311,15 +302,15 @@ class World:
 
     def _alike(
         self, times: NDArray[np.float64], coarse: NDArray[np.float64], acquisition: Acquisition, sight: Sight
-    ) -> dict[_Light, list[int]]:
+    ) -> dict[Light, list[int]]:
         """Triggers that see the same light, on whatever patterns of one scene."""
-        groups: dict[_Light, list[int]] = {}
+        groups: dict[Light, list[int]] = {}
         phases, segments, repeats = self._phases(times, acquisition)
         columns = (times, segments, repeats, phases, coarse, sight.scene, sight.age_s)
         for row, (time, segment, repeat, phase, shift, scene, age) in enumerate(
             zip(*(column.tolist() for column in columns), strict=True)
         ):
-            light = _Light(
+            light = Light(
                 self._wander_step(time),
                 segment if segment >= 0 else None,
                 repeat,
@@ -340,15 +331,15 @@ class World:
         The phase is a time in the drive's period, or from the segment's start, freed of the rounding that a large
         virtual time brings.
         """
-        playback = self._playback
+        playback, marks = self._playback, np.concatenate([self._marker_phases, self._light_phases])
         segments, repeats = np.full(times.size, -1), np.ones(times.size, np.intp)
         if playback is None:
             return np.zeros_like(times), segments, repeats
-        if playback.lengths is None:
-            return self._snapped(times % playback.period, playback.period), segments, repeats
+        if self._starts is None:
+            return snapped(times % self._period, self._period, marks), segments, repeats
         starts, segments = self._starts.latest(times)
-        phases = self._snapped(np.where(segments < 0, 0.0, times - np.nan_to_num(starts)), math.inf)
-        if playback.runs_on:
+        phases = snapped(np.where(segments < 0, 0.0, times - np.nan_to_num(starts)), math.inf, marks)
+        if playback.lengths is not None and playback.runs_on:
             period = playback.lengths[-1] / playback.sample_rate
             last = segments == len(playback.lengths) - 1
             begins = phases + acquisition.start_s - self.parameters.light_delay_s
@@ -356,36 +347,45 @@ class World:
             covering = np.maximum(1, np.ceil(ends / period))
             onset = (begins < _ONSET_S) & (covering * playback.lengths[-1] < _LONGEST_ONSET)
             repeats = np.where(last, np.where(onset, covering, 0), 1).astype(np.intp)
-            phases = np.where(last & ~onset, self._snapped(phases % period, period), phases)
+            phases = np.where(last & ~onset, snapped(phases % period, period, marks), phases)
         return phases, segments, repeats
 
-    def _snapped(self, phases: NDArray[np.float64], period: float) -> NDArray[np.float64]:
-        """Phases on a fine grid, or on the edges that triggers come from where they are near one."""
-        snapped = np.rint(phases / _PHASE_STEP_S) * _PHASE_STEP_S
-        marks = np.concatenate([self._marker_phases, self._light_phases])
-        if marks.size:
-            away = np.abs(phases[:, None] - marks)
-            if math.isfinite(period):
-                away = np.minimum(away, period - away)
-            nearest = away.argmin(axis=1)
-            close = away[np.arange(phases.size), nearest] < _SAME_PHASE_S
-            snapped = np.where(close, marks[nearest], snapped)
-        return snapped
 
-    def _trigger_phases(self, playback: Playback, condition: TriggerCondition) -> NDArray[np.float64]:
-        if condition.source == AUX:
-            if not playback.marker_low_v < condition.level_v < playback.marker_high_v:
-                return np.empty(0)
-            return triggers.marker_edges(playback.marker, rising=condition.rising) / playback.sample_rate
-        points = math.ceil(playback.period / self.parameters.record_step_s)
-        period = Acquisition((condition.source,), points / playback.period, points, 0.0)
-        step = self._wander_step(self.clock.now)
-        optics = self._light_path.optics(self._setting(period.channels, step, None, 1, lit=True))
-        clean, _ = self._light_path.sampled(
-            optics, period, self._pictures.latched(self.clock.now)[np.newaxis], phase_s=0.0, shift_s=0.0
-        )
-        trace = np.minimum(clean[0, 0] + optics.laws[3, 0], np.float32(self.parameters.detector_limit_v))
-        self._light_phases = (
-            triggers.level_crossings(trace, condition.level_v, rising=condition.rising) / period.sample_rate
-        )
-        return self._light_phases
+def _segment_edges(
+    starts: SegmentStarts, rising: bool, count: int, after_s: float, holdoff_s: float
+) -> NDArray[np.float64]:
+    """Marker edges of segments, and then those of a last one that repeats."""
+    times = starts.marker_edges(count, rising=rising, after_s=after_s, holdoff_s=holdoff_s)
+    last = starts.repetition(rising=rising) if len(times) < count else None
+    if last is None:
+        return np.array(times)
+    earliest = max(after_s, last.counted_s, times[-1] + holdoff_s if times else after_s)
+    more = upcoming(last.edges, last.period, after=earliest - last.began_s, count=count - len(times), holdoff=holdoff_s)
+    return np.concatenate([times, last.began_s + more])
+
+
+def upcoming(
+    phases: NDArray[np.float64], period: float, *, after: float, count: int, holdoff: float
+) -> NDArray[np.float64]:
+    """The next `count` times of events that happen at `phases` of every period.
+
+    Args:
+        phases: at least one, s, sorted, within the period.
+        period: s.
+        after: the first time is at or after this (s).
+        count: how many.
+        holdoff: each time is at least this much later than the one before (s).
+    """
+    slack = 1e-6 * period  # rounding of a large virtual time must not lose an event
+    if phases.size == 1:
+        first = np.ceil((after - slack - phases[0]) / period)
+        every = max(1.0, np.ceil((holdoff - slack) / period))
+        return np.asarray((first + every * np.arange(count)) * period + phases[0])
+    times = np.empty(count)
+    earliest = after - slack
+    for number in range(count):
+        cycle = np.floor(earliest / period)
+        candidates = ((cycle + np.arange(2))[:, None] * period + phases).ravel()
+        times[number] = candidates[np.searchsorted(candidates, earliest)]
+        earliest = times[number] + max(holdoff - slack, slack)
+    return times

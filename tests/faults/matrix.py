@@ -36,7 +36,7 @@ from sim_backends.faults.catalogue import (
 from sim_backends.optics.mirrors import SIDE
 from sim_backends.parameters import Parameters
 from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
-from sim_backends.virtual.tlg220.table import default_table
+from sim_backends.virtual.tlg220.instrument import default_table
 from sim_backends.world.world import World
 
 SMALL = Parameters(simulated_modes_limit=20, chip_modes=50)

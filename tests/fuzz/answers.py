@@ -7,14 +7,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from hypothesis import strategies as st
 
-from instruments.alnair_tlg220 import CommandTable, Tlg220
+from instruments.alnair_tlg220 import Tlg220
+from instruments.alp_library import AlpOverVisa
 from instruments.errors import InstrumentError
 from instruments.fibre_switch import ScpiFibreSwitch
 from instruments.interfaces import Instrument
+from instruments.laser_table import CommandTable
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
-from instruments.vialux_alp import AlpOverVisa, VialuxAlp
+from instruments.vialux_alp import VialuxAlp
 from instruments.visa import VisaLink, tektronix_event_queue
 from labctl.bench.simulation import SIMULATED_LASER
 from sim_backends.faults.bench import Befalling, FaultyBench

@@ -25,7 +25,7 @@ from sim_backends.scpi.arguments import (
 )
 from sim_backends.scpi.commands import Command
 from sim_backends.virtual.instrument import COMMON, VirtualInstrument
-from sim_backends.virtual.tlg220.table import default_table
+from sim_backends.virtual.tlg220.instrument import default_table
 
 MODELS: dict[str, type[VirtualInstrument]] = {
     name: found

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from instruments.alnair_tlg220 import CommandTable
 from instruments.errors import NotConfigured
+from instruments.laser_table import CommandTable
 from labctl.bench import calibration
 from labctl.bench.recording.format import read_recording
 from labctl.bench.station import Station, read_station
@@ -31,7 +31,6 @@ from protocols.registry import read_protocol
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.seqx import read_seqx
 from sim_backends.virtual.awg70002a.wfmx import read_text, read_wfmx
-from sim_backends.world.clock import VirtualClock
 
 SHAPE = RunShape(shots=7, passes=((2, 3, 4, 5), (6,)), samples=16, sample_interval_s=20e-12, start_s=-40e-12)
 """Of the runs that shards and run directories here belong to."""
@@ -117,5 +116,5 @@ READERS: Mapping[str, Reader] = {
     "pictures": Reader(_pictures, DatasetError),
     "wfmx": Reader(lambda path: read_wfmx(memoryview(path.read_bytes())), ScpiError),
     "waveform text": Reader(lambda path: read_text(memoryview(path.read_bytes())), ScpiError),
-    "seqx": Reader(lambda path: read_seqx(memoryview(path.read_bytes()), VirtualClock()), ScpiError),
+    "seqx": Reader(lambda path: read_seqx(memoryview(path.read_bytes())), ScpiError),
 }

@@ -17,7 +17,7 @@ from instruments.values import Drive, Scaling
 from instruments.vialux_alp import VialuxAlp
 from labctl.bench.opening import opened
 from labctl.bench.simulation import SIMULATED_LASER
-from labctl.bench.station import AwgSection, LaserSection, LimitsSection, PatchPanelSection, Station
+from labctl.bench.station import LimitsSection, Station
 from labctl.errors import StationError
 from labctl.runs.live.commands import CommandLog
 from sim_backends.bench import SimulatedBench
@@ -140,22 +140,21 @@ def test_a_port_that_is_not_patched(bench: Bench) -> None:
 
 
 def test_a_bypassed_chip_has_one_fibre() -> None:
-    with CommandLog() as log, opened(Station(patch_panel=PatchPanelSection(bypass=True)), log) as found:
+    with CommandLog() as log, opened(Station(patch_panel={"bypass": True}), log) as found:
         assert found.bench.patchings_for((2, 3, 4, 5, 6)) == ({1: BYPASS_PORT},)
 
 
 @pytest.mark.parametrize(
     ("station", "message"),
     [
-        (Station(laser=LaserSection(power=0.05)), r"laser.power = 50 mW exceeds limits.optical_power = 30 mW"),
+        (Station(laser={"power": 0.05}), r"laser.power = 50 mW exceeds limits.optical_power = 30 mW"),
         (Station(limits=LimitsSection(rf_amplitude=0.3)), r"awg.amplitude = 0.5 V exceeds limits.rf_amplitude = 0.3 V"),
         (
-            Station(awg=AwgSection(amplitude=0.6), limits=LimitsSection(rf_amplitude=1.0)),
+            Station(awg={"amplitude": 0.6}, limits=LimitsSection(rf_amplitude=1.0)),
             r"awg.amplitude = 0.6 Vpp is outside 0.25..0.5 Vpp",
         ),
-        (Station(laser=LaserSection(driver="manual-laser")), r"manual-laser.*key switch is the only interlock"),
-        (Station(laser=LaserSection(driver="nothing")), r"driver = 'nothing' is not installed: choose one of "),
-        (Station(laser=LaserSection(address="TCPIP0::127.0.0.1::9::SOCKET")), r"commands\.\w+\.write = '<unknown>'"),
+        (Station(laser={"driver": "manual-laser"}), r"manual-laser.*key switch is the only interlock"),
+        (Station(laser={"address": "TCPIP0::127.0.0.1::9::SOCKET"}), r"commands\.\w+\.write = '<unknown>'"),
     ],
 )
 def test_a_wrong_station_is_refused_before_any_message(station: Station, message: str, log: Any) -> None:
@@ -171,7 +170,7 @@ def test_an_address_that_does_not_answer(log: Any) -> None:
 
 
 def test_a_bench_that_is_not_armed_says_nothing_to_its_laser(log: Any) -> None:
-    laser = LaserSection(address="TCPIP0::127.0.0.1::9::SOCKET", commands=SIMULATED_LASER)
+    laser = {"address": "TCPIP0::127.0.0.1::9::SOCKET", "commands": SIMULATED_LASER}
     with (
         opened(Station(laser=laser), log) as found,
         pytest.raises(NotConfigured, match=r"not armed.*--arm"),
@@ -181,7 +180,7 @@ def test_a_bench_that_is_not_armed_says_nothing_to_its_laser(log: Any) -> None:
     assert not log.messages
     for station, armed in (
         (Station(laser=laser), True),
-        (Station(laser=laser.model_copy(update={"armed": True})), False),
+        (Station(laser=laser | {"armed": True}), False),
     ):
         with opened(station, log, armed=armed) as found:
             found.bench.require_arm()
@@ -208,7 +207,7 @@ def test_a_laser_that_gives_a_little_more_than_the_limit(
 
 
 def test_a_drive_above_the_limit_is_not_sent(log: Any) -> None:
-    station = Station(awg=AwgSection(amplitude=0.4), limits=LimitsSection(rf_amplitude=0.4))
+    station = Station(awg={"amplitude": 0.4}, limits=LimitsSection(rf_amplitude=0.4))
     drive = Drive("d", np.zeros(2500, np.float32), 25e9, 0.5)
     with opened(station, log) as found, pytest.raises(OverLimit, match=r"awg: amplitude 0.5 V is above limits"):
         found.bench.load_drive(drive)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from instruments.alnair_tlg220 import DEFAULT_TABLE, CommandTable
 from instruments.errors import NotConfigured
+from instruments.laser_table import DEFAULT_TABLE, CommandTable
 from labctl.bench.simulation import SIMULATED_LASER
 
 

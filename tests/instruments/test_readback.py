@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from instruments.alnair_tlg220 import CommandTable, Tlg220
+from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import InstrumentError
+from instruments.laser_table import CommandTable
 from instruments.readback import confirm
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx

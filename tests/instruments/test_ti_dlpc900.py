@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from instruments import dlpc900_image as encoding
+from instruments.driver import Opening
 from instruments.errors import InstrumentError, LinkError, NotConfigured
-from instruments.ti_dlpc900 import COLUMNS, ROWS, HidApi, TiDlpc900
+from instruments.ti_dlpc900 import COLUMNS, DRIVER, ROWS, HidApi, TiDlpc900, TiDlpc900Section
 from sim_backends.virtual.dlpc900 import planes
 from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
 from sim_backends.world.world import World
@@ -151,4 +153,15 @@ def test_hidapi(monkeypatch: pytest.MonkeyPatch) -> None:
         HidApi()
     monkeypatch.setitem(sys.modules, "hid", None)
     with pytest.raises(NotConfigured, match="hidapi is not installed"):
-        HidApi()
+        DRIVER.open(TiDlpc900Section(driver="ti-dlpc900"), opening("usb"))
+
+
+def test_it_is_on_usb_only() -> None:
+    with pytest.raises(ValidationError, match="Input should be 'usb'"):
+        TiDlpc900Section.model_validate({"driver": "ti-dlpc900", "address": "TCPIP0::127.0.0.1::5000::SOCKET"})
+    with pytest.raises(NotConfigured, match="a DLPC900 is on USB only"):
+        DRIVER.open(TiDlpc900Section(driver="ti-dlpc900"), opening("TCPIP0::127.0.0.1::5000::SOCKET"))
+
+
+def opening(address: str) -> Opening:
+    return Opening(address, lambda *_: None, lambda _request: "", attended=True)

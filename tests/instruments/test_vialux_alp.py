@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from instruments.alp_library import AlpByVendorLibrary, AlpOverVisa
+from instruments.driver import Opening
 from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import BurstDmd
-from instruments.vialux_alp import AlpByVendorLibrary, AlpOverVisa, VialuxAlp
+from instruments.vialux_alp import DRIVER, VialuxAlp, VialuxAlpSection
 from instruments.visa import VisaLink
-from labctl.bench.drivers import Opening, vialux_alp
-from labctl.bench.simulation import SIMULATED_LASER
-from labctl.bench.station import DmdSection
 from sim_backends.bench import SimulatedBench
 from sim_backends.virtual.alp.instrument import VirtualAlp
 
@@ -103,11 +102,11 @@ def vendor(simulation: SimulatedBench, log: Any, monkeypatch: pytest.MonkeyPatch
 
 
 def opening(address: str = "usb") -> Opening:
-    return Opening(address, lambda *_: None, input, attended=False, simulated_laser=SIMULATED_LASER)
+    return Opening(address, lambda *_: None, input, attended=False)
 
 
 def test_the_same_driver_over_usb(vendor: AlpOverVisa, log: Any) -> None:
-    dmd = vialux_alp(DmdSection(address="usb"), opening())
+    dmd = DRIVER.open(VialuxAlpSection(driver="vialux-alp", address="usb"), opening())
     assert isinstance(dmd, BurstDmd)
     dmd.self_test()
     pattern = np.random.default_rng(0).integers(0, 256, (768, 128), dtype=np.uint8)

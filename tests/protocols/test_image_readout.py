@@ -9,7 +9,6 @@ from pydantic import ValidationError
 from protocols.base import Images, ProtocolError, Shot, ShotKind
 from protocols.image_readout import ImageReadout, balanced_order
 from protocols.patterns import Patterns
-from protocols.settings import parse_ports
 
 
 def images(count: int = 40, side: int = 28, classes: int = 4) -> Images:
@@ -53,10 +52,6 @@ class TestSettings:
     def test_it_survives_json(self) -> None:
         protocol = ImageReadout(ports=(2, 3), window=1e-9)
         assert ImageReadout.model_validate_json(protocol.model_dump_json()) == protocol
-
-    @given(st.lists(st.integers(0, 99), min_size=1, unique=True))
-    def test_port_lists_round_trip(self, ports: list[int]) -> None:
-        assert parse_ports(",".join(map(str, ports))) == tuple(ports)
 
 
 class TestShots:

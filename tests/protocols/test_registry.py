@@ -1,12 +1,13 @@
 """Protocols by name and by file."""
 
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
-from protocols.base import ProtocolError
+from protocols.base import Judgement, ProtocolError
 from protocols.image_readout import ImageReadout
-from protocols.registry import read_protocol
+from protocols.registry import GROUP, judgement_of, protocol_names, read_protocol
 
 
 def test_by_name_with_settings() -> None:
@@ -43,3 +44,21 @@ def test_a_file_that_is_no_protocol(tmp_path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ProtocolError, match=r"mine\.toml"):
         read_protocol(str(path), [])
+
+
+def test_every_protocol_of_the_house_says_how_its_runs_are_judged() -> None:
+    assert {name: judgement_of(name) for name in protocol_names()} == {
+        "dynamic-scene": Judgement.EXPERIMENT,
+        "image-readout": Judgement.READOUT,
+        "sequence-readout": Judgement.EXPERIMENT,
+        "wavelength-scan": Judgement.ITSELF,
+    }
+
+
+def test_of_a_protocol_that_cannot_be_found_any_more_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert judgement_of("of-a-plug-in") is Judgement.NONE
+    gone = EntryPoint("of-a-plug-in", "no_such_package:Protocol", GROUP)
+    monkeypatch.setattr("protocols.registry.entry_points", lambda **_: [gone])
+    assert judgement_of("of-a-plug-in") is Judgement.NONE
+    with pytest.raises(ProtocolError, match="'of-a-plug-in' cannot be loaded"):
+        read_protocol("of-a-plug-in", [])

@@ -15,7 +15,7 @@ from labctl.bench.station import read_station, write_addresses
 from labctl.engine.session import Acquisition, acquire
 from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
-from sim_backends.world.world import Emission
+from sim_backends.world.signals import Emission
 from tests.observers import Follower
 
 SETTINGS = ("images=4", "ports=2", "window=0.4 ns")

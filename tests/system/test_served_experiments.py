@@ -18,7 +18,7 @@ import pytest
 from instruments.interfaces import PatchPanel, TunableLaser
 from labctl.bench.opening import opened
 from labctl.bench.signals import Interruption
-from labctl.bench.station import LaserSection, PatchPanelSection, Station, WiringSection, read_station, write_addresses
+from labctl.bench.station import Station, WiringSection, read_station, write_addresses
 from labctl.engine.engine import carry_out
 from labctl.engine.plan import Request
 from labctl.engine.session import Acquisition, acquire
@@ -52,8 +52,8 @@ settings = { averages = 2, images = 4, ports = "2,3", window = "0.8 ns", referen
 SCENE = ("scenes=1", "images=40", "ports=2", "averages=2", "switch_after=0.5 us", "window=1 us")
 
 BY_HAND = Station(
-    laser=LaserSection(driver="manual-laser"),
-    patch_panel=PatchPanelSection(driver="manual-patch-panel"),
+    laser={"driver": "manual-laser"},
+    patch_panel={"driver": "manual-patch-panel"},
     wiring=WiringSection(burst=True),
 )
 

@@ -1,73 +1,19 @@
-"""A driver and a protocol of one's own, as a package beside labctl."""
+"""A protocol of one's own."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, ClassVar
 
 from pydantic import Field, PositiveInt
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError, OutOfRange
-from instruments.interfaces import PatchPanel
 from instruments.units import Seconds
-from instruments.values import Drive, Identity, Timebase
-from instruments.visa import VisaLink
-from labctl.bench.drivers import Opening
-from labctl.bench.station import PatchPanelSection
+from instruments.values import Drive, Timebase
 from protocols.base import Events, Images, Measurement, Part, Pass, PassStarted, Record, Shot, ShotKind
 from protocols.image_readout import pseudorandom_drive, show_and_capture
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
 from protocols.settings import Binarisation, Classes, Ports, passes_for
-
-
-class ListSwitch(PatchPanel):
-    """An optical switch that takes all its routes in one message, `ROUTe:CLOSe (@1!2,2!3)`."""
-
-    def __init__(self, link: VisaLink, *, ports: tuple[int, ...]) -> None:
-        """Drive the switch behind `link`, which carries `ports`."""
-        self._link = link
-        self.ports = ports
-
-    def identify(self) -> Identity:
-        """`*IDN?`."""
-        return Identity.parse(self._link.query("*IDN?"))
-
-    def self_test(self) -> None:
-        """Read the routes; the error queue is read at the end of the block."""
-        with self._link.checked():
-            self._link.query("ROUTe:CLOSe?")
-
-    def connect(self, patching: Mapping[int, int]) -> None:
-        """Open every route, close the wanted ones, and compare with what the switch says."""
-        for port in patching.values():
-            if port not in self.ports:
-                raise OutOfRange(f"port {port} is not wired to the switch (ports {list(self.ports)})")
-        wanted = "(@" + ",".join(f"{channel}!{port}" for channel, port in sorted(patching.items())) + ")"
-        with self._link.checked():
-            self._link.write("ROUTe:OPEN:ALL")
-            self._link.write(f"ROUTe:CLOSe {wanted}")
-            self._link.query("*OPC?")
-        routed = self._link.query("ROUTe:CLOSe?")
-        if routed != wanted:
-            raise InstrumentError(f"patch_panel: routes are {routed}, wanted {wanted}: check the switch")
-
-    def settings(self) -> dict[str, str | float]:
-        """The closed routes, for the manifest."""
-        return {"routes": self._link.query("ROUTe:CLOSe?")}
-
-    def make_safe(self) -> None:
-        """A route carries light only while the laser emits."""
-
-    def close(self) -> None:
-        """Close the link."""
-        self._link.close()
-
-
-def list_switch(section: PatchPanelSection, opening: Opening) -> PatchPanel:
-    """What the entry point names: from the section of the station file to the instrument."""
-    link = VisaLink(opening.address, name="patch_panel", timeout_s=section.timeout, transcript=opening.transcript)
-    return ListSwitch(link, ports=section.ports)
 
 
 class Repeatability(Measurement[Images]):

@@ -10,10 +10,11 @@ from contextlib import contextmanager
 
 from labctl.bench.recording.format import Kind, Recording
 from labctl.bench.recording.recorder import bench_of
-from labctl.bench.station import SIMULATED, Station
+from labctl.bench.simulation import with_laser_commands
+from labctl.bench.station import Station
 from labctl.errors import StationError
-from sim_backends.replay.replay import Conversation, Step
-from sim_backends.replay.replay import Replay as Replay
+from sim_backends.replay.server import Conversation, Step
+from sim_backends.replay.server import Replay as Replay
 
 VARIABLE = "LABCTL_REPLAY"
 
@@ -75,11 +76,6 @@ def redirected(station: Station) -> Station:
     addresses = next(iter(benches.values())) if len(benches) == 1 else benches.get(bench_of(station))
     if addresses is None:
         raise StationError(f"{station.source}: no bench with these settings was recorded: repeat the recorded command")
-    sections = {}
-    for instrument in station.addresses:
-        section = getattr(station, instrument)
-        update = {"address": addresses[instrument]}
-        if instrument == "laser" and section.address == SIMULATED and section.commands is None:
-            update["commands"] = SIMULATED
-        sections[instrument] = section.model_copy(update=update)
+    station = with_laser_commands(station)  # before the new addresses hide that the laser is the simulated one
+    sections = {role: getattr(station, role).model_copy(update={"address": addresses[role]}) for role in addresses}
     return station.model_copy(update=sections)

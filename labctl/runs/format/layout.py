@@ -61,6 +61,16 @@ class RunPaths:
         return self.directory / "events.jsonl"
 
     @property
+    def models(self) -> Path:
+        """Folder of the readouts trained on the run."""
+        return self.directory / "models"
+
+    @property
+    def readouts(self) -> list[Path]:
+        """The readouts in that folder, by name."""
+        return sorted(self.models.glob("*.h5"))
+
+    @property
     def figures(self) -> Path:
         """Folder of the figures."""
         return self.directory / "figures"

@@ -254,7 +254,7 @@ def run_of_shards(path: Path, manifest: Manifest, shards: Shards) -> Run:
 
 def _require_own_files(paths: RunPaths) -> None:
     """Refuse a run whose figures, report or readouts would be written somewhere else."""
-    for folder in (paths.directory, paths.figures, paths.directory / "models"):
+    for folder in (paths.directory, paths.figures, paths.models):
         for found in folder.iterdir() if folder.is_dir() else ():
             if found.is_symlink():
                 raise RunError(f"{found}: is a link to another place; put the file itself there")

@@ -1,16 +1,67 @@
-"""The analyses that an experiment file can name, each loaded when it is needed."""
+"""What an analysis is, and which ones there are: it examines one twin, and concludes from what it found of all."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
+from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from instruments.toml_files import describe
 from labctl.errors import ExperimentError
-from labctl.studies.paper.contract import Analysis, AnalysisSettings
+from labctl.reports.experiments import ExperimentFigure
 from labctl.studies.paper.experiments import Experiment
+from labctl.studies.paper.twin_runs import TwinRuns
 
 MODULES = ("recognition", "traces", "cracks", "forecasting", "vowels", "scenes", "imaging")
+"""Each has its `ANALYSIS`, and is loaded when an experiment file names it."""
+
+
+class AnalysisSettings(BaseModel, ABC):
+    """The table `[settings]` of an experiment file; every analysis has its own."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @property
+    @abstractmethod
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What all twins say together.
+
+    Attributes:
+        here: Results as JSON; a result with a spread is {"mean", "sd"}, pooled over twins and splits.
+        baseline: What digital methods reach on the same images or series, in the same form.
+        figures: The figures of the paper, drawn from these results.
+        notes: What a reader must know to judge the numbers, in addition to the notes of the experiment file.
+    """
+
+    here: dict[str, Any]
+    baseline: dict[str, Any] = field(default_factory=dict)
+    figures: tuple[ExperimentFigure, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """One kind of analysis.
+
+    Attributes:
+        settings: Model of its settings.
+        examine: Finds what one twin shows; called in a process of its own, so that its findings must be picklable.
+        conclude: Puts the findings of all twins together, in the order of their seeds.
+        needs_torch: Whether it works with torch only.
+    """
+
+    settings: type[AnalysisSettings]
+    examine: Callable[[TwinRuns, Any], Any]
+    conclude: Callable[[Sequence[Any], Any], Conclusion]
+    needs_torch: bool = False
 
 
 def analysis_of(experiment: Experiment) -> tuple[Analysis, AnalysisSettings]:

@@ -14,18 +14,15 @@ from instruments.units import Seconds
 from labctl.analysis.anomaly import CovarianceScore, NormalityScore, Roc, roc
 from labctl.analysis.baselines import dark_pixels
 from labctl.analysis.evaluation import mean_and_sd
-from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.images import ImageRow, image_rows_figure
 from labctl.reports.figures.roc import RocCurve, roc_figure
 from labctl.reports.figures.scores import scores_figure
-from labctl.runs.read.records import Records, read_records
-from labctl.runs.read.run import open_run
-from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
-from labctl.studies.paper.shown_images import shown_images
+from labctl.runs.read.records import Records
+from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
+from labctl.studies.paper.twin_runs import TwinRuns, window_features
 
-TAU_S = 40e-12
 NORMAL, CRACK = 0, 1
 GRID = np.linspace(0, 1, 1001)
 """False positive rates at which the curves of all twins and splits are averaged."""
@@ -71,7 +68,7 @@ class Settings(AnalysisSettings):
 
 
 @dataclass(frozen=True)
-class Split:
+class ScoredSplit:
     """What one score does on one split.
 
     Attributes:
@@ -90,7 +87,7 @@ class Split:
 class RuleFindings:
     """One twin by one rule: the splits of each score, dark pixels counted on the same, examples of either kind."""
 
-    scores: dict[str, list[Split]]
+    scores: dict[str, list[ScoredSplit]]
     dark_pixels: list[Roc]
     normal: NDArray[np.bool_]
     crack: NDArray[np.bool_]
@@ -99,9 +96,9 @@ class RuleFindings:
 Findings = dict[str, RuleFindings]
 
 
-def examine(material: Material, settings: Settings) -> Findings:
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Learn the scores from normal images of one twin and test them on the others, for every rule and split."""
-    return {rule.key: _by_rule(material, rule, settings) for rule in settings.rules}
+    return {rule.key: _by_rule(twin, rule, settings) for rule in settings.rules}
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
@@ -133,34 +130,32 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
 ANALYSIS = Analysis(Settings, examine, conclude)
 
 
-def _by_rule(material: Material, rule: RuleSettings, settings: Settings) -> RuleFindings:
-    with open_run(material.runs[rule.run]) as run:
-        records = read_records(run)
-    window = WindowFeatures(window_s=settings.window, tau_s=TAU_S, sample_interval_s=records.sample_interval_s)
-    features = window.fit_transform(records.traces)
-    images = shown_images(material, rule.run, records.groups)
+def _by_rule(twin: TwinRuns, rule: RuleSettings, settings: Settings) -> RuleFindings:
+    records = twin.records(rule.run)
+    features = window_features(records, settings.window)
+    images = twin.images_at(rule.run, records.groups)
     makers: Mapping[str, Callable[[], Any]] = {
         "normality": partial(NormalityScore, settings.alpha),
         "covariance": CovarianceScore,
     }
-    scores: dict[str, list[Split]] = {name: [] for name in makers}
+    scores: dict[str, list[ScoredSplit]] = {name: [] for name in makers}
     counted = []
     cracks = np.flatnonzero(records.labels == CRACK)
     with threadpool_limits(1):
-        for train, test in _splits(records, settings.train, material):
+        for train, test in _splits(records, settings.train, twin):
             tested = np.concatenate([test, cracks])
             for name, make in makers.items():
                 score = make().fit(features[train])
                 threshold = float(np.quantile(score.score_samples(features[train]), 1 - settings.false_alarms))
                 values = score.score_samples(features[tested])
                 curve = roc(values, np.arange(tested.size) >= test.size)
-                scores[name].append(Split(curve, values[: test.size], values[test.size :], threshold))
+                scores[name].append(ScoredSplit(curve, values[: test.size], values[test.size :], threshold))
             counted.append(dark_pixels(images[tested], np.arange(tested.size) >= test.size, normal=images[train]))
     normal = np.flatnonzero(records.labels == NORMAL)
     return RuleFindings(scores, counted, images[normal[: settings.examples]], images[cracks[: settings.examples]])
 
 
-def _splits(records: Records, train: int, material: Material) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def _splits(records: Records, train: int, twin: TwinRuns) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Which normal shots are learnt from and which are left to test, for every split."""
     normal = np.flatnonzero(records.labels == NORMAL)
     if train >= normal.size or np.unique(records.groups).size != records.groups.size:
@@ -168,12 +163,12 @@ def _splits(records: Records, train: int, material: Material) -> list[tuple[NDAr
             f"{normal.size} normal shots, {train} to train on: measure more of them, and each image once, so that some "
             "are left to test"
         )
-    generator = np.random.default_rng((material.seed, 5))
-    drawn = [generator.permutation(normal) for _ in range(material.splits)]
+    generator = np.random.default_rng((twin.seed, 5))
+    drawn = [generator.permutation(normal) for _ in range(twin.splits)]
     return [(np.sort(order[:train]), np.sort(order[train:])) for order in drawn]
 
 
-def _found(split: Split) -> float:
+def _found(split: ScoredSplit) -> float:
     return float(np.mean(split.crack >= split.threshold))
 
 

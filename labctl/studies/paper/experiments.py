@@ -21,28 +21,28 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Acquiring(_Table):
+class PlannedRun(_Table):
     """A run that the experiment needs: a protocol by name, and its settings without the seed."""
 
     protocol: str
     settings: dict[str, Any] = {}
 
 
-class Beside(_Table):
+class Baseline(_Table):
     """What a digital method reaches on the same data: in words, and the keys that lead to it in `baseline`."""
 
     what: str
     path: tuple[str, ...]
 
 
-class Must(_Table):
+class Requirement(_Table):
     """A figure to reach.
 
     Attributes:
         what: In words.
-        path: Keys that lead to the figure in `here`; a result with a spread stands for its mean.
+        path: Keys that lead to the figure in `here`; of a result with a spread, the mean is taken.
         minus: Keys of another figure that is subtracted first; empty: none.
-        less_standard_errors: So many standard errors of the mean are allowed for ("se" beside "mean").
+        less_standard_errors: So many standard errors of the mean are allowed for ("se" next to "mean").
         at_least, at_most: The bound; exactly one of the two.
         paper: What the paper says.
         percent: Whether to print it in per cent.
@@ -57,7 +57,7 @@ class Must(_Table):
     at_most: float | None = None
     paper: str = ""
     percent: bool = False
-    beside: Beside | None = None
+    beside: Baseline | None = None
 
     @model_validator(mode="after")
     def _one_bound(self) -> Self:
@@ -88,7 +88,7 @@ class Must(_Table):
         return (self.at_least is None or figure >= self.at_least) and (self.at_most is None or figure <= self.at_most)
 
 
-class Varied(_Table):
+class Variation(_Table):
     """A parameter of the twin and the values it is given.
 
     Attributes:
@@ -113,7 +113,7 @@ class Varied(_Table):
         return self.unit * value**self.exponent
 
 
-class Sensitivity(_Table):
+class SensitivityStudy(_Table):
     """How a result depends on the twin: accuracy of one run at one acquisition time, parameter by parameter."""
 
     run: str
@@ -121,7 +121,7 @@ class Sensitivity(_Table):
     twins: PositiveInt = 3
     quick_twins: PositiveInt = 1
     required: float | None = None
-    parameters: tuple[Varied, ...]
+    parameters: tuple[Variation, ...]
 
 
 class Experiment(_Table):
@@ -133,6 +133,7 @@ class Experiment(_Table):
         paper: What the paper reached, in short.
         statement: What is done here, a few sentences.
         analysis: Name of the analysis in `labctl.studies.paper`.
+        part_of: The experiment that this one repeats a part of; it is then carried out by name only, not among all.
         twins: Over how many twins it is repeated.
         splits: On how many random splits each twin's readouts are judged.
         quick_twins, quick_splits: The same for a quick look.
@@ -149,14 +150,15 @@ class Experiment(_Table):
     paper: str
     statement: str
     analysis: str
+    part_of: str = ""
     twins: PositiveInt = 5
     splits: PositiveInt = 10
     quick_twins: PositiveInt = 1
     quick_splits: PositiveInt = 2
-    runs: dict[str, Acquiring] = Field(min_length=1)
+    runs: dict[str, PlannedRun] = Field(min_length=1)
     settings: dict[str, Any] = {}
-    must: tuple[Must, ...] = ()
-    sensitivity: Sensitivity | None = None
+    must: tuple[Requirement, ...] = ()
+    sensitivity: SensitivityStudy | None = None
     notes: tuple[str, ...] = ()
     cause: str = ""
 
@@ -174,7 +176,7 @@ class Experiment(_Table):
 
 
 def experiments(names: Sequence[str] = (), *, folder: Path = FOLDER) -> tuple[Experiment, ...]:
-    """The experiments called by name, or all of them, in the order of their names.
+    """The experiments called by name, or all that are no part of another, in the order of their names.
 
     Raises:
         ExperimentError: no such experiment, or a file that is wrong.
@@ -182,8 +184,10 @@ def experiments(names: Sequence[str] = (), *, folder: Path = FOLDER) -> tuple[Ex
     found = {path.stem: path for path in sorted(folder.glob("*.toml"))}
     for name in names:
         if name not in found:
-            raise ExperimentError(f"no experiment is called {name!r}: choose 'all' or from {', '.join(found)}")
-    return tuple(_read(path) for stem, path in found.items() if not names or stem in names)
+            known = ", ".join(experiment.name for experiment in experiments(folder=folder))
+            raise ExperimentError(f"no experiment is called {name!r}: choose 'all' or from {known}")
+    chosen = tuple(_read(path) for stem, path in found.items() if not names or stem in names)
+    return chosen if names else tuple(experiment for experiment in chosen if not experiment.part_of)
 
 
 def _read(path: Path) -> Experiment:

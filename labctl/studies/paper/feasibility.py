@@ -7,7 +7,7 @@ from instruments.bench import Bench
 from instruments.errors import LinkError
 from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import opened
-from labctl.bench.station import BY_HAND, Station
+from labctl.bench.station import Station
 from labctl.engine.inputs import inputs_for
 from labctl.errors import LabctlError, StationError, UsageError
 from labctl.runs.live.commands import CommandLog
@@ -73,7 +73,7 @@ def _check_light_path(station: Station, protocol: Measurement[Any]) -> None:
         )
     used = [name for name in station.addresses if name != "dmd" or protocol.projector]
     simulated = [name for name in used if name in station.simulations]
-    real = [name for name in used if name not in simulated and getattr(station, name).driver not in BY_HAND]
+    real = [name for name in used if name not in simulated and name not in station.by_hand]
     if simulated and real:
         raise StationError(
             f"{station.source}: {simulated[0]}.address = 'simulated', but {protocol.name} needs {', '.join(simulated)} "

@@ -13,9 +13,8 @@ from labctl.analysis.evaluation import mean_and_sd
 from labctl.analysis.networks import ReconstructionNetwork
 from labctl.analysis.reconstruction import KernelReconstruction
 from labctl.analysis.regression import rmse
-from labctl.studies.paper.contract import Material
-from labctl.studies.paper.scene_windows import SwitchSettings, read_switching
-from labctl.studies.paper.shown_images import shown_images
+from labctl.studies.paper.switching import SwitchSettings, read_switching
+from labctl.studies.paper.twin_runs import TwinRuns
 
 
 class FilmSettings(SwitchSettings):
@@ -59,19 +58,19 @@ class Film:
     frames: dict[str, NDArray[np.float64]]
 
 
-def film_of(material: Material, settings: FilmSettings) -> Film:
+def film_of(twin: TwinRuns, settings: FilmSettings) -> Film:
     """Train on the still images and read every window of the scene.
 
     Raises:
         AnalysisError: The runs do not fit each other, or no window lies before or behind the switch.
     """
-    seen = read_switching(material, settings, scenes=settings.run, still=settings.still)
+    seen = read_switching(twin, settings, scenes=settings.run, still=settings.still)
     pair = seen.pairs[0]
     train = ~np.isin(seen.still.groups, pair)
-    images = shown_images(material, settings.still, seen.still.groups[train])
+    images = twin.images_at(settings.still, seen.still.groups[train])
     features, windows = (traces.reshape(len(traces), -1) for traces in (seen.at_rest[train], seen.windows[0]))
     readouts: dict[str, Any] = {
-        "network": ReconstructionNetwork(seed=100 * material.seed),
+        "network": ReconstructionNetwork(seed=100 * twin.seed),
         "best": KernelReconstruction(),
     }
     pixels = images.reshape(len(images), -1).astype(np.float32)
@@ -86,7 +85,7 @@ def film_of(material: Material, settings: FilmSettings) -> Film:
         old=seen.old,
         new=seen.new,
         transit_s=seen.transit_s,
-        pair=shown_images(material, settings.run, pair).astype(np.float64),
+        pair=twin.images_at(settings.run, pair).astype(np.float64),
         frames=frames,
     )
 

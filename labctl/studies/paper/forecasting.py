@@ -27,7 +27,8 @@ from labctl.reports.figures.ports import port_error_figure
 from labctl.reports.figures.prediction import prediction_figure
 from labctl.reports.figures.responses import responses_figure
 from labctl.runs.read.run import open_run
-from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
+from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
+from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.sequence_readout import SYMBOL_S
 
 DATA_SET = "santa-fe"
@@ -96,15 +97,15 @@ class Findings:
     echo_state: float
 
 
-def examine(material: Material, settings: Settings) -> Findings:
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """NMSE one step ahead against the number of ports, and of the digital methods on the same stretch.
 
     Raises:
         AnalysisError: The run is shorter than the steps asked for, or a feature holds light of a later symbol.
     """
     steps = settings.train + settings.test
-    series = stretch_and_next(material)[: steps + 1]
-    with open_run(material.runs["series"]) as run:
+    series = stretch_and_next(twin)[: steps + 1]
+    with open_run(twin.runs["series"]) as run:
         frames, ports, interval = run.volts(), run.ports, run.shape.sample_interval_s
     if series.size < steps + 1 or len(frames) != 1:
         raise AnalysisError(
@@ -145,21 +146,21 @@ def examine(material: Material, settings: Settings) -> Findings:
         sample_interval_s=interval,
         autoregressive=autoregressive_nmse(series, order=settings.order, train=settings.train, test=settings.test),
         echo_state=echo_state_nmse(
-            series, nodes=settings.nodes, train=settings.train, test=settings.test, seed=material.seed
+            series, nodes=settings.nodes, train=settings.train, test=settings.test, seed=twin.seed
         ),
     )
 
 
-def stretch_and_next(material: Material) -> NDArray[np.float64]:
+def stretch_and_next(twin: TwinRuns) -> NDArray[np.float64]:
     """The values that were played and the one after them, (symbols + 1,): the target of the last symbol.
 
     Raises:
         AnalysisError: The run is of another stretch, or nothing follows it.
     """
-    played = material.sequences("series")
-    with open_run(material.runs["series"]) as run:
+    played = twin.sequences("series")
+    with open_run(twin.runs["series"]) as run:
         known_by = int(run.shots["dataset_index"][0])
-    whole = load_sequences(DATA_SET, directory=material.data).sequences
+    whole = load_sequences(DATA_SET, directory=twin.data).sequences
     length, symbols = whole.shape[1], played.values.shape[1]
     if symbols == length:
         raise AnalysisError("no value follows the last one of the whole series: set symbols below its length")

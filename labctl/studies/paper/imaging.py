@@ -1,7 +1,7 @@
 """Images made again from what the detectors saw: error against acquisition time, examples, and a film of a switch."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -10,21 +10,15 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 
 from instruments.units import Seconds
 from labctl.analysis.baselines import mean_image_rmse
-from labctl.analysis.evaluation import mean_and_sd, window_key
+from labctl.analysis.evaluation import mean_and_sd, pooled, window_key
 from labctl.analysis.networks import ReconstructionNetwork
 from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
 from labctl.analysis.regression import rmse
-from labctl.analysis.splits import Split, random_splits
-from labctl.analysis.windows import WindowFeatures, wavelength_rows
-from labctl.runs.read.records import Records, read_records
-from labctl.runs.read.run import open_run
-from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
+from labctl.analysis.splits import Split
+from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.film import Film, FilmSettings, film_of, film_results
 from labctl.studies.paper.imaging_figures import bars, error_curves, filmstrip, reconstructions
-from labctl.studies.paper.shown_images import shown_images
-
-TEST_PART = 0.1
-TAU_S = 40e-12
+from labctl.studies.paper.twin_runs import TAU_S, TwinRuns, window_features
 
 
 class CurveSettings(BaseModel):
@@ -95,10 +89,10 @@ class Findings:
     film: Film | None
 
 
-def examine(material: Material, settings: Settings) -> Findings:
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Train and test every readout of one twin, and look at its scene through them."""
-    curves = {curve.key: _reconstructed(material, curve, settings.examples) for curve in settings.curves}
-    return Findings(curves, None if settings.film is None else film_of(material, settings.film))
+    curves = {curve.key: _reconstructed(twin, curve, settings.examples) for curve in settings.curves}
+    return Findings(curves, None if settings.film is None else film_of(twin, settings.film))
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
@@ -113,14 +107,14 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         }
         baseline[curve.key] = {"mean_image": spread([twin.mean_image for twin in twins])}
     figures = []
+    first = findings[0].curves
     for run in dict.fromkeys(curve.run for curve in settings.curves):
         of_run = [curve for curve in settings.curves if curve.run == run]
-        first = [findings[0].curves[curve.key] for curve in of_run]
         shown = [
-            (curve.label, window_key(curve.network_windows[0]), here[curve.key], found.examples)
-            for curve, found in zip(of_run, first, strict=True)
+            (curve.label, window_key(curve.network_windows[0]), here[curve.key], first[curve.key].examples)
+            for curve in of_run
         ]
-        figures.append(reconstructions(run, first[0].originals, shown))
+        figures.append(reconstructions(run, first[of_run[0].key].originals, shown))
     lines = [
         (curve.label, here[curve.key], baseline[curve.key]["mean_image"]["mean"], curve.paper)
         for curve in settings.curves
@@ -151,28 +145,25 @@ def spread(twins: Sequence[NDArray[np.float64]]) -> dict[str, float]:
         twins: Scores (splits,) of each twin. With a single one its splits have to serve for the standard error.
     """
     means = np.array([np.mean(scores) for scores in twins]) if len(twins) > 1 else twins[0]
-    return mean_and_sd(np.concatenate(twins)) | {"se": mean_and_sd(means)["sd"] / float(np.sqrt(means.size))}
+    return pooled(twins) | {"se": mean_and_sd(means)["sd"] / float(np.sqrt(means.size))}
 
 
-def _reconstructed(material: Material, curve: CurveSettings, examples: int) -> Reconstructed:
-    records = _records(material, curve)
-    images = shown_images(material, curve.run, records.groups)
+def _reconstructed(twin: TwinRuns, curve: CurveSettings, examples: int) -> Reconstructed:
+    records = twin.records(curve.run, wavelengths=curve.wavelengths)
+    images = twin.images_at(curve.run, records.groups)
     pixels = images.reshape(len(images), -1).astype(np.float32)
-    splits = list(
-        random_splits(records.labels, records.groups, splits=material.splits, test_size=TEST_PART, seed=material.seed)
-    )
+    splits = twin.random_splits(records)
     chosen = _one_by_one(splits[0], records.labels, examples)
     errors: dict[str, dict[str, NDArray[np.float64]]] = {"network": {}, "best": {}, "linear": {}}
     shown: dict[str, NDArray[np.float64]] = {}
     for window_s in curve.windows:
-        window = WindowFeatures(window_s=window_s, tau_s=TAU_S, sample_interval_s=records.sample_interval_s)
-        features = window.fit_transform(records.traces)
+        features = window_features(records, window_s)
         for name in errors:
             if name == "network" and window_s not in curve.network_windows:
                 continue
             scores = []
             for number, (train, test) in enumerate(splits):
-                readout = _readout(name, material.seed, number).fit(features[train], pixels[train])
+                readout = _readout(name, twin.seed, number).fit(features[train], pixels[train])
                 scores.append(rmse(pixels[test], readout.predict(features[test])))
                 if number == 0 and name != "linear" and window_s == curve.network_windows[0]:
                     shown[name] = readout.predict(features[chosen]).reshape(-1, *images.shape[1:])
@@ -185,15 +176,6 @@ def _readout(name: str, seed: int, number: int) -> Any:
     if name == "network":
         return ReconstructionNetwork(seed=100 * seed + number)
     return KernelReconstruction() if name == "best" else LinearReconstruction()
-
-
-def _records(material: Material, curve: CurveSettings) -> Records:
-    with open_run(material.runs[curve.run]) as run:
-        records, present = read_records(run), run.shape.wavelength_of_port
-    if curve.wavelengths is None:
-        return records
-    rows = wavelength_rows(tuple(dict.fromkeys(present))[: curve.wavelengths], present)
-    return replace(records, traces=records.traces[:, rows], ports=tuple(records.ports[row] for row in rows))
 
 
 def _one_by_one(split: Split, labels: NDArray[np.int64], each: int) -> NDArray[np.intp]:

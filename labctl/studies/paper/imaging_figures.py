@@ -16,23 +16,17 @@ from labctl.studies.paper.film import Film
 NAMES = {"network": "network", "best": "best readout", "linear": "linear"}
 Line = tuple[str, Mapping[str, Any], float, float | None]
 """Label of a curve, its results by readout and window, RMSE of its mean image, RMSE in the paper."""
+Images = NDArray[np.float64]
+"""(n, rows, columns)."""
+Examples = tuple[str, str, Mapping[str, Any], Mapping[str, Images]]
+"""Label of a curve, its T_N (text, ns), its results by readout and window, test images through each readout."""
 
 
-def reconstructions(
-    run: str,
-    originals: NDArray[np.float64],
-    curves: Sequence[tuple[str, str, Mapping[str, Any], Mapping[str, NDArray[np.float64]]]],
-) -> ExperimentFigure:
-    """Test images of one run, and below them what every curve makes of them.
-
-    Args:
-        run: Name of the run.
-        originals: (n, rows, columns) images.
-        curves: Label of each curve, its T_N (text, ns), its results by readout and window, and its images by readout.
-    """
+def reconstructions(run: str, originals: Images, curves: Sequence[Examples]) -> ExperimentFigure:
+    """Test images of one run, and below them what every curve makes of them."""
     rows = [ImageRow("original", originals)]
-    for label, window, results, readouts in curves:
-        for name, images in readouts.items():
+    for label, window, results, examples in curves:
+        for name, images in examples.items():
             error = results[name][window]["mean"]
             rows.append(ImageRow(f"{label}: {NAMES[name]}\n{float(window):g} ns, RMSE {error:.3f}", images))
     return ExperimentFigure(

@@ -10,24 +10,20 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 
 from instruments.units import Seconds
 from labctl.analysis.baselines import numerical_network_accuracy, raw_pixel_accuracy
-from labctl.analysis.evaluation import mean_and_sd, validate, window_key
+from labctl.analysis.evaluation import pooled, validate, window_key
 from labctl.analysis.learning_curve import learning_curve
-from labctl.analysis.splits import Split, random_splits
-from labctl.analysis.windows import WindowFeatures, sample_count, wavelength_rows
+from labctl.analysis.splits import Split
+from labctl.analysis.windows import sample_count
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.confusion import confusion_figure
 from labctl.reports.figures.images import images_figure
 from labctl.reports.figures.learning import learning_figure
 from labctl.reports.figures.window import PAPER_CLAIM, accuracy_figure
-from labctl.runs.read.records import read_records
-from labctl.runs.read.run import open_run
-from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
-from labctl.studies.paper.shown_images import shown_images
+from labctl.runs.read.records import Records
+from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
+from labctl.studies.paper.twin_runs import TAU_S, TEST_PART, TwinRuns, window_features
 from protocols.settings import Ports
-
-TEST_PART = 0.1
-TAU_S = 40e-12
 
 
 class CurveSettings(BaseModel):
@@ -104,46 +100,30 @@ class Findings:
     shown: dict[str, NDArray[np.bool_]]
 
 
-@dataclass(frozen=True)
-class _Traces:
-    """The records of one curve: (shots, rows, samples), labels and groups (shots,)."""
-
-    traces: NDArray[np.floating]
-    labels: NDArray[np.int64]
-    groups: NDArray[np.int64]
-    sample_interval_s: float
-
-    def features(self, window_s: float) -> NDArray[np.floating]:
-        """Features of the first `window_s` of every record."""
-        window = WindowFeatures(window_s=window_s, tau_s=TAU_S, sample_interval_s=self.sample_interval_s)
-        features: NDArray[np.floating] = window.fit_transform(self.traces)
-        return features
-
-
-def examine(material: Material, settings: Settings) -> Findings:
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Train and test every curve of one twin, and the digital baselines on the same splits of the same images."""
     scores: dict[str, dict[str, Scores]] = {}
     confusion: dict[str, NDArray[np.int64]] = {}
     for curve in settings.curves:
-        records = _traces(material, curve)
-        splits = _splits(records.labels, records.groups, material)
+        records = _records(twin, curve)
+        splits = twin.random_splits(records)
         scores[curve.key] = {}
         for window_s in curve.windows or settings.windows:
-            judged = validate(records.features(window_s * curve.stretch), records.labels, splits)
+            judged = validate(window_features(records, window_s * curve.stretch), records.labels, splits)
             scores[curve.key][window_key(window_s)] = judged.scores
             if curve.key in settings.confusion and window_s == settings.confusion_window:
                 confusion[curve.key] = judged.confusion
     first = settings.curves[0]
-    records = _traces(material, first)
-    images = shown_images(material, first.run, records.groups)
-    splits = _splits(records.labels, records.groups, material)
+    records = _records(twin, first)
+    images = twin.images_at(first.run, records.groups)
+    splits = twin.random_splits(records)
     return Findings(
         scores,
         confusion,
         raw_pixel_accuracy(images, records.labels, splits),
-        _numerical(images, records, splits[: settings.numerical_splits], settings, material.seed),
-        _learning(records, settings, material),
-        {run: _examples(material, run, len(settings.classes)) for run in settings.show_runs},
+        _numerical(images, records, splits[: settings.numerical_splits], settings, twin.seed),
+        _learning(records, settings, twin),
+        {run: _examples(twin, run, len(settings.classes)) for run in settings.show_runs},
     )
 
 
@@ -151,17 +131,14 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     """Pool all twins and splits."""
     here: dict[str, Any] = {
         curve.key: {
-            window: mean_and_sd(np.concatenate([found.scores[curve.key][window] for found in findings]))
+            window: pooled(found.scores[curve.key][window] for found in findings)
             for window in findings[0].scores[curve.key]
         }
         for curve in settings.curves
     }
-    raw = mean_and_sd(np.concatenate([found.raw_pixels for found in findings]))
+    raw = pooled(found.raw_pixels for found in findings)
     baseline: dict[str, Any] = {"raw_pixels": raw} | {
-        rows: {
-            window: mean_and_sd(np.concatenate([found.numerical[rows][window] for found in findings]))
-            for window in windows
-        }
+        rows: {window: pooled(found.numerical[rows][window] for found in findings) for window in windows}
         for rows, windows in findings[0].numerical.items()
     }
     figures = [_accuracy(here, baseline, settings)]
@@ -169,8 +146,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         figures.append(_confusion(findings, settings))
     if settings.learning_sizes:
         here["learning"] = {
-            str(size): mean_and_sd(np.concatenate([found.learning[size] for found in findings]))
-            for size in findings[0].learning
+            str(size): pooled(found.learning[size] for found in findings) for size in findings[0].learning
         }
         figures.append(_learning_curve(here["learning"], raw["mean"], settings))
     figures += [
@@ -182,33 +158,32 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     return Conclusion(here, baseline, tuple(figures))
 
 
+def confusions(findings: Sequence[Findings], settings: Settings) -> dict[str, NDArray[np.int64]]:
+    """Test images of all splits and twins, true class by row and predicted class by column, by curve and T_N."""
+    labels = {curve.key: curve.label for curve in settings.curves}
+    window_ns = f"{(settings.confusion_window or 0) * 1e9:g} ns"
+    return {
+        f"{labels[key]}, {window_ns}": np.sum([found.confusion[key] for found in findings], axis=0)
+        for key in settings.confusion
+    }
+
+
 ANALYSIS = Analysis(Settings, examine, conclude)
 
 
-def _traces(material: Material, curve: CurveSettings) -> _Traces:
-    with open_run(material.runs[curve.run]) as run:
-        records = read_records(run)
-        present = run.shape.wavelength_of_port
-    count = curve.wavelengths or len(set(present))
-    rows = wavelength_rows(tuple(dict.fromkeys(present))[:count], present)
-    if curve.ports is not None:
-        rows = np.array([row for row in rows if records.ports[row] in curve.ports])
-    return _Traces(records.traces[:, rows], records.labels, records.groups, records.sample_interval_s)
+def _records(twin: TwinRuns, curve: CurveSettings) -> Records:
+    return twin.records(curve.run, wavelengths=curve.wavelengths, ports=curve.ports)
 
 
-def _splits(labels: NDArray[np.int64], groups: NDArray[np.int64], material: Material) -> list[Split]:
-    return list(random_splits(labels, groups, splits=material.splits, test_size=TEST_PART, seed=material.seed))
-
-
-def _examples(material: Material, run: str, classes: int) -> NDArray[np.bool_]:
-    shown = material.images(run)
+def _examples(twin: TwinRuns, run: str, classes: int) -> NDArray[np.bool_]:
+    shown = twin.images(run)
     return np.stack(
         [shown.images[np.flatnonzero(shown.labels == label)[0]] for label in np.unique(shown.labels)[:classes]]
     )
 
 
 def _numerical(
-    images: NDArray[np.bool_], records: _Traces, splits: Sequence[Split], settings: Settings, seed: int
+    images: NDArray[np.bool_], records: Records, splits: Sequence[Split], settings: Settings, seed: int
 ) -> dict[str, dict[str, Scores]]:
     """The paper's numerical network: as many neurons as the bench has features; N rows of masks, and M N rows."""
     ports = records.traces.shape[1]
@@ -228,17 +203,17 @@ def _numerical(
     return {name: windows for name, windows in found.items() if windows}
 
 
-def _learning(records: _Traces, settings: Settings, material: Material) -> dict[int, Scores]:
+def _learning(records: Records, settings: Settings, twin: TwinRuns) -> dict[int, Scores]:
     if settings.learning_window is None:
         return {}
     points = learning_curve(
-        records.features(settings.learning_window),
+        window_features(records, settings.learning_window),
         records.labels,
         records.groups,
         settings.learning_sizes,
-        splits=material.splits,
+        splits=twin.splits,
         test_size=TEST_PART,
-        seed=material.seed,
+        seed=twin.seed,
     )
     return {point.images: point.scores for point in points}
 
@@ -265,15 +240,9 @@ def _accuracy(here: dict[str, Any], baseline: dict[str, Any], settings: Settings
 
 
 def _confusion(findings: Sequence[Findings], settings: Settings) -> ExperimentFigure:
-    labels = {curve.key: curve.label for curve in settings.curves}
-    window_ns = f"{(settings.confusion_window or 0) * 1e9:g} ns"
-    panels = [
-        (f"{labels[key]}, {window_ns}", np.sum([found.confusion[key] for found in findings], axis=0))
-        for key in settings.confusion
-    ]
     return ExperimentFigure(
         "confusion",
-        confusion_figure(panels, settings.classes),
+        confusion_figure(list(confusions(findings, settings).items()), settings.classes),
         "Test images of all splits and twins: true class by row, share of each predicted class in per cent.",
     )
 

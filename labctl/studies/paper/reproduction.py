@@ -1,9 +1,8 @@
 """Carrying out experiments: every run they need once, every twin examined, all of it in parallel where it may be."""
 
-import os
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -13,11 +12,12 @@ from instruments.bench import Observer
 from instruments.values import Uploading
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
+from labctl.engine.engine import Outcome
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError
-from labctl.studies.paper.analyses import analysis_of
-from labctl.studies.paper.contract import Conclusion, Material
+from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
+from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.processes import Interrupted, TaskObserver, in_parallel
 from protocols.base import Measurement
 
@@ -25,6 +25,19 @@ ONE_BENCH = "One bench for every seed: seeds differ in images, order, drive and 
 
 Progress = Callable[[int, int], None]
 """Called with the number of tasks that are done and of all: runs, then examinations."""
+
+Task = Path | tuple[str, int]
+"""A run, by its directory, or the examination of a twin, by the experiment's name and the seed."""
+
+
+def _unheard(*_told: object) -> None:
+    pass
+
+
+def name_by_settings(_run: str, protocol: Measurement[Any]) -> str:
+    """A name that equal runs of several experiments share."""
+    identity = sha256(f"{protocol.digest()} {protocol.seed}".encode()).hexdigest()[:8]
+    return f"{protocol.name}-seed-{protocol.seed}-{identity}"
 
 
 @dataclass(frozen=True)
@@ -40,6 +53,7 @@ class Plan:
         data: Folder of data sets that is looked at first.
         attended: Whether somebody is at the bench.
         armed: Whether light is allowed, whatever the station says.
+        name: What the directory of a run is called, by the run's name in the experiment file and its protocol.
     """
 
     experiments: tuple[Experiment, ...]
@@ -50,6 +64,7 @@ class Plan:
     data: Path | None = None
     attended: bool = False
     armed: bool = False
+    name: Callable[[str, Measurement[Any]], str] = name_by_settings
 
     def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
         """Seeds of an experiment: 1, 2, ..."""
@@ -64,6 +79,11 @@ class Plan:
         """On how many benches an experiment is measured: a twin for each seed, or the one bench that there is."""
         return len(self.seeds_of(experiment)) if self.station.wholly_simulated else 1
 
+    def acquisition(self, protocol: Measurement[Any], directory: Path) -> Acquisition:
+        """A run of `protocol` into `directory`, on the station as it needs it."""
+        station = self.station_for(protocol, protocol.seed)
+        return Acquisition(protocol, station, directory, self.data, self.attended, self.armed)
+
     def station_for(self, protocol: Measurement[Any], seed: int) -> Station:
         """The station as a run needs it.
 
@@ -77,49 +97,45 @@ class Plan:
 
 @dataclass(frozen=True)
 class Reproduced:
-    """What came of one experiment."""
+    """What came of one experiment.
+
+    Attributes:
+        experiment: The experiment.
+        seeds: Its seeds.
+        splits: Random splits for each seed.
+        findings: What its analysis found, for each seed.
+        conclusion: What all of them say together.
+        outcomes: How its runs went: name in the experiment file -> for each seed.
+        seconds: What all of it took, by the work of every process.
+    """
 
     experiment: Experiment
     seeds: tuple[int, ...]
     splits: int
+    findings: tuple[Any, ...]
     conclusion: Conclusion
+    outcomes: Mapping[str, tuple[Outcome, ...]]
     seconds: float
-    runs: tuple[Path, ...]
 
-
-@dataclass(frozen=True)
-class RunTask:
-    """One run: the protocol with its seed, on which station, into which directory."""
-
-    protocol: Measurement[Any]
-    station: Station
-    directory: Path
-    data: Path | None
-    attended: bool = False
-    armed: bool = False
-
-
-@dataclass(frozen=True)
-class _Examination:
-    """One twin of one experiment."""
-
-    experiment: Experiment
-    seed: int
-    material: Material
-
-
-@dataclass
-class _Tasks:
-    """Everything to do: each run once, whoever needs it."""
-
-    runs: dict[Path, RunTask] = field(default_factory=dict)
-    examinations: list[_Examination] = field(default_factory=list)
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The run directories, seed by seed; a run that has two names comes once."""
+        by_seed = zip(*self.outcomes.values(), strict=True)
+        return tuple(dict.fromkeys(outcome.directory for outcomes in by_seed for outcome in outcomes))
 
 
 def reproduce(
-    plan: Plan, *, interruption: Interruption, progress: Progress, uploading: Uploading
+    plan: Plan,
+    *,
+    interruption: Interruption,
+    progress: Progress = _unheard,
+    uploading: Uploading = _unheard,
+    measured: Callable[[int], None] = _unheard,
 ) -> tuple[list[Reproduced], dict[str, AnalysisError]]:
-    """Acquire every run, examine every twin, and conclude; `uploading` hears of uploads to the one bench there is.
+    """Acquire every run, examine every twin, and conclude.
+
+    `uploading` hears of uploads to the one bench there is; `measured`, where all are simulated, how many records there
+    are so far.
 
     Returns:
         What came of the experiments; and of those whose analysis failed, name -> why. The others do not suffer from it.
@@ -128,62 +144,60 @@ def reproduce(
         Interrupted: the operator stopped it.
         InstrumentError, DatasetError, ProtocolError, StationError, RunError: a run failed.
     """
-    tasks = _tasks(plan)
-    runs, examinations = len(tasks.runs), len(tasks.examinations)
-    in_turn = partial(_acquired_in_turn, uploading=uploading)
-    acquire_all = _acquired_in_parallel if plan.station.wholly_simulated else in_turn
-    acquired = acquire_all(tasks.runs, interruption, lambda done: progress(done, runs + examinations))
-    examined = in_parallel(
-        _examine,
-        dict(enumerate(tasks.examinations)),
-        workers=os.cpu_count() or 1,
-        interruption=interruption,
-        progress=lambda done, _steps: progress(runs + done, runs + examinations),
-    )
-    everything, failed = [], {}
+    twins = {
+        (experiment.name, seed): (experiment, _twin(plan, experiment, seed))
+        for experiment in plan.experiments
+        for seed in plan.seeds_of(experiment)
+    }
+    runs = {
+        directory: plan.acquisition(twin.protocols[name], directory)
+        for _, twin in twins.values()
+        for name, directory in twin.runs.items()
+    }
+    tasks: dict[Task, Callable[[], Any]] = {name: partial(_examine, *twin) for name, twin in twins.items()}
+    done: dict[Task, tuple[Any, float]] = {}
+
+    def heard(finished: int, records: int = 0) -> None:
+        progress(len(done) + finished, len(runs) + len(twins))
+        measured(records)
+
+    needs: dict[Task, Iterable[Task]] = {}
+    if plan.station.wholly_simulated:
+        tasks |= {directory: partial(acquire_run, run) for directory, run in runs.items()}
+        needs = {name: twin.runs.values() for name, (_, twin) in twins.items()}
+    else:
+        done |= _acquired_in_turn(runs, interruption, heard, uploading)
+    done |= in_parallel(tasks, needs=needs, interruption=interruption, progress=heard)
+    reproduced, failed = [], {}
     for experiment in plan.experiments:
+        own = {seed: twins[experiment.name, seed][1] for seed in plan.seeds_of(experiment)}
         try:
-            everything.append(_concluded(plan, experiment, tasks, acquired, examined))
+            reproduced.append(_concluded(plan, experiment, own, done))
         except AnalysisError as error:
             failed[experiment.name] = error
-    return everything, failed
+    return reproduced, failed
 
 
-def _tasks(plan: Plan) -> _Tasks:
-    tasks = _Tasks()
-    for experiment in plan.experiments:
-        for seed in plan.seeds_of(experiment):
-            protocols = {
-                name: protocol.model_copy(update={"seed": seed}) for name, protocol in experiment.protocols.items()
-            }
-            directories = {name: _directory(plan, protocol, seed) for name, protocol in protocols.items()}
-            for name, directory in directories.items():
-                station = plan.station_for(protocols[name], seed)
-                run = RunTask(protocols[name], station, directory, plan.data, plan.attended, plan.armed)
-                tasks.runs.setdefault(directory, run)
-            material = Material(directories, protocols, seed, plan.splits_of(experiment), plan.data)
-            tasks.examinations.append(_Examination(experiment, seed, material))
-    return tasks
+def acquire_run(run: Acquisition) -> Outcome:
+    """Carry out one run in this process; it ends early, in the safe state, if the parent says so."""
+    interruption = Interruption()
+    return acquire(run, observer=TaskObserver(interruption), interruption=interruption).outcome
 
 
-def _acquired_in_parallel(
-    runs: Mapping[Path, RunTask], interruption: Interruption, progress: Callable[[int], None]
-) -> Mapping[Path, tuple[object, float]]:
-    """Carry out runs on simulated benches of their own."""
-    return in_parallel(
-        acquire_run,
-        runs,
-        workers=os.cpu_count() or 1,
-        interruption=interruption,
-        progress=lambda done, _steps: progress(done),
-    )
+def _twin(plan: Plan, experiment: Experiment, seed: int) -> TwinRuns:
+    protocols = {name: protocol.model_copy(update={"seed": seed}) for name, protocol in experiment.protocols.items()}
+    directories = {name: plan.folder / plan.name(name, protocol) for name, protocol in protocols.items()}
+    return TwinRuns(directories, protocols, seed, plan.splits_of(experiment), plan.data)
 
 
 def _acquired_in_turn(
-    runs: Mapping[Path, RunTask], interruption: Interruption, progress: Callable[[int], None], uploading: Uploading
-) -> Mapping[Path, tuple[object, float]]:
+    runs: Mapping[Path, Acquisition],
+    interruption: Interruption,
+    progress: Callable[[int], None],
+    uploading: Uploading,
+) -> dict[Task, tuple[Any, float]]:
     """Carry out runs on the one bench there is; in this process, which has the terminal and hears its operator."""
-    acquired: dict[Path, tuple[object, float]] = {}
+    acquired: dict[Task, tuple[Any, float]] = {}
 
     class Following(Observer):
         def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
@@ -194,8 +208,7 @@ def _acquired_in_turn(
 
     for directory, run in runs.items():
         began = time.perf_counter()
-        acquisition = Acquisition(run.protocol, run.station, directory, run.data, run.attended, run.armed)
-        outcome = acquire(acquisition, observer=Following(), interruption=interruption)
+        outcome = acquire(run, observer=Following(), interruption=interruption).outcome
         acquired[directory] = outcome, time.perf_counter() - began
         if interruption.requested:
             raise Interrupted
@@ -203,53 +216,35 @@ def _acquired_in_turn(
     return acquired
 
 
-def _directory(plan: Plan, protocol: Measurement[Any], seed: int) -> Path:
-    """Where a run goes; equal runs of several experiments are one."""
-    identity = sha256(f"{protocol.digest()} {seed}".encode()).hexdigest()[:8]
-    return plan.folder / f"{protocol.name}-seed-{seed}-{identity}"
-
-
 def _concluded(
-    plan: Plan,
-    experiment: Experiment,
-    tasks: _Tasks,
-    acquired: Mapping[Path, tuple[object, float]],
-    examined: Mapping[int, tuple[Any, float]],
+    plan: Plan, experiment: Experiment, twins: Mapping[int, TwinRuns], done: Mapping[Task, tuple[Any, float]]
 ) -> Reproduced:
+    """What the twins of an experiment, by seed, say together; `done` has the result and the seconds of every task."""
     began = time.perf_counter()
-    analysis, settings = analysis_of(experiment)
-    own = [number for number, found in enumerate(tasks.examinations) if found.experiment is experiment]
-    directories = tuple(
-        dict.fromkeys(directory for number in own for directory in tasks.examinations[number].material.runs.values())
-    )
-    findings = [examined[number][0] for number in own]
+    findings = tuple(done[experiment.name, seed][0] for seed in twins)
     if failures := [found for found in findings if isinstance(found, AnalysisError)]:
         raise failures[0]
+    analysis, settings = analysis_of(experiment)
     conclusion = analysis.conclude(findings, settings)
-    if plan.benches_of(experiment) < len(own):
+    if plan.benches_of(experiment) < len(twins):
         conclusion = replace(conclusion, notes=(ONE_BENCH, *conclusion.notes))
-    seconds = sum(examined[number][1] for number in own) + sum(acquired[directory][1] for directory in directories)
+    directories = {directory for twin in twins.values() for directory in twin.runs.values()}
+    tasks: list[Task] = [*directories, *((experiment.name, seed) for seed in twins)]
     return Reproduced(
         experiment,
-        plan.seeds_of(experiment),
+        tuple(twins),
         plan.splits_of(experiment),
+        findings,
         conclusion,
-        seconds + time.perf_counter() - began,
-        directories,
+        {name: tuple(done[twin.runs[name]][0] for twin in twins.values()) for name in experiment.runs},
+        sum(done[task][1] for task in tasks) + time.perf_counter() - began,
     )
 
 
-def acquire_run(run: RunTask) -> None:
-    """Carry out one run in this process; it ends early, in the safe state, if the parent says so."""
-    interruption = Interruption()
-    acquisition = Acquisition(run.protocol, run.station, run.directory, run.data)
-    acquire(acquisition, observer=TaskObserver(interruption), interruption=interruption)
-
-
-def _examine(examination: _Examination) -> Any:
+def _examine(experiment: Experiment, twin: TwinRuns) -> Any:
     """What one twin shows, or the `AnalysisError` that says why it shows nothing."""
-    analysis, settings = analysis_of(examination.experiment)
+    analysis, settings = analysis_of(experiment)
     try:
-        return analysis.examine(examination.material, settings)
+        return analysis.examine(twin, settings)
     except AnalysisError as error:
         return error

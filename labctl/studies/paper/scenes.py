@@ -21,8 +21,9 @@ from labctl.analysis.readouts import softmax_readout
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.switch import switch_figure
-from labctl.studies.paper.contract import Analysis, Conclusion, Material
-from labctl.studies.paper.scene_windows import Switching, SwitchSettings, read_switching
+from labctl.studies.paper.analyses import Analysis, Conclusion
+from labctl.studies.paper.switching import Switching, SwitchSettings, read_switching
+from labctl.studies.paper.twin_runs import TwinRuns
 
 MOST_OFF_S = 1e-6
 """A switch is seen in time if it is seen so far at most from when the mirrors move."""
@@ -95,13 +96,13 @@ class Findings:
         return float(np.mean(np.concatenate([named[scene.old] == before, named[scene.new] == after])))
 
 
-def examine(material: Material, settings: Settings) -> Findings:
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Train on the still images, and follow every scene.
 
     Raises:
         AnalysisError: An image of a scene was not measured at rest, or the runs do not fit each other.
     """
-    seen = read_switching(material, settings, scenes="scenes", still="static")
+    seen = read_switching(twin, settings, scenes="scenes", still="static")
     readout = _readout(seen, settings)
     return Findings(readout.classes_, tuple(_scene(seen, number, readout) for number in range(len(seen.pairs))))
 

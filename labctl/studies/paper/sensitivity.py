@@ -1,26 +1,23 @@
 """What a result rests on: the same run on twins whose parameters are varied one at a time around their defaults."""
 
-import os
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.evaluation import cross_validated_accuracy, mean_and_sd
-from labctl.analysis.windows import WindowFeatures
+from labctl.analysis.evaluation import pooled, validate
 from labctl.bench.signals import Interruption
-from labctl.bench.station import Station
+from labctl.engine.session import Acquisition
 from labctl.errors import ExperimentError
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
-from labctl.runs.read.records import read_records
-from labctl.runs.read.run import open_run
-from labctl.studies.paper.experiments import Experiment, Varied
-from labctl.studies.paper.experiments import Sensitivity as Study
-from labctl.studies.paper.reproduction import Plan, Progress, RunTask, acquire_run
+from labctl.studies.paper.experiments import Experiment, SensitivityStudy, Variation
+from labctl.studies.paper.reproduction import Plan, Progress, acquire_run
+from labctl.studies.paper.twin_runs import TwinRuns, window_features
 from labctl.studies.processes import in_parallel
 
 
@@ -28,30 +25,25 @@ from labctl.studies.processes import in_parallel
 class Dependence:
     """How the accuracy depends on one parameter: {"mean", "sd"} for each of its values."""
 
-    varied: Varied
+    variation: Variation
     accuracy: list[dict[str, float]]
 
 
 @dataclass(frozen=True)
 class _Point:
-    """One run of the study and how it is judged."""
+    """A twin of the study: its seed, and the parameters that are not at their defaults."""
 
-    run: RunTask
-    window_s: float
-    splits: int
     seed: int
+    parameters: tuple[tuple[str, float], ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the run's directory."""
+        return f"seed-{self.seed}" + "".join(f"-{name}-{value:g}" for name, value in self.parameters)
 
 
-@dataclass
-class _Points:
-    """Every run of the study; all defaults are the same runs."""
-
-    points: dict[str, _Point] = field(default_factory=dict)
-    names: dict[tuple[str, float], list[str]] = field(default_factory=dict)
-
-
-def study_of(experiment: Experiment) -> Study:
-    """What the experiment's file says to vary.
+def study_of(experiment: Experiment) -> SensitivityStudy:
+    """What the experiment's file wants varied.
 
     Raises:
         ExperimentError: nothing.
@@ -73,36 +65,37 @@ def sensitivity(
     study = study_of(experiment)
     if not plan.station.wholly_simulated:
         raise ExperimentError(f"{plan.station.source}: a real bench has no parameters to vary: leave --station out")
-    planned = _points(plan, experiment, study)
-    found = in_parallel(
-        _judged,
-        planned.points,
-        workers=os.cpu_count() or 1,
-        interruption=interruption,
-        progress=lambda done, _steps: progress(done, len(planned.points)),
-    )
+    seeds = range(1, 1 + (plan.seeds or (study.quick_twins if plan.quick else study.twins)))
+    points = {
+        (variation, value): _points(variation, value, seeds)
+        for variation in study.parameters
+        for value in variation.values
+    }
+    splits = plan.splits_of(experiment)
+    tasks = {
+        point: partial(_judged, _acquisition(plan, experiment, study, point), splits, study.window)
+        for point in chain.from_iterable(points.values())
+    }
+    found = in_parallel(tasks, interruption=interruption, progress=lambda done, _steps: progress(done, len(tasks)))
     return [
         Dependence(
-            varied,
-            [
-                mean_and_sd(np.concatenate([found[name][0] for name in planned.names[varied.parameter, value]]))
-                for value in varied.values
-            ],
+            variation,
+            [pooled(found[point][0] for point in points[variation, value]) for value in variation.values],
         )
-        for varied in study.parameters
+        for variation in study.parameters
     ]
 
 
-def figure_of(study: Study, dependences: Sequence[Dependence]) -> ExperimentFigure:
+def figure_of(study: SensitivityStudy, dependences: Sequence[Dependence]) -> ExperimentFigure:
     """The dependence on every parameter, side by side."""
     panels = [
         Sensitivity(
-            found.varied.name,
-            found.varied.values,
+            found.variation.name,
+            found.variation.values,
             [accuracy["mean"] for accuracy in found.accuracy],
             [accuracy["sd"] for accuracy in found.accuracy],
-            found.varied.default,
-            found.varied.logarithmic,
+            found.variation.default,
+            found.variation.logarithmic,
         )
         for found in dependences
     ]
@@ -114,43 +107,31 @@ def figure_of(study: Study, dependences: Sequence[Dependence]) -> ExperimentFigu
 def as_json(dependences: Sequence[Dependence]) -> dict[str, Any]:
     """Parameter -> its name, values, accuracies and default."""
     return {
-        found.varied.parameter: {
-            "name": found.varied.name,
-            "values": list(found.varied.values),
+        found.variation.parameter: {
+            "name": found.variation.name,
+            "values": list(found.variation.values),
             "accuracy": found.accuracy,
-            "default": found.varied.default,
+            "default": found.variation.default,
         }
         for found in dependences
     }
 
 
-def _points(plan: Plan, experiment: Experiment, study: Study) -> _Points:
-    planned = _Points()
-    splits = plan.splits_of(experiment)
-    twins = plan.seeds or (study.quick_twins if plan.quick else study.twins)
-    for varied in study.parameters:
-        for value in varied.values:
-            names = planned.names[varied.parameter, value] = []
-            for seed in range(1, twins + 1):
-                changed = {} if value == varied.default else {varied.parameter: varied.parameter_at(value)}
-                name = f"seed-{seed}" + "".join(f"-{key}-{number:g}" for key, number in changed.items())
-                names.append(name)
-                protocol = experiment.protocols[study.run].model_copy(update={"seed": seed, "window": study.window})
-                run = RunTask(
-                    protocol, _changed(plan.station_for(protocol, seed), changed), plan.folder / name, plan.data
-                )
-                planned.points.setdefault(name, _Point(run, study.window, splits, seed))
-    return planned
+def _points(variation: Variation, value: float, seeds: Iterable[int]) -> list[_Point]:
+    """The twins for one value of a parameter; all defaults are the same twins."""
+    changed = () if value == variation.default else ((variation.parameter, variation.parameter_at(value)),)
+    return [_Point(seed, changed) for seed in seeds]
 
 
-def _changed(station: Station, parameters: dict[str, float]) -> Station:
-    return station.model_copy(update={"sim": station.sim.model_copy(update={"parameters": parameters})})
+def _acquisition(plan: Plan, experiment: Experiment, study: SensitivityStudy, point: _Point) -> Acquisition:
+    protocol = experiment.protocols[study.run].model_copy(update={"seed": point.seed, "window": study.window})
+    run = plan.acquisition(protocol, plan.folder / point.name)
+    sim = run.station.sim.model_copy(update={"parameters": dict(point.parameters)})
+    return replace(run, station=run.station.model_copy(update={"sim": sim}))
 
 
-def _judged(point: _Point) -> NDArray[np.float64]:
-    acquire_run(point.run)
-    with open_run(Path(point.run.directory)) as run:
-        records = read_records(run)
-    window = WindowFeatures(window_s=point.window_s, sample_interval_s=records.sample_interval_s)
-    features = window.fit_transform(records.traces)
-    return cross_validated_accuracy(features, records.labels, records.groups, splits=point.splits, seed=point.seed)
+def _judged(run: Acquisition, splits: int, window_s: float) -> NDArray[np.float64]:
+    """Accuracy (splits,) of one twin, which is acquired first."""
+    twin = TwinRuns({"run": acquire_run(run).directory}, {"run": run.protocol}, run.protocol.seed, splits)
+    records = twin.records("run")
+    return validate(window_features(records, window_s), records.labels, twin.random_splits(records)).scores

@@ -13,13 +13,13 @@ from labctl.errors import AnalysisError
 from labctl.reports.canvas import port_name
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.encoding import encoding_figure
-from labctl.runs.read.records import Records, read_records
-from labctl.runs.read.run import open_run
-from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
+from labctl.runs.read.records import Records
+from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
+from labctl.studies.paper.twin_runs import TwinRuns
 
 
 class Settings(AnalysisSettings):
-    """Nothing is set here: runs `input` and `chip` of the same images say everything."""
+    """There are none: the runs are called `input` and `chip`, and are of the same images."""
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -52,15 +52,15 @@ class Findings:
     port_ratio: NDArray[np.float64]
 
 
-def examine(material: Material, settings: Settings) -> Findings:
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Traces of one image of each class before and behind the chip, and how far they lie apart.
 
     Raises:
         AnalysisError: The two runs are not of the same images.
     """
-    before, noise_before = _traces_and_noise(material, "input")
-    behind, noise_behind = _traces_and_noise(material, "chip")
-    shown = material.images("chip")
+    before, noise_before = _traces_and_noise(twin, "input")
+    behind, noise_behind = _traces_and_noise(twin, "chip")
+    shown = twin.images("chip")
     classes, first = np.unique(shown.labels, return_index=True)
     indices = shown.indices[first]
     if missing := set(indices.tolist()) - set(before.groups.tolist()):
@@ -139,9 +139,8 @@ def _ratios(values: Sequence[float]) -> dict[str, float]:
     return {**mean_and_sd(np.array(values)), "least": min(values)}
 
 
-def _traces_and_noise(material: Material, name: str) -> tuple[Records, NDArray[np.float64]]:
-    with open_run(material.runs[name]) as run:
-        return read_records(run), noise_variance(read_records(run, "reference").traces)
+def _traces_and_noise(twin: TwinRuns, name: str) -> tuple[Records, NDArray[np.float64]]:
+    return twin.records(name), noise_variance(twin.records(name, "reference").traces)
 
 
 def _of_images(records: Records, indices: NDArray[np.integer]) -> NDArray[np.floating]:

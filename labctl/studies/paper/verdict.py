@@ -9,14 +9,14 @@ from labctl.errors import ExperimentError
 from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
 from labctl.reports.page import Result
 from labctl.runs.format.provenance import git_revision, versions
-from labctl.studies.paper.contract import Conclusion
-from labctl.studies.paper.experiments import Experiment, Must, found_at, mean_at
+from labctl.studies.paper.analyses import Conclusion
+from labctl.studies.paper.experiments import Experiment, Requirement, found_at, mean_at
 from labctl.studies.paper.reproduction import Plan, Reproduced
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A figure to reach beside what came out.
+    """A figure to reach, and what came out.
 
     Attributes:
         must: The figure.
@@ -26,7 +26,7 @@ class Verdict:
         wrong: Why it cannot be judged; empty if it can.
     """
 
-    must: Must
+    must: Requirement
     figure: float | None
     baseline: float | None
     here: str
@@ -103,7 +103,7 @@ def results(reproduced: Reproduced) -> list[Result]:
     ]
 
 
-def bound(must: Must) -> str:
+def bound(must: Requirement) -> str:
     """What must be reached, as text."""
     sign, limit = (">=", must.at_least) if must.at_least is not None else ("<=", must.at_most)
     return f"{sign} {_text(must, limit or 0.0)}"
@@ -164,7 +164,7 @@ def _provenance(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _verdict(must: Must, conclusion: Conclusion) -> Verdict:
+def _verdict(must: Requirement, conclusion: Conclusion) -> Verdict:
     here, baseline = conclusion.here, conclusion.baseline
     try:
         return Verdict(
@@ -180,11 +180,11 @@ def _verdict(must: Must, conclusion: Conclusion) -> Verdict:
         return Verdict(must, None, None, "none", "", str(error))
 
 
-def _with_spread(must: Must, value: Any) -> str:
+def _with_spread(must: Requirement, value: Any) -> str:
     if isinstance(value, dict):
         return f"{_text(must, value['mean'])} ± {_text(must, value['sd'])}"
     return _text(must, float(value))
 
 
-def _text(must: Must, value: float) -> str:
+def _text(must: Requirement, value: float) -> str:
     return f"{100 * value:.1f} %" if must.percent else f"{value:.3g}"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import PositiveInt
 
 from labctl.analysis.baselines import vowel_network_accuracy
-from labctl.analysis.evaluation import mean_and_sd, validate
+from labctl.analysis.evaluation import mean_and_sd, pooled, validate
 from labctl.analysis.splits import Split, random_splits
 from labctl.datasets.cards import card
 from labctl.datasets.sequences import group_splits
@@ -19,7 +19,8 @@ from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.confusion import confusion_figure
 from labctl.reports.figures.ports import port_accuracy_figure
 from labctl.runs.read.run import open_run
-from labctl.studies.paper.contract import Analysis, AnalysisSettings, Conclusion, Material
+from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
+from labctl.studies.paper.twin_runs import TwinRuns
 
 DATA_SET = "vowels"
 WAYS = {"random": "random split", "by_speaker": "by speaker"}
@@ -63,14 +64,14 @@ class Findings:
     network: dict[str, NDArray[np.float64]]
 
 
-def examine(material: Material, settings: Settings) -> Findings:
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Accuracy against the number of ports, and of digital methods on the same utterances and splits.
 
     Raises:
         AnalysisError: The run holds utterances that its protocol does not play.
     """
-    played = material.sequences("vowels")
-    with open_run(material.runs["vowels"]) as run:
+    played = twin.sequences("vowels")
+    with open_run(twin.runs["vowels"]) as run:
         frames, ports, shots = run.volts(), len(run.ports), run.shots
     place = {index: row for row, index in enumerate(played.indices.tolist())}
     if strange := set(shots["dataset_index"].tolist()) - set(place):
@@ -79,7 +80,7 @@ def examine(material: Material, settings: Settings) -> Findings:
         )
     rows = np.array([place[index] for index in shots["dataset_index"].tolist()])
     labels, speakers, numbers = played.labels[rows], played.groups[rows], played.values[rows]
-    splits = _splits(labels, speakers, material, settings)
+    splits = _splits(labels, speakers, twin, settings)
     tables = {
         way: [validate(_features(frames, count), labels, chosen) for count in range(1, ports + 1)]
         for way, chosen in splits.items()
@@ -91,7 +92,7 @@ def examine(material: Material, settings: Settings) -> Findings:
         confusion={way: table[-1].confusion for way, table in tables.items()},
         regression={way: validate(numbers, labels, chosen).scores for way, chosen in splits.items()},
         network={
-            way: vowel_network_accuracy(numbers, labels, chosen, hidden=settings.hidden, seed=material.seed)
+            way: vowel_network_accuracy(numbers, labels, chosen, hidden=settings.hidden, seed=twin.seed)
             for way, chosen in splits.items()
         },
     )
@@ -101,19 +102,19 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     """Accuracy against the number of ports over all twins and splits, confusion with all ports."""
     first = findings[0]
     counts = list(range(1, 1 + len(first.accuracy["random"])))
-    pooled = {way: np.concatenate([one.accuracy[way] for one in findings], axis=1) for way in WAYS}
+    accuracy = {way: np.concatenate([one.accuracy[way] for one in findings], axis=1) for way in WAYS}
     here: dict[str, Any] = {
-        way: {str(count): mean_and_sd(scores[count - 1]) for count in counts} for way, scores in pooled.items()
+        way: {str(count): mean_and_sd(scores[count - 1]) for count in counts} for way, scores in accuracy.items()
     }
     baseline = {
-        name: {way: mean_and_sd(np.concatenate([getattr(one, key)[way] for one in findings])) for way in WAYS}
+        name: {way: pooled(getattr(one, key)[way] for one in findings) for way in WAYS}
         for name, key in (
             ("logistic regression on the numbers", "regression"),
             (f"network of {settings.hidden} neurons", "network"),
         )
     }
     curves = [
-        Series(name, counts, pooled[way].mean(axis=1).tolist(), pooled[way].std(axis=1, ddof=1).tolist())
+        Series(name, counts, accuracy[way].mean(axis=1).tolist(), accuracy[way].std(axis=1, ddof=1).tolist())
         for way, name in WAYS.items()
     ]
     panels = [(name, np.sum([one.confusion[way] for one in findings], axis=0)) for way, name in WAYS.items()]
@@ -147,11 +148,11 @@ def _features(frames: NDArray[Any], ports: int) -> NDArray[Any]:
 
 
 def _splits(
-    labels: NDArray[np.int64], speakers: NDArray[np.int64], material: Material, settings: Settings
+    labels: NDArray[np.int64], speakers: NDArray[np.int64], twin: TwinRuns, settings: Settings
 ) -> dict[str, list[Split]]:
     utterances = np.arange(labels.size)
-    mixed = random_splits(labels, utterances, splits=material.splits, test_size=settings.test, seed=material.seed)
-    apart = group_splits(speakers, splits=material.splits, test_groups=settings.test_speakers, seed=material.seed)
+    mixed = random_splits(labels, utterances, splits=twin.splits, test_size=settings.test, seed=twin.seed)
+    apart = group_splits(speakers, splits=twin.splits, test_groups=settings.test_speakers, seed=twin.seed)
     return {"random": list(mixed), "by_speaker": list(apart)}
 
 

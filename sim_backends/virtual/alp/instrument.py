@@ -6,19 +6,22 @@ segment it plays with a marker latches the next picture. Not simulated: grey sca
 pictures (one binary plane stays for the whole picture time), TRIGGER_IN_DELAY, PROJ_STEP, the trigger's edge.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.optics import mirrors
 from sim_backends.optics.mirrors import COLUMNS, ROWS
 from sim_backends.scpi.arguments import block, integer, optional
-from sim_backends.scpi.commands import Action, Reply
-from sim_backends.scpi.messages import Unit
+from sim_backends.scpi.commands import Action, chunks
+from sim_backends.scpi.messages import Chunk, Unit
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.alp import constants as alp
+from sim_backends.virtual.alp import codes
 from sim_backends.virtual.alp.sequence import LEAST_PICTURE_US, Sequence
 from sim_backends.virtual.instrument import VirtualInstrument
-from sim_backends.world.world import Projection, World
+from sim_backends.world.signals import Projection
+from sim_backends.world.world import World
 
 SERIAL = 13042
 VERSION = 43
@@ -27,17 +30,17 @@ UPLOAD_S = 5e-3  # a frame: 96 KiB over USB 2 at 20 MB/s
 SHOW_S = LEAST_PICTURE_US * 1e-6  # loading the mirrors, reset and settling
 
 _DEVICE_CHOICES = {
-    alp.SYNCH_POLARITY: (alp.LEVEL_HIGH, alp.LEVEL_LOW),
-    alp.TRIGGER_EDGE: (alp.EDGE_FALLING, alp.EDGE_RISING),
-    alp.TRIGGER_TIME_OUT: (0, 1),
-    alp.DMD_TYPE: (alp.XGA_07A,),
-    alp.DMD_MODE: (alp.DMD_RESUME, alp.DMD_POWER_FLOAT),
+    codes.SYNCH_POLARITY: (codes.LEVEL_HIGH, codes.LEVEL_LOW),
+    codes.TRIGGER_EDGE: (codes.EDGE_FALLING, codes.EDGE_RISING),
+    codes.TRIGGER_TIME_OUT: (0, 1),
+    codes.DMD_TYPE: (codes.XGA_07A,),
+    codes.DMD_MODE: (codes.DMD_RESUME, codes.DMD_POWER_FLOAT),
 }
 _PROJECTION_CHOICES = {
-    alp.PROJECTION_MODE: (alp.MASTER, alp.SLAVE),
-    alp.STEP: (alp.DEFAULT, alp.EDGE_FALLING, alp.EDGE_RISING),
-    alp.INVERSION: (0, 1),
-    alp.UPSIDE_DOWN: (0, 1),
+    codes.PROJECTION_MODE: (codes.MASTER, codes.SLAVE),
+    codes.STEP: (codes.DEFAULT, codes.EDGE_FALLING, codes.EDGE_RISING),
+    codes.INVERSION: (0, 1),
+    codes.UPSIDE_DOWN: (0, 1),
 }
 _NUMBER = integer(-(2**31), 2**31 - 1)
 _TIMES = (integer(), integer(), integer(), integer(), integer())
@@ -85,30 +88,30 @@ class VirtualAlp(VirtualInstrument):
         """`*RST`: as after power-on, mirrors floating."""
         self._power_on()
 
-    def refused(self, unit: Unit, error: ScpiError) -> Reply:
+    def refused(self, unit: Unit, error: ScpiError) -> list[Chunk]:
         """Every line is answered: by the library's return code where it has one."""
         if unit.header.startswith("*"):
             return super().refused(unit, error)
         if error.code > 0:
-            return error.code
-        return alp.USER_DATA_ERROR if error.code in (-160, -161) else alp.PARAMETER_INVALID
+            return chunks(error.code)
+        return chunks(codes.USER_DATA_ERROR if error.code in (-160, -161) else codes.PARAMETER_INVALID)
 
     # --- device
 
     def allocate(self, serial: int | None) -> int:
         """`AlpDevAlloc`: 1004 twice, 1001 for a serial number that is not there; none or 0 is any."""
         if self._allocated:
-            raise ScpiError(alp.ALREADY_ALLOCATED)
-        if serial not in (None, alp.DEFAULT, SERIAL):
-            raise ScpiError(alp.NOT_ONLINE)
+            raise ScpiError(codes.ALREADY_ALLOCATED)
+        if serial not in (None, codes.DEFAULT, SERIAL):
+            raise ScpiError(codes.NOT_ONLINE)
         self._allocated = True
-        return alp.OK
+        return codes.OK
 
     def free(self) -> int:
         """`AlpDevFree`: the mirrors float; 1002 while a sequence is shown."""
         self._require_idle()
         self._power_on()
-        return alp.OK
+        return codes.OK
 
     def halt(self) -> int:
         """`AlpDevHalt`: the picture that is shown now stays."""
@@ -116,18 +119,18 @@ class VirtualAlp(VirtualInstrument):
         if self._active():
             self.world.hold()
         self._shown = None
-        return alp.OK
+        return codes.OK
 
     def inquire(self, kind: int) -> str:
         """`AlpDevInquire`."""
         self._require_device()
         facts = {
-            alp.DEVICE_NUMBER: SERIAL,
-            alp.VERSION: VERSION,
-            alp.DEVICE_STATE: alp.DEVICE_BUSY if self._active() else alp.DEVICE_IDLE,
-            alp.AVAILABLE_MEMORY: self._free_memory(),
-            alp.DISPLAY_HEIGHT: ROWS,
-            alp.DISPLAY_WIDTH: COLUMNS,
+            codes.DEVICE_NUMBER: SERIAL,
+            codes.VERSION: VERSION,
+            codes.DEVICE_STATE: codes.DEVICE_BUSY if self._active() else codes.DEVICE_IDLE,
+            codes.AVAILABLE_MEMORY: self._free_memory(),
+            codes.DISPLAY_HEIGHT: ROWS,
+            codes.DISPLAY_WIDTH: COLUMNS,
             **self._device,
         }
         return _answer(facts, kind)
@@ -136,9 +139,9 @@ class VirtualAlp(VirtualInstrument):
         """`AlpDevControl`; DMD_MODE POWER_FLOAT lets the mirrors float until the next start."""
         self._require_idle()
         _choose(self._device, _DEVICE_CHOICES, kind, value)
-        if kind == alp.DMD_MODE and value == alp.DMD_POWER_FLOAT:
+        if kind == codes.DMD_MODE and value == codes.DMD_POWER_FLOAT:
             self.world.show(None)
-        return alp.OK
+        return codes.OK
 
     # --- sequences
 
@@ -146,42 +149,47 @@ class VirtualAlp(VirtualInstrument):
         """`AlpSeqAlloc`: 1007 when memory does not suffice."""
         self._require_device()
         if not 1 <= bit_planes <= 8 or pictures < 1:
-            raise ScpiError(alp.PARAMETER_INVALID)
+            raise ScpiError(codes.PARAMETER_INVALID)
         if bit_planes * pictures > self._free_memory():
-            raise ScpiError(alp.MEMORY_FULL)
+            raise ScpiError(codes.MEMORY_FULL)
         self._identifiers += 1
         self._sequences[self._identifiers] = Sequence(bit_planes, pictures)
-        return f"{alp.OK},{self._identifiers}"
+        return f"{codes.OK},{self._identifiers}"
 
     def free_sequence(self, identifier: int) -> int:
         """`AlpSeqFree`: 1008 while it is shown."""
         self._unused(identifier)
         del self._sequences[identifier]
-        return alp.OK
+        return codes.OK
 
     def put(self, identifier: int, offset: int, count: int, data: NDArray[np.uint8]) -> int:
-        """`AlpSeqPut`: pictures from `offset` on; 1008 while the sequence is shown."""
+        """`AlpSeqPut`: pictures from `offset` on; 1006 for data of another length, 1008 while the sequence is shown."""
         if offset < 0 or count < 0:
-            raise ScpiError(alp.PARAMETER_INVALID)
-        pictures = self._unused(identifier).put(offset, count, data)
-        self.world.clock.advance(UPLOAD_S * pictures)
-        return alp.OK
+            raise ScpiError(codes.PARAMETER_INVALID)
+        sequence = self._unused(identifier)
+        count = count or sequence.pictures - offset
+        if count <= 0 or offset + count > sequence.pictures:
+            raise ScpiError(codes.PARAMETER_INVALID)
+        form = sequence.controls[codes.DATA_FORMAT]
+        sequence.counts[offset : offset + count] = mirrors.on_counts(_packed(data, count, form, sequence.bit_planes))
+        self.world.clock.advance(UPLOAD_S * count)
+        return codes.OK
 
     def control_sequence(self, identifier: int, kind: int, value: int) -> int:
         """`AlpSeqControl`: 1008 while the sequence is shown."""
         self._unused(identifier).control(kind, value)
-        return alp.OK
+        return codes.OK
 
     def inquire_sequence(self, identifier: int, kind: int) -> str:
         """`AlpSeqInquire`."""
-        return f"{alp.OK},{self._sequence(identifier).inquire(kind)}"
+        return f"{codes.OK},{self._sequence(identifier).inquire(kind)}"
 
     def set_timing(
         self, identifier: int, illuminate: int, picture: int, delay: int, width: int, trigger_delay: int
     ) -> int:
         """`AlpSeqTiming`: 1008 while the sequence is shown."""
         self._unused(identifier).set_timing(illuminate, picture, delay, width, trigger_delay)
-        return alp.OK
+        return codes.OK
 
     # --- projection
 
@@ -189,63 +197,63 @@ class VirtualAlp(VirtualInstrument):
         """`AlpProjControl`; takes effect with the next start."""
         self._require_device()
         _choose(self._projection, _PROJECTION_CHOICES, kind, value)
-        return alp.OK
+        return codes.OK
 
     def inquire_projection(self, kind: int) -> str:
         """`AlpProjInquire`."""
         self._require_device()
-        state = alp.ACTIVE if self._active() else alp.IDLE
-        return _answer({alp.PROJECTION_STATE: state, **self._projection}, kind)
+        state = codes.ACTIVE if self._active() else codes.IDLE
+        return _answer({codes.PROJECTION_STATE: state, **self._projection}, kind)
 
     def start_once(self, identifier: int) -> int:
         """`AlpProjStart`: the range of frames, as often as REPEAT says; the last one stays."""
         self._start(self._sequence(identifier), loop=False)
-        return alp.OK
+        return codes.OK
 
     def start_for_ever(self, identifier: int) -> int:
         """`AlpProjStartCont`: the range of frames again and again, until it is halted."""
         self._start(self._sequence(identifier), loop=True)
-        return alp.OK
+        return codes.OK
 
     def wait(self) -> int:
         """`AlpProjWait`: until a finite run is over, in virtual time; 1005 if it has no end of its own."""
         self._require_device()
         if self._active():
             if self._ends_s == np.inf:
-                raise ScpiError(alp.PARAMETER_INVALID)
+                raise ScpiError(codes.PARAMETER_INVALID)
             self.world.clock.advance(self._ends_s - self.world.clock.now)
             self._shown = None
-        return alp.OK
+        return codes.OK
 
     def _start(self, sequence: Sequence, *, loop: bool) -> None:
         """Latch the first picture now; in slave mode the first edge does."""
-        if self._device[alp.DMD_MODE] == alp.DMD_POWER_FLOAT:
-            raise ScpiError(alp.NOT_IDLE)
-        slave = self._projection[alp.PROJECTION_MODE] == alp.SLAVE
-        now_s, picture_time_s = self.world.clock.now, sequence.picture_time_s
-        endless = loop or slave
+        if self._device[codes.DMD_MODE] == codes.DMD_POWER_FLOAT:
+            raise ScpiError(codes.NOT_IDLE)
+        slave = self._projection[codes.PROJECTION_MODE] == codes.SLAVE
+        controls, timing = sequence.controls, sequence.timing
+        now_s, picture_time_s = self.world.clock.now, 1e-6 * timing[codes.PICTURE_TIME]
         self._shown = sequence
         self._frames_to_latch = sequence.frames if slave and not loop else None
-        self._ends_s = np.inf if endless else now_s + sequence.frames * picture_time_s
+        self._ends_s = np.inf if loop or slave else now_s + sequence.frames * picture_time_s
         self.world.project(
             Projection(
-                self._turned(sequence.shown),
+                self._turned(sequence.counts[controls[codes.FIRST_FRAME] : controls[codes.LAST_FRAME] + 1]),
                 now_s,
                 picture_time_s,
-                synch_delay_s=1e-6 * sequence.timing[alp.SYNCH_DELAY],
+                synch_delay_s=1e-6 * timing[codes.SYNCH_DELAY],
                 loop=loop,
                 triggered=slave,
-                synch_pulse_s=1e-6 * sequence.timing[alp.SYNCH_PULSE_WIDTH],
-                synch_high=self._device[alp.SYNCH_POLARITY] == alp.LEVEL_HIGH,
-                repeats=1 if loop else sequence.controls[alp.REPEAT],
+                synch_pulse_s=1e-6 * timing[codes.SYNCH_PULSE_WIDTH],
+                synch_high=self._device[codes.SYNCH_POLARITY] == codes.LEVEL_HIGH,
+                repeats=1 if loop else controls[codes.REPEAT],
             )
         )
         self.world.clock.advance(SHOW_S)
 
     def _turned(self, counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        if self._projection[alp.UPSIDE_DOWN]:
+        if self._projection[codes.UPSIDE_DOWN]:
             counts = mirrors.upside_down(counts)
-        return mirrors.inverted(counts) if self._projection[alp.INVERSION] else counts
+        return mirrors.inverted(counts) if self._projection[codes.INVERSION] else counts
 
     def _active(self) -> bool:
         """Whether a projection runs; a finite one that is over leaves its last picture."""
@@ -258,23 +266,23 @@ class VirtualAlp(VirtualInstrument):
 
     def _require_device(self) -> None:
         if not self._allocated:
-            raise ScpiError(alp.BAD_DEVICE)
+            raise ScpiError(codes.BAD_DEVICE)
 
     def _require_idle(self) -> None:
         self._require_device()
         if self._active():
-            raise ScpiError(alp.NOT_IDLE)
+            raise ScpiError(codes.NOT_IDLE)
 
     def _sequence(self, identifier: int) -> Sequence:
         self._require_device()
         if identifier not in self._sequences:
-            raise ScpiError(alp.PARAMETER_INVALID)
+            raise ScpiError(codes.PARAMETER_INVALID)
         return self._sequences[identifier]
 
     def _unused(self, identifier: int) -> Sequence:
         sequence = self._sequence(identifier)
         if self._active() and sequence is self._shown:
-            raise ScpiError(alp.SEQUENCE_IN_USE)
+            raise ScpiError(codes.SEQUENCE_IN_USE)
         return sequence
 
     def _free_memory(self) -> int:
@@ -283,14 +291,29 @@ class VirtualAlp(VirtualInstrument):
 
 def _choose(settings: dict[int, int], choices: dict[int, tuple[int, ...]], kind: int, value: int) -> None:
     """Set `kind` to one of its choices, ALP_DEFAULT being the first; 1005 for anything else."""
-    if value == alp.DEFAULT:
+    if value == codes.DEFAULT:
         value = choices.get(kind, (value,))[0]
     if value not in choices.get(kind, ()):
-        raise ScpiError(alp.PARAMETER_INVALID)
+        raise ScpiError(codes.PARAMETER_INVALID)
     settings[kind] = value
 
 
 def _answer(facts: dict[int, int], kind: int) -> str:
     if kind not in facts:
-        raise ScpiError(alp.PARAMETER_INVALID)
-    return f"{alp.OK},{facts[kind]}"
+        raise ScpiError(codes.PARAMETER_INVALID)
+    return f"{codes.OK},{facts[kind]}"
+
+
+def _packed(data: NDArray[np.uint8], count: int, form: int, bit_planes: int) -> NDArray[np.uint8]:
+    """Mirror bits (count, 768, 128) of the uploaded bytes; packed top-down ones are not copied."""
+    binary = form in (codes.BINARY_TOPDOWN, codes.BINARY_BOTTOMUP)
+    if binary and bit_planes > 1:
+        raise ScpiError(codes.PARAMETER_INVALID)
+    shape = (count, ROWS, COLUMNS // 8 if binary else COLUMNS)
+    if data.size != math.prod(shape):
+        raise ScpiError(codes.USER_DATA_ERROR)
+    pictures = data.reshape(shape)
+    if binary:
+        return pictures if form == codes.BINARY_TOPDOWN else pictures[:, ::-1]
+    bit = 7 if form == codes.MSB_ALIGN else bit_planes - 1
+    return np.packbits(pictures & np.uint8(1 << bit), axis=2)

@@ -1,16 +1,13 @@
-"""One sequence in the memory of the virtual DMD: its pictures, its controls, its timing.
+"""One sequence in the memory of the virtual DMD: its controls, its timing, and room for its pictures.
 
 Source: instrument facts 4.2; times in microseconds, as the interface has them.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from sim_backends.optics.mirrors import COLUMNS, ROWS, SIDE, on_counts
+from sim_backends.optics.mirrors import SIDE
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.alp import constants as alp
+from sim_backends.virtual.alp import codes
 
 LEAST_PICTURE_US = 44
 LEAST_ILLUMINATE_US = 8  # recalled
@@ -20,11 +17,9 @@ LONGEST_DELAY_US = 130_000
 DEFAULT_PICTURE_US = 33_334  # 30 Hz
 MOST_REPEATS = 1_048_576  # recalled
 
-BYTES_PER_ROW = COLUMNS // 8
-
 _CHOICES = {
-    alp.BINARY_MODE: (alp.NORMAL, alp.UNINTERRUPTED),
-    alp.DATA_FORMAT: (alp.MSB_ALIGN, alp.LSB_ALIGN, alp.BINARY_TOPDOWN, alp.BINARY_BOTTOMUP),
+    codes.BINARY_MODE: (codes.NORMAL, codes.UNINTERRUPTED),
+    codes.DATA_FORMAT: (codes.MSB_ALIGN, codes.LSB_ALIGN, codes.BINARY_TOPDOWN, codes.BINARY_BOTTOMUP),
 }
 
 
@@ -37,22 +32,23 @@ class Sequence:
     Attributes:
         controls: what SeqControl sets.
         timing: what SeqTiming sets (us).
+        counts: mirrors on in every superpixel, (pictures, 784).
     """
 
     def __init__(self, bit_planes: int, pictures: int) -> None:
         self.bit_planes = bit_planes
         self.pictures = pictures
         self.controls = {
-            alp.REPEAT: 1,
-            alp.FIRST_FRAME: 0,
-            alp.LAST_FRAME: pictures - 1,
-            alp.BIT_NUMBER: bit_planes,
-            alp.BINARY_MODE: alp.NORMAL,
-            alp.DATA_FORMAT: alp.MSB_ALIGN,
+            codes.REPEAT: 1,
+            codes.FIRST_FRAME: 0,
+            codes.LAST_FRAME: pictures - 1,
+            codes.BIT_NUMBER: bit_planes,
+            codes.BINARY_MODE: codes.NORMAL,
+            codes.DATA_FORMAT: codes.MSB_ALIGN,
         }
         self.timing: dict[int, int] = {}
         self.set_timing(0, 0, 0, 0, 0)
-        self._counts = np.zeros((pictures, SIDE**2), np.uint16)  # dark until something is loaded
+        self.counts = np.zeros((pictures, SIDE**2), np.uint16)  # dark until something is loaded
 
     @property
     def memory(self) -> int:
@@ -62,48 +58,15 @@ class Sequence:
     @property
     def frames(self) -> int:
         """Pictures of one finite run, repetitions counted."""
-        return (self.controls[alp.LAST_FRAME] - self.controls[alp.FIRST_FRAME] + 1) * self.controls[alp.REPEAT]
-
-    @property
-    def picture_time_s(self) -> float:
-        """Time from picture to picture (s)."""
-        return 1e-6 * self.timing[alp.PICTURE_TIME]
-
-    @property
-    def shown(self) -> NDArray[np.uint16]:
-        """Mirrors on in every superpixel (n, 784) of the pictures from FIRST_FRAME to LAST_FRAME."""
-        return self._counts[self.controls[alp.FIRST_FRAME] : self.controls[alp.LAST_FRAME] + 1]
-
-    def put(self, first: int, count: int, data: NDArray[np.uint8]) -> int:
-        """Load `count` pictures (0: all from `first` on) in the present data format; returns how many.
-
-        Raises ScpiError: 1005 beyond the sequence, 1006 when the data have another length.
-        """
-        count = count or self.pictures - first
-        if count <= 0 or first + count > self.pictures:
-            raise ScpiError(alp.PARAMETER_INVALID)
-        self._counts[first : first + count] = on_counts(self._unpacked(data, count))
-        return count
-
-    def _unpacked(self, data: NDArray[np.uint8], count: int) -> NDArray[np.uint8]:
-        """Mirror bits (count, 768, 128) of the uploaded bytes; packed top-down ones are not copied."""
-        form = self.controls[alp.DATA_FORMAT]
-        if form in (alp.BINARY_TOPDOWN, alp.BINARY_BOTTOMUP):
-            if self.bit_planes > 1:
-                raise ScpiError(alp.PARAMETER_INVALID)
-            frames = _shaped(data, (count, ROWS, BYTES_PER_ROW))
-            return frames if form == alp.BINARY_TOPDOWN else frames[:, ::-1]
-        pixels = _shaped(data, (count, ROWS, COLUMNS))
-        bit = 7 if form == alp.MSB_ALIGN else self.bit_planes - 1
-        return np.packbits(pixels & np.uint8(1 << bit), axis=2)
+        return (self.controls[codes.LAST_FRAME] - self.controls[codes.FIRST_FRAME] + 1) * self.controls[codes.REPEAT]
 
     def control(self, kind: int, value: int) -> None:
         """`SeqControl`; 1005 for what it does not take."""
         limits = {
-            alp.REPEAT: (1, MOST_REPEATS),
-            alp.FIRST_FRAME: (0, self.controls[alp.LAST_FRAME]),
-            alp.LAST_FRAME: (self.controls[alp.FIRST_FRAME], self.pictures - 1),
-            alp.BIT_NUMBER: (1, self.bit_planes),
+            codes.REPEAT: (1, MOST_REPEATS),
+            codes.FIRST_FRAME: (0, self.controls[codes.LAST_FRAME]),
+            codes.LAST_FRAME: (self.controls[codes.FIRST_FRAME], self.pictures - 1),
+            codes.BIT_NUMBER: (1, self.bit_planes),
         }
         if kind in limits:
             low, high = limits[kind]
@@ -111,21 +74,21 @@ class Sequence:
         else:
             allowed = value in _CHOICES.get(kind, ())
         if not allowed:
-            raise ScpiError(alp.PARAMETER_INVALID)
+            raise ScpiError(codes.PARAMETER_INVALID)
         self.controls[kind] = value
 
     def inquire(self, kind: int) -> int:
         """`SeqInquire`; 1005 for an unknown kind."""
         facts = {
-            alp.BIT_PLANES: self.bit_planes,
-            alp.PICTURES: self.pictures,
-            alp.LEAST_PICTURE_TIME: LEAST_PICTURE_US,
-            alp.LEAST_ILLUMINATE_TIME: LEAST_ILLUMINATE_US,
+            codes.BIT_PLANES: self.bit_planes,
+            codes.PICTURES: self.pictures,
+            codes.LEAST_PICTURE_TIME: LEAST_PICTURE_US,
+            codes.LEAST_ILLUMINATE_TIME: LEAST_ILLUMINATE_US,
             **self.controls,
             **self.timing,
         }
         if kind not in facts:
-            raise ScpiError(alp.PARAMETER_INVALID)
+            raise ScpiError(codes.PARAMETER_INVALID)
         return facts[kind]
 
     def set_timing(self, illuminate: int, picture: int, delay: int, width: int, trigger_delay: int) -> None:
@@ -133,7 +96,7 @@ class Sequence:
 
         Picture and illumination time follow from each other by the dark time; with neither given it is 30 Hz.
         """
-        dark = 0 if self.controls[alp.BINARY_MODE] == alp.UNINTERRUPTED else DARK_US
+        dark = 0 if self.controls[codes.BINARY_MODE] == codes.UNINTERRUPTED else DARK_US
         picture = picture or (illuminate + dark if illuminate else DEFAULT_PICTURE_US)
         illuminate = illuminate or max(picture - dark, LEAST_ILLUMINATE_US)
         width = width or illuminate
@@ -144,17 +107,11 @@ class Sequence:
             and 0 < width <= picture
             and 0 <= trigger_delay <= LONGEST_DELAY_US
         ):
-            raise ScpiError(alp.PARAMETER_INVALID)
+            raise ScpiError(codes.PARAMETER_INVALID)
         self.timing = {
-            alp.PICTURE_TIME: picture,
-            alp.ILLUMINATE_TIME: illuminate,
-            alp.SYNCH_DELAY: delay,
-            alp.SYNCH_PULSE_WIDTH: width,
-            alp.TRIGGER_IN_DELAY: trigger_delay,
+            codes.PICTURE_TIME: picture,
+            codes.ILLUMINATE_TIME: illuminate,
+            codes.SYNCH_DELAY: delay,
+            codes.SYNCH_PULSE_WIDTH: width,
+            codes.TRIGGER_IN_DELAY: trigger_delay,
         }
-
-
-def _shaped(data: NDArray[np.uint8], shape: tuple[int, int, int]) -> NDArray[Any]:
-    if data.size != shape[0] * shape[1] * shape[2]:
-        raise ScpiError(alp.USER_DATA_ERROR)
-    return data.reshape(shape)

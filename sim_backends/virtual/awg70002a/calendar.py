@@ -9,7 +9,7 @@ from sim_backends.scpi.arguments import integer
 from sim_backends.scpi.commands import Action, Query
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.waveforms import calendar
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 CALENDAR_COMMANDS = (
     Query("SYSTem:DATE?", "calendar.date"),

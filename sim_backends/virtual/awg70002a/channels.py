@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, optional, real, short_form
-from sim_backends.scpi.commands import Setting, bind
-from sim_backends.scpi.messages import Argument
+from sim_backends.scpi.commands import Setting, bind, chunks
+from sim_backends.scpi.messages import Argument, Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.sequences import SequenceEntry
 from sim_backends.virtual.awg70002a.waveforms import AMPLITUDES_V, Waveform
@@ -26,16 +26,17 @@ TRIGGER_INPUT = keyword("ATRigger", "BTRigger")
 class InputSetting(Setting):
     """A setting of one trigger input, which is named behind the value: `TRIGger:LEVel 1.4,BTRigger`."""
 
-    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> None:
+    def execute(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """Set the attribute of the input (A if none is named)."""
         value, name = bind((self.kind, optional(TRIGGER_INPUT)), arguments)
         setattr(instrument.inputs[name or "ATRigger"], self.attribute, value)
+        return []
 
-    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> str:
+    def answer(self, instrument: Any, suffixes: Sequence[int], arguments: Sequence[Argument]) -> list[Chunk]:
         """The attribute of the input."""
         (name,) = bind((optional(TRIGGER_INPUT),), arguments)
         value = getattr(instrument.inputs[name or "ATRigger"], self.attribute)
-        return self.kind.format(value, verbose=False)
+        return chunks(self.kind.format(value, verbose=False))
 
 
 _LEVEL = "SOURce#:VOLTage[:LEVel][:IMMediate]"
@@ -62,7 +63,7 @@ CHANNEL_COMMANDS = (
     Setting("OUTPut#:SVALue:MARKer#", "sources#.markers#.stopped", keyword("OFF", "LOW")),
     InputSetting("TRIGger[:SEQuence]:LEVel", "level_v", real(-TRIGGER_LIMIT_V, TRIGGER_LIMIT_V)),
     InputSetting("TRIGger[:SEQuence]:SLOPe", "slope", keyword("POSitive", "NEGative")),
-    InputSetting("TRIGger[:SEQuence]:IMPedance", "impedance_ohm", integer(50, 1000)),
+    InputSetting("TRIGger[:SEQuence]:IMPedance", "impedance_ohm", integer(50, 1000), effect=False),
     InputSetting("TRIGger[:SEQuence]:MODE", "mode", keyword("SYNChronous", "ASYNchronous")),
 )
 

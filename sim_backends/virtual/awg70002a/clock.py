@@ -1,7 +1,7 @@
 """The clock of the virtual AWG: its source, rates, references and outputs.
 
-Source: instrument facts 1.3. Nothing is wired to the clock and reference inputs. Ranges of the reference, the dividers
-and the phase, and the frequency of Clock Out, are recalled.
+Source: instrument facts 1.3. Nothing is wired to the clock and reference inputs. Ranges of the reference and the phase,
+and the frequency of Clock Out, are recalled.
 """
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, real
@@ -12,11 +12,8 @@ from sim_backends.virtual.awg70002a.waveforms import RATES
 EXTERNAL_CLOCK_HZ = (6.25e9, 12.5e9)
 RATE_FOR_CLOCK = 2  # an AWG70002A samples at most twice a period of the external clock
 REFERENCE_HZ = (35e6, 250e6)  # recalled
-MOST_DIVIDER = 1000  # recalled
 PHASE_DEGREES = 10800  # recalled
 PHASE_S = 5e-9  # recalled
-
-_DIVIDER = integer(1, MOST_DIVIDER)
 
 CLOCK_COMMANDS = (
     Setting("CLOCk:SRATe", "timing.sample_rate", real(*RATES)),
@@ -25,19 +22,14 @@ CLOCK_COMMANDS = (
     Setting("CLOCk:ECLock:FREQuency", "timing.external_hz", real(*EXTERNAL_CLOCK_HZ)),
     Action("CLOCk:ECLock:FREQuency:DETect", "timing.detect_clock"),
     Action("CLOCk:ECLock:FREQuency:ADJust", "timing.adjust"),
-    Setting("CLOCk:ECLock:DIVider", "timing.external_divider", _DIVIDER),
-    Setting("CLOCk:ECLock:MULTiplier", "timing.external_multiplier", _DIVIDER),
-    Setting("CLOCk:EREFerence:FREQuency", "timing.reference_hz", real(*REFERENCE_HZ)),
+    Setting("CLOCk:EREFerence:FREQuency", "timing.reference_hz", real(*REFERENCE_HZ), effect=False),
     Action("CLOCk:EREFerence:FREQuency:DETect", "timing.detect_reference"),
-    Setting("CLOCk:EREFerence:DIVider", "timing.reference_divider", _DIVIDER),
-    Setting("CLOCk:EREFerence:MULTiplier", "timing.reference_multiplier", _DIVIDER),
-    Setting("SOURce:ROSCillator:MULTiplier", "timing.reference_multiplier", _DIVIDER),
-    Setting("CLOCk:JITTer", "timing.jitter_reduced", boolean),
-    Setting("CLOCk:PHASe:ADJust:DEGRees", "timing.phase_degrees", integer(-PHASE_DEGREES, PHASE_DEGREES)),
-    Setting("CLOCk:PHASe:ADJust:TIMe", "timing.phase_s", real(-PHASE_S, PHASE_S)),
-    Setting("CLOCk:OUTPut[:STATe]", "timing.clock_output", boolean),
+    Setting("CLOCk:JITTer", "timing.jitter_reduced", boolean, effect=False),
+    Setting("CLOCk:PHASe:ADJust:DEGRees", "timing.phase_degrees", integer(-PHASE_DEGREES, PHASE_DEGREES), effect=False),
+    Setting("CLOCk:PHASe:ADJust:TIMe", "timing.phase_s", real(-PHASE_S, PHASE_S), effect=False),
+    Setting("CLOCk:OUTPut[:STATe]", "timing.clock_output", boolean, effect=False),
     Query("CLOCk:OUTPut:FREQuency?", "timing.output_hz"),
-    Setting("CLOCk:SOUT[:STATe]", "timing.sync_output", boolean),
+    Setting("CLOCk:SOUT[:STATe]", "timing.sync_output", boolean, effect=False),
 )
 
 
@@ -48,9 +40,7 @@ class Timing:
         self._source = "INTernal"
         self._sample_rate = RATES[1]
         self._external_hz = EXTERNAL_CLOCK_HZ[0]
-        self.external_divider = self.external_multiplier = 1
         self.reference_hz = REFERENCE_HZ[0]
-        self.reference_divider = self.reference_multiplier = 1
         self.jitter_reduced = False
         self.phase_degrees = 0
         self.phase_s = 0.0

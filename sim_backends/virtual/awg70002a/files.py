@@ -8,8 +8,9 @@ from pathlib import PureWindowsPath
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.scpi.arguments import block, boolean, integer, keyword, optional, quoted
-from sim_backends.scpi.commands import Action, Chunk, Query, Setting, definite_block
+from sim_backends.scpi.arguments import block, integer, keyword, optional, quoted
+from sim_backends.scpi.commands import Action, Query, Setting, definite_block
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a import edits
 from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk
@@ -17,12 +18,10 @@ from sim_backends.virtual.awg70002a.sequences import SequenceList
 from sim_backends.virtual.awg70002a.seqx import SequenceFile, read_seqx
 from sim_backends.virtual.awg70002a.waveforms import WaveformList, calendar
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, read_text, read_wfmx, write_wfmx
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 NORMALISATION = keyword("NONE", "FSCale", "ZREFerence")
 TEXT_BITS = {"TXT": None, "TXT8": 8, "TXT9": 9, "TXT10": 10}
-_DEPTH = keyword("ANALog", "DIG8", "DIG9", "DIG10")
-_DEPTH_BITS = {"ANALog": None, "DIG8": 8, "DIG9": 9, "DIG10": 10}
 _FORMAT = keyword(*TEXT_BITS, "TXT14", "ISF", "TDS", "WFM", "PAT", "TFW", "IQT", "TIQ", "WFMX")
 _NUMBER = optional(integer(0, CAPACITY))
 
@@ -38,14 +37,10 @@ FILE_COMMANDS = (
     Query("MMEMory:DATA?", "files.read", quoted, _NUMBER, _NUMBER),
     Query("MMEMory:DATA:SIZE?", "files.size", quoted),
     Action("MMEMory:IMPort", "files.import_waveform", quoted, quoted, _FORMAT),
-    Setting("MMEMory:IMPort:PARameter:NORMalize", "files.normalisation", NORMALISATION),
     Setting("MMEMory:OPEN:PARameter:NORMalize", "files.normalisation", NORMALISATION),
-    Setting("MMEMory:OPEN:PARameter:SIQ", "files.separates_iq", boolean),
     Action("MMEMory:OPEN", "files.open", quoted),
-    Action("MMEMory:OPEN:TXT", "files.open_text", quoted, optional(_DEPTH)),
     Action("MMEMory:OPEN:SASSet[:WAVeform]", "files.open_waveforms", quoted, optional(quoted)),
     Action("MMEMory:OPEN:SASSet:SEQuence", "files.open_sequences", quoted, optional(quoted)),
-    Query("MMEMory:OPEN:SASSet:SEQuence:MROPened?", "files.last_sequence"),
     Action("MMEMory:SAVE:WAVeform:WFMX", "files.save_waveform", quoted, quoted),
 )
 
@@ -61,14 +56,12 @@ class MassMemory:
         self._clock = clock
         self.disk = Disk()
         waveforms = WaveformList(clock)
-        self.reset(waveforms, SequenceList(clock, waveforms))
+        self.reset(waveforms, SequenceList(waveforms))
 
     def reset(self, waveforms: WaveformList, sequences: SequenceList) -> None:
         """`*RST`: other lists and no normalisation; the files stay."""
         self.waveforms, self.sequences = waveforms, sequences
         self.normalisation = "NONE"
-        self.separates_iq = False
-        self._last_sequence = ""
 
     # --- files
 
@@ -125,10 +118,6 @@ class MassMemory:
             raise ScpiError(-200, f"files of the kind {suffix or 'without a name'} are not simulated")
         self.waveforms.put(PureWindowsPath(name).stem, read_wfmx(data))
 
-    def open_text(self, name: str, depth: str | None) -> None:
-        """Load a text file under its own name."""
-        self._put_text(PureWindowsPath(name).stem, name, _DEPTH_BITS[depth or "ANALog"])
-
     def import_waveform(self, name: str, path: str, form: str) -> None:
         """Load a text file (or `.wfmx`) as the waveform `name`; -200 for the other formats."""
         if form in TEXT_BITS:
@@ -155,11 +144,6 @@ class MassMemory:
             self.waveforms.put(key, waveform)
         for sequence in sequences.values():
             self.sequences.put(sequence)
-        self._last_sequence = name or next(reversed(sequences), "")
-
-    def last_sequence(self) -> str:
-        """Name of the sequence loaded last."""
-        return quoted.format(self._last_sequence, verbose=False)
 
     def save_waveform(self, name: str, path: str) -> None:
         """Write a waveform to a `.wfmx` file."""
@@ -173,7 +157,7 @@ class MassMemory:
         data = self.disk.read(path)
         if _suffix(path) not in (".seqx", ".awgx"):
             raise ScpiError(-200, f"files of the kind {_suffix(path) or 'without a name'} are not simulated")
-        return read_seqx(data, self._clock)
+        return read_seqx(data)
 
     def _put_text(self, name: str, path: str, bits: int | None) -> None:
         file = read_text(self.disk.read(path), bits)

@@ -18,7 +18,6 @@ from sim_backends.scpi.status import ScpiError
 LOWEST_HZ, FASTEST_HZ, FASTEST_OTHER_HZ = 1.0, 12.5e9, 6.25e9
 LARGEST_V = 0.5  # Vpp into 50 ohm, direct path
 LARGEST_LEVEL_V = LARGEST_V / 2
-LOAD_OHM = 50.0
 DAC_RATE = 25e9  # S/s
 FEWEST_POINTS, MOST_POINTS = 2400, 2**20
 PULSE_WIDTH = 1 / 8  # recalled: sigma and time constant of the pulses, in periods
@@ -37,10 +36,7 @@ FUNCTION_COMMANDS = (
     Setting("FGEN:CHANnel#:FREQuency", "functions#.frequency_hz", real(LOWEST_HZ, FASTEST_HZ)),
     Query("FGEN:CHANnel#:PERiod?", "function_period"),
     Setting("FGEN:CHANnel#:AMPLitude[:VOLTage]", "functions#.amplitude_v", real(0, LARGEST_V)),
-    Setting("FGEN:CHANnel#:AMPLitude:POWer", "functions#.power_dbm", real()),
     Setting("FGEN:CHANnel#:OFFSet", "functions#.offset_v", real()),
-    Setting("FGEN:CHANnel#:HIGH", "functions#.high_v", real(-LARGEST_LEVEL_V, LARGEST_LEVEL_V)),
-    Setting("FGEN:CHANnel#:LOW", "functions#.low_v", real(-LARGEST_LEVEL_V, LARGEST_LEVEL_V)),
     Setting("FGEN:CHANnel#:DCLevel", "functions#.dc_level_v", real(-LARGEST_LEVEL_V, LARGEST_LEVEL_V)),
     Setting("FGEN:CHANnel#:PHASe", "functions#.phase_deg", real(-180, 180)),
     Setting("FGEN:CHANnel#:SYMMetry", "functions#.symmetry", integer(0, 100)),
@@ -102,19 +98,6 @@ class Function:
         self.offset_v = self._offset_v
 
     @property
-    def power_dbm(self) -> float:
-        """Power of a sine of this amplitude into 50 ohm (dBm)."""
-        watt = self._amplitude_v**2 / (8 * LOAD_OHM)
-        return 10 * math.log10(max(watt, 1e-15) / 1e-3)
-
-    @power_dbm.setter
-    def power_dbm(self, dbm: float) -> None:
-        volts = math.sqrt(8 * LOAD_OHM * 1e-3 * 10 ** (min(dbm, 100.0) / 10))
-        if volts > LARGEST_V * (1 + 1e-6):
-            raise ScpiError(-222, f"{dbm:g} dBm is {volts:.3f} Vpp, {LARGEST_V} Vpp are the most")
-        self.amplitude_v = min(volts, LARGEST_V)
-
-    @property
     def offset_v(self) -> float:
         """Offset (V); one outside its limits is set to the limit."""
         return self._offset_v
@@ -123,29 +106,6 @@ class Function:
     def offset_v(self, volts: float) -> None:
         room = LARGEST_LEVEL_V - self._amplitude_v / 2
         self._offset_v = min(max(volts, -room), room)
-
-    @property
-    def high_v(self) -> float:
-        """High level (V)."""
-        return self._offset_v + self._amplitude_v / 2
-
-    @high_v.setter
-    def high_v(self, volts: float) -> None:
-        self._set(self.low_v, volts)
-
-    @property
-    def low_v(self) -> float:
-        """Low level (V)."""
-        return self._offset_v - self._amplitude_v / 2
-
-    @low_v.setter
-    def low_v(self, volts: float) -> None:
-        self._set(volts, self.high_v)
-
-    def _set(self, low: float, high: float) -> None:
-        if low > high:
-            raise ScpiError(-222, f"low level {low:g} V above the high level {high:g} V")
-        self._amplitude_v, self._offset_v = high - low, (high + low) / 2
 
     def key(self) -> tuple[Any, ...]:
         """Differs whenever something else comes out."""

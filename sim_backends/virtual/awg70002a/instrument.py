@@ -8,8 +8,7 @@ import math
 from typing import ClassVar
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, number_or_word, optional, quoted, real
-from sim_backends.scpi.commands import Action, Found, Query, Setting
-from sim_backends.scpi.messages import Unit
+from sim_backends.scpi.commands import Action, Command, Query, Setting
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.calendar import CALENDAR_COMMANDS, Calendar
 from sim_backends.virtual.awg70002a.channels import CHANNEL_COMMANDS, TRIGGER_INPUT, Source, TriggerInput
@@ -21,7 +20,8 @@ from sim_backends.virtual.awg70002a.player import INTERNAL, RUNNING, STOPPED, Pl
 from sim_backends.virtual.awg70002a.sequences import MOST_STEPS, SEQUENCE_COMMANDS, SequenceList
 from sim_backends.virtual.awg70002a.waveforms import AMPLITUDES_V, RATES, WAVEFORM_COMMANDS, WaveformList
 from sim_backends.virtual.instrument import ERROR_QUEUE, VirtualInstrument
-from sim_backends.world.world import Playback, World
+from sim_backends.world.signals import Playback
+from sim_backends.world.world import World
 
 RUN_MODE = keyword("CONTinuous", "TRIGgered", "TCONtinuous")
 CHANNEL_INPUT = keyword("ITRigger", "ATRigger", "BTRigger")
@@ -49,8 +49,7 @@ class VirtualAwg70002a(VirtualInstrument):
     COMMANDS = (
         *CLOCK_COMMANDS,
         *WAVEFORM_COMMANDS,
-        Setting("WLISt:WAVeform:ACFile:RSINc", "removes_sinc", boolean),
-        Setting("WLISt:WAVeform:ACFile:SKEW", "applies_skew", boolean),
+        Setting("WLISt:WAVeform:ACFile:RSINc", "removes_sinc", boolean, effect=False),
         Action("WLISt:WAVeform:ACFile", "correct", quoted, quoted, optional(quoted)),
         *SEQUENCE_COMMANDS,
         *FILE_COMMANDS,
@@ -63,8 +62,6 @@ class VirtualAwg70002a(VirtualInstrument):
         Query("SOURce#:CASSet:TYPE?", "assigned_type"),
         Action("SOURce#:CASSet:CLEar", "unassign"),
         *CHANNEL_COMMANDS,
-        Action("SOURce#:POWer[:LEVel][:IMMediate][:AMPLitude]", "refuse_power", real()),
-        Query("SOURce#:POWer[:LEVel][:IMMediate][:AMPLitude]?", "refuse_power"),
         Action("SOURce#:TINPut", "set_trigger_input", CHANNEL_INPUT),
         Query("SOURce#:SCSTep?", "current_step"),
         Action("SOURce#:JUMP:FORCe", "jump", JUMP),
@@ -82,11 +79,10 @@ class VirtualAwg70002a(VirtualInstrument):
         Action("TRIGger[:SEQuence][:IMMediate]", "trigger", optional(TRIGGER_INPUT)),
         Setting("TRIGger[:SEQuence]:SOURce", "trigger_source", keyword("EXTernal", "INTernal")),
         Setting("TRIGger[:SEQuence]:INTerval", "trigger_interval_s", real(*INTERVALS_S)),
-        Setting("TRIGger[:SEQuence]:WVALue", "waiting_value", keyword("FIRSt", "ZERO")),
         Setting("INSTrument:MODE", "mode", keyword("AWG", "FGEN")),
         Setting("INSTrument:COUPle:SOURce", "sources_coupled", boolean),
         *ERROR_QUEUE,
-        Setting("SYSTem:ERRor:DIALog", "error_dialog", boolean),
+        Setting("SYSTem:ERRor:DIALog", "error_dialog", boolean, effect=False),
         Query("SYSTem:VERSion?", "scpi_version"),
         *CALENDAR_COMMANDS,
     )
@@ -104,7 +100,7 @@ class VirtualAwg70002a(VirtualInstrument):
         """`*RST`: the state of instrument facts 1.9; both lists are emptied, the files stay."""
         self.timing = Timing()
         self.waveforms = WaveformList(self.world.clock)
-        self.sequences = SequenceList(self.world.clock, self.waveforms)
+        self.sequences = SequenceList(self.waveforms)
         self.files.reset(self.waveforms, self.sequences)
         self.sources = {number: Source(number) for number in (1, 2)}
         self.players = {number: Player(source, self.world.clock) for number, source in self.sources.items()}
@@ -115,7 +111,7 @@ class VirtualAwg70002a(VirtualInstrument):
         self.trigger_interval_s = 1e-3
         self.outputs_off = self.running = False
         self._run_modes_coupled = self.sources_coupled = self.apply_recommended_settings = False
-        self.removes_sinc = self.applies_skew = False
+        self.removes_sinc = False
         self.mode = "AWG"
         self.error_dialog = True
 
@@ -125,18 +121,16 @@ class VirtualAwg70002a(VirtualInstrument):
         """Whether RUN has not settled yet."""
         return self.world.clock.now < self._done_s
 
-    def _find(self, path: str, unit: Unit) -> Found:
+    def prepare(self, command: Command, *, query: bool) -> None:
         """Let virtual time pass while a client waits: to the end for `*OPC?` and `*WAI`, a little for other queries."""
-        found = super()._find(path, unit)
         left = self._done_s - self.world.clock.now
-        if left > 0 and (found.command.waits or unit.query):
-            self.world.clock.advance(left if found.command.waits else min(left, POLL_S))
-        return found
+        if left > 0 and (command.waits or query):
+            self.world.clock.advance(left if command.waits else min(left, POLL_S))
 
     # --- what comes out of channel 1
 
-    def changed(self) -> None:
-        """Let go of deleted assets, and tell the world when the playback of channel 1 or its trigger has changed."""
+    def changed(self, _command: Command) -> None:
+        """Let go of deleted assets, and pass on what has changed of channel 1's playback and its trigger."""
         for source in self.sources.values():
             gone = source.waveform is not None and source.waveform not in self.waveforms
             if gone or (source.sequence is not None and source.sequence not in self.sequences):
@@ -270,18 +264,6 @@ class VirtualAwg70002a(VirtualInstrument):
             self.set_run_mode(1, self.sources[1].run_mode)
             self.set_trigger_input(1, self.sources[1].trigger_input)
 
-    @property
-    def waiting_value(self) -> str:
-        """Level while waiting for a trigger, of channel 1; setting it sets all channels and markers."""
-        return self.sources[1].waiting
-
-    @waiting_value.setter
-    def waiting_value(self, word: str) -> None:
-        for source in self.sources.values():
-            source.waiting = word
-            for marker in source.markers.values():
-                marker.waiting = "FIRSt" if word == "FIRSt" else "LOW"
-
     # --- assignment
 
     def assign(self, number: int, name: str, component: str | None = None) -> None:
@@ -334,10 +316,6 @@ class VirtualAwg70002a(VirtualInstrument):
         return "SEQ" if source.sequence else "WAV" if source.waveform else "NONE"
 
     # --- system
-
-    def refuse_power(self, number: int, dbm: float = 0.0) -> None:
-        """`POWer`: an amplitude in dBm exists on the AC path only, -221."""
-        raise ScpiError(-221, f"OUTPUT{number}:PATH is DIR: no power")
 
     def correct(self, path: str, name: str, quadrature_path: str | None) -> None:
         """`ACFile`: correction files are not simulated; -256 absent, otherwise -200."""

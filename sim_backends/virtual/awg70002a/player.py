@@ -9,7 +9,7 @@ from sim_backends.virtual.awg70002a.channels import Source
 from sim_backends.virtual.awg70002a.schedule import Schedule, Stage, schedule
 from sim_backends.virtual.awg70002a.sequences import SequenceEntry, SequenceList, target
 from sim_backends.virtual.awg70002a.waveforms import SHORTEST, Waveform, WaveformList
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 STOPPED, WAITING, RUNNING = 0, 1, 2
 INTERNAL = "ITRigger"

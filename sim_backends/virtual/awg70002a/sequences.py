@@ -4,12 +4,11 @@ Source: instrument facts 1.7. How many tracks there may be, and what an unset ju
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import nan
 from typing import Generic, TypeVar
 
 from sim_backends.scpi.arguments import (
-    boolean,
     integer,
     keyword,
     number_or_word,
@@ -20,8 +19,7 @@ from sim_backends.scpi.arguments import (
 )
 from sim_backends.scpi.commands import Action, ItemSetting, Query
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.awg70002a.waveforms import RECOMMENDED, WaveformList, calendar
-from sim_backends.world.clock import VirtualClock
+from sim_backends.virtual.awg70002a.waveforms import RECOMMENDED, WaveformList
 
 MOST_STEPS = 16383
 MOST_REPEATS = 2**20
@@ -44,7 +42,6 @@ SEQUENCE_COMMANDS = (
     Query("SLISt:SEQuence:LENGth?", "sequences.length", _NAME),
     Query("SLISt:SEQuence:TRACk?", "sequences.tracks", _NAME),
     Query("SLISt:SEQuence:TRACk:MAX?", "sequences.most_tracks"),
-    Query("SLISt:SEQuence:TSTamp?", "sequences.changed_at", _NAME),
     Action(
         "SLISt:SEQuence:STEP:ADD",
         "sequences.add_steps",
@@ -68,7 +65,6 @@ SEQUENCE_COMMANDS = (
         for flag in FLAGS
     ),
     ItemSetting("SLISt:SEQuence:EVENt:JTIMing", "sequences", "jump_timing", keyword("END", "IMMediate"), _NAME),
-    ItemSetting("SLISt:SEQuence:RFLag", "sequences", "repeats_flags", boolean, _NAME),
     *(
         ItemSetting(f"SLISt:SEQuence:{node}", "sequences", name, kind, _NAME)
         for node, (name, kind) in RECOMMENDED.items()
@@ -157,14 +153,11 @@ class SequenceEntry:
     name: str
     tracks: int
     entries: list[Step]
-    clock: VirtualClock
     jump_timing: str = "END"
-    repeats_flags: bool = False
     sample_rate: float = nan
     amplitude_v: float = nan
     offset_v: float = nan
     version: int = 0
-    changed_s: float = field(default=0.0)
 
     @property
     def steps(self) -> Counted[Step]:
@@ -172,9 +165,8 @@ class SequenceEntry:
         return Counted(self.entries, "step")
 
     def modified(self) -> None:
-        """Count a change and note its time."""
+        """Count a change."""
         self.version += 1
-        self.changed_s = self.clock.now
 
     def asset(self, step: int, track: int) -> str:
         """What is on a track of a step; -222 beyond either."""
@@ -193,8 +185,7 @@ class SequenceEntry:
 class SequenceList:
     """The sequences in the order of their creation; names are unique. Their steps name entries of `waveforms`."""
 
-    def __init__(self, clock: VirtualClock, waveforms: WaveformList) -> None:
-        self._clock = clock
+    def __init__(self, waveforms: WaveformList) -> None:
         self._waveforms = waveforms
         self._sequences: dict[str, SequenceEntry] = {}
         self._changes = 0
@@ -226,7 +217,7 @@ class SequenceList:
         if name in self._sequences or not name:
             raise ScpiError(-224, f"sequence {name} exists" if name else "empty name")
         count = tracks or 1
-        self.put(SequenceEntry(name, count, [new_step(count) for _ in range(steps)], self._clock))
+        self.put(SequenceEntry(name, count, [new_step(count) for _ in range(steps)]))
 
     def put(self, sequence: SequenceEntry) -> None:
         """Add a sequence, or put it in the place of the one of that name."""
@@ -296,10 +287,6 @@ class SequenceList:
     def tracks(self, name: str) -> int:
         """Tracks of a sequence."""
         return self[name].tracks
-
-    def changed_at(self, name: str) -> str:
-        """Time stamp of a sequence: its last change."""
-        return f'"{calendar(self[name].changed_s):%Y/%m/%d %H:%M:%S}"'
 
     def most_steps(self) -> int:
         """Steps a sequence can have."""

@@ -24,7 +24,6 @@ from sim_backends.virtual.awg70002a.sequences import (
     new_step,
 )
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, parse_xml, read_wfmx, text_at
-from sim_backends.world.clock import VirtualClock
 
 LARGEST_UNPACKED = 2**28  # bytes
 MOST_MEMBERS = 10_000
@@ -64,7 +63,7 @@ class SequenceFile:
         return used, wanted
 
 
-def read_seqx(data: memoryview, clock: VirtualClock) -> SequenceFile:
+def read_seqx(data: memoryview) -> SequenceFile:
     """Read a `.seqx` or `.awgx` archive; -200 for anything else."""
     waveforms: dict[str, WaveformFile] = {}
     sequences: dict[str, SequenceEntry] = {}
@@ -86,7 +85,7 @@ def read_seqx(data: memoryview, clock: VirtualClock) -> SequenceFile:
                 if path.suffix.lower() == ".wfmx":
                     waveforms[path.stem] = read_wfmx(memoryview(content))
                 else:
-                    sequence = read_sml(content, path.stem, clock)
+                    sequence = read_sml(content, path.stem)
                     sequences[sequence.name] = sequence
     except _ZIP_ERRORS as error:
         raise ScpiError(-200, f"no archive that can be read: {str(error)[:200]}") from None
@@ -95,7 +94,7 @@ def read_seqx(data: memoryview, clock: VirtualClock) -> SequenceFile:
     return SequenceFile(waveforms, sequences)
 
 
-def read_sml(text: bytes, name: str, clock: VirtualClock) -> SequenceEntry:
+def read_sml(text: bytes, name: str) -> SequenceEntry:
     """The sequence of an `.sml` file, called `name` unless it says otherwise; -200 for anything else."""
     root = parse_xml(text)
     found = [step for step in root.iter() if step.tag.rpartition("}")[2] == "Step"]
@@ -106,9 +105,8 @@ def read_sml(text: bytes, name: str, clock: VirtualClock) -> SequenceEntry:
     if not 1 <= len(found) <= MOST_STEPS or tracks > MOST_TRACKS:
         raise ScpiError(-200, f"a sequence of {len(found)} steps and {tracks} tracks")
     entries = [_step(element, tracks) for element in found]
-    sequence = SequenceEntry(text_at(root, "SequenceName") or name, tracks, entries, clock)
+    sequence = SequenceEntry(text_at(root, "SequenceName") or name, tracks, entries)
     sequence.jump_timing = _TIMING.get(text_at(root, "JumpTiming"), "END")
-    sequence.repeats_flags = text_at(root, "RepeatFlag").lower() == "true"
     try:
         sequence.sample_rate = float(text_at(root, "RecSampleRate", "nan"))
     except ValueError:

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.scpi.arguments import Real, block, boolean, integer, keyword, optional, quoted, quoted_or_all, real
-from sim_backends.scpi.commands import Action, Chunk, ItemSetting, Query, definite_block
+from sim_backends.scpi.commands import Action, ItemSetting, Query, definite_block
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a import edits
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile
-from sim_backends.world.clock import VirtualClock
+from sim_backends.world.world import VirtualClock
 
 SHORTEST = 2400  # points that can be assigned to a channel
 LONGEST = 2_000_000_000
@@ -45,7 +46,6 @@ RECOMMENDED = {
 }
 
 _SPAN = (optional(integer()), optional(integer()))
-_FULL_CIRCLE = real(-360, 360)
 
 WAVEFORM_COMMANDS = (
     Query("WLISt:SIZE?", "waveforms.__len__"),
@@ -78,8 +78,7 @@ WAVEFORM_COMMANDS = (
         for node, (name, kind) in RECOMMENDED.items()
     ),
     Action("WLISt:WAVeform:NORMalize", "waveforms.normalise", quoted, keyword("FSCale", "ZREFerence")),
-    Action("WLISt:WAVeform:SHIFt", "waveforms.rotate_by_degrees", quoted, _FULL_CIRCLE),
-    Action("WLISt:WAVeform:ROTate:DEGRees", "waveforms.rotate_by_degrees", quoted, _FULL_CIRCLE),
+    Action("WLISt:WAVeform:SHIFt", "waveforms.shift", quoted, real(-360, 360)),
     Action("WLISt:WAVeform:ROTate:POINts", "waveforms.rotate", quoted, integer(-LONGEST, LONGEST)),
     Action("WLISt:WAVeform:INVert", "waveforms.invert", quoted),
     Action("WLISt:WAVeform:RESample", "waveforms.resample", quoted, integer(1, LONGEST)),
@@ -279,7 +278,7 @@ class WaveformList:
             waveform.quadrature = np.roll(waveform.quadrature, points)
         waveform.replace(np.roll(waveform.samples, points), np.roll(waveform.markers, points))
 
-    def rotate_by_degrees(self, name: str, degrees: float) -> None:
+    def shift(self, name: str, degrees: float) -> None:
         """The same, 360 degrees being the whole waveform."""
         self.rotate(name, edits.points_of(degrees, self[name].length))
 

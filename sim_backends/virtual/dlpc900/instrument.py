@@ -1,7 +1,7 @@
 """The virtual DLPC900 (LightCrafter 6500): HID reports in and out, and which way the mirrors point.
 
 Source: instrument facts 4.3, and public drivers of the device for error codes, status and firmware version. Its 1920 x
-1080 mirrors of 7.56 um stand where the world's 1024 x 768 of 13.68 um are: each of those takes the state of the mirror
+1080 mirrors of 7.56 um are where the world has 1024 x 768 of 13.68 um: each of those takes the state of the mirror
 at its centre, and those above and below the smaller device get no mirror and send no light on. Not simulated: patterns
 in turn and grey scales (the first pattern of the table stays, its first bit plane), triggers, images in flash.
 """

@@ -1,30 +1,98 @@
-"""The acquisition system of the virtual oscilloscope: arming, waiting for triggers, taking and keeping records.
+"""The acquisition system of the virtual oscilloscope: arming, waiting for triggers, taking, keeping and handing over.
 
-Source: instrument facts 2.5, 2.6 and 2.8.
+The digitiser's noise of a frame comes from that frame's own key, so that the number of triggers which are digitised
+together changes no byte. Source: instrument facts 2.5, 2.6, 2.8 and 2.10.
 """
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
+from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_width, quantised
+from sim_backends.scpi.commands import Command
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.fastframe import READY_S, FastFrame
-from sim_backends.virtual.dpo72504dx.horizontal import LONGEST_RECORD, RATES, Horizontal
-from sim_backends.virtual.dpo72504dx.modes import Mode, Plan, Progress, summarised
-from sim_backends.virtual.dpo72504dx.transfer import Trace
-from sim_backends.virtual.dpo72504dx.trigger import Trigger
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, Channel
+from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, READY_S, FastFrame
+from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, LONGEST_RECORD, RATES, Horizontal
+from sim_backends.virtual.dpo72504dx.modes import (
+    MODE_COMMANDS,
+    NO_CODES,
+    Codes,
+    Kept,
+    Mode,
+    aligned,
+    finished,
+    kept,
+    summarised,
+)
+from sim_backends.virtual.dpo72504dx.plan import Plan, planned
+from sim_backends.virtual.dpo72504dx.transfer import Preamble, Trace, Transfer
+from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_COMMANDS, Trigger
+from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, CHANNELS, VERTICAL_COMMANDS, Channel, Vertical
 from sim_backends.virtual.instrument import VirtualInstrument
-from sim_backends.world.world import Acquisition
+from sim_backends.world.keyed_random import digest, unit_noise
+from sim_backends.world.signals import Acquisition, Record
+from sim_backends.world.world import World
 
 ARM_S = 20e-3  # recalled: from RUN until the acquisition system waits for a trigger
-REARM_S = 10e-6  # recalled: dead time between the acquisitions of an average
-FRAME_REARM_S = 3e-6  # recalled: dead time between the frames of FastFrame
+READ_S = 5e-3  # recalled: a record of some thousand points from acquisition memory to the network
 AUTO_TRIGGER_S = 0.1  # recalled: AUTO mode waits this long for a trigger before it does without
 TRIGGERS_LOOKED_UP = 10_000  # at once, while FastFrame runs until it is stopped
+SAMPLES_AT_ONCE = 2**22  # of all channels together; bounds the memory, not the result
+
+_PLANNED_BY = frozenset(
+    (*VERTICAL_COMMANDS, *HORIZONTAL_COMMANDS, *FASTFRAME_COMMANDS, *TRIGGER_COMMANDS, *MODE_COMMANDS)
+)
+
+
+@dataclass(eq=False)
+class Progress:
+    """An acquisition under way: what has been recorded of it.
+
+    times: (triggers,) s, virtual, of each time that triggers were taken. offsets: how far from a sample (s).
+    """
+
+    plan: Plan
+    times: list[NDArray[np.float64]] = field(default_factory=list)
+    offsets: list[NDArray[np.float64]] = field(default_factory=list)
+    frames: Kept = field(default_factory=list)
+    missing: int = 0
+
+    def __post_init__(self) -> None:
+        self.missing = self.plan.triggers
+
+    def add(self, codes: NDArray[np.int8], offsets: NDArray[np.float64]) -> None:
+        """Keep codes (channels, triggers, samples) and sub-sample times (s) of some triggers."""
+        plan = self.plan
+        if plan.aligned:
+            codes, offsets = aligned(codes, offsets, plan.sampled.sample_rate), np.zeros_like(offsets)
+        self.offsets.append(offsets)
+        if plan.mode == "SAMple":
+            self.frames.append(codes)
+        else:
+            self.frames = kept(plan.mode, self.frames, codes, plan.acquisition.samples)
+
+    def codes(self) -> Codes:
+        """(channels, frames, samples) of what there is; at least one trigger must have come."""
+        if self.plan.mode != "SAMple":
+            return finished(self.plan.mode, self.frames, sum(times.size for times in self.times))
+        if len(self.frames) > 1:  # one array from now on: an acquisition is read many times
+            self.frames = [np.concatenate(self.frames, axis=1)]
+        return self.frames[0]
 
 
 class AcquisitionSystem(VirtualInstrument):
     """Settings, triggers and records of an oscilloscope; a model adds the commands."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self._digitiser_noise = np.float32(digitiser_noise_codes(world.parameters.enob))
+        self._shown: Progress | None = None
+        self._traces: dict[int, Trace] = {}
 
     def reset(self) -> None:
         """`*RST`: factory settings."""
@@ -33,13 +101,45 @@ class AcquisitionSystem(VirtualInstrument):
         self.frames = FastFrame()
         self.trigger = Trigger()
         self.mode = Mode()
+        self.transfer = Transfer()
+        self._planned: Plan | None = None
         self._running = False
         self._ready_s = 0.0  # triggers before this virtual time are none of the acquisition under way
         self._progress: Progress | None = None
         self._rolling: NDArray[np.float64] = np.empty(0)
-        self._traces: dict[int, Trace] = {}
-        self._shown: Progress | None = None
         self.forget_acquisitions("ALL")
+
+    def changed(self, command: Command) -> None:
+        """Plan anew after a setting; with more than two channels on, the highest sample rate is shared out."""
+        if command in _PLANNED_BY:
+            shared = sum(channel.selected for channel in self.channels.values()) > 2
+            self.horizontal.highest_rate = RATES[1] if shared else RATES[0]
+            self._planned = None
+
+    @property
+    def plan(self) -> Plan:
+        """What the present settings sample, and when."""
+        if self._planned is None:
+            frames = self.frame_count if self.frames.on else None
+            self._planned = planned(self.channels, self.horizontal, self.trigger, self.mode, frames)
+        return self._planned
+
+    @property
+    def frame_count(self) -> int:
+        """Frames to take, at most what the memory holds at the present length; -222 beyond that."""
+        return min(self.frames.count, self.most_frames())
+
+    @frame_count.setter
+    def frame_count(self, count: int) -> None:
+        if count > self.most_frames():
+            raise ScpiError(-222, f"{count} frames, the memory holds {self.most_frames()}")
+        self.frames.count = count
+
+    def most_frames(self) -> int:
+        """`HORizontal:FASTframe:MAXFRames?`: what the acquisition memory holds at the present length."""
+        return LONGEST_RECORD // self.horizontal.record_length
+
+    # --- run control
 
     @property
     def acquiring(self) -> bool:
@@ -53,7 +153,7 @@ class AcquisitionSystem(VirtualInstrument):
             self._acquisitions = self._frames_acquired = 0
             self._running = True
             self.world.clock.advance(READY_S if self.frames.on else ARM_S)
-            self._begin()
+            self._ready_s, self._progress, self._rolling = self.world.clock.now, None, np.empty(0)
             if not self.frames.on:  # FastFrame is ready for its first trigger now: let clients start the burst
                 self.pending()
         elif self._running:
@@ -62,11 +162,6 @@ class AcquisitionSystem(VirtualInstrument):
             elif self._until_stopped:
                 self._take_last_frames()
             self._running = False
-
-    def _begin(self) -> None:
-        self._ready_s = self.world.clock.now
-        self._progress = None
-        self._rolling = np.empty(0)
 
     def pending(self) -> bool:
         """Whether a single acquisition waits for its triggers; takes those that come."""
@@ -81,33 +176,6 @@ class AcquisitionSystem(VirtualInstrument):
     @property
     def _until_stopped(self) -> bool:
         return self.frames.on and self.frames.sequence == "LAST" and self.mode.stop_after == "SEQuence"
-
-    def waiting_for_trigger(self) -> bool:
-        """`TRIGger:A:READY?`: whether a trigger would have been taken when this was asked."""
-        waiting = self._running and self.mode.stop_after == "SEQuence"
-        self.pending()
-        return waiting if self.frames.on else self._running and waiting
-
-    def trigger_state(self) -> str:
-        """`TRIGger:STATE?`: what the front panel shows."""
-        if self.pending():
-            return "READY"
-        if not self._running:
-            return "SAVE"
-        return "TRIGGER" if self._upcoming(1, self.world.clock.now) is not None else self._idle_state
-
-    @property
-    def _idle_state(self) -> str:
-        return "AUTO" if self.trigger.mode == "AUTO" else "READY"
-
-    def force_trigger(self, _word: str) -> None:
-        """`TRIGger FORCe`: take what is there now, one frame of FastFrame, if an acquisition waits."""
-        if not self.pending():
-            return
-        progress = self._under_way()
-        wanted = 1 if self.frames.on else progress.missing
-        self._take(self._untriggered(wanted))
-        self._running = self._progress is not None or self._until_stopped
 
     def _look(self) -> bool:
         """Take the triggers that come; False if the acquisition waits for more."""
@@ -125,28 +193,28 @@ class AcquisitionSystem(VirtualInstrument):
 
     def _under_way(self) -> Progress:
         if self._progress is None:
-            self._progress = Progress(self._plan)
+            self._progress = Progress(self.plan)
             if self.mode.stop_after == "RUNSTop":
                 self._ready_s = max(self._ready_s, self.world.clock.now)
         return self._progress
 
     def _upcoming(self, count: int, after_s: float) -> NDArray[np.float64] | None:
-        return self.trigger.upcoming(self.world, count, self._spacing, after_s)
-
-    @property
-    def _spacing(self) -> float:
-        """Least time between two triggers (s)."""
-        rearm = FRAME_REARM_S if self.frames.on else REARM_S
-        return self.trigger.spacing(self.horizontal.duration_s + rearm)
+        condition, spacing_s = self.plan.condition, self.plan.spacing_s
+        if condition is None:
+            return self.trigger.upcoming(self.world, count, spacing_s, after_s)
+        return self.world.next_triggers(condition, count, spacing_s, after_s=after_s)
 
     def _untriggered(self, count: int) -> NDArray[np.float64]:
-        return self.world.clock.now + self._spacing * np.arange(count, dtype=np.float64)
+        return self.world.clock.now + self.plan.spacing_s * np.arange(count, dtype=np.float64)
 
     def _take(self, times: NDArray[np.float64]) -> None:
         """Record after each of `times`; the acquisition is complete with its last trigger."""
         progress = self._under_way()
-        progress.add(self.world, times)
-        self._ready_s = float(times[-1]) + self._spacing
+        progress.times.append(times)
+        progress.missing -= times.size
+        for codes, offsets in self._digitised(progress.plan, times):
+            progress.add(codes, offsets)
+        self._ready_s = float(times[-1]) + self.plan.spacing_s
         acquisition = progress.plan.acquisition
         end_s = float(times[-1]) + acquisition.start_s + acquisition.samples / acquisition.sample_rate
         self.world.clock.advance(max(0.0, end_s - self.world.clock.now))
@@ -168,7 +236,7 @@ class AcquisitionSystem(VirtualInstrument):
                 return
             self._rolling = np.concatenate([self._rolling, come])[-self.frame_count :]
             self._frames_acquired += come.size
-            self._ready_s = float(come[-1]) + self._spacing
+            self._ready_s = float(come[-1]) + self.plan.spacing_s
 
     def _take_last_frames(self) -> None:
         """Record the last frames before the stop; the next ones if there was none."""
@@ -180,84 +248,120 @@ class AcquisitionSystem(VirtualInstrument):
             self._frames_acquired = max(counted, times.size)
         self._progress = None
 
-    @property
-    def _plan(self) -> Plan:
-        """What the present settings sample."""
-        rate, at, mode = self.horizontal.sample_rate, self.horizontal.trigger_sample, self.actual_mode
-        selected = [number for number, channel in self.channels.items() if channel.selected]
-        return Plan(
-            Acquisition(tuple(selected), rate, self.horizontal.record_length, -at / rate),
-            at,
-            tuple(self.channels[number].vertical for number in selected),
-            mode,
-            self.frame_count if self.frames.on else self.mode.triggers(mode),
-            self.mode.synchronous,
-        )
+    # --- from volts to codes
 
-    @property
-    def frame_count(self) -> int:
-        """Frames to take, at most what the memory holds at the present length; -222 beyond that."""
-        return min(self.frames.count, self.most_frames())
+    def _digitised(
+        self, plan: Plan, times: NDArray[np.float64]
+    ) -> Iterator[tuple[NDArray[np.int8], NDArray[np.float64]]]:
+        """Codes (channels, triggers, samples) and trigger offsets (triggers,) in s, for as many as fit at once."""
+        sampled, deskews = plan.sampled, [vertical.deskew_s for vertical in plan.verticals]
+        step = max(1, SAMPLES_AT_ONCE // max(1, len(deskews) * sampled.samples))
+        for first in range(0, times.size if deskews else 0, step):
+            some = times[first : first + step]
+            if not any(deskews):
+                record = self.world.record(sampled, some, setting=plan.verticals_key)
+                yield self._codes(sampled, record, plan.verticals), record.trigger_offset_s
+                continue
+            codes, offsets = np.empty((len(deskews), some.size, sampled.samples), np.int8), np.zeros(some.size)
+            for deskew in dict.fromkeys(deskews):  # channels that are sampled at different times need a record each
+                rows = [row for row, own in enumerate(deskews) if own == deskew]
+                part = replace(
+                    sampled, channels=tuple(sampled.channels[row] for row in rows), start_s=sampled.start_s + deskew
+                )
+                record = self.world.record(part, some, setting=plan.verticals_key)
+                codes[rows] = self._codes(part, record, [plan.verticals[row] for row in rows])
+                offsets = record.trigger_offset_s
+            yield codes, offsets
 
-    @frame_count.setter
-    def frame_count(self, count: int) -> None:
-        if count > self.most_frames():
-            raise ScpiError(-222, f"{count} frames, the memory holds {self.most_frames()}")
-        self.frames.count = count
+    def _codes(self, acquisition: Acquisition, record: Record, verticals: Sequence[Vertical]) -> NDArray[np.int8]:
+        """Codes (channels, triggers, samples)."""
+        began = perf_counter()
+        triggers, channels, samples = record.volts.shape
+        noise = unit_noise([digest(key, "digitiser") for key in record.keys], (channels, samples))
+        noise *= self._digitiser_noise
+        codes = np.empty((channels, triggers, samples), np.int8)
+        for channel, vertical in enumerate(verticals):
+            seen = _seen(record.volts[:, channel], vertical, acquisition.sample_rate)
+            codes[channel] = quantised(seen, noise[:, channel], *vertical[:3])
+        self.world.physics_seconds += perf_counter() - began
+        return codes
 
-    def most_frames(self) -> int:
-        """`HORizontal:FASTframe:MAXFRames?`: what the acquisition memory holds at the present length."""
-        return LONGEST_RECORD // self.horizontal.record_length
+    # --- handing over
 
-    def forget_acquisitions(self, _word: str) -> None:
-        """`CLEAR ALL`."""
-        self._traces = {}
-        self._shown = None
-        self._sent_new = True
-        self._acquisitions = self._frames_acquired = 0
-
-    def count_acquisitions(self) -> int:
-        """`ACQuire:NUMACq?`: acquisitions since RUN; FastFrame's many frames are one."""
-        self.pending()
-        return self._acquisitions
-
-    def count_frames(self) -> int:
-        """`ACQuire:NUMFRAMESACQuired?`: frames since RUN in a FastFrame single sequence, otherwise acquisitions."""
-        self.pending()
-        single_sequence = self.frames.on and self.mode.stop_after == "SEQuence"
-        return self._frames_acquired if single_sequence else self._acquisitions
-
-    def busy(self) -> bool:
-        """`BUSY?`."""
-        return self.acquiring
-
-    @property
-    def actual_mode(self) -> str:
-        """The mode really used."""
-        return self.mode.actual(self.horizontal.sample_rate, frames=self.frames.on)
-
-    def _trace(self, number: int) -> Trace | None:
+    def trace(self, number: int) -> Trace | None:
         """What was last acquired of a channel."""
         shown = self._shown
         if shown is None or number not in shown.plan.acquisition.channels:
             return None
         if not self._traces:
-            summary = self.frames.summary if self.frames.on and shown.missing <= 0 else "NONe"
-            codes = summarised(shown.codes(), summary, fine=self.frames.sixteen_bit)
-            offsets, times = shown.trigger_offsets(), shown.trigger_times()[: codes.shape[1]]
-            numbers, verticals = shown.plan.acquisition.channels, shown.plan.verticals
-            for channel, own, vertical in zip(numbers, codes, verticals, strict=True):
-                self._traces[channel] = Trace(channel, own, shown.plan, vertical, times, offsets)
+            codes, plan, offsets = shown.codes(), shown.plan, np.concatenate(shown.offsets)
+            if self.frames.on and self.frames.summary != "NONe" and shown.missing <= 0:
+                codes = summarised(codes, self.frames.summary, fine=self.frames.sixteen_bit)
+            if plan.mode in ("AVErage", "ENVelope"):
+                offsets = offsets.mean(keepdims=True)
+            times = np.concatenate(shown.times)[: codes.shape[1]]
+            for channel, own, vertical in zip(plan.acquisition.channels, codes, plan.verticals, strict=True):
+                self._traces[channel] = Trace(channel, own, plan, vertical, times, offsets)
         return self._traces[number]
 
-    def _acquired_trace(self, number: int) -> Trace:
+    def acquired_trace(self, number: int) -> Trace:
+        """What was last acquired of a channel; 2241 if there is nothing."""
         self.pending()
-        trace = self._trace(number)
+        trace = self.trace(number)
         if trace is None:
             raise ScpiError(2241, f"CH{number}: nothing acquired")
         return trace
 
-    def changed(self) -> None:
-        """With more than two channels on, the highest sample rate is shared out."""
-        shared = sum(channel.selected for channel in self.channels.values()) > 2
-        self.horizontal.highest_rate = RATES[1] if shared else RATES[0]
+    def curve(self) -> list[Chunk]:
+        """`CURVe?`: the points of every source; 2244 if one is off, 2241 if there is nothing to send.
+
+        While the oscilloscope runs freely, each transfer begins with a new acquisition.
+        """
+        numbers = [_channel(source) for source in self.transfer.sources]
+        for number in numbers:
+            if not self.channels[number].selected:
+                raise ScpiError(2244, f"CH{number}")
+        if not self.pending() and self._running:
+            self._look()
+        reply: list[Chunk] = []
+        for number in numbers:
+            reply += [b",", *self.acquired_trace(number).curve(self.transfer)]
+        self._sent_new = True
+        self.world.clock.advance(READ_S)
+        return reply[1:]
+
+    @property
+    def preamble(self) -> Preamble:
+        """The preamble of the first source; before its first acquisition, of what the settings lead to expect."""
+        self.pending()
+        number = _channel(self.transfer.sources[0])
+        trace = self.trace(number)
+        if trace is None:
+            vertical, now_s = self.channels[number].vertical, np.array([self.world.clock.now])
+            trace = Trace(number, NO_CODES, self.plan, vertical, now_s, np.zeros(1))
+        return Preamble(trace, self.transfer)
+
+    def forget_acquisitions(self, _word: str) -> None:
+        """`CLEAR ALL`."""
+        self._traces, self._shown = {}, None
+        self._sent_new = True
+        self._acquisitions = self._frames_acquired = 0
+
+
+def _channel(source: str) -> int:
+    """The number of a channel that can be sent; 2244 for mathematics and references, of which none is active."""
+    if source not in CHANNELS:
+        raise ScpiError(2244, source)
+    return CHANNELS[source]
+
+
+def _seen(volts: NDArray[np.float32], vertical: Vertical, sample_rate: float) -> NDArray[np.float32]:
+    """What reaches the digitiser of one channel, in volts in front of its attenuator."""
+    if vertical.grounded:
+        return np.zeros_like(volts)
+    if vertical.bandwidth_hz < BANDWIDTH_HZ:  # Gaussian filters in series: their widths add in squares
+        width_s = np.sqrt(gaussian_time_width(vertical.bandwidth_hz) ** 2 - gaussian_time_width(BANDWIDTH_HZ) ** 2)
+        volts = gaussian_filter1d(volts, width_s * sample_rate, axis=-1, mode="nearest")
+    if vertical.attenuation != 1:
+        volts = volts * np.float32(vertical.attenuation)
+    return -volts if vertical.inverted else volts

@@ -36,21 +36,27 @@ FASTFRAME_COMMANDS = (
     Setting("HORizontal:FASTframe:SIXteenbit", "frames.sixteen_bit", boolean),
     Setting("HORizontal:FASTframe:SELECTED:CH#", "frames.selected#.frame", _FRAME),
     Setting("HORizontal:FASTframe:REF:FRAme", "frames.reference", _FRAME),
-    Setting("HORizontal:FASTframe:REF:SOUrce", "frames.reference_source", keyword(*CHANNELS)),
-    Setting("HORizontal:FASTframe:FRAMELock", "frames.locked", boolean),
-    Setting("HORizontal:FASTframe:TRACk", "frames.tracking", keyword("LIVE", "ALL")),
-    Setting("HORizontal:FASTframe:MULtipleframes:MODe", "frames.overlay", keyword("OFF", "OVERlay", "ONLYOVERlay")),
-    Setting("HORizontal:FASTframe:MULtipleframes:FRAMESTart:CH#", "frames.selected#.overlay_start", _FRAME),
-    Setting("HORizontal:FASTframe:MULtipleframes:NUMFRames:CH#", "frames.selected#.overlay_count", _FRAME),
+    Setting("HORizontal:FASTframe:FRAMELock", "frames.locked", boolean, effect=False),
+    Setting("HORizontal:FASTframe:TRACk", "frames.tracking", keyword("LIVE", "ALL"), effect=False),
+    Setting(
+        "HORizontal:FASTframe:MULtipleframes:MODe",
+        "frames.overlay",
+        keyword("OFF", "OVERlay", "ONLYOVERlay"),
+        effect=False,
+    ),
+    Setting(
+        "HORizontal:FASTframe:MULtipleframes:FRAMESTart:CH#", "frames.selected#.overlay_start", _FRAME, effect=False
+    ),
+    Setting(
+        "HORizontal:FASTframe:MULtipleframes:NUMFRames:CH#", "frames.selected#.overlay_count", _FRAME, effect=False
+    ),
     Query("HORizontal:FASTframe:TIMEStamp:FRAMe:CH#?", "stamps.of_frame", _FRAME),
     Query("HORizontal:FASTframe:TIMEStamp:ALL:CH#?", "stamps.of_frames", *_SPAN),
     Query("HORizontal:FASTframe:TIMEStamp:DELTa:CH#?", "stamps.to_reference"),
     Query("HORizontal:FASTframe:TIMEStamp:BETWeen:CH#?", "stamps.between", *_SPAN),
     Query("HORizontal:FASTframe:TIMEStamp:SELECTED:CH#?", "stamps.of_selected"),
-    Query("HORizontal:FASTframe:TIMEStamp:REF?", "stamps.of_reference"),
     Query("HORizontal:FASTframe:XZEro:FRAme:CH#?", "stamps.offset", _FRAME),
     Query("HORizontal:FASTframe:XZEro:ALL:CH#?", "stamps.offsets", *_SPAN),
-    Query("HORizontal:FASTframe:XZEro:SELECTED:CH#?", "stamps.selected_offset"),
 )
 
 
@@ -73,7 +79,6 @@ class FastFrame:
     summary: str = "NONe"
     sixteen_bit: bool = False
     reference: int = 1
-    reference_source: str = "CH1"
     locked: bool = True
     tracking: str = "LIVE"
     overlay: str = "OFF"
@@ -124,11 +129,6 @@ class Stamps:
         """Date and time of the selected frame's trigger."""
         return self.of_frame(channel, self._frames().selected[channel].frame)
 
-    def of_reference(self) -> str:
-        """Date and time of the reference frame's trigger."""
-        settings = self._frames()
-        return self.of_frame(CHANNELS[settings.reference_source], settings.reference)
-
     def offset(self, channel: int, frame: int) -> float:
         """Sub-sample time of one frame's trigger (s)."""
         offsets = self._acquired(channel).offsets_s
@@ -138,10 +138,6 @@ class Stamps:
         """Number and sub-sample trigger time (s) of every frame between two."""
         offsets = self._acquired(channel).offsets_s
         return ",".join(f"{index + 1},{nr3(offsets[index])}" for index in span(first, last, offsets.size))
-
-    def selected_offset(self, channel: int) -> float:
-        """Sub-sample time of the selected frame's trigger (s)."""
-        return self.offset(channel, self._frames().selected[channel].frame)
 
     def _time(self, channel: int, frame: int) -> float:
         times = self._acquired(channel).times_s

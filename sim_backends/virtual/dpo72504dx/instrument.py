@@ -4,33 +4,20 @@ Source: instrument facts 2.1 to 2.10. Not simulated: measurements, cursors, math
 (FastAcq, waveform database) and equivalent time.
 """
 
-from itertools import groupby
 from typing import ClassVar
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, run_or_stop
-from sim_backends.scpi.commands import Action, Chunk, Query, Setting, reply_header
-from sim_backends.scpi.messages import Message, Unit
+from sim_backends.scpi.commands import Action, Query, Setting, reply_header
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import EventStatus, ScpiError
 from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
 from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, Stamps
 from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS
 from sim_backends.virtual.dpo72504dx.modes import MODE_COMMANDS
-from sim_backends.virtual.dpo72504dx.transfer import PREAMBLE, TRANSFER_COMMANDS, Preamble, Transfer, expected
+from sim_backends.virtual.dpo72504dx.transfer import PREAMBLE, TRANSFER_COMMANDS, Transfer
 from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_COMMANDS
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, VERTICAL_COMMANDS
-from sim_backends.virtual.instrument import Execution
+from sim_backends.virtual.dpo72504dx.vertical import VERTICAL_COMMANDS
 from sim_backends.world.world import World
-
-NEXT, STREAM = "next", "stream"
-WAITING = {
-    "CURVENEXT": NEXT,
-    "CURVEN": NEXT,
-    "CURVESTREAM": STREAM,
-    "CURVES": STREAM,
-    "WAVFRMSTREAM": STREAM,
-    "WAVFRMS": STREAM,
-}
-READ_S = 5e-3  # recalled: a record of some thousand points from acquisition memory to the network
 
 
 class VirtualDpo72504dx(AcquisitionSystem):
@@ -50,7 +37,7 @@ class VirtualDpo72504dx(AcquisitionSystem):
         Query("EVENT?", "status.next_code"),
         Query("EVQty?", "status.count"),
         Setting("DESE", "status.enabled", integer(0, 255)),
-        Setting("*PSC", "clears_at_power_on", boolean),
+        Setting("*PSC", "clears_at_power_on", boolean, effect=False),
         Action("FACtory", "restore_factory_settings"),
         *VERTICAL_COMMANDS,
         *HORIZONTAL_COMMANDS,
@@ -59,26 +46,31 @@ class VirtualDpo72504dx(AcquisitionSystem):
         Action("TRIGger", "force_trigger", keyword("FORCe")),
         Query("TRIGger:STATE?", "trigger_state"),
         Query("TRIGger:A:READY?", "waiting_for_trigger"),
-        Setting("AUXout:SOUrce", "output_source", keyword("ATRIGger", "BTRIGger", "DELayed", "EVENT", "REFOUT")),
-        Setting("AUXout:EDGE", "output_edge", keyword("RISing", "FALling")),
+        Setting(
+            "AUXout:SOUrce",
+            "output_source",
+            keyword("ATRIGger", "BTRIGger", "DELayed", "EVENT", "REFOUT"),
+            effect=False,
+        ),
+        Setting("AUXout:EDGE", "output_edge", keyword("RISing", "FALling"), effect=False),
         Setting("ACQuire:STATE", "acquiring", run_or_stop),
         *MODE_COMMANDS,
         Query("ACQuire:NUMACq?", "count_acquisitions"),
         Query("ACQuire:NUMFRAMESACQuired?", "count_frames"),
         Query("BUSY?", "busy"),
-        Setting("OPCEXtended", "extended_completion", boolean),
+        Setting("OPCEXtended", "extended_completion", boolean, effect=False),
         Setting("FASTAcq:STATE", "pixel_maps", boolean),
         *TRANSFER_COMMANDS,
         Action("CLEAR", "forget_acquisitions", keyword("ALL")),
-        Setting("DISplay:WAVEform", "display_on", boolean),
-        Setting("LOCk", "panel_lock", keyword("ALL", "NONe")),
-        Action("UNLock", "unlock_panel", keyword("ALL")),
+        Setting("DISplay:WAVEform", "display_on", boolean, effect=False),
+        Setting("LOCk", "panel_lock", keyword("ALL", "NONe"), effect=False),
+        Action("UNLock", "unlock_panel", keyword("ALL"), effect=False),
     )
 
     def __init__(self, world: World) -> None:
         super().__init__(world)
         self.status: EventStatus = EventStatus()
-        self.stamps = Stamps(lambda: self.frames, self._acquired_trace)
+        self.stamps = Stamps(lambda: self.frames, self.acquired_trace)
         self.verbose = True
         self.clears_at_power_on = True
         self.display_on = True
@@ -89,7 +81,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
         """`*RST`: factory settings, but headers, verbosity and masks stay as they are."""
         super().reset()
         self.enhances_all = False
-        self.transfer = Transfer()
         self.output_source, self.output_edge = "ATRIGger", "RISing"
         self.extended_completion = False
 
@@ -98,35 +89,45 @@ class VirtualDpo72504dx(AcquisitionSystem):
         self.reset()
         self.headers = self.verbose = True
 
-    def run(self, message: Message) -> Execution:
-        """Execute `message`; `CURVENext?` waits there for an acquisition that was not sent yet, streams send every one.
+    # --- acquisition
 
-        A stream is a reply without end, so what stands behind it in a message is never reached.
-        """
-        parts = [(kind, tuple(units)) for kind, units in groupby(message.units, _awaits)]
-        if all(kind is None for kind, _ in parts):
-            return (yield from super().run(message))
-        replies: list[Chunk] = []
-        for kind, units in parts:
-            while kind == NEXT and not self._has_new():
-                yield None
-            if kind == STREAM:
-                yield from self._stream(Message(units[:1]), replies)
-                return []
-            reply = yield from super().run(Message(units))
-            replies += [b";", *reply] if replies and reply else reply
-        return replies
+    def waiting_for_trigger(self) -> bool:
+        """`TRIGger:A:READY?`: whether a trigger would have been taken when the query came."""
+        waiting = self._running and self.mode.stop_after == "SEQuence"
+        self.pending()
+        return waiting if self.frames.on else self._running and waiting
 
-    def _stream(self, message: Message, before: list[Chunk]) -> Execution:
-        """Answer `message` again and again, once for each acquisition; behind `before` the first time."""
-        while True:
-            while not self._has_new():
-                yield []
-            reply = yield from super().run(message)
-            if not reply:
-                return []
-            yield [*before, b";", *reply] if before else reply
-            before = []
+    def trigger_state(self) -> str:
+        """`TRIGger:STATE?`: what the front panel shows."""
+        if self.pending():
+            return "READY"
+        if not self._running:
+            return "SAVE"
+        if self._upcoming(1, self.world.clock.now) is not None:
+            return "TRIGGER"
+        return "AUTO" if self.trigger.mode == "AUTO" else "READY"
+
+    def force_trigger(self, _word: str) -> None:
+        """`TRIGger FORCe`: take what is there now, one frame of FastFrame, if an acquisition waits."""
+        if not self.pending():
+            return
+        self._take(self._untriggered(1 if self.frames.on else self._under_way().missing))
+        self._running = self._progress is not None or self._until_stopped
+
+    def count_acquisitions(self) -> int:
+        """`ACQuire:NUMACq?`: acquisitions since RUN; FastFrame's many frames are one."""
+        self.pending()
+        return self._acquisitions
+
+    def count_frames(self) -> int:
+        """`ACQuire:NUMFRAMESACQuired?`: frames since RUN in a FastFrame single sequence, otherwise acquisitions."""
+        self.pending()
+        single_sequence = self.frames.on and self.mode.stop_after == "SEQuence"
+        return self._frames_acquired if single_sequence else self._acquisitions
+
+    def busy(self) -> bool:
+        """`BUSY?`."""
+        return self.acquiring
 
     # --- transfer
 
@@ -136,52 +137,18 @@ class VirtualDpo72504dx(AcquisitionSystem):
             self.transfer = Transfer()
         self.transfer.start, self.transfer.stop = 1, self.horizontal.record_length
 
-    @property
-    def preamble(self) -> Preamble:
-        """The preamble of the first source; before its first acquisition, of what the settings lead to expect."""
-        self.pending()
-        number = _channel(self.transfer.sources[0])
-        trace = self._trace(number)
-        if trace is None:
-            trace = expected(number, self._plan, self.channels[number].vertical, self.world.clock.now)
-        return Preamble(trace, self.transfer)
-
     def whole_preamble(self) -> str:
         """`WFMOutpre?`: every field in order; with headers on, each behind its name."""
-        fields = [setting.answer(self, (), ()) for setting in PREAMBLE]
+        fields = [b"".join(setting.answer(self, (), ())).decode("latin-1") for setting in PREAMBLE]
         if self.headers:
             headers = [reply_header(setting, (), verbose=self.verbose) for setting in PREAMBLE]
             names = [headers[0], *(header.rpartition(":")[2] for header in headers[1:])]
             fields = [f"{name} {field}" for name, field in zip(names, fields, strict=True)]
         return ";".join(fields)
 
-    def curve(self) -> list[Chunk]:
-        """`CURVe?`: the points of every source; 2244 if one is off, 2241 if there is nothing to send.
-
-        While the oscilloscope runs freely, each transfer begins with a new acquisition.
-        """
-        numbers = [_channel(source) for source in self.transfer.sources]
-        for number in numbers:
-            if not self.channels[number].selected:
-                raise ScpiError(2244, f"CH{number}")
-        if not self.pending() and self._running:
-            self._look()
-        reply: list[Chunk] = []
-        for number in numbers:
-            reply += [b",", *self._acquired_trace(number).curve(self.transfer)]
-        self._sent_new = True
-        self.world.clock.advance(READ_S)
-        return reply[1:]
-
-    def next_curve(self) -> list[Chunk]:
-        """`CURVENext?`, `CURVEStream?`: the points of an acquisition that was not sent before."""
-        return self.curve()
-
-    def _has_new(self) -> bool:
-        """Whether an acquisition was not sent yet, or one will be taken for the asking."""
-        if self.pending():
-            return False
-        return self._running or not self._sent_new
+    def lacks_new(self) -> bool:
+        """Whether every acquisition was sent already, and none will be taken on demand."""
+        return self.pending() or (self._sent_new and not self._running)
 
     def preamble_and_curve(self) -> list[Chunk]:
         """`WAVFrm?`, `WAVFRMStream?`: `WFMOutpre?` and `CURVe?` in one reply."""
@@ -209,15 +176,3 @@ class VirtualDpo72504dx(AcquisitionSystem):
     def unlock_panel(self, _word: str) -> None:
         """`UNLock ALL`."""
         self.panel_lock = "NONe"
-
-
-def _awaits(unit: Unit) -> str | None:
-    """Whether `unit` asks for acquisitions to come: for the next one, for all, or not at all."""
-    return WAITING.get(unit.header.upper().lstrip(":")) if unit.query else None
-
-
-def _channel(source: str) -> int:
-    """The number of a channel that can be sent; 2244 for mathematics and references, of which none is active."""
-    if source not in CHANNELS:
-        raise ScpiError(2244, source)
-    return CHANNELS[source]

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, quoted, real, several
-from sim_backends.scpi.commands import Action, Chunk, Query, Setting, definite_block
+from sim_backends.scpi.commands import Action, Query, Setting, definite_block
+from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.dpo72504dx.horizontal import DIVISIONS, RECORD_SHOWN
-from sim_backends.virtual.dpo72504dx.modes import NO_CODES, Codes, Plan
+from sim_backends.virtual.dpo72504dx.modes import Codes
+from sim_backends.virtual.dpo72504dx.plan import Plan
 from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, Vertical
 
 CODES_PER_DIVISION = 25
@@ -65,16 +67,16 @@ TRANSFER_COMMANDS = (
     Setting("DATa:STOP", "transfer.stop", integer(1, LAST_POINT)),
     Setting("DATa:FRAMESTARt", "transfer.frame_start", integer(1, LAST_POINT)),
     Setting("DATa:FRAMESTOP", "transfer.frame_stop", integer(1, LAST_POINT)),
-    Setting("DATa:SYNCSOUrces", "transfer.synchronous_sources", boolean),
+    Setting("DATa:SYNCSOUrces", "transfer.synchronous_sources", boolean, effect=False),
     Setting("DATa:ENCdg", "transfer.encoding", keyword("ASCIi", "FAStest", *_ENCODINGS)),
     Setting("DATa:WIDth", "transfer.width", integer(1, 2)),
     *PREAMBLE,
     Query("WFMOutpre?", "whole_preamble", labelled=True),
     Query("CURVe?", "curve"),
-    Query("CURVENext?", "next_curve"),
+    Query("CURVENext?", "curve", waits="lacks_new"),
+    Query("CURVEStream?", "curve", waits="lacks_new", endless=True),
     Query("WAVFrm?", "preamble_and_curve", labelled=True),
-    Query("CURVEStream?", "next_curve"),
-    Query("WAVFRMStream?", "preamble_and_curve", labelled=True),
+    Query("WAVFRMStream?", "preamble_and_curve", waits="lacks_new", endless=True, labelled=True),
 )
 
 
@@ -190,11 +192,6 @@ class Trace:
         order = "<" if transfer.byte_order == "LSB" else ">"
         wanted = levels.astype(order + _DTYPES[transfer.number_format, transfer.width], copy=False)
         return definite_block(np.ascontiguousarray(wanted).data.cast("B"))
-
-
-def expected(channel: int, plan: Plan, vertical: Vertical, time_s: float) -> Trace:
-    """A trace without codes: what the settings lead to expect before the first acquisition."""
-    return Trace(channel, NO_CODES, plan, vertical, np.array([time_s]), np.zeros(1))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from sim_backends.scpi.arguments import keyword, real
 from sim_backends.scpi.commands import Setting
 from sim_backends.virtual.dpo72504dx.vertical import CHANNELS
-from sim_backends.world.world import AUX, TriggerCondition, World
+from sim_backends.world.signals import AUX, TriggerCondition
+from sim_backends.world.world import World
 
 TRIGGER_LIMIT_V = 5.0  # recalled
 MAINS_HZ = 50.0  # LINE triggers at the mains' zero crossings
@@ -23,7 +24,7 @@ _SLOPE = keyword("RISe", "FALL", "EITher")
 _LEVEL = real(-TRIGGER_LIMIT_V, TRIGGER_LIMIT_V, ECL=-1.3, TTL=1.4)
 
 TRIGGER_COMMANDS = (
-    Setting("TRIGger:A:TYPe", "trigger.type", keyword("EDGE")),
+    Setting("TRIGger:A:TYPe", "trigger.type", keyword("EDGE"), effect=False),
     Setting("TRIGger:A:MODe", "trigger.mode", keyword("AUTO", "NORMal")),
     Setting("TRIGger:A:EDGE:SOUrce", "trigger.source", keyword(*TRIGGER_SOURCES)),
     Setting("TRIGger:A:EDGE:SLOpe", "trigger.present.slope", _SLOPE),
@@ -33,7 +34,9 @@ TRIGGER_COMMANDS = (
     Setting("TRIGger:A:LEVel", "trigger.level_v", _LEVEL),
     Setting("TRIGger:A:LEVel:CH#", "trigger.inputs#.level_v", _LEVEL),
     Setting("TRIGger:AUXLevel", "trigger.auxiliary.level_v", _LEVEL),
-    Setting("TRIGger:LVLSrcpreference", "trigger.level_preference", keyword("SRCDependent", "SRCIndependent")),
+    Setting(
+        "TRIGger:LVLSrcpreference", "trigger.level_preference", keyword("SRCDependent", "SRCIndependent"), effect=False
+    ),
     Setting("TRIGger:A:HOLDoff:BY", "trigger.holdoff_by", keyword("TIMe", "DEFAult", "RANDom", "AUTO")),
     Setting("TRIGger:A:HOLDoff:TIMe", "trigger.holdoff_s", real(0, 10)),
 )
@@ -89,16 +92,21 @@ class Trigger:
         """Least time between two triggers (s): the hold-off, or `least_s`, what an acquisition takes."""
         return max(self.holdoff_s if self.holdoff_by == "TIMe" else 0.0, least_s)
 
-    def upcoming(self, world: World, count: int, spacing_s: float, after_s: float) -> NDArray[np.float64] | None:
-        """Times (s) of the next `count` triggers from `after_s` on, fewer if fewer will come; None for none."""
+    @property
+    def condition(self) -> TriggerCondition | None:
+        """The edge that triggers; None for either edge and for the mains, which `upcoming` looks up."""
         source, present = TRIGGER_SOURCES[self.source], self.present
+        if source == LINE or present.slope == "EITher":
+            return None
+        return TriggerCondition(source, present.level_v, rising=present.slope == "RISe")
+
+    def upcoming(self, world: World, count: int, spacing_s: float, after_s: float) -> NDArray[np.float64] | None:
+        """Times (s) of the next `count` triggers by the mains or by either edge, fewer if fewer will come; or None."""
+        source = TRIGGER_SOURCES[self.source]
         if source == LINE:
             first, every = np.ceil(after_s * MAINS_HZ), max(1.0, np.ceil(spacing_s * MAINS_HZ))
             return np.asarray((first + every * np.arange(count)) / MAINS_HZ)
-        edges = {"RISe": (True,), "FALL": (False,), "EITher": (True, False)}[present.slope]
-        conditions = [TriggerCondition(source, present.level_v, rising=rising) for rising in edges]
-        if len(conditions) == 1:
-            return world.next_triggers(conditions[0], count, spacing_s, after_s=after_s)
+        conditions = [TriggerCondition(source, self.present.level_v, rising=rising) for rising in (True, False)]
         times: list[float] = []
         while len(times) < count:
             nearest = [world.next_triggers(condition, 1, after_s=after_s) for condition in conditions]

@@ -1,33 +1,113 @@
 """The virtual tunable laser: it speaks the words of a table and is dark while it tunes.
 
-Source: instrument facts 3. No public command set exists, so the table is data (`tlg220.toml` by default).
+Source: instrument facts 3. No public command set exists, so the table is data (`commands.toml` by default). A table
+says what a driver writes and which regular expression it reads; the virtual laser uses both the other way round. So a
+table that was corrected at the bench can be rehearsed before it meets the hardware.
 """
 
+import math
+import re
+import tomllib
 from collections.abc import Mapping
+from importlib.resources import files
 from typing import Any
 
-from sim_backends.scpi.commands import Chunk
-from sim_backends.scpi.messages import Message, Unit
+from sim_backends.parameters import SPEED_OF_LIGHT
+from sim_backends.scpi.messages import Chunk, Message, Unit
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.instrument import Execution, VirtualInstrument
-from sim_backends.virtual.tlg220.table import (
-    Phrase,
-    default_table,
-    phrases,
-    power_in,
-    power_w,
-    wavelength_in,
-    wavelength_nm,
-)
-from sim_backends.world.world import Emission, World
+from sim_backends.world.signals import Emission
+from sim_backends.world.world import World
 
 FIRST_WAVELENGTH_NM = 1550.0
 FIRST_POWER_W = 10e-3
 ROUNDING_S = 1e-9  # ten polls of 0.1 s are a second
 
 
+def default_table() -> dict[str, Any]:
+    """The table of the simulated laser."""
+    return tomllib.loads(files("sim_backends.virtual.tlg220").joinpath("commands.toml").read_text(encoding="utf-8"))
+
+
+UNKNOWN = "<unknown>"
+NAMES = tuple(default_table()["commands"])
+
+_PLACE = re.compile(r"\{value[^}]*\}")
+_NUMBER = r"(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_GROUP = re.compile(r"\(\?P<(\w+)>(?:[^()\\\[]|\\.|\[[^\]]*\])*\)")
+_SPECIAL = re.compile(r"(?<!\\)(?:\\\\)*[.*+?\[\](){}|^$]|\\[\w]")
+
+_METRES = {"m": 1e9, "nm": 1.0, "pm": 1e-3}  # to nm
+_HERTZ = {"Hz": 1.0, "GHz": 1e9, "THz": 1e12}
+_WATTS = {"W": 1.0, "mW": 1e-3}
+
+
+class Phrase:
+    """One entry of a table: what is written, and what is replied.
+
+    Attributes:
+        name: `set_wavelength`, ...
+        unit: of the value, if it has one.
+        poll_s: seconds a client lets pass between two queries.
+        answers: whether the table expects a reply.
+    """
+
+    def __init__(self, name: str, entry: Mapping[str, Any]) -> None:
+        self.name = name
+        self.unit = str(entry.get("unit", ""))
+        self.poll_s = float(entry.get("poll_s", 0.0))
+        self._minimum = float(entry.get("min", -math.inf))
+        self._maximum = float(entry.get("max", math.inf))
+        self._step = float(entry.get("step", 0.0))
+        self._reply = entry.get("reply")
+        self.answers = self._reply is not None
+        if name not in NAMES:
+            raise ValueError(f"laser table: there is no command {name}: use {', '.join(NAMES)}")
+        literals = [re.escape(text).replace(r"\ ", r"\s+") for text in _PLACE.split(str(entry["write"]).strip())]
+        if len(literals) > 2:
+            raise ValueError(f"laser table, {name}: write holds more than one {{value}}: give it one")
+        self._pattern = re.compile(_NUMBER.join(literals), re.IGNORECASE)
+        known = (*_METRES, *_HERTZ) if "wavelength" in name else ("dBm", *_WATTS) if "power" in name else (self.unit,)
+        if self.unit not in known:
+            raise ValueError(f"laser table, {name}: unit {self.unit!r} is not known: use one of {', '.join(known)}")
+        if self._reply is not None and _SPECIAL.search(_GROUP.sub("", self._reply)):
+            raise ValueError(f"laser table, {name}: reply must be plain text around its named groups to be simulated")
+
+    def value(self, text: str) -> float | None:
+        """The number in `text` if it is this phrase (NaN where the phrase has none); None if it is not.
+
+        Raises ScpiError -222 for a number outside the table's limits; others are rounded to its step.
+        """
+        match = self._pattern.fullmatch(text)
+        if match is None:
+            return None
+        if "value" not in match.groupdict():
+            return math.nan
+        value = float(match["value"])
+        if not self._minimum <= value <= self._maximum:
+            raise ScpiError(-222, f"{text}: {self._minimum:g} to {self._maximum:g} {self.unit}")
+        return round(round(value / self._step) * self._step, 9) if self._step else value
+
+    def reply(self, **groups: object) -> bytes:
+        """What is replied when the named groups hold these values."""
+        pieces = _GROUP.split(str(self._reply))  # literal, group, literal, group, ...
+        pieces[1::2] = [str(groups.get(name, "")) for name in pieces[1::2]]
+        pieces[::2] = [re.sub(r"\\(.)", r"\1", literal) for literal in pieces[::2]]
+        return "".join(pieces).encode()
+
+
+def phrases(table: Mapping[str, Any]) -> list[Phrase]:
+    """The phrases of a table; entries that are still `<unknown>` are left out.
+
+    Raises:
+        ValueError: an entry cannot be simulated.
+    """
+    known = {name: entry for name, entry in table["commands"].items() if entry["write"] != UNKNOWN}
+    return [Phrase(name, entry) for name, entry in known.items()]
+
+
 class VirtualTlg220(VirtualInstrument):
-    """What a client of the laser can see: the table's commands, and the common ones of IEEE 488.2 besides.
+    """What a client of the laser can see: the table's commands and the common ones of IEEE 488.2.
 
     Args:
         world: takes the light.
@@ -55,11 +135,11 @@ class VirtualTlg220(VirtualInstrument):
     def run(self, message: Message) -> Execution:
         """Execute what the table knows; the rest are common commands or errors."""
         texts = [_text(unit) for unit in message.units]
-        if len(texts) > 1 and (reply := self._said(";".join(texts))) is not None:
+        if len(texts) > 1 and (reply := self._carried_out(";".join(texts))) is not None:
             return reply
         whole: list[Chunk] = []
         for unit, text in zip(message.units, texts, strict=True):
-            reply = self._said(text)
+            reply = self._carried_out(text)
             if reply is None:
                 reply = yield from super().run(Message((unit,)))
             if reply:
@@ -71,7 +151,7 @@ class VirtualTlg220(VirtualInstrument):
         self.world.clock.advance(max(0.0, self._settled_s - self.world.clock.now))
         return False
 
-    def _said(self, text: str) -> list[Chunk] | None:
+    def _carried_out(self, text: str) -> list[Chunk] | None:
         """Carry out the phrase that `text` is; its reply, or None if the table does not know it."""
         try:
             for phrase in self._phrases:
@@ -126,7 +206,7 @@ class VirtualTlg220(VirtualInstrument):
         return {"value": int(self._output)}
 
     def _is_settled(self, phrase: Phrase, _value: float) -> dict[str, object]:
-        self.world.clock.advance(phrase.poll_s)  # the client lets this pass between two askings
+        self.world.clock.advance(phrase.poll_s)  # the client lets this pass between two queries
         return {"value": int(self.world.clock.now >= self._settled_s - ROUNDING_S)}
 
     def _error(self, _phrase: Phrase, _value: float) -> dict[str, object]:
@@ -138,3 +218,27 @@ def _text(unit: Unit) -> str:
     """A unit as it was sent, but for white space; blocks have no text."""
     arguments = ",".join(argument if isinstance(argument, str) else "" for argument in unit.arguments)
     return f"{unit.header}{'?' if unit.query else ''} {arguments}".rstrip()
+
+
+def wavelength_nm(value: float, unit: str) -> float:
+    """A wavelength or optical frequency as wavelength (nm)."""
+    if unit in _HERTZ:
+        return 1e9 * SPEED_OF_LIGHT / (value * _HERTZ[unit])
+    return value * _METRES[unit]
+
+
+def wavelength_in(unit: str, nm: float) -> float:
+    """A wavelength (nm) in the unit of a table."""
+    if unit in _HERTZ:
+        return 1e9 * SPEED_OF_LIGHT / nm / _HERTZ[unit]
+    return nm / _METRES[unit]
+
+
+def power_w(value: float, unit: str) -> float:
+    """A power as watts."""
+    return 1e-3 * 10 ** (value / 10) if unit == "dBm" else value * _WATTS[unit]
+
+
+def power_in(unit: str, watts: float) -> float:
+    """A power (W) in the unit of a table."""
+    return 10 * math.log10(watts * 1e3) if unit == "dBm" else watts / _WATTS[unit]

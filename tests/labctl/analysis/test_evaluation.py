@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from sklearn.datasets import load_digits
 
 from labctl.analysis.evaluation import (
-    WindowAccuracy,
     accuracy_against_window,
     control,
     cross_validated_accuracy,
@@ -150,14 +149,7 @@ def test_the_key_of_a_window(window_s: float, key: str) -> None:
     assert window_key(window_s) == key
 
 
-def test_tables_are_pooled_over_twins_and_splits() -> None:
-    def row(window_s: float, *scores: float) -> WindowAccuracy:
-        return WindowAccuracy(window_s, 10, 0.01, np.array(scores))
-
-    table = pooled([[row(0.4e-9, 0.9, 0.92), row(1e-9, 1.0)], [row(0.4e-9, 0.94, 0.96), row(1e-9, 0.9)]])
-    assert table["0.4"]["mean"] == pytest.approx(0.93)
-    assert table["0.4"]["sd"] == pytest.approx(np.std([0.9, 0.92, 0.94, 0.96], ddof=1))
-    assert list(table) == ["0.4", "1.0"]
+def test_scores_are_pooled_over_twins_and_splits() -> None:
+    scores = [np.array([0.9, 0.92]), np.array([0.94, 0.96])]
+    assert pooled(scores) == {"mean": pytest.approx(0.93), "sd": pytest.approx(np.std(scores, ddof=1))}
     assert mean_and_sd(np.array([0.5])) == {"mean": 0.5, "sd": 0.0}
-    with pytest.raises(AnalysisError, match="same windows"):
-        pooled([[row(0.4e-9, 0.9)], [row(1e-9, 0.9)]])

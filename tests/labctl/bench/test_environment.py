@@ -27,7 +27,7 @@ def test_the_core_works_here(findings: dict[tuple[str, str], Finding]) -> None:
     assert findings["labctl", "version"].says.startswith(version("photonic-labctl"))
     assert findings["labctl", "python"].says.startswith(sys.version.split()[0])
     assert findings["VISA", "TCPIP SOCKET"].state == OK
-    assert findings["driver", "tektronix-awg70002a"].state == OK
+    assert findings["driver", "tektronix-awg70002a"].says == "awg of photonic-labctl"
     assert findings["protocol", "image-readout"].state == OK
     assert findings["data set", "mnist-0-3"].state == OK
     assert "GB free" in findings["disk", str(Path.cwd())].says

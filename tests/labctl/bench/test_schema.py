@@ -62,6 +62,9 @@ STATIONS_THAT_ARE_TAKEN = (
     "[patch_panel]\nports = [0, 2, 3]",
     "[patch_panel]\nports = 3",
     "[sim]\nparameters = { enob = 4.5 }",
+    "[laser]\ndriver = 'alnair-tlg-220'\ncommands = 'table.toml'",
+    "[laser]\ndriver = 'manual-laser'\npower = '10 mW'",
+    "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'usb'",
 )
 STATIONS_THAT_ARE_NOT = (
     "colour = 'red'",
@@ -78,6 +81,10 @@ STATIONS_THAT_ARE_NOT = (
     "[limits]\noptical_power = true",
     "[durability]\nshots = 0",
     "source = 'elsewhere'",
+    "[laser]\ndriver = 'nothing'",
+    "[laser]\ndriver = 'vialux-alp'",
+    "[laser]\ndriver = 'manual-laser'\ncolour = 'red'",
+    "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'TCPIP0::192.0.2.1::5000::SOCKET'",
 )
 
 

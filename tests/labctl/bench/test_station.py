@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from instruments.alnair_tlg220 import Tlg220Section
 from labctl.bench.station import read_station, write_addresses
 from labctl.errors import StationError
 
@@ -52,12 +53,49 @@ def test_units_are_understood(tmp_path: Path) -> None:
         ("[patch_panel]\nports = 'all'", r"patch_panel\.ports = 'all': 'all' is not a list of ports"),
         ("[awg\n", r"is not TOML"),
         ("[durability]\nshots = 0", r"durability\.shots = 0"),
+        ("awg = 5", r"awg = 5: Input should be a valid dictionary"),
+        ("[awg]\ndriver = 5", r"awg\.driver = 5: Input should be a valid string"),
+        (
+            "[awg]\ndriver = 'nothing'",
+            r"bench\.toml: awg\.driver = 'nothing' is not installed: choose one of tektronix",
+        ),
+        ("[awg]\nversion = '4.3'", r"awg\.version = '4\.3': unknown key"),
+        ("[laser]\ndriver = 'manual-laser'\ntimeout = '5 s'", r"laser\.timeout = '5 s': unknown key"),
     ],
 )
 def test_what_is_wrong_is_named_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(StationError, match=message) as refused:
         read_station(write(tmp_path, text))
     assert "\n" not in str(refused.value)
+
+
+def test_a_section_has_the_keys_of_its_driver_and_those_that_every_driver_once_took(tmp_path: Path) -> None:
+    """Files of before say `commands` of a laser that is set by hand, `timeout` of fibres that are moved by hand."""
+    text = """
+    [laser]
+    driver = "manual-laser"
+    commands = "table.toml"
+    [dmd]
+    driver = "ti-dlpc900"
+    version = "4.3"
+    timeout = 5.0
+    [patch_panel]
+    driver = "manual-patch-panel"
+    timeout = "5 s"
+    """
+    station = read_station(write(tmp_path, text))
+    said = station.model_dump(mode="json")
+    assert said["laser"].keys() == {"driver", "address", "armed", "power", "wavelength"}
+    assert said["dmd"] == {"driver": "ti-dlpc900", "address": "usb"}
+    assert said["patch_panel"].keys() == {"driver", "address", "ports", "bypass"}
+    assert station.by_hand == ("laser", "patch_panel")
+
+
+def test_files_of_an_instrument_are_beside_the_station_file(tmp_path: Path) -> None:
+    for said, meant in (("table.toml", tmp_path / "table.toml"), ("/lab/table.toml", Path("/lab/table.toml"))):
+        laser = read_station(write(tmp_path, f"[laser]\ncommands = '{said}'")).laser
+        assert isinstance(laser, Tlg220Section)
+        assert laser.commands == meant
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
@@ -72,6 +110,7 @@ def test_addresses_survive_the_file(tmp_path: Path) -> None:
     write_addresses(path, addresses)
     station = read_station(path)
     assert station.addresses == addresses
+    assert isinstance(station.laser, Tlg220Section)
     assert str(station.laser.commands) == "simulated"
     assert station.laser.armed
     assert not station.simulated
@@ -101,6 +140,7 @@ def test_a_saved_station_says_all_that_its_bench_said(tmp_path: Path) -> None:
     write_addresses(path, addresses, said)
     saved = read_station(path)
     assert saved.addresses == addresses
+    assert isinstance(saved.laser, Tlg220Section)
     assert saved.laser.commands == tmp_path / "table.toml"
     for section in ("name", "wiring", "limits", "durability", "sim"):
         assert getattr(saved, section) == getattr(said, section)

@@ -13,6 +13,7 @@ from typing import Any
 import jsonschema
 import pytest
 
+from instruments.alnair_tlg220 import Tlg220Section
 from instruments.values import Identity
 from labctl.bench.discovery import Answer, answers_at, recognised
 from labctl.bench.schema import STATION, schema_of
@@ -84,7 +85,7 @@ def test_every_key_is_there_with_its_default(tmp_path: Path, capsys: pytest.Capt
     whole = {table: {key: value for key, value in keys.items() if value != ""} for table, keys in whole.items()}
     assert Station.model_validate(whole) == Station(name="simulated bench")
     for table, keys in whole.items():
-        assert keys.keys() | {"commands", "library"} >= Station.model_fields[table].annotation.model_fields.keys()  # type: ignore[union-attr]
+        assert keys.keys() | {"commands", "library"} >= type(getattr(Station(), table)).model_fields.keys()
 
 
 def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,8 +107,10 @@ def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: py
 def test_a_real_laser_needs_a_command_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.toml"
     labctl(capsys, "init", path, "--no-search", "--laser", SILENT, "--laser-commands", "ours.toml")
-    assert written(path).laser.commands == Path("ours.toml").absolute()
-    assert "# Its command set is not public" in path.read_text("utf-8")
+    laser = written(path).laser
+    assert isinstance(laser, Tlg220Section)
+    assert laser.commands == Path("ours.toml").absolute()
+    assert "Its command set is not public" in path.read_text("utf-8")
 
 
 def test_a_person_is_asked_and_may_just_press_enter(

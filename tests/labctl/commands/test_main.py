@@ -13,8 +13,7 @@ from instruments.errors import InstrumentError
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from labctl.bench.signals import StoppedBySignal
 from labctl.commands.main import main
-from labctl.studies import demonstration
-from protocols.image_readout import ImageReadout
+from labctl.studies.paper.experiments import FOLDER, experiments
 from tests.command_line import as_json, labctl
 
 SMALL = ("--set", "images=40", "--set", "window=0.8 ns")
@@ -59,7 +58,9 @@ class TestWrongUse:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            (["run"], "Missing argument"),
+            (["run"], "Missing argument 'protocol': choose one of dynamic-scene, image-readout, sequence-readout, wav"),
+            (["run", "nothing"], "choose one of dynamic-scene, image-readout, sequence-readout, wavelength-scan"),
+            (["run", "wavelength-scan", "--set", "ports=0,0"], "ports = '0,0': (0, 0) names one twice: list each once"),
             (["run", "image-readout", "--bogus"], "No such option: --bogus"),
             (["fly"], "No such command 'fly'"),
             (["run", "image-readout", "--set", "images=many"], "images = 'many'"),
@@ -269,15 +270,19 @@ def test_a_demonstration_is_an_object_for_scripts_and_a_table_for_people(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At a small size; `make demo` runs the whole."""
-    small = partial(demonstration.demonstrate, protocol=ImageReadout(images=40), twin_seeds=(1,))
-    monkeypatch.setattr(demonstration, "demonstrate", small)
+    text = (FOLDER / "demonstration.toml").read_text("utf-8")
+    small = text.replace("averages = 16, images = 1000", "images = 40").replace(
+        "[runs.chip]", "twins = 1\n\n[runs.chip]"
+    )
+    (tmp_path / "demonstration.toml").write_text(small, encoding="utf-8")
+    monkeypatch.setattr("labctl.commands.demo.experiments", partial(experiments, folder=tmp_path))
     status, found = as_json(capsys, "demo", "--out", tmp_path)
     keys = {"experiment", "shots", "shots_per_second", "accuracy", "accuracy_without_reservoir", "paper", "passed"}
     assert keys | {"run", "seconds"} <= found.keys()
     assert status == (0 if found["passed"] else 1)
     assert {"mean", "sd"} == found["accuracy"]["0.4"].keys()
 
-    monkeypatch.setattr(demonstration, "demonstrate", lambda *_, **__: found)
+    monkeypatch.setattr("labctl.commands.demo.demonstrate", lambda *_, **__: found)
     again, out, _ = labctl(capsys, "demo")
     assert again == status
     assert "without chip" in out

@@ -76,12 +76,25 @@ def test_a_station_comes_back_and_may_change_its_addresses_durability_and_arm() 
         station_of_manifest(HERE, {"station": {"awg": {"colour": "red"}}}, None)
 
 
+def test_a_station_comes_back_from_a_manifest_of_when_all_drivers_of_a_role_had_the_same_keys() -> None:
+    """What labctl 0.1 wrote of instruments whose drivers have no use for some of the keys."""
+    laser = {"driver": "manual-laser", "address": "simulated", "commands": None, "armed": True, "power": 0.03}
+    dmd = {"driver": "ti-dlpc900", "address": "usb", "version": "4.3", "library": None, "timeout": 5.0}
+    panel = {"driver": "manual-patch-panel", "address": "simulated", "ports": [0, 2], "bypass": False, "timeout": 5.0}
+    begun = station_of_manifest(HERE, {"station": {"laser": laser, "dmd": dmd, "patch_panel": panel}}, None)
+    assert begun.patch_panel.ports == (0, 2)
+    assert station_of_manifest(HERE, {"station": {"laser": laser, "dmd": dmd, "patch_panel": panel}}, begun) == begun
+    with pytest.raises(RunError, match=r"run: station in the manifest: laser\.driver = 'gone' is not installed"):
+        station_of_manifest(HERE, {"station": {"laser": laser | {"driver": "gone"}}}, None)
+
+
 @pytest.mark.parametrize(
     ("change", "differences"),
     [
         (lambda found: None, []),
         (lambda found: found["awg"]["settings"].update(run_mode="TRIG"), []),
         (lambda found: found["scope"]["settings"].update(ch1_offset_v=0.2), []),
+        (lambda found: found.update(power_meter={"identity": {"serial": "P1"}}), []),
         (lambda found: found["scope"]["settings"].update(ch1_bandwidth_hz=25e9 + 1), []),
         (lambda found: found["awg"]["identity"].update(serial="B2"), [("awg identity.serial", "B1", "B2")]),
         (
@@ -100,10 +113,10 @@ def test_instruments_are_compared_but_for_what_every_run_sends(
     now = through_json(INSTRUMENTS)
     change(now)
     if not differences:
-        refuse_changed_instruments(HERE, {"instruments": INSTRUMENTS}, now)
+        refuse_changed_instruments(HERE, {"instruments": INSTRUMENTS}, now, Station())
         return
     with pytest.raises(SettingsChanged) as changed:
-        refuse_changed_instruments(HERE, {"instruments": INSTRUMENTS}, now)
+        refuse_changed_instruments(HERE, {"instruments": INSTRUMENTS}, now, Station())
     assert [tuple(vars(one).values()) for one in changed.value.differences] == differences
 
 

@@ -16,6 +16,7 @@ from labctl.commands.evaluate import evaluate
 from labctl.commands.exit_status import DONE
 from labctl.commands.next_steps import next_command
 from labctl.commands.report import report
+from labctl.commands.train import train
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError, RunError, UsageError
 from labctl.runs.format.columns import shot_table
@@ -201,6 +202,8 @@ class TestOtherRuns:
         run = stored(tmp_path / "run", fading(0.5, 2), protocol={"name": protocol})
         with pytest.raises(UsageError, match=message):
             evaluate(tmp_path / "model.h5", run)
+        with pytest.raises(UsageError, match=message):
+            train(run)
 
     def test_a_readout_that_is_there_is_named(self, tmp_path: Path) -> None:
         (tmp_path / "models").mkdir()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_backends.optics import cavity, chain, derived, fibre
+from sim_backends.optics import cavity, chain, derived, fibre, receiver
 from sim_backends.parameters import Parameters
 
 PARAMETERS = Parameters()
@@ -107,26 +107,14 @@ def test_mask_contrast_is_one(
     assert intensity.std() / intensity.mean() == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize("rows", [1, 7, 8, 9, 20])
-def test_number_of_images_changes_no_byte(rows: int) -> None:
-    rng = np.random.default_rng(3)
-    images, matrix = rng.random((20, 100)).astype(np.float32), rng.random((100, 333)).astype(np.float32)
-    assert np.array_equal(chain.in_blocks(images[:rows], matrix), chain.in_blocks(images, matrix)[:rows])
-
-
 def test_mean_volts_is_the_mean_over_the_period(
     light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
 ) -> None:
     fields = chain.port_fields(light, transfer, [(2, 1.0), (chain.BYPASS, 1.0)])
     amplitudes = np.random.default_rng(4).random(size=(taps.shape[1],), dtype=np.float32)
     masks = chain.masks(fields, taps, np.arange(4000, dtype=np.float64) * light.step_s, light.step_s)
-    volts = chain.fast_volts((amplitudes @ masks).reshape(2, 1, 2, 4000))
+    volts = receiver.fast_volts((amplitudes @ masks).reshape(2, 1, 2, 4000))
     np.testing.assert_allclose(chain.mean_volts(amplitudes, fields, taps), volts.mean(axis=1), rtol=1e-4)
-
-
-def test_collected_modes_add_as_powers() -> None:
-    field = np.arange(24, dtype=np.float32).reshape(2, 3, 1, 4)
-    np.testing.assert_allclose(chain.fast_volts(field)[0], (field**2).sum(axis=(0, 1, 2)))
 
 
 def test_a_dark_port_has_thermal_noise_only(transfer: NDArray[np.complex128]) -> None:

@@ -96,3 +96,25 @@ def test_noise_terms_are_the_textbook_ones() -> None:
 
 def test_eight_effective_bits_are_a_perfect_digitiser() -> None:
     assert receiver.digitiser_noise_codes(8.0) == 0.0
+
+
+def test_collected_modes_add_as_powers() -> None:
+    field = np.arange(24, dtype=np.float32).reshape(2, 3, 1, 4)
+    np.testing.assert_allclose(receiver.fast_volts(field)[0], (field**2).sum(axis=(0, 1, 2)))
+
+
+@pytest.mark.parametrize("enob", [4.5, 5.5, 7.0])
+def test_effective_bits(enob: float) -> None:
+    generator = np.random.default_rng(1)
+    volts = generator.uniform(-0.4, 0.4, 200_000).astype(np.float32)
+    noise = generator.standard_normal(volts.size, dtype=np.float32) * np.float32(receiver.digitiser_noise_codes(enob))
+    error = receiver.quantised(volts, noise, 0.1, 0.0, 0.0) * (0.1 / 25) - volts
+    assert error.std() == pytest.approx(1.024 / 2**enob / np.sqrt(12), rel=0.01)
+
+
+def test_scale_offset_position_and_clipping() -> None:
+    volts = np.array([[0.1, 0.2], [9.0, -9.0]], np.float32)
+    codes = receiver.quantised(volts, np.zeros_like(volts), scale_v=0.1, offset_v=0.1, position_div=-2.0)
+    assert codes.dtype == np.int8
+    assert codes.tolist() == [[-50, -25], [127, -128]]
+    assert volts[1, 0] == 9.0, "what was measured stays as it was"

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_backends.scpi.messages import Message
-from sim_backends.servers.channel import Chunk
+from sim_backends.scpi.messages import Chunk, Message
 from sim_backends.servers.frames import HEADER, Kind, data_frames, header
 from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Loop

@@ -7,10 +7,8 @@ from collections.abc import Generator, Iterator
 
 import pytest
 
-from sim_backends.scpi.messages import Malformed, Message
-from sim_backends.servers.channel import Chunk
-from sim_backends.servers.clients import MOST_WAITING
-from sim_backends.servers.loop import Loop
+from sim_backends.scpi.messages import Chunk, Malformed, Message
+from sim_backends.servers.loop import MOST_WAITING, Loop
 from sim_backends.servers.socket import serve_socket
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from pyvisa.resources import MessageBasedResource
 
-from sim_backends.scpi.messages import Message
-from sim_backends.servers.channel import Chunk
+from sim_backends.scpi.messages import Chunk, Message
 from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Loop
 from sim_backends.servers.socket import serve_socket

@@ -10,8 +10,7 @@ from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
 
-from sim_backends.scpi.messages import Message
-from sim_backends.servers.channel import Chunk
+from sim_backends.scpi.messages import Chunk, Message
 from sim_backends.servers.loop import Loop
 from sim_backends.servers.vxi11 import serve_vxi11
 from tests.sim_backends.servers.clients import StockClients

@@ -1,16 +1,10 @@
-"""Virtual instruments driven by messages, as a server would drive them."""
-
-from collections.abc import Callable
+"""Virtual instruments on one world, driven by messages, as a server would drive them."""
 
 import pytest
 
-from sim_backends.parameters import Parameters
 from sim_backends.scpi.messages import Message, MessageReader
-from sim_backends.virtual import VirtualInstrument
-from sim_backends.world.world import World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
-Read = Callable[[str | bytes], list[Message]]
+from sim_backends.virtual import VirtualAwg70002a, VirtualInstrument
+from tests.sim_backends.virtual.watched import Ask, Read, Watched
 
 
 def messages(text: str | bytes) -> list[Message]:
@@ -51,5 +45,10 @@ def ask() -> Ask:
 
 
 @pytest.fixture
-def world() -> World:
-    return World(Parameters(simulated_modes_limit=20, chip_modes=50))
+def world() -> Watched:
+    return Watched()
+
+
+@pytest.fixture
+def awg(world: Watched) -> VirtualAwg70002a:
+    return VirtualAwg70002a(world)

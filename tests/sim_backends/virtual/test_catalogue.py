@@ -1,9 +1,7 @@
 from pathlib import Path
 
-import pytest
-
 from sim_backends.scpi.arguments import boolean
-from sim_backends.scpi.commands import Query, Setting
+from sim_backends.scpi.commands import Action, Query, Setting
 from sim_backends.virtual import catalogue
 
 ROOT = Path(__file__).parents[3]
@@ -15,20 +13,18 @@ def test_the_committed_document_is_up_to_date() -> None:
 
 
 def test_states() -> None:
-    table = (Setting("OUTPut#[:STATe]", "output", boolean), Query("BUSY?", "busy"), Setting("LOCk", "lock", boolean))
-    known = {"known": ["OUTPut#:STATe", "OUTPut#", "BUSY", "CURVe"], "without_effect": ["LOCk"]}
-    assert catalogue.states(table, known) == [
+    table = (
+        Setting("OUTPut#[:STATe]", "output", boolean),
+        Query("BUSY?", "busy"),
+        Setting("LOCk", "lock", boolean, effect=False),
+        Action("CLEAR", "clear"),
+    )
+    assert catalogue.states(table) == [
         ("BUSY", "query", catalogue.WORKS),
-        ("CURVe", "", catalogue.MISSING),
+        ("CLEAR", "set", catalogue.WORKS),
         ("LOCk", "set and query", catalogue.WITHOUT_EFFECT),
         ("OUTPut#[:STATe]", "set and query", catalogue.WORKS),
     ]
-
-
-@pytest.mark.parametrize("name", catalogue.known_commands())
-def test_what_is_without_effect_is_there(name: str) -> None:
-    headers = {command.header for command in catalogue.models()[name].COMMANDS}
-    assert set(catalogue.known_commands()[name]["without_effect"]) <= headers
 
 
 def test_it_writes_where_it_is_told(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """What every virtual instrument does alike: common commands, compound messages, errors, waiting."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -9,8 +8,7 @@ from hypothesis import strategies as st
 
 from sim_backends.parameters import Parameters
 from sim_backends.scpi.arguments import keyword, quoted, real
-from sim_backends.scpi.commands import Action, Query, Setting
-from sim_backends.scpi.messages import Message
+from sim_backends.scpi.commands import Action, Command, Query, Setting
 from sim_backends.virtual import (
     VirtualAlp,
     VirtualAwg70002a,
@@ -21,9 +19,7 @@ from sim_backends.virtual import (
 )
 from sim_backends.virtual.instrument import ERROR_QUEUE
 from sim_backends.world.world import World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
-Read = Callable[[str | bytes], list[Message]]
+from tests.sim_backends.virtual.watched import Ask, Read
 
 
 class Oven(VirtualInstrument):
@@ -51,7 +47,7 @@ class Oven(VirtualInstrument):
     def pending(self) -> bool:
         return self.heating
 
-    def changed(self) -> None:
+    def changed(self, _command: Command) -> None:
         self.changes += 1
 
     def bus_trigger(self) -> None:

@@ -1,7 +1,5 @@
 """All instruments on one world: what one of them does, the oscilloscope's bytes follow."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,12 +10,10 @@ from sim_backends.virtual import (
     VirtualAwg70002a,
     VirtualDpo72504dx,
     VirtualFibreSwitch,
-    VirtualInstrument,
     VirtualTlg220,
 )
 from sim_backends.world.world import World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
+from tests.sim_backends.virtual.watched import Ask
 
 TOP = np.repeat(np.array([255, 0], np.uint8), 384)[:, None] * np.ones((1, 128), np.uint8)
 BOTTOM = np.ascontiguousarray(TOP[::-1])

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.parameters import Parameters
-from sim_backends.world.world import AUX, Acquisition, Emission, Playback, Record, TriggerCondition, World
+from sim_backends.world.signals import AUX, Acquisition, Emission, Playback, Record, TriggerCondition
+from sim_backends.world.world import World
 
 Array = NDArray[np.float32]
 RATE = 25e9

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world.world import AUX, Acquisition, Playback, Projection, TriggerCondition, World
+from sim_backends.world.signals import AUX, Acquisition, Playback, Projection, TriggerCondition
+from sim_backends.world.world import World
 from tests.sim_backends.world.light import LIGHT, MARKER, RATE, Array, quiet
 
 PERIOD = 500
@@ -137,8 +138,7 @@ def test_batch_size_changes_no_byte() -> None:
     burst(other)
     parts = [other.record(LATER, part).volts for part in np.split(times, [1, 4, 12])]
     assert np.array_equal(together.volts, np.concatenate(parts))
-    noise = together.digitiser_noise()
-    assert not np.array_equal(noise[3], noise[4])
+    assert together.keys[3] != together.keys[4]
 
 
 def test_repeats_of_a_pattern_have_noise_of_their_own() -> None:
@@ -325,10 +325,13 @@ def test_ac_coupling_takes_the_idle_level_away() -> None:
     assert np.abs(volts).max() < 1e-2 * direct.record(LATER, coming(direct)).volts.max()
 
 
-@pytest.mark.parametrize("counts", [np.zeros(784, np.uint16), np.zeros((0, 784), np.uint16)])
-def test_a_projection_needs_pictures(counts: NDArray[np.uint16]) -> None:
+@pytest.mark.parametrize(
+    ("counts", "every_s"),
+    [(np.zeros(784, np.uint16), PICTURE_S), (np.zeros((0, 784), np.uint16), PICTURE_S), (COUNTS, 0.0)],
+)
+def test_a_projection_needs_pictures_and_a_time(counts: NDArray[np.uint16], every_s: float) -> None:
     with pytest.raises(ValueError, match="mirrors on"):
-        Projection(counts, 0.0, PICTURE_S)
+        World().project(Projection(counts, 0.0, every_s))
 
 
 def test_segments_must_add_up() -> None:

@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from sim_backends.world.world import AUX, Acquisition, Playback, TriggerCondition
+from sim_backends.world.signals import AUX, Acquisition, Playback, TriggerCondition
+from sim_backends.world.world import VirtualClock, upcoming
 from tests.sim_backends.world.light import MARKER, RATE, bench, coming, distance, playback, quiet, shoot
 
 
@@ -104,3 +107,32 @@ def test_ac_coupling_takes_the_mean_away() -> None:
     direct = shoot(bench(parameters=quiet()), acquisition=whole).volts[0]
     assert np.abs(volts.mean(axis=1)).max() < 0.02 * direct.mean()
     np.testing.assert_allclose(volts.std(axis=1), direct.std(axis=1), rtol=0.01)
+
+
+def test_clock_goes_forward_only() -> None:
+    clock = VirtualClock()
+    clock.advance(1.5)
+    assert clock.now == 1.5
+    with pytest.raises(ValueError, match="at least 0"):
+        clock.advance(-1.0)
+    with pytest.raises(ValueError, match="at least 0"):
+        clock.advance(float("nan"))
+
+
+@given(
+    st.lists(st.integers(0, 99), min_size=1, max_size=4, unique=True),
+    st.floats(0, 1e-3),
+    st.integers(1, 8),
+    st.floats(0, 3e-7),
+)
+def test_upcoming_events_are_the_next_ones(places: list[int], after: float, count: int, holdoff: float) -> None:
+    phases = np.sort(np.array(places)) * 1e-9
+    times = upcoming(phases, 100e-9, after=after, count=count, holdoff=holdoff)
+    assert times.size == count
+    assert times[0] >= after - 1e-12
+    assert times[0] <= after + 100e-9 + 1e-12
+    gaps = np.diff(times)
+    assert np.all(gaps >= max(holdoff, 1e-9) - 1e-12)
+    assert np.all(gaps <= holdoff + 100e-9 + 1e-12)
+    away = np.abs((times[:, None] - phases + 50e-9) % 100e-9 - 50e-9).min(axis=1)
+    assert away == pytest.approx(0, abs=1e-12)

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from instruments.alnair_tlg220 import Tlg220Section
 from instruments.errors import LinkError
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.visa import VisaLink
@@ -21,7 +22,8 @@ from labctl.bench.opening import opened
 from labctl.bench.recording.format import Kind, read_recording
 from labctl.bench.recording.recorder import Masks, RecordingRequest, asking_to_record, recordings
 from labctl.bench.recording.replay import leading_to, redirected, replay_of
-from labctl.bench.station import DmdSection, LaserSection, SimSection, Station, read_station
+from labctl.bench.simulation import SIMULATED_LASER
+from labctl.bench.station import SimSection, Station, read_station
 from labctl.errors import StationError
 from tests.command_line import labctl
 
@@ -285,12 +287,14 @@ def test_it_does_not_matter_which_of_several_benches_is_opened_first(tmp_path: P
 
 
 def test_stations_are_led_to_the_replay_only_inside_it(recorded: tuple[Path, dict[str, Any]]) -> None:
-    station = Station(laser=LaserSection(commands=Path("own.toml")), dmd=DmdSection(address="TCPIP0::a::1::SOCKET"))
+    station = Station(laser={"commands": "own.toml"}, dmd={"address": "TCPIP0::a::1::SOCKET"})
     played = [read_recording(recorded[0])]
     with replay_of(played) as replay, leading_to(replay, played):
         (addresses,) = replay.resources.values()
         assert redirected(station).addresses == addresses
-        assert redirected(station).laser.commands == Path("own.toml")
-        assert str(redirected(Station()).laser.commands) == "simulated"
+        for told, commands in ((station, Path("own.toml")), (Station(), SIMULATED_LASER)):
+            laser = redirected(told).laser
+            assert isinstance(laser, Tlg220Section)
+            assert laser.commands == commands
     assert redirected(station) is station
     assert not any(name.startswith("LABCTL_RE") for name in os.environ)

@@ -12,9 +12,10 @@ from protocols.image_readout import DRIVE_SAMPLES
 from protocols.patterns import Patterns
 from sim_backends.optics import chain, derived, mirrors, receiver
 from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
-from sim_backends.world import noise as chance
-from sim_backends.world.light_path import LightPath, Optics, Setting
+from sim_backends.world.keyed_random import digest, generator
+from sim_backends.world.light_path import LightPath
 from sim_backends.world.signals import Acquisition, Emission, Playback
+from sim_backends.world.twin import Optics, Setting
 
 SAMPLE_RATE, SAMPLES = 25e9, 100
 FINEST_V = 6.25e-3
@@ -107,7 +108,7 @@ def half_width_m(parameters: Parameters, twin_seed: int) -> float:
 
     |gamma|^2 of its own modes, each weighing as much as it has power on the mirrors.
     """
-    _, modes = chain.draw_fibre(parameters, chance.generator(chance.digest(twin_seed, "fibre")))
+    _, modes = chain.draw_fibre(parameters, generator(digest(twin_seed, "fibre")))
     power = np.sum(np.abs(modes.amplitudes) ** 2, axis=(0, 1), dtype=np.float64)
     share = 2 / 3 * 40e-12 / derived.delay_spread_s(parameters)
     detuning_hz = np.arange(0, 3e9, 1e6)

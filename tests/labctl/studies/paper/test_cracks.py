@@ -7,8 +7,8 @@ from pydantic import ValidationError
 
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError
-from labctl.studies.paper.contract import Material
 from labctl.studies.paper.cracks import Settings, conclude, examine
+from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.image_readout import ImageReadout
 
 WriteRun = Callable[..., Path]
@@ -22,7 +22,7 @@ def settings(**changes: object) -> Settings:
     )
 
 
-def material(folder: Path, write_run: WriteRun, *, averages: int = 1) -> Material:
+def twin_runs(folder: Path, write_run: WriteRun, *, averages: int = 1) -> TwinRuns:
     """Bright images with some dark dots or a dark stripe, through random positive masks."""
     generator = np.random.default_rng(3)
     images = generator.random((NORMAL + CRACKS, SIDE, SIDE)) > 0.05
@@ -35,11 +35,11 @@ def material(folder: Path, write_run: WriteRun, *, averages: int = 1) -> Materia
     shown = np.stack([images[shot.dataset_index] * (shot.dataset_index >= 0) for shot in shots])
     codes = shown.reshape(len(shots), -1) @ masks + generator.normal(0, 1, (len(shots), 20))
     run = write_run(folder / "own", shots, codes.reshape(-1, 2, 10), (2, 3), 40e-12)
-    return Material({"own": run}, {"own": protocol}, 1, 3)
+    return TwinRuns({"own": run}, {"own": protocol}, 1, 3)
 
 
 def test_cracks_differ_from_what_was_learnt(tmp_path: Path, write_run: WriteRun) -> None:
-    found = examine(material(tmp_path, write_run), settings())
+    found = examine(twin_runs(tmp_path, write_run), settings())
     twin = found["own"]
     assert {name: len(splits) for name, splits in twin.scores.items()} == {"normality": 3, "covariance": 3}
     for split in (split for splits in twin.scores.values() for split in splits):
@@ -57,7 +57,7 @@ def test_cracks_differ_from_what_was_learnt(tmp_path: Path, write_run: WriteRun)
 
 
 def test_splits_differ_and_follow_from_the_seed(tmp_path: Path, write_run: WriteRun) -> None:
-    given = material(tmp_path, write_run)
+    given = twin_runs(tmp_path, write_run)
     first, again = (examine(given, settings())["own"].scores["covariance"] for _ in range(2))
     assert [split.threshold for split in first] == [split.threshold for split in again]
     assert len({split.threshold for split in first}) == 3
@@ -65,12 +65,12 @@ def test_splits_differ_and_follow_from_the_seed(tmp_path: Path, write_run: Write
 
 def test_every_normal_image_in_training_leaves_none_to_test(tmp_path: Path, write_run: WriteRun) -> None:
     with pytest.raises(AnalysisError, match="60 normal shots, 60 to train on"):
-        examine(material(tmp_path, write_run), settings(train=NORMAL))
+        examine(twin_runs(tmp_path, write_run), settings(train=NORMAL))
 
 
 def test_repeats_of_an_image_are_refused(tmp_path: Path, write_run: WriteRun) -> None:
     with pytest.raises(AnalysisError, match="each image once"):
-        examine(material(tmp_path, write_run, averages=2), settings())
+        examine(twin_runs(tmp_path, write_run, averages=2), settings())
 
 
 @pytest.mark.parametrize("wrong", [{"train": 0}, {"alpha": 0}, {"false_alarms": 1}, {"rules": []}, {"strange": 1}])

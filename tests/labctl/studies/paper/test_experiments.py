@@ -7,13 +7,15 @@ from pydantic import ValidationError
 
 from labctl.errors import ExperimentError
 from labctl.studies.paper.analyses import analysis_of
-from labctl.studies.paper.experiments import Experiment, Must, experiments
+from labctl.studies.paper.experiments import Experiment, Requirement, experiments
 from sim_backends.parameters import Parameters
 
 HERE = {"accuracy": {"0.4": {"mean": 0.91, "sd": 0.03, "se": 0.005}, "1.0": {"mean": 0.95, "sd": 0.02}}, "ratio": 7.5}
 
 
-@pytest.mark.parametrize("experiment", experiments(), ids=lambda experiment: experiment.name)
+@pytest.mark.parametrize(
+    "experiment", [*experiments(), *experiments(["demonstration"])], ids=lambda experiment: experiment.name
+)
 def test_every_experiment_of_the_house_is_whole(experiment: Experiment) -> None:
     analysis_of(experiment)
     assert experiment.must
@@ -53,33 +55,33 @@ def test_another_file_is_another_experiment(tmp_path: Path) -> None:
 
 class TestMust:
     def test_a_mean_is_compared_with_its_bound(self) -> None:
-        assert Must(what="", path=("accuracy", "0.4"), at_least=0.9).reached(HERE)
-        assert not Must(what="", path=("accuracy", "0.4"), at_most=0.9).reached(HERE)
-        assert Must(what="", path=("ratio",), at_least=5).reached(HERE)
+        assert Requirement(what="", path=("accuracy", "0.4"), at_least=0.9).reached(HERE)
+        assert not Requirement(what="", path=("accuracy", "0.4"), at_most=0.9).reached(HERE)
+        assert Requirement(what="", path=("ratio",), at_least=5).reached(HERE)
 
     def test_a_difference_is_compared(self) -> None:
-        must = Must(what="", path=("accuracy", "1.0"), minus=("accuracy", "0.4"), at_least=0.03)
+        must = Requirement(what="", path=("accuracy", "1.0"), minus=("accuracy", "0.4"), at_least=0.03)
         assert must.figure(HERE) == pytest.approx(0.04)
         assert must.reached(HERE)
 
     def test_standard_errors_are_allowed_for_on_either_side(self) -> None:
-        assert Must(what="", path=("accuracy", "0.4"), at_least=0.915, less_standard_errors=1.0).reached(HERE)
-        assert Must(what="", path=("accuracy", "0.4"), at_most=0.905, less_standard_errors=1.0).reached(HERE)
+        assert Requirement(what="", path=("accuracy", "0.4"), at_least=0.915, less_standard_errors=1.0).reached(HERE)
+        assert Requirement(what="", path=("accuracy", "0.4"), at_most=0.905, less_standard_errors=1.0).reached(HERE)
 
     def test_a_figure_that_is_not_there_is_told(self) -> None:
         with pytest.raises(ExperimentError, match=r"no figure accuracy\.9"):
-            Must(what="", path=("accuracy", "9"), at_least=0).reached(HERE)
+            Requirement(what="", path=("accuracy", "9"), at_least=0).reached(HERE)
         with pytest.raises(ExperimentError, match=r"no figure accuracy\.1\.0\.se"):
-            Must(what="", path=("accuracy", "1.0"), at_least=0, less_standard_errors=1.0).reached(HERE)
+            Requirement(what="", path=("accuracy", "1.0"), at_least=0, less_standard_errors=1.0).reached(HERE)
 
     def test_what_is_no_number_is_told(self) -> None:
         with pytest.raises(ExperimentError, match="no number accuracy: correct"):
-            Must(what="", path=("accuracy",), at_least=0).reached(HERE)
+            Requirement(what="", path=("accuracy",), at_least=0).reached(HERE)
 
     @pytest.mark.parametrize("bounds", [{}, {"at_least": 0.0, "at_most": 1.0}])
     def test_one_bound_is_needed(self, bounds: dict[str, float]) -> None:
         with pytest.raises(ValidationError, match="needs one bound"):
-            Must(what="", path=("ratio",), **bounds)
+            Requirement(what="", path=("ratio",), **bounds)
 
 
 def test_images_of_each_class_are_written_without_a_complaint() -> None:

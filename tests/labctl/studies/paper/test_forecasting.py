@@ -7,8 +7,8 @@ import pytest
 from labctl import datasets
 from labctl.engine.inputs import sequences_for
 from labctl.errors import AnalysisError, DatasetError
-from labctl.studies.paper.contract import Material
 from labctl.studies.paper.forecasting import Findings, Settings, chosen_ports, conclude, examine, stretch_and_next
+from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.sequence_readout import SequenceReadout
 
 WriteRun = Callable[..., Path]
@@ -17,7 +17,7 @@ SMALL = Settings(train=200, test=90, washout=10, held_out=50, nodes=30)
 
 
 @pytest.fixture
-def played(tmp_path: Path, write_run: WriteRun) -> Material:
+def played(tmp_path: Path, write_run: WriteRun) -> TwinRuns:
     """Port 1 shows noise, port 2 the value played, port 3 the one before; four samples a symbol."""
     try:
         datasets.path("santa-fe")
@@ -29,17 +29,17 @@ def played(tmp_path: Path, write_run: WriteRun) -> Material:
     noise = np.random.default_rng(1).normal(0, 50, values.size)
     codes = np.repeat(np.stack([noise, values, np.roll(values, 1)]), 4, axis=1)[np.newaxis]
     run = write_run(tmp_path / "run", list(protocol.shots(inputs)), np.round(codes), PORTS, 20e-12)
-    return Material({"series": run}, {"series": protocol}, 1, 1)
+    return TwinRuns({"series": run}, {"series": protocol}, 1, 1)
 
 
-def test_the_next_value_is_that_of_the_data_set(played: Material) -> None:
+def test_the_next_value_is_that_of_the_data_set(played: TwinRuns) -> None:
     series = stretch_and_next(played)
-    values = sequences_for(played.protocols["series"]).values[0]  # type: ignore[arg-type]
+    values = sequences_for(played.protocols["series"]).values[0]
     np.testing.assert_array_equal(series[:-1], values)
     assert series.size == 301
 
 
-def test_prediction_uses_what_the_ports_know(played: Material) -> None:
+def test_prediction_uses_what_the_ports_know(played: TwinRuns) -> None:
     findings = examine(played, SMALL)
     assert findings.ports == PORTS
     assert findings.chosen[:2] == (2, 3)
@@ -55,14 +55,14 @@ def test_prediction_uses_what_the_ports_know(played: Material) -> None:
 
 
 def test_a_run_that_is_too_short_or_of_another_stretch_is_refused(
-    played: Material, tmp_path: Path, write_run: WriteRun
+    played: TwinRuns, tmp_path: Path, write_run: WriteRun
 ) -> None:
     with pytest.raises(AnalysisError, match="need one sequence of as many symbols"):
         examine(played, Settings())
     with pytest.raises(AnalysisError, match="is not the one its protocol plays"):
-        stretch_and_next(Material(played.runs, {"series": SequenceReadout(symbols=300, ports=PORTS, seed=2)}, 1, 1))
+        stretch_and_next(TwinRuns(played.runs, {"series": SequenceReadout(symbols=300, ports=PORTS, seed=2)}, 1, 1))
     with pytest.raises(AnalysisError, match="no value follows the last one"):
-        stretch_and_next(Material(played.runs, {"series": SequenceReadout(ports=PORTS)}, 1, 1))
+        stretch_and_next(TwinRuns(played.runs, {"series": SequenceReadout(ports=PORTS)}, 1, 1))
 
 
 def test_ports_are_chosen_by_what_they_add() -> None:

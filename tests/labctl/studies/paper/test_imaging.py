@@ -11,8 +11,8 @@ from labctl.runs.format.columns import shot_table
 from labctl.runs.format.shape import RunShape
 from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
-from labctl.studies.paper.contract import Material
 from labctl.studies.paper.imaging import ANALYSIS, Settings, conclude, examine, spread
+from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.base import Shot
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
@@ -49,7 +49,7 @@ def curve(**changes: object) -> dict[str, object]:
     } | changes
 
 
-def material(folder: Path, write_run: WriteRun, moving: DynamicScene | None = None) -> Material:
+def twin_runs(folder: Path, write_run: WriteRun, moving: DynamicScene | None = None) -> TwinRuns:
     """Digits through random masks; scenes whose second image is there from half-way through the switch on."""
     moving = moving or DynamicScene(images=60, scenes=1, ports=PORTS)
     shots, scenes = list(STILL.shots(images_for(STILL))), list(moving.shots(images_for(STILL)))
@@ -63,7 +63,7 @@ def material(folder: Path, write_run: WriteRun, moving: DynamicScene | None = No
         ),
         "scenes": write_run(folder / "scenes", scenes, records, PORTS, INTERVAL_S),
     }
-    return Material(runs, {"still": STILL, "scenes": moving}, 1, 2)
+    return TwinRuns(runs, {"still": STILL, "scenes": moving}, 1, 2)
 
 
 FILM = {"run": "scenes", "still": "still", "window": "1 ns", "times": ["1 us", "5.2 us", "5.6 us", "9 us"]}
@@ -71,7 +71,7 @@ FILM = {"run": "scenes", "still": "still", "window": "1 ns", "times": ["1 us", "
 
 def test_images_come_back_and_the_switch_is_filmed(tmp_path: Path, write_run: WriteRun) -> None:
     settings = Settings.model_validate({"curves": [curve()], "film": FILM})
-    found = examine(material(tmp_path, write_run), settings)
+    found = examine(twin_runs(tmp_path, write_run), settings)
     digits = found.curves["digits"]
     assert digits.originals.shape == digits.examples["network"].shape == digits.examples["best"].shape
     assert digits.originals.shape[1:] == (28, 28)
@@ -92,9 +92,9 @@ def test_images_come_back_and_the_switch_is_filmed(tmp_path: Path, write_run: Wr
 
 
 def test_what_a_film_cannot_be_made_of(tmp_path: Path, write_run: WriteRun) -> None:
-    given = material(tmp_path, write_run)
+    given = twin_runs(tmp_path, write_run)
     settings = Settings.model_validate({"curves": [curve()], "film": FILM})
-    swapped = Material(given.runs, {"still": STILL, "scenes": STILL}, 1, 2)
+    swapped = TwinRuns(given.runs, {"still": STILL, "scenes": STILL}, 1, 2)
     with pytest.raises(AnalysisError, match="image-readout switches no images"):
         examine(swapped, settings)
     assert settings.film is not None
@@ -104,12 +104,12 @@ def test_what_a_film_cannot_be_made_of(tmp_path: Path, write_run: WriteRun) -> N
 
 
 def test_a_film_on_other_ports_is_refused(tmp_path: Path, write_run: WriteRun) -> None:
-    given = material(tmp_path, write_run)
+    given = twin_runs(tmp_path, write_run)
     scenes = list(given.protocols["scenes"].shots(images_for(STILL)))
     other = write_run(tmp_path / "other", scenes, np.zeros((1, 2, RECORD)), (4, 5), INTERVAL_S)
     with pytest.raises(AnalysisError, match="differ in ports or sample rate"):
         examine(
-            Material({**given.runs, "scenes": other}, given.protocols, 1, 2),
+            TwinRuns({**given.runs, "scenes": other}, given.protocols, 1, 2),
             Settings.model_validate({"curves": [curve()], "film": FILM}),
         )
 
@@ -142,7 +142,7 @@ def test_more_wavelengths_and_longer_windows_help(tmp_path: Path) -> None:
             "examples": 1,
         }
     )
-    found = examine(Material({"still": tmp_path / "run"}, {"still": STILL}, 1, 1), settings)
+    found = examine(TwinRuns({"still": tmp_path / "run"}, {"still": STILL}, 1, 1), settings)
     assert found.film is None
     concluded = conclude([found], settings)
     one, two = (concluded.here[key]["linear"] for key in ("one", "two"))

@@ -6,8 +6,8 @@ import pytest
 
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError
-from labctl.studies.paper.contract import Material
 from labctl.studies.paper.scenes import Settings, conclude, examine
+from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
 
@@ -17,7 +17,7 @@ LEVELS = 500 * np.random.default_rng(1).standard_normal((4, 2, WINDOW))
 """What a window of each class looks like, in codes."""
 
 
-def material(folder: Path, write_run: WriteRun, *, new: int = 2, wrong_at_rest: int | None = None) -> Material:
+def twin_runs(folder: Path, write_run: WriteRun, *, new: int = 2, wrong_at_rest: int | None = None) -> TwinRuns:
     """Class 1 until the mirrors are half-way, then class `new`; one scene's first image may be wrong at rest."""
     still, moving = ImageReadout(images=40, ports=(2, 3)), DynamicScene(images=40, scenes=2, ports=(2, 3))
     inputs = images_for(still)
@@ -36,11 +36,11 @@ def material(folder: Path, write_run: WriteRun, *, new: int = 2, wrong_at_rest: 
         "static": write_run(folder / "static", shots, codes, (2, 3), 40e-12),
         "scenes": write_run(folder / "scenes", scenes, records, (2, 3), 40e-12),
     }
-    return Material(runs, {"static": still, "scenes": moving}, 1, 1)
+    return TwinRuns(runs, {"static": still, "scenes": moving}, 1, 1)
 
 
 def test_the_switch_is_seen_when_the_mirrors_move(tmp_path: Path, write_run: WriteRun) -> None:
-    findings = examine(material(tmp_path, write_run), Settings())
+    findings = examine(twin_runs(tmp_path, write_run), Settings())
     scene = findings.scenes[0]
     assert scene.labels == (1, 2)
     assert scene.transit_s == pytest.approx((5.1e-6, 6.1e-6))
@@ -56,13 +56,13 @@ def test_the_switch_is_seen_when_the_mirrors_move(tmp_path: Path, write_run: Wri
 
 
 def test_a_scene_with_an_image_that_is_wrong_at_rest_is_not_judged(tmp_path: Path, write_run: WriteRun) -> None:
-    findings = examine(material(tmp_path, write_run, wrong_at_rest=0), Settings())
+    findings = examine(twin_runs(tmp_path, write_run, wrong_at_rest=0), Settings())
     assert [scene.at_rest for scene in findings.scenes] == [(False, True), (True, True)]
     assert conclude([findings], Settings()).here["scenes_judged"] == 1
 
 
 def test_an_image_that_never_comes_is_reported(tmp_path: Path, write_run: WriteRun) -> None:
-    findings = examine(material(tmp_path, write_run, new=3), Settings())
+    findings = examine(twin_runs(tmp_path, write_run, new=3), Settings())
     concluded = conclude([findings], Settings())
     assert concluded.here["before_right"] == 1.0
     assert concluded.here["after_right"] == concluded.here["scenes_right"] == 0.0
@@ -72,30 +72,30 @@ def test_an_image_that_never_comes_is_reported(tmp_path: Path, write_run: WriteR
 
 
 def test_scenes_and_images_at_rest_must_be_of_one_seed(tmp_path: Path, write_run: WriteRun) -> None:
-    found = material(tmp_path, write_run)
+    found = twin_runs(tmp_path, write_run)
     other = DynamicScene(images=40, scenes=2, ports=(2, 3), seed=2)
     shots = list(other.shots(images_for(other)))
     run = write_run(tmp_path / "other", shots, np.zeros((2, 2, 20_000)), (2, 3), 40e-12)
     with pytest.raises(AnalysisError, match="were not measured at rest: give both runs one seed"):
-        examine(Material({**found.runs, "scenes": run}, found.protocols, 1, 1), Settings())
+        examine(TwinRuns({**found.runs, "scenes": run}, found.protocols, 1, 1), Settings())
 
 
 def test_a_record_that_ends_before_the_switch_is_refused(tmp_path: Path, write_run: WriteRun) -> None:
-    found = material(tmp_path, write_run)
+    found = twin_runs(tmp_path, write_run)
     moving = found.protocols["scenes"]
-    shots = list(moving.shots(images_for(found.protocols["static"])))  # type: ignore[arg-type]
+    shots = list(moving.shots(images_for(found.protocols["static"])))
     run = write_run(tmp_path / "short", shots, np.zeros((2, 2, 20_000)), (2, 3), 40e-12)
     with pytest.raises(AnalysisError, match="no window lies wholly before or behind the switch"):
-        examine(Material({**found.runs, "scenes": run}, found.protocols, 1, 1), Settings())
+        examine(TwinRuns({**found.runs, "scenes": run}, found.protocols, 1, 1), Settings())
 
 
 def test_a_run_that_switches_nothing_is_refused(tmp_path: Path, write_run: WriteRun) -> None:
-    found = material(tmp_path, write_run)
+    found = twin_runs(tmp_path, write_run)
     with pytest.raises(AnalysisError, match="image-readout switches no images"):
-        examine(Material(found.runs, {**found.protocols, "scenes": found.protocols["static"]}, 1, 1), Settings())
+        examine(TwinRuns(found.runs, {**found.protocols, "scenes": found.protocols["static"]}, 1, 1), Settings())
 
 
 def test_nothing_to_judge_is_an_error(tmp_path: Path, write_run: WriteRun) -> None:
-    findings = examine(material(tmp_path, write_run, wrong_at_rest=0), Settings())
+    findings = examine(twin_runs(tmp_path, write_run, wrong_at_rest=0), Settings())
     with pytest.raises(AnalysisError, match="measure more scenes"):
         conclude([type(findings)(findings.classes, findings.scenes[:1])], Settings())

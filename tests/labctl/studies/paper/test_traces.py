@@ -6,8 +6,8 @@ import pytest
 
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError
-from labctl.studies.paper.contract import Material
 from labctl.studies.paper.traces import Settings, conclude, examine, noise_variance, smallest_ratio
+from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.image_readout import ImageReadout
 
 WriteRun = Callable[..., Path]
@@ -15,7 +15,7 @@ NOISE = 3.0
 STEP = 60
 
 
-def material(folder: Path, write_run: WriteRun, *, seeds: tuple[int, int] = (1, 1)) -> Material:
+def twin_runs(folder: Path, write_run: WriteRun, *, seeds: tuple[int, int] = (1, 1)) -> TwinRuns:
     """Class k has a level of k times `STEP` codes before the chip and twice that behind it."""
     protocols, runs = {}, {}
     for name, ports, factor, seed in (("input", (0,), 1, seeds[0]), ("chip", (2, 3), 2, seeds[1])):
@@ -25,11 +25,11 @@ def material(folder: Path, write_run: WriteRun, *, seeds: tuple[int, int] = (1, 
         noise = np.random.default_rng(1).normal(0, NOISE, (len(shots), len(ports), 200))
         protocols[name] = protocol
         runs[name] = write_run(folder / name, shots, np.round(levels + noise), ports, 40e-12)
-    return Material(runs, protocols, 1, 1)
+    return TwinRuns(runs, protocols, 1, 1)
 
 
 def test_the_classes_that_are_most_alike_are_compared_with_the_noise(tmp_path: Path, write_run: WriteRun) -> None:
-    findings = examine(material(tmp_path, write_run), Settings())
+    findings = examine(twin_runs(tmp_path, write_run), Settings())
     assert findings.ports == (0, 2, 3)
     assert findings.volts.shape == (4, 3, 200)
     assert findings.classes.tolist() == [0, 1, 2, 3]
@@ -43,7 +43,7 @@ def test_the_classes_that_are_most_alike_are_compared_with_the_noise(tmp_path: P
 
 def test_runs_of_other_images_are_refused(tmp_path: Path, write_run: WriteRun) -> None:
     with pytest.raises(AnalysisError, match="not measured before the chip: give both runs one seed"):
-        examine(material(tmp_path, write_run, seeds=(1, 2)), Settings())
+        examine(twin_runs(tmp_path, write_run, seeds=(1, 2)), Settings())
 
 
 def test_frames_that_a_simulated_bench_repeats_bit_for_bit_count_once() -> None:

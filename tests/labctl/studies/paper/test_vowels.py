@@ -7,7 +7,7 @@ import pytest
 from labctl import datasets
 from labctl.engine.inputs import sequences_for
 from labctl.errors import AnalysisError, DatasetError
-from labctl.studies.paper.contract import Material
+from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.paper.vowels import WAYS, Findings, Settings, conclude, examine
 from protocols.sequence_readout import SequenceReadout
 
@@ -17,7 +17,7 @@ CLASSES = (0, 2, 4, 6)
 
 
 @pytest.fixture
-def played(tmp_path: Path, write_run: WriteRun) -> Material:
+def played(tmp_path: Path, write_run: WriteRun) -> TwinRuns:
     """Port 1 shows noise, port 2 the numbers themselves."""
     try:
         datasets.path("vowels")
@@ -31,10 +31,10 @@ def played(tmp_path: Path, write_run: WriteRun) -> Material:
     noise = np.random.default_rng(1).normal(0, 100, numbers.shape)
     codes = np.repeat(np.stack([noise, 100 * numbers], axis=1), 4, axis=2)
     run = write_run(tmp_path / "run", shots, np.round(codes), PORTS, 20e-12)
-    return Material({"vowels": run}, {"vowels": protocol}, 1, 2)
+    return TwinRuns({"vowels": run}, {"vowels": protocol}, 1, 2)
 
 
-def test_numbers_on_a_port_are_worth_as_much_as_the_numbers(played: Material) -> None:
+def test_numbers_on_a_port_are_worth_as_much_as_the_numbers(played: TwinRuns) -> None:
     findings = examine(played, Settings(hidden=10))
     assert findings.classes == ("hid", "hEd", "hYd", "hOd")
     for way in WAYS:
@@ -46,10 +46,10 @@ def test_numbers_on_a_port_are_worth_as_much_as_the_numbers(played: Material) ->
     assert findings.confusion["by_speaker"].sum() == 2 * 7 * 24
 
 
-def test_utterances_that_were_not_played_are_refused(played: Material) -> None:
+def test_utterances_that_were_not_played_are_refused(played: TwinRuns) -> None:
     other = SequenceReadout(dataset="vowels", classes=(1, 3), ports=PORTS)
     with pytest.raises(AnalysisError, match="not what its protocol plays"):
-        examine(Material(played.runs, {"vowels": other}, 1, 2), Settings())
+        examine(TwinRuns(played.runs, {"vowels": other}, 1, 2), Settings())
 
 
 def test_twins_and_splits_are_pooled() -> None:

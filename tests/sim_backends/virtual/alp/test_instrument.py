@@ -7,45 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_backends.optics.mirrors import on_counts
-from sim_backends.parameters import Parameters
-from sim_backends.virtual import VirtualAlp, VirtualInstrument
-from sim_backends.world.world import Playback, Projection, World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
-Mirrors = NDArray[np.uint8]
+from sim_backends.virtual import VirtualAlp
+from sim_backends.world.signals import Playback, Projection
+from tests.sim_backends.virtual.watched import Ask, Mirrors, Watched
 
 IMAGE = np.random.default_rng(3).integers(0, 256, (768, 128), np.uint8)
 OTHER = np.random.default_rng(4).integers(0, 256, (768, 128), np.uint8)
-
-
-class Watched(World):
-    """A world that notes what it is shown."""
-
-    def __init__(self) -> None:
-        super().__init__(Parameters(light_path="direct", chip_modes=50))
-        self.shown: list[Mirrors | Projection | None] = []
-
-    def show(self, mirrors: Mirrors | None) -> None:
-        self.shown.append(mirrors)
-        super().show(mirrors)
-
-    def project(self, projection: Projection) -> None:
-        self.shown.append(projection)
-        super().project(projection)
-
-    @property
-    def picture(self) -> NDArray[np.uint16] | None:
-        """Mirrors on in every superpixel now, (784,); None: they float."""
-        last = self.shown[-1]
-        if not isinstance(last, Projection):
-            return None if last is None else on_counts(last)
-        number = self.pictures_shown() - 1
-        return last.counts[number % len(last.counts)] if number >= 0 else None
-
-
-@pytest.fixture
-def world() -> Watched:
-    return Watched()
 
 
 @pytest.fixture

@@ -1,44 +1,13 @@
-"""A session with the virtual generator: what it tells the world, and its upload."""
-
-from collections.abc import Callable
+"""A session with the virtual generator: its upload, and its start."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.virtual import VirtualAwg70002a, VirtualInstrument
-from sim_backends.world.world import Playback, World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
+from sim_backends.virtual import VirtualAwg70002a
+from tests.sim_backends.virtual.watched import Ask
 
 SAMPLES = np.random.default_rng(7).uniform(-1, 1, 2500).astype(np.float32)
 MARKERS = np.repeat(np.array([0x40, 0x00], np.uint8), [50, 2450])
-
-
-class Heard(World):
-    """A world that notes what it is told to play."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.played: list[Playback | None] = []
-        self.triggers = 0
-        self.level = (0.0, True)
-
-    @property
-    def last(self) -> Playback | None:
-        """What it plays now."""
-        return self.played[-1] if self.played else None
-
-    def play(self, playback: Playback | None) -> None:
-        self.played.append(playback)
-        super().play(playback)
-
-    def trigger_awg(self) -> None:
-        self.triggers += 1
-        super().trigger_awg()
-
-    def awg_trigger_level(self, level_v: float, *, rising: bool) -> None:
-        self.level = level_v, rising
-        super().awg_trigger_level(level_v, rising=rising)
 
 
 def block(data: bytes) -> bytes:

@@ -14,17 +14,12 @@ from sim_backends.virtual import VirtualAwg70002a
 from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk
 from sim_backends.virtual.awg70002a.seqx import read_seqx, read_sml
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
-from sim_backends.world.clock import VirtualClock
 from sim_backends.world.world import World
-from tests.sim_backends.virtual.awg70002a.session import Ask, block, errors
+from tests.sim_backends.virtual.awg70002a.session import block, errors
+from tests.sim_backends.virtual.watched import Ask
 
 SAMPLES = np.linspace(-1, 1, 2400, dtype=np.float32)
 FLAGS = "".join(f'<Flag name="{name}">Toggle</Flag>' for name in "ABCD")
-
-
-@pytest.fixture
-def awg(world: World) -> VirtualAwg70002a:
-    return VirtualAwg70002a(world)
 
 
 def waveform(scale: float = 1.0) -> bytes:
@@ -174,8 +169,8 @@ def test_loading_a_waveform(ask: Ask, awg: VirtualAwg70002a) -> None:
 
 def test_loading_text(ask: Ask, awg: VirtualAwg70002a) -> None:
     send(ask, awg, "t.txt", b"0\n0.25\n0.5,1\n")
-    ask(awg, 'MMEM:IMP "plain","t.txt",TXT;:MMEM:IMP:PAR:NORM ZREF;:MMEM:IMP "scaled","t.txt",TXT')
-    ask(awg, 'MMEM:OPEN:PAR:NORM FSC;:MMEM:OPEN:TXT "t.txt",ANAL;:MMEM:OPEN:PAR:NORM NONE')
+    ask(awg, 'MMEM:IMP "plain","t.txt",TXT;:MMEM:OPEN:PAR:NORM ZREF;:MMEM:IMP "scaled","t.txt",TXT')
+    ask(awg, 'MMEM:OPEN:PAR:NORM FSC;:MMEM:IMP "t","t.txt",TXT;:MMEM:OPEN:PAR:NORM NONE')
     values = [
         np.frombuffer(ask(awg, f'WLIS:WAV:DATA? "{name}"')[4:], "<f4").tolist() for name in ("plain", "scaled", "t")
     ]
@@ -191,7 +186,6 @@ def test_loading_sequences(ask: Ask, awg: VirtualAwg70002a) -> None:
     send(ask, awg, "good.seqx", seqx())
     ask(awg, 'MMEMory:OPEN:SASSet:SEQuence "C:\\good.seqx","main"')
     assert ask(awg, "*OPC?;:SLIS:SIZE?;NAME? 1;NAME? 2;:WLIS:LIST?") == b'1;2;"main";"sub";"w1,w2"'
-    assert ask(awg, "MMEM:OPEN:SASS:SEQ:MROP?") == b'"main"'
     for query, reply in {
         'LENG? "main"': "3",
         'TRAC? "main"': "2",
@@ -256,14 +250,14 @@ def test_the_disk_is_finite(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_wrong_sequences(old: str, new: str) -> None:
     text = sml("s", step(1, "w")).replace(old, new)
     with pytest.raises(ScpiError):
-        read_sml(text.encode(), "s", VirtualClock())
+        read_sml(text.encode(), "s")
 
 
 def test_a_recommended_rate_in_a_sequence() -> None:
     text = sml("s", step(1, "w")).replace("NaN", "1e9")
-    assert read_sml(text.encode(), "s", VirtualClock()).sample_rate == 1e9
+    assert read_sml(text.encode(), "s").sample_rate == 1e9
     text = text.replace("1e9", "fast").replace("<SequenceName>s", "<SequenceName>")
-    found = read_sml(text.encode(), "file", VirtualClock())
+    found = read_sml(text.encode(), "file")
     assert np.isnan(found.sample_rate)
     assert found.name == "file"
 
@@ -273,7 +267,7 @@ def test_a_damaged_archive_is_refused_or_read(at: int, byte: int) -> None:
     data = bytearray(_ARCHIVE)
     data[at * len(data) // 401] = byte
     with suppress(ScpiError):
-        read_seqx(memoryview(bytes(data)), VirtualClock())
+        read_seqx(memoryview(bytes(data)))
 
 
 _ARCHIVE = seqx()

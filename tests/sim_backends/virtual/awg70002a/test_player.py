@@ -6,22 +6,14 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualAwg70002a
-from tests.sim_backends.virtual.awg70002a.session import (
-    MARKERS,
-    SAMPLES,
-    Ask,
-    Heard,
-    errors,
-    float_block,
-    start,
-    upload,
-)
+from tests.sim_backends.virtual.awg70002a.session import MARKERS, SAMPLES, errors, float_block, start, upload
+from tests.sim_backends.virtual.watched import Ask, Watched
 
 
-def test_the_session_of_the_manual_plays(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+def test_the_session_of_the_manual_plays(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     start(ask, awg)
     assert ask(awg, "AWGControl:RSTate?;:OUTP?;:OUTP:OFF?") == b"2;1;0"
-    (playback,) = heard.played
+    (playback,) = world.played
     assert playback is not None
     assert (playback.sample_rate, playback.marker_low_v, playback.marker_high_v) == (25e9, 0.0, 1.0)
     assert np.array_equal(playback.marker, MARKERS != 0)
@@ -29,21 +21,21 @@ def test_the_session_of_the_manual_plays(ask: Ask, awg: VirtualAwg70002a, heard:
     assert playback.period == pytest.approx(100e-9)
 
 
-def test_the_clock_is_charged_for_run(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+def test_the_clock_is_charged_for_run(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     start(ask, awg)
-    before = heard.clock.now
+    before = world.clock.now
     ask(awg, "AWGC:RUN;*OPC")
     assert ask(awg, "*ESR?") == b"0"  # a poll takes 0.1 s
     assert ask(awg, "*OPC?;*ESR?") == b"1;1"
-    assert heard.clock.now - before == pytest.approx(1.0)
+    assert world.clock.now - before == pytest.approx(1.0)
     ask(awg, "AWGC:RUN\n*WAI")
-    assert heard.clock.now - before == pytest.approx(2.0)
+    assert world.clock.now - before == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(("bits", "marked"), [(8, True), (9, True), (10, False)])
-def test_resolution(ask: Ask, awg: VirtualAwg70002a, heard: Heard, bits: int, marked: bool) -> None:
+def test_resolution(ask: Ask, awg: VirtualAwg70002a, world: Watched, bits: int, marked: bool) -> None:
     start(ask, awg, bits)
-    playback = heard.played[-1]
+    playback = world.played[-1]
     assert playback is not None
     assert playback.marker.any() == marked
     steps = np.unique(playback.volts) / 0.25 * (2 ** (bits - 1) - 1)
@@ -51,11 +43,11 @@ def test_resolution(ask: Ask, awg: VirtualAwg70002a, heard: Heard, bits: int, ma
     assert len(steps) < 2**bits
 
 
-def test_samples_beyond_full_scale_are_clipped(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+def test_samples_beyond_full_scale_are_clipped(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     start(ask, awg)
     loud = np.tile(np.array([3.0, -np.inf, 1.0, -1.0, np.nan], np.float32), 500)
     ask(awg, b'WLIS:WAV:DATA "m",' + float_block(loud))
-    playback = heard.played[-1]
+    playback = world.played[-1]
     assert playback is not None
     assert playback.volts[:5].tolist() == [0.25, -0.25, 0.25, -0.25, 0.0]
     block = ask(awg, 'WLIS:WAV:DATA? "m",0,3')
@@ -85,21 +77,21 @@ def test_samples_beyond_full_scale_are_clipped(ask: Ask, awg: VirtualAwg70002a, 
         ("*RST", False),
     ],
 )
-def test_what_changes_the_output(ask: Ask, awg: VirtualAwg70002a, heard: Heard, command: str, plays: bool) -> None:
+def test_what_changes_the_output(ask: Ask, awg: VirtualAwg70002a, world: Watched, command: str, plays: bool) -> None:
     start(ask, awg)
-    heard.played.clear()
+    world.played.clear()
     ask(awg, command)
-    assert [playback is not None for playback in heard.played] == ([plays] if command != 'SOUR1:WAV ""' else [])
+    assert [playback is not None for playback in world.played] == ([plays] if command != 'SOUR1:WAV ""' else [])
 
 
 @pytest.mark.parametrize(
     "command", ["SOUR1:VOLT 0.5", "OUTP1 1", "SOUR2:VOLT 0.3", "TRIG:LEV 1", "SOUR1:DAC:RES 7", "OUTP2 1", "SYST:ERR?"]
 )
-def test_what_does_not(ask: Ask, awg: VirtualAwg70002a, heard: Heard, command: str) -> None:
+def test_what_does_not(ask: Ask, awg: VirtualAwg70002a, world: Watched, command: str) -> None:
     start(ask, awg)
-    heard.played.clear()
+    world.played.clear()
     ask(awg, command)
-    assert heard.played == []
+    assert world.played == []
 
 
 def test_running_needs_an_assignment(ask: Ask, awg: VirtualAwg70002a) -> None:
@@ -117,77 +109,77 @@ def test_deleting_what_plays_stops_the_run(ask: Ask, awg: VirtualAwg70002a) -> N
     assert ask(awg, "AWGC:RST?;:OUTP1?;:SOUR1:CASS?;CASS:TYPE?") == b'0;0;"";NONE'
 
 
-def test_triggered_modes(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+def test_triggered_modes(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     start(ask, awg)
     ask(awg, "*OPC?;:SOUR1:RMOD TCON")
-    playback = heard.played[-1]
+    playback = world.played[-1]
     assert playback is not None
     assert (playback.lengths, playback.runs_on) == ((2500,), True)
     assert ask(awg, "AWGC:RST?;:SOUR1:RMOD?") == b"1;TCON"
     ask(awg, "TRIG BTR")
     assert ask(awg, "AWGC:RST?") == b"1"
-    assert heard.triggers == 0
+    assert world.triggers == 0
     ask(awg, "TRIGger:SEQuence:IMMediate ATRigger")
     assert ask(awg, "AWGC:RST?") == b"2"
-    assert heard.triggers == 1
+    assert world.triggers == 1
     ask(awg, "AWGC:STOP;:AWGC:RUN;*OPC?")
     assert ask(awg, "AWGC:RST?") == b"1"
     ask(awg, "*TRG;*TRG")  # the second finds it running already
     assert ask(awg, "AWGC:RST?") == b"2"
-    assert heard.triggers == 2
-    heard.clock.advance(1.0)
+    assert world.triggers == 2
+    world.clock.advance(1.0)
     ask(awg, "AWGC:RMOD TRIG")
     assert ask(awg, "AWGC:RST?;RMOD?") == b"1;TRIG"
-    playback = heard.played[-1]
+    playback = world.played[-1]
     assert playback is not None
     assert (playback.lengths, playback.runs_on) == ((2500,), False)
     for _ in range(3):
         ask(awg, "*TRG")
         assert ask(awg, "AWGC:RST?") == b"2"
-        heard.clock.advance(1e-6)
+        world.clock.advance(1e-6)
         assert ask(awg, "AWGC:RST?") == b"1"
-    assert heard.triggers == 5
+    assert world.triggers == 5
     ask(awg, "AWGC:STOP;*TRG")
-    assert heard.triggers == 5
+    assert world.triggers == 5
 
 
-def test_what_the_trigger_input_listens_to(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+def test_what_the_trigger_input_listens_to(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     start(ask, awg)
-    assert heard.level == (math.inf, True)
+    assert world.level == (math.inf, True)
     ask(awg, "SOUR1:RMOD TRIG")
-    assert heard.level == (1.4, True)
+    assert world.level == (1.4, True)
     ask(awg, "TRIG:LEV 0.5;SLOP NEG")
-    assert heard.level == (0.5, False)
+    assert world.level == (0.5, False)
     ask(awg, "SOUR1:TINP BTR")
-    assert heard.level == (math.inf, False)
+    assert world.level == (math.inf, False)
     ask(awg, "TRIG ATR")
-    assert heard.triggers == 0
+    assert world.triggers == 0
     ask(awg, "TRIG BTR")
-    assert heard.triggers == 1
+    assert world.triggers == 1
 
 
 @pytest.mark.parametrize("setting", ["SOUR1:TINP ITR", "TRIG:SOUR INT"])
-def test_internal_triggers(ask: Ask, awg: VirtualAwg70002a, heard: Heard, setting: str) -> None:
+def test_internal_triggers(ask: Ask, awg: VirtualAwg70002a, world: Watched, setting: str) -> None:
     start(ask, awg)
     ask(awg, f"TRIG:INT 1e-6;:{setting};:SOUR1:RMOD TRIG")
-    playback = heard.played[-1]
+    playback = world.played[-1]
     assert playback is not None
     assert playback.lengths is None
     assert playback.period == pytest.approx(1e-6)
     assert not playback.volts[2500:].any()
     ask(awg, "SOUR1:RMOD TCON")
-    playback = heard.played[-1]
+    playback = world.played[-1]
     assert playback is not None
     assert playback.period == pytest.approx(1e-7)
     assert ask(awg, "TRIG:INT?;:AWGC:RST?") == b"1.0000000000E-06;2"
     assert errors(ask, awg) == "0"
 
 
-def test_marker_delay_and_skew(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+def test_marker_delay_and_skew(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     start(ask, awg)
-    plain = heard.played[-1]
+    plain = world.played[-1]
     ask(awg, "SOUR1:MARK1:DEL 8e-11;:SOUR1:SKEW 1.2e-10")
-    moved = heard.played[-1]
+    moved = world.played[-1]
     assert plain is not None
     assert moved is not None
     assert np.array_equal(moved.marker, np.roll(plain.marker, 2))

@@ -1,12 +1,13 @@
 """The virtual generator's state after reset, its marker levels, errors and system commands."""
 
 from sim_backends.virtual import VirtualAwg70002a
-from tests.sim_backends.virtual.awg70002a.session import Ask, Heard, errors, start
+from tests.sim_backends.virtual.awg70002a.session import errors, start
+from tests.sim_backends.virtual.watched import Ask, Watched
 
 
 def test_waiting_values(ask: Ask, awg: VirtualAwg70002a) -> None:
-    ask(awg, "TRIG:WVAL FIRS")
-    assert ask(awg, "TRIG:WVAL?;:OUTP2:WVAL:ANAL?;MARK2?") == b"FIRS;FIRS;FIRS"
+    ask(awg, "OUTP2:WVAL:ANAL FIRS;MARK2 FIRS")
+    assert ask(awg, "OUTP2:WVAL:ANAL?;MARK2?;:OUTP1:WVAL:ANAL?") == b"FIRS;FIRS;ZERO"
     ask(awg, "OUTP1:SVAL:ANAL:STAT OFF;:OUTP1:SVAL:MARK1 OFF;:OUTP1:WVAL:MARK1 HIGH")
     assert ask(awg, "OUTP1:SVAL:ANAL?;MARK1?;:OUTP1:WVAL:MARK1?") == b"OFF;OFF;HIGH"
 
@@ -41,7 +42,6 @@ def test_reset_state(ask: Ask, awg: VirtualAwg70002a) -> None:
         "OUTP1:WVAL:ANAL:STAT?": "ZERO",
         "OUTP1:WVAL:MARK1?": "LOW",
         "OUTP1:SVAL:ANAL:STAT?": "ZERO",
-        "TRIG:WVAL?": "ZERO",
         "CLOC:JITT?": "0",
         "SLIS:SIZE?": "0",
         "SOUR1:MARK1:VOLT:HIGH?": "1.0000000000E+00",
@@ -71,7 +71,7 @@ def test_an_error_text_that_holds_a_line_end(ask: Ask, awg: VirtualAwg70002a) ->
     assert errors(ask, awg) == "0"
 
 
-def test_system_tree(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
+def test_system_tree(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     assert ask(awg, "SYST:VERS?") == b"1999.0"
     assert ask(awg, "SYST:DATE?") == b"2024,01,01"
     assert ask(awg, "*OPT?") == b"03,225"
@@ -80,7 +80,7 @@ def test_system_tree(ask: Ask, awg: VirtualAwg70002a, heard: Heard) -> None:
     ask(awg, "SYST:TIME 10,20,30;:SYST:DATE 2026,2,31")
     assert ask(awg, "SYST:TIME?") == b"10,20,30"
     assert errors(ask, awg) == "-222"
-    heard.clock.advance(60.0)
+    world.clock.advance(60.0)
     minutes = int(ask(awg, "SYST:TIME?").split(b",")[1])
-    heard.clock.advance(60.0)
+    world.clock.advance(60.0)
     assert int(ask(awg, "SYST:TIME?").split(b",")[1]) == (minutes + 1) % 60

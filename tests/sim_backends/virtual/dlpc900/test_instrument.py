@@ -8,25 +8,15 @@ import pytest
 from sim_backends.optics import mirrors
 from sim_backends.virtual.dlpc900 import planes
 from sim_backends.virtual.dlpc900.instrument import REPORT_S, VirtualDlpc900
-from sim_backends.world.world import World
+from tests.sim_backends.virtual.watched import Watched
 
 WRITE, READ, SILENT, REFUSED = 0x40, 0xC0, 0x00, 0x20
 DEFINITION = bytes.fromhex("0000C80000100000000000 00")  # the guide's example: pattern 0, 200 us, red, one bit
 
 
-class Watched(World):
-    """A world that remembers what was shown."""
-
-    seen: "np.ndarray[tuple[int, ...], np.dtype[np.uint8]] | None" = None
-
-    def show(self, mirrors: "np.ndarray[tuple[int, ...], np.dtype[np.uint8]] | None") -> None:
-        super().show(mirrors)
-        self.seen = mirrors
-
-
 @pytest.fixture
-def device() -> VirtualDlpc900:
-    return VirtualDlpc900(Watched())
+def device(world: Watched) -> VirtualDlpc900:
+    return VirtualDlpc900(world)
 
 
 def send(device: VirtualDlpc900, flags: int, command: int, data: bytes = b"", number: int = 7) -> bytes:
@@ -68,11 +58,6 @@ def show(device: VirtualDlpc900, image: bytes) -> None:
     send(device, WRITE, 0x1A24, b"\2")
 
 
-def world_of(device: VirtualDlpc900) -> Watched:
-    assert isinstance(device.world, Watched)
-    return device.world
-
-
 def test_a_reply_carries_the_number_of_its_command(device: VirtualDlpc900) -> None:
     assert send(device, WRITE, 0x1A1B, b"\3", number=200)[:4] == bytes((WRITE, 200, 0, 0))
     reply = send(device, READ, 0x1A1B, number=201)
@@ -89,10 +74,10 @@ def test_reports_cost_time(device: VirtualDlpc900) -> None:
     assert device.world.clock.now - before == pytest.approx(REPORT_S)
 
 
-def test_all_mirrors_on_reach_as_far_as_the_smaller_device(device: VirtualDlpc900) -> None:
+def test_all_mirrors_on_reach_as_far_as_the_smaller_device(device: VirtualDlpc900, world: Watched) -> None:
     show(device, picture(2, FULL))
-    seen = world_of(device).seen
-    assert seen is not None
+    seen = world.shown[-1]
+    assert isinstance(seen, np.ndarray)
     bits = np.unpackbits(seen, axis=1)
     height = 1080 * 7.56e-6 / mirrors.PITCH_M
     assert abs(bits[:, 500].sum() - height) < 1
@@ -100,7 +85,7 @@ def test_all_mirrors_on_reach_as_far_as_the_smaller_device(device: VirtualDlpc90
     assert not bits[:80].any()
     assert send(device, READ, 0x1A0C)[4] == 2
     send(device, WRITE, 0x1A24, b"\0")
-    assert world_of(device).seen is None
+    assert world.shown[-1] is None
 
 
 def test_image_forms_agree() -> None:
@@ -184,19 +169,19 @@ def test_starting_needs_the_image(device: VirtualDlpc900) -> None:
     assert refusal(device, 0x1A34, DEFINITION) == 5
 
 
-def test_standby_parks_the_mirrors_and_reset_forgets(device: VirtualDlpc900) -> None:
+def test_standby_parks_the_mirrors_and_reset_forgets(device: VirtualDlpc900, world: Watched) -> None:
     show(device, picture(2, FULL))
     assert refusal(device, 0x1A1B, b"\0") == 5  # running
     assert refusal(device, 0x0201, b"\1") == 5
     send(device, WRITE, 0x0200, b"\1")
-    assert world_of(device).seen is None
+    assert world.shown[-1] is None
     assert send(device, READ, 0x1A0C)[4] == 1
     assert refusal(device, 0x1A24, b"\2") == 5
     send(device, WRITE, 0x0200, b"\0")
     send(device, WRITE, 0x1A24, b"\2")
-    assert world_of(device).seen is not None
+    assert world.shown[-1] is not None
     send(device, WRITE, 0x0200, b"\2")
-    assert world_of(device).seen is None
+    assert world.shown[-1] is None
     send(device, WRITE, 0x0201, b"\1")
     assert send(device, READ, 0x1A1B)[4] == 1
     device.close()

@@ -3,11 +3,12 @@
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
-from tests.sim_backends.virtual.dpo72504dx.session import WHOLE_SESSION, Ask, Counted, lit, set_up
+from tests.sim_backends.virtual.dpo72504dx.session import WHOLE_SESSION, lit, set_up
+from tests.sim_backends.virtual.watched import Ask, Watched
 
 
 @pytest.fixture
-def world() -> Counted:
+def world() -> Watched:
     return lit()
 
 
@@ -18,5 +19,5 @@ def session() -> tuple[str, ...]:
 
 
 @pytest.fixture
-def scope(ask: Ask, world: Counted, session: tuple[str, ...]) -> VirtualDpo72504dx:
+def scope(ask: Ask, world: Watched, session: tuple[str, ...]) -> VirtualDpo72504dx:
     return set_up(ask, world, session)

@@ -1,17 +1,12 @@
 """A session with the virtual oscilloscope: its world, how it is set up, and its replies taken apart."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.parameters import Parameters
-from sim_backends.scpi.messages import Message
-from sim_backends.virtual import VirtualDpo72504dx, VirtualInstrument
-from sim_backends.world.world import Acquisition, Emission, Playback, Record, World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
-Read = Callable[[str | bytes], list[Message]]
+from sim_backends.virtual import VirtualDpo72504dx
+from sim_backends.world.signals import Emission, Playback
+from tests.sim_backends.virtual.watched import SMALL, Ask, Watched
 
 PERIOD = 2500
 WHOLE_SESSION = (
@@ -41,18 +36,6 @@ SHORT_RECORDS = (
 """Two channels, 50 points."""
 
 
-class Counted(World):
-    """A world that notes the records asked of it."""
-
-    def __init__(self, parameters: Parameters) -> None:
-        super().__init__(parameters)
-        self.records: list[tuple[Acquisition, NDArray[np.float64]]] = []
-
-    def record(self, acquisition: Acquisition, trigger_times: NDArray[np.float64], *, setting: bytes = b"") -> Record:
-        self.records.append((acquisition, trigger_times))
-        return super().record(acquisition, trigger_times, setting=setting)
-
-
 def playback(*, triggered: bool = False) -> Playback:
     volts = np.random.default_rng(1).uniform(-0.25, 0.25, PERIOD).astype(np.float32)
     marker = np.arange(PERIOD) < 50
@@ -60,15 +43,15 @@ def playback(*, triggered: bool = False) -> Playback:
     return Playback(volts, marker, marker_low_v=0.0, marker_high_v=1.0, sample_rate=25e9, lengths=lengths)
 
 
-def lit(parameters: Parameters | None = None) -> Counted:
-    world = Counted(parameters or Parameters(light_path="direct", chip_modes=50))
+def lit(parameters: Parameters = SMALL) -> Watched:
+    world = Watched(parameters)
     world.emit(Emission(1550.0, 30e-3))
     world.patch({1: 2, 2: 3, 3: 4, 4: 5})
     world.play(playback())
     return world
 
 
-def set_up(ask: Ask, world: World, session: tuple[str, ...] = SHORT_RECORDS) -> VirtualDpo72504dx:
+def set_up(ask: Ask, world: Watched, session: tuple[str, ...] = SHORT_RECORDS) -> VirtualDpo72504dx:
     scope = VirtualDpo72504dx(world)
     for line in session:
         assert ask(scope, line) == b""

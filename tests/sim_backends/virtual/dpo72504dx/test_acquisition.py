@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
-from tests.sim_backends.virtual.dpo72504dx.session import Ask, Counted, Read, block, events, number, playback, volts
+from tests.sim_backends.virtual.dpo72504dx.session import block, events, number, playback, volts
+from tests.sim_backends.virtual.watched import Ask, Read, Watched
 
 
-def test_single_acquisition(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_single_acquisition(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     assert ask(scope, "ACQuire:STATE RUN;*OPC?") == b"1"
     assert ask(scope, "ACQuire:STATE?;NUMACq?;:BUSY?;:TRIGger:STATE?") == b"0;1;0;SAVE"
     (acquisition, times) = world.records[-1]
@@ -41,7 +42,7 @@ def test_inversion_and_clipping(ask: Ask, scope: VirtualDpo72504dx) -> None:
     assert set(block(ask(scope, "CURVe?"))) == {127.0}
 
 
-def test_average(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_average(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     ask(scope, "ACQuire:MODe AVErage;NUMAVg 100;STATE RUN")
     assert ask(scope, "ACQuire:NUMACq?;MODe:ACTUal?") == b"100;AVERAGE"
     assert [times.size for _, times in world.records] == [100]
@@ -62,7 +63,7 @@ def test_average(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
 
 
 def test_waits_for_a_trigger_that_another_client_causes(
-    ask: Ask, read: Read, scope: VirtualDpo72504dx, world: Counted
+    ask: Ask, read: Read, scope: VirtualDpo72504dx, world: Watched
 ) -> None:
     world.play(None)
     execution = scope.run(read("ACQuire:STATE RUN;*OPC?")[0])
@@ -88,7 +89,7 @@ def test_a_level_out_of_reach_never_triggers(ask: Ask, scope: VirtualDpo72504dx,
     assert events(ask, scope) == "2241"
 
 
-def test_forced_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_forced_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     ask(scope, "TRIGger FORCe")
     assert world.records == []
     world.play(None)
@@ -98,14 +99,14 @@ def test_forced_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> N
     assert block(ask(scope, "CURVe?")).size == 500
 
 
-def test_auto_mode_does_without_a_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_auto_mode_does_without_a_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     world.play(None)
     before = world.clock.now
     assert ask(scope, "TRIGger:A:MODe AUTO;:ACQuire:STATE RUN;*OPC?") == b"1"
     assert world.clock.now - before == pytest.approx(0.12, rel=0.01)
 
 
-def test_channel_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_channel_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     ask(scope, "ACQuire:STATE RUN")
     middle = float(np.median(volts(ask, scope)))
     ask(scope, f"TRIGger:A:EDGE:SOUrce CH1;SLOpe FALL;:TRIGger:A:LEVel {middle};:HORizontal:POSition 50")
@@ -117,7 +118,7 @@ def test_channel_trigger(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> 
     assert around[:5].mean() > middle > around[-5:].mean()
 
 
-def test_running_freely_each_transfer_is_new(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_running_freely_each_transfer_is_new(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     ask(scope, "ACQuire:STOPAfter RUNSTop;STATE RUN")
     assert ask(scope, "*OPC?;:ACQuire:STATE?;:BUSY?;:TRIGger:STATE?;:TRIGger:A:READY?") == b"1;1;1;TRIGGER;0"
     assert ask(scope, "CURVe?") != ask(scope, "CURVe?")
@@ -129,7 +130,7 @@ def test_running_freely_each_transfer_is_new(ask: Ask, scope: VirtualDpo72504dx,
     assert ask(scope, "ACQuire:STATE RUN;:CURVe?") == kept
 
 
-def test_opc_bit_after_the_acquisition(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_opc_bit_after_the_acquisition(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     world.play(None)
     ask(scope, "ACQuire:STATE RUN;*OPC")
     assert ask(scope, "*ESR?") == b"0"
@@ -137,7 +138,7 @@ def test_opc_bit_after_the_acquisition(ask: Ask, scope: VirtualDpo72504dx, world
     assert ask(scope, "*ESR?;EVMsg?") == b'1;402,"Operation complete"'
 
 
-def test_time_costs(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_time_costs(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     before = world.clock.now
     ask(scope, "ACQuire:STATE RUN;*OPC?")
     assert world.clock.now - before == pytest.approx(20e-3, abs=1e-6)

@@ -8,7 +8,7 @@ import pytest
 
 from sim_backends.bench import SimulatedBench
 from sim_backends.virtual import VirtualDpo72504dx
-from tests.sim_backends.virtual.dpo72504dx.session import Ask, Read
+from tests.sim_backends.virtual.watched import Ask, Read
 
 
 def test_each_acquisition_is_sent_once(ask: Ask, read: Read, scope: VirtualDpo72504dx) -> None:

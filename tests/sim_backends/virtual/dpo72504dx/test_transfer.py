@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
-from sim_backends.world.world import Emission
-from tests.sim_backends.virtual.dpo72504dx.session import Ask, Counted, Read, block, events, number, volts
+from sim_backends.world.signals import Emission
+from tests.sim_backends.virtual.dpo72504dx.session import block, events, number, volts
+from tests.sim_backends.virtual.watched import Ask, Read, Watched
 
 
 def test_curve_is_not_copied(ask: Ask, read: Read, scope: VirtualDpo72504dx) -> None:
@@ -17,7 +18,7 @@ def test_curve_is_not_copied(ask: Ask, read: Read, scope: VirtualDpo72504dx) -> 
     assert np.shares_memory(np.asarray(body), scope._traces[1].codes)
 
 
-def test_codes_are_the_volts_at_the_input(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_codes_are_the_volts_at_the_input(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     ask(scope, "CH1:SCAle 0.02;OFFSet 0.03;POSition -2;:ACQuire:STATE RUN")
     seen = volts(ask, scope)
     world.emit(None)
@@ -120,7 +121,7 @@ def test_mathematics_and_references_are_not_active(ask: Ask, scope: VirtualDpo72
     assert events(ask, scope) == "2244,2244"
 
 
-def test_nothing_selected_is_nothing_recorded(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_nothing_selected_is_nothing_recorded(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     assert ask(scope, "SELect:CH1 OFF;CH2 OFF;CH3 OFF;:ACQuire:STATE RUN;*OPC?") == b"1"
     assert world.records == []
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
-from tests.sim_backends.virtual.dpo72504dx.session import SHORT_RECORDS, Ask, Counted, block, events
+from tests.sim_backends.virtual.dpo72504dx.session import SHORT_RECORDS, block, events
+from tests.sim_backends.virtual.watched import Ask, Watched
 
 
 @pytest.fixture
@@ -24,7 +25,6 @@ def test_words_that_change_no_light(ask: Ask, scope: VirtualDpo72504dx) -> None:
         ("DATa:SYNCSOUrces", "1"),
         ("HORizontal:ROLL", "ON"),
         ("HORizontal:FASTframe:TRACk", "ALL"),
-        ("HORizontal:FASTframe:REF:SOUrce", "CH2"),
         ("HORizontal:FASTframe:MULtipleframes:MODe", "OVERLAY"),
         ("HORizontal:FASTframe:MULtipleframes:NUMFRames:CH2", "3"),
         ("CH1:BANdwidth:ENHanced", "OFF"),
@@ -68,7 +68,7 @@ def test_external_attenuation_scales_the_volts(ask: Ask, scope: VirtualDpo72504d
     assert np.abs(block(ask(scope, "CURVe?")) - plain).mean() < 5
 
 
-def test_deskew_samples_later(ask: Ask, scope: VirtualDpo72504dx, world: Counted) -> None:
+def test_deskew_samples_later(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     ask(scope, "HORizontal:MODE:RECOrdlength 500;:ACQuire:STATE RUN")
     plain = block(ask(scope, "CURVe?"))
     ask(scope, "CH1:DESKew 4e-9;:ACQuire:STATE RUN")

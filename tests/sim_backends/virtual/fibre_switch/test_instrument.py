@@ -1,13 +1,10 @@
 """The virtual fibre switch: crosspoints, conflicts, and what the world is told."""
 
-from collections.abc import Callable
-
 import pytest
 
-from sim_backends.virtual import VirtualFibreSwitch, VirtualInstrument
+from sim_backends.virtual import VirtualFibreSwitch
 from sim_backends.world.world import World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
+from tests.sim_backends.virtual.watched import Ask
 
 
 @pytest.fixture

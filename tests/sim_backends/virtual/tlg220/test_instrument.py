@@ -1,43 +1,22 @@
 """The virtual laser: the words of its table, darkness while tuning, corrected tables."""
 
 import tomllib
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from sim_backends.parameters import Parameters
-from sim_backends.virtual import VirtualInstrument, VirtualTlg220
-from sim_backends.virtual.tlg220.table import default_table
-from sim_backends.world.world import Emission, World
-
-Ask = Callable[[VirtualInstrument, str | bytes], bytes]
-
-
-class Lit(World):
-    """A world that notes the light it gets."""
-
-    def __init__(self) -> None:
-        super().__init__(Parameters(light_path="direct", chip_modes=50))
-        self.light: Emission | None = None
-        self.from_s = 0.0
-
-    def emit(self, emission: Emission | None, *, lit_from_s: float = 0.0) -> None:
-        self.light, self.from_s = emission, lit_from_s
-        super().emit(emission, lit_from_s=lit_from_s)
+from sim_backends.virtual import VirtualTlg220
+from sim_backends.virtual.tlg220.instrument import default_table
+from sim_backends.world.signals import Emission
+from tests.sim_backends.virtual.watched import Ask, Watched
 
 
 @pytest.fixture
-def world() -> Lit:
-    return Lit()
-
-
-@pytest.fixture
-def laser(world: Lit) -> VirtualTlg220:
+def laser(world: Watched) -> VirtualTlg220:
     return VirtualTlg220(world)
 
 
-def test_light(ask: Ask, laser: VirtualTlg220, world: Lit) -> None:
+def test_light(ask: Ask, laser: VirtualTlg220, world: Watched) -> None:
     assert ask(laser, "*IDN?").startswith(b"Alnair Labs,TLG-220")
     ask(laser, "WAVELENGTH 1550.0000\nPOWER 14.77")
     assert world.light is None
@@ -51,17 +30,17 @@ def test_light(ask: Ask, laser: VirtualTlg220, world: Lit) -> None:
     assert ask(laser, "output?") == b"0"
 
 
-def test_dark_while_tuning(ask: Ask, laser: VirtualTlg220, world: Lit) -> None:
+def test_dark_while_tuning(ask: Ask, laser: VirtualTlg220, world: Watched) -> None:
     ask(laser, "OUTPUT ON")
-    assert world.from_s == 0.0
+    assert world.lit_from_s == 0.0
     ask(laser, "WAVELENGTH 1551.0")
     assert world.light == Emission(1551.0, 10e-3)
-    assert world.from_s == world.clock.now + 1.0
+    assert world.lit_from_s == world.clock.now + 1.0
     polls = 1
     while ask(laser, "SETTLED?") == b"0":
         polls += 1
     assert polls == 10
-    assert world.clock.now == pytest.approx(world.from_s)
+    assert world.clock.now == pytest.approx(world.lit_from_s)
 
 
 def test_setting_the_same_wavelength_does_not_tune(ask: Ask, laser: VirtualTlg220) -> None:
@@ -69,7 +48,7 @@ def test_setting_the_same_wavelength_does_not_tune(ask: Ask, laser: VirtualTlg22
     assert ask(laser, "SETTLED?") == b"1"
 
 
-def test_completion_waits_in_virtual_time(ask: Ask, laser: VirtualTlg220, world: Lit) -> None:
+def test_completion_waits_in_virtual_time(ask: Ask, laser: VirtualTlg220, world: Watched) -> None:
     assert ask(laser, "WAVELENGTH 1552.5;*OPC?;SETTLED?") == b"1;1"
     assert world.clock.now == pytest.approx(1.1)
 
@@ -97,13 +76,13 @@ def test_values_are_rounded_to_the_step(ask: Ask, laser: VirtualTlg220) -> None:
     assert ask(laser, "WAVELENGTH?;POWER?") == b"1550.123;10.01"
 
 
-def test_reset(ask: Ask, laser: VirtualTlg220, world: Lit) -> None:
+def test_reset(ask: Ask, laser: VirtualTlg220, world: Watched) -> None:
     ask(laser, "OUTPUT ON;POWER 16;WAVELENGTH 1540;*RST")
     assert world.light is None
     assert ask(laser, "OUTPUT?;POWER?;WAVELENGTH?;*OPC?") == b"0;10;1550;1"
 
 
-def test_a_corrected_table_can_be_rehearsed(ask: Ask, world: Lit) -> None:
+def test_a_corrected_table_can_be_rehearsed(ask: Ask, world: Watched) -> None:
     table = tomllib.loads(
         r"""
         model = "Alnair Labs TLG-220"
@@ -154,7 +133,7 @@ def entry(name: str, **changes: Any) -> dict[str, Any]:
         (entry("set_power", unit="W", write="P {value:.2f} {value}"), "more than one"),
     ],
 )
-def test_tables_that_cannot_be_simulated_are_refused(world: Lit, table: dict[str, Any], complaint: str) -> None:
+def test_tables_that_cannot_be_simulated_are_refused(world: Watched, table: dict[str, Any], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         VirtualTlg220(world, table)
 

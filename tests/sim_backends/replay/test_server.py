@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 
-from sim_backends.replay.replay import Conversation, Replay, Step
+from sim_backends.replay.server import Conversation, Replay, Step
 
 
 def conversation(*messages: tuple[str, bytes], cut: bool = False) -> Conversation:

@@ -5,8 +5,10 @@ Salmon et al., Parallel random numbers: as easy as 1, 2, 3 (Philox), SC11.
 
 import hashlib
 import struct
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 Purpose = str | int | float | bytes
 
@@ -45,3 +47,12 @@ class Rekeyed:
         self._start["state"]["key"] = np.frombuffer(key, "<u8")
         self._philox.state = self._start
         return self._generator
+
+
+def unit_noise(keys: Sequence[bytes], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """White noise of unit variance: for each of `keys` an array of `shape`, the same however many keys there are."""
+    noise = np.empty((len(keys), *shape), np.float32)
+    rekeyed = Rekeyed()
+    for key, row in zip(keys, noise, strict=True):
+        rekeyed.generator(key).standard_normal(out=row, dtype=np.float32)
+    return noise

@@ -1,4 +1,4 @@
-"""Scenes that switch from one image to another: their records cut into windows, beside the same windows at rest."""
+"""Scenes that switch from one image to another: their records cut into windows, and the same windows at rest."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -13,7 +13,8 @@ from labctl.analysis.windows import sample_count
 from labctl.errors import AnalysisError
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import open_run
-from labctl.studies.paper.contract import AnalysisSettings, Material
+from labctl.studies.paper.analyses import AnalysisSettings
+from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import DRIVE_RATE, DRIVE_SAMPLES
 
@@ -65,19 +66,18 @@ class Switching:
         return np.asarray(self.starts * self.still.sample_interval_s, np.float64)
 
 
-def read_switching(material: Material, settings: SwitchSettings, *, scenes: str, still: str) -> Switching:
+def read_switching(twin: TwinRuns, settings: SwitchSettings, *, scenes: str, still: str) -> Switching:
     """Cut the scenes of the run named `scenes` into windows, and the shots of the run named `still` alike.
 
     Raises:
         AnalysisError: The first run switches no images, one of its images was not measured at rest, the runs were
             recorded differently, or no window lies wholly before or behind the switch.
     """
-    protocol = material.protocols[scenes]
+    protocol = twin.protocols[scenes]
     if not isinstance(protocol, DynamicScene):
         raise AnalysisError(f"runs.{scenes}: {protocol.name} switches no images: use {DynamicScene.name}")
-    with open_run(material.runs[still]) as run:
-        resting = read_records(run)
-    with open_run(material.runs[scenes]) as run:
+    resting = twin.records(still)
+    with open_run(twin.runs[scenes]) as run:
         moving, shots = read_records(run, "scene"), run.shots
     interval = resting.sample_interval_s
     if moving.ports != resting.ports or moving.sample_interval_s != interval:

@@ -16,8 +16,8 @@ from types import TracebackType
 from typing import Self
 
 from sim_backends.replay.differences import Difference, describe, first_difference, message_end
-from sim_backends.servers.channel import Channel
 from sim_backends.servers.loop import Loop
+from sim_backends.servers.socket import Channel
 
 ROOM = 1 << 18  # bytes received at once
 
@@ -103,7 +103,7 @@ class Replay:
         self._loop.start()
 
     def stop(self) -> None:
-        """Hear what clients have sent so far, then close every connection; waits until nothing runs any more."""
+        """Read what clients have sent so far, then close every connection; waits until nothing runs any more."""
         self._loop.stop()
 
     def __enter__(self) -> Self:
@@ -136,7 +136,7 @@ class Replay:
 
 
 class _Player:
-    """One connection of a client, beside the recorded one that it should repeat; None: there is none any more."""
+    """One connection of a client, and the recorded one that it should repeat; None: there is none any more."""
 
     def __init__(
         self,

@@ -1,9 +1,6 @@
-"""Instruments set by hand."""
+"""A laser set by hand."""
 
-import pytest
-
-from instruments.errors import OutOfRange
-from instruments.manual import ManualLaser, ManualPatchPanel
+from instruments.manual_laser import ManualLaser
 
 
 class Operator:
@@ -37,18 +34,3 @@ def test_a_laser_that_was_never_lit_asks_nothing_on_the_way_out() -> None:
     operator = Operator()
     ManualLaser(operator).make_safe()
     assert not operator.requests
-
-
-def test_fibres_are_moved_only_when_they_must() -> None:
-    operator = Operator()
-    panel = ManualPatchPanel(operator, ports=(2, 3))
-    panel.connect({1: 2, 2: 3})
-    panel.connect({1: 2, 2: 3})
-    assert operator.requests == ["Connect port 2 to CH1, port 3 to CH2, and nothing else, then press Enter"]
-    assert panel.settings() == {"ch1": 2, "ch2": 3}
-    with pytest.raises(OutOfRange, match="port 9"):
-        panel.connect({1: 9})
-    panel.self_test()
-    panel.make_safe()
-    panel.close()
-    assert panel.identify().model

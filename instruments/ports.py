@@ -1,0 +1,47 @@
+"""Ports of the chip as people write them: "2-6", "0,2,4-6", a number or a list."""
+
+from typing import Annotated, TypeVar
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+Number = TypeVar("Number", int, float)
+
+
+def parse_ports(value: object) -> object:
+    """Turn "2-6" or "0,2,4-6" into a tuple of port numbers; anything else is left to pydantic.
+
+    Raises:
+        ValueError: a part is neither a number nor a range.
+    """
+    if isinstance(value, int):
+        return (value,)
+    if not isinstance(value, str):
+        return value
+    ports: list[int] = []
+    for part in value.split(","):
+        first, _, last = part.strip().partition("-")
+        if not (first.isdecimal() and (last or first).isdecimal() and max(len(first), len(last)) <= 2):
+            raise ValueError(f"{value!r} is not a list of ports: write it like '2-6' or '2,3,5'")
+        ports.extend(range(int(first), int(last or first) + 1))
+    return tuple(ports)
+
+
+def require_distinct(values: tuple[Number, ...]) -> tuple[Number, ...]:
+    """The same values.
+
+    Raises:
+        ValueError: one comes twice.
+    """
+    if len(set(values)) != len(values):
+        raise ValueError(f"{values} names one twice: list each once")
+    return values
+
+
+Port = Annotated[int, Field(ge=0, le=14)]
+_Ranges = Annotated[str, Field(pattern=r"^\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?(,\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?)*$")]
+Ports = Annotated[
+    tuple[Port, ...],
+    BeforeValidator(parse_ports, json_schema_input_type=_Ranges | Port | tuple[Port, ...]),
+    Field(min_length=1),
+    AfterValidator(require_distinct),
+]

@@ -1,0 +1,143 @@
+"""One twin: its fibre and its chips, drawn from a seed, and what the instruments' settings make of their light."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backends.optics import cavity, chain, derived, drive, fibre
+from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
+from sim_backends.world.keyed_random import Purpose, digest, generator
+from sim_backends.world.signals import BYPASS, Emission, Playback
+
+_LEAD_S = 2e-9  # more than the band limits smear the start of a segment forward
+_FILTERS_S = 1e-9  # more than generator, amplifier and modulator remember
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the instruments fix before the mirrors come in.
+
+    ports: the port whose light each recorded channel sees, None = none. wander_step: number of the virtual-time step.
+    segment: of a triggered playback, the one that plays; None: it waits for its first trigger. repeats: how often the
+    segment is played before the output idles again; 0: for ever, and has been.
+    """
+
+    emission: Emission | None
+    playback: Playback | None
+    ports: tuple[int | None, ...]
+    wander_step: int
+    segment: int | None = None
+    repeats: int = 1
+
+    @property
+    def periodic(self) -> bool:
+        """Whether the light repeats for ever."""
+        return self.playback is None or self.playback.lengths is None or self.segment is None or self.repeats == 0
+
+    @property
+    def key(self) -> bytes:
+        """Names the setting."""
+        laser = (self.emission.wavelength_nm, self.emission.power_w) if self.emission else ("dark",)
+        played = self.playback.digest if self.playback else "idle"
+        segment: tuple[Purpose, ...] = () if self.segment is None else ("segment", self.segment, self.repeats)
+        return digest(*laser, played, *(str(port) for port in self.ports), self.wander_step, *segment)
+
+
+@dataclass(frozen=True, eq=False)
+class Optics:
+    """What a setting fixes: fields (root volts) behind the ports on a grid of `step_s`, fibre taps, receiver noise.
+
+    laws: (4, channels, 1) float32, rows of `receiver.NoiseLaw`: floor, linear, quadratic, offset.
+    idle_s: light idles from this long before the segment's start, and at the end of the fields; None: it is periodic.
+    """
+
+    key: bytes
+    fields: NDArray[np.complex64]
+    taps: NDArray[np.complex64]
+    step_s: float
+    laws: NDArray[np.float32]
+    lit: bool
+    idle_s: float | None
+
+
+class Twin:
+    """A fibre, and a cavity a nanometre.
+
+    Attributes:
+        basis: of the speckle on the superpixels, (784, r).
+    """
+
+    def __init__(self, parameters: Parameters, seed: int) -> None:
+        self._parameters = parameters
+        self._seed = seed
+        self._chips: dict[int, cavity.Cavity] = {}
+        self.basis, self._modes = chain.draw_fibre(parameters, self._generator("fibre"))
+
+    def optics(self, setting: Setting) -> Optics:
+        """What `setting` fixes."""
+        constants = self._parameters
+        laser = setting.emission or Emission(constants.design_wavelength_nm, 0.0)
+        light, idle_s = self._light(setting)
+        frequency = SPEED_OF_LIGHT / (laser.wavelength_nm * 1e-9)
+        frequency += self._detuning("laser wander", constants.laser_wander_hz, setting.wander_step)
+        nearest_nm = round(laser.wavelength_nm)
+        detuning = frequency - SPEED_OF_LIGHT / (nearest_nm * 1e-9)
+        detuning -= self._detuning("chip wander", constants.chip_wander_hz, setting.wander_step)
+        transfer = chain.chip_transfer(constants, self._chip(nearest_nm), step_s=light.step_s, detuning_hz=detuning)
+        wanted = [
+            (BYPASS, 0.0) if port is None else (port, math.sqrt(chain.volts_per_field(constants, port, laser.power_w)))
+            for port in setting.ports
+        ]
+        laws = [chain.port_noise(constants, transfer, port, light.step_s) for port in setting.ports]
+        return Optics(
+            setting.key,
+            chain.port_fields(light, transfer, wanted),
+            fibre.delay_taps(self._modes, frequency_hz=frequency, step=light.step_s),
+            light.step_s,
+            np.array([[law.floor, law.linear, law.quadratic, law.offset_v] for law in laws], np.float32).T[:, :, None],
+            setting.emission is not None,
+            idle_s,
+        )
+
+    def _light(self, setting: Setting) -> tuple[chain.DriveLight, float | None]:
+        """Light behind the modulator and, unless it is periodic, how long it idles before the segment starts.
+
+        After the segment it idles for longer than fibre and chip remember, so that the end of the field is the
+        beginning. A segment is taken to start from idle light: the one before ended some 10 ns earlier at least.
+        """
+        constants, playback = self._parameters, setting.playback
+        waiting = playback is not None and playback.lengths is not None and setting.segment is None
+        if playback is None or waiting:
+            return chain.idle_light(constants), None
+        rate = playback.sample_rate
+        volts, _ = playback.segment(setting.segment or 0)
+        if setting.periodic:
+            return chain.driven_light(constants, volts, rate), None
+        step = 1.0 / (rate * drive.oversampling(rate, constants.drive_step_s))
+        remembered = chain.IMPULSE_POINTS * step + float(self._modes.delays_s.max()) + _FILTERS_S
+        lead, tail = math.ceil(_LEAD_S * rate), math.ceil(remembered * rate)
+        volts = np.concatenate(
+            [np.zeros(lead, np.float32), np.tile(volts, setting.repeats), np.zeros(tail, np.float32)]
+        )
+        return chain.driven_light(constants, volts, rate), lead / rate
+
+    def _chip(self, wavelength_nm: int) -> cavity.Cavity:
+        """One independent cavity a nanometre (125 GHz, many linewidths); small detunings shift the same one."""
+        if wavelength_nm not in self._chips:
+            constants = self._parameters
+            self._chips[wavelength_nm] = cavity.draw_cavity(
+                self._generator("chip", wavelength_nm),
+                modes=constants.chip_modes,
+                density=derived.mode_density_per_hz(constants),
+                ports=constants.chip_ports,
+                transmission=constants.chip_coupling,
+            )
+        return self._chips[wavelength_nm]
+
+    def _detuning(self, what: str, rms_hz: float, step: int) -> float:
+        return rms_hz * float(self._generator(what, step).standard_normal()) if rms_hz else 0.0
+
+    def _generator(self, *purpose: str | int) -> np.random.Generator:
+        return generator(digest(self._seed, *purpose))

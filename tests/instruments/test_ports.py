@@ -1,0 +1,19 @@
+"""Lists of ports as they are typed."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from instruments.ports import parse_ports
+
+
+@given(st.lists(st.integers(0, 99), min_size=1, unique=True))
+def test_port_lists_round_trip(ports: list[int]) -> None:
+    assert parse_ports(",".join(map(str, ports))) == tuple(ports)
+
+
+def test_ranges_and_single_ports() -> None:
+    assert parse_ports("0,2-4, 6") == (0, 2, 3, 4, 6)
+    assert parse_ports(3) == (3,)
+    with pytest.raises(ValueError, match=r"'2-x' is not a list of ports: write it like '2-6'"):
+        parse_ports("2-x")

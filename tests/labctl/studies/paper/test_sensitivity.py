@@ -1,0 +1,70 @@
+"""What a result rests on: one parameter of the twin at a time, the defaults measured once for all of them."""
+
+from pathlib import Path
+
+import pytest
+
+from labctl.bench.signals import Interruption
+from labctl.bench.station import SIMULATED_STATION, Station, read_station, write_addresses
+from labctl.errors import ExperimentError
+from labctl.studies.paper.experiments import Experiment, experiments
+from labctl.studies.paper.reproduction import Plan
+from labctl.studies.paper.sensitivity import as_json, figure_of, sensitivity, study_of
+
+FILE = """
+title = "Few images"
+paper = ""
+statement = ""
+analysis = "recognition"
+splits = 2
+[runs.chip]
+protocol = "image-readout"
+settings = { images = 40, ports = "2,3", window = "2 ns" }
+[sensitivity]
+run = "chip"
+window = "0.4 ns"
+twins = 1
+[[sensitivity.parameters]]
+name = "effective bits"
+parameter = "enob"
+values = [2.5, 5.5]
+default = 5.5
+[[sensitivity.parameters]]
+name = "detector bandwidth (GHz)"
+parameter = "detector_bandwidth_hz"
+values = [3.0, 12.0]
+unit = 1e9
+default = 12.0
+"""
+
+
+@pytest.fixture
+def experiment(tmp_path: Path) -> Experiment:
+    (tmp_path / "few.toml").write_text(FILE, encoding="utf-8")
+    (found,) = experiments(folder=tmp_path)
+    return found
+
+
+def test_the_defaults_are_measured_once(experiment: Experiment, tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    found = sensitivity(
+        Plan((experiment,), SIMULATED_STATION, tmp_path / "out"),
+        experiment,
+        interruption=Interruption(),
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    runs = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert runs == ["seed-1", "seed-1-detector_bandwidth_hz-3e+09", "seed-1-enob-2.5"]
+    assert seen[-1] == (3, 3)
+    shown = as_json(found)
+    assert shown["enob"]["accuracy"][1] == shown["detector_bandwidth_hz"]["accuracy"][1]
+    assert all(0 <= accuracy["mean"] <= 1 for one in shown.values() for accuracy in one["accuracy"])
+    assert figure_of(study_of(experiment), found).stem == "sensitivity"
+
+
+def test_a_real_bench_has_nothing_to_vary(experiment: Experiment, tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    write_addresses(path, dict.fromkeys(Station().addresses, "TCPIP0::192.0.2.1::5000::SOCKET"))
+    plan = Plan((experiment,), read_station(path), tmp_path / "out")
+    with pytest.raises(ExperimentError, match="a real bench has no parameters to vary: leave --station out"):
+        sensitivity(plan, experiment, interruption=Interruption(), progress=lambda *_: None)
