@@ -17,9 +17,11 @@ from unittest import mock
 import numpy as np
 
 from instruments.values import Frames
-from labctl.runs.format.shots import Durability, RunShape, ShotColumns
+from labctl.runs.format.columns import shot_table
+from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
 
 SHARD_SHOTS = 20
@@ -32,7 +34,13 @@ def make(directory: Path, shots: int) -> RunWriter:
     """A run of which everything is stored and data.h5 is not made."""
     shape = RunShape(shots, (PORTS,), SAMPLES, 40e-12)
     index = np.arange(shots)
-    plan = ShotColumns(np.full(shots, "image"), index, index % 10, np.full(shots, 1550.0), index)
+    plan = shot_table(
+        kind=np.full(shots, "image"),
+        dataset_index=index,
+        label=index % 10,
+        wavelength_nm=np.full(shots, 1550.0),
+        group=index,
+    )
     writer = RunWriter.create(directory, {}, shape, plan, durability=Durability(shots=SHARD_SHOTS))
     writer.scales(0, 1e-3, 0.0)
     generator = np.random.default_rng(1)

@@ -13,6 +13,7 @@ project = "labctl"
 author = "The labctl developers"
 extensions = [
     "architecture",
+    "column_tables",
     "command_tables",
     "figures",
     "mathml",

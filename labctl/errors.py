@@ -3,6 +3,9 @@
 Those of instruments and protocols are where these are: `instruments.errors`, `protocols.base`.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from instruments.errors import LabctlError
 
 __all__ = [
@@ -16,6 +19,7 @@ __all__ = [
     "RunExists",
     "StationError",
     "UsageError",
+    "noted_on",
     "notes",
     "one_line",
 ]
@@ -54,6 +58,18 @@ class AnalysisError(LabctlError, ValueError):
 
 class ExperimentError(LabctlError):
     """An experiment that does not exist, or whose file is wrong: one line that says what to do."""
+
+
+@contextmanager
+def noted_on(error: BaseException | None) -> Iterator[None]:
+    """A `RunError` inside the block becomes a note to `error`, which came first; without one it is raised."""
+    try:
+        yield
+    except RunError as failure:
+        if error is None:
+            raise
+        if failure is not error:
+            error.add_note(str(failure))
 
 
 def notes(error: BaseException) -> tuple[str, ...]:

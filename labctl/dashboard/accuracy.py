@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from labctl.errors import AnalysisError, RunError
-from labctl.runs.read.follower import Following
+from labctl.runs.read.follower import Follower
 
 LEAST = 40
 """Images of the first point."""
@@ -56,7 +56,7 @@ def curve(directory: Path, known: Curve) -> Curve:
     from labctl.runs.read.records import read_records
 
     try:
-        following = Following(directory)
+        following = Follower(directory)
         while following.look():
             pass
         run = following.measured(LEAST, MOST_SHOTS)

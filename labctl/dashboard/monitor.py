@@ -15,7 +15,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import RunRow, run_directories, run_row
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import is_elsewhere, writer_named
-from labctl.runs.read.follower import Following, Latest
+from labctl.runs.read.follower import Follower, Latest
 
 LOOK_EVERY_S = 0.25
 LIST_EVERY_S = 2.0
@@ -37,7 +37,7 @@ class WatchedRun:
         self._due = clock()
         self._events = EventReader(RunPaths(directory).events)
         self._told = RunState()
-        self._following: Following | None = None
+        self._following: Follower | None = None
 
     def look(self) -> None:
         """Read what came since the last look."""
@@ -56,7 +56,7 @@ class WatchedRun:
         self.state = self._told.without_writer() if gone else self._told
         try:
             if self._following is None:
-                self._following = Following(self.directory)
+                self._following = Follower(self.directory)
             grew = False
             while self._following.look():
                 grew = True

@@ -84,6 +84,7 @@ def carry_out(request: Request, bench: Bench, interruption: Interruption, direct
         plan.drive,
         request.durability,
         seconds_a_shot=plan.seconds_a_shot,
+        on_warning=bench.observer.warning,
     )
     with writer:
         _tell_start("run started", request, bench, writer)
@@ -146,7 +147,6 @@ class _Measurement:
         """Measure all that is missing, finish the run, and say how it went."""
         writer, bench = self._writer, self._bench
         before = writer.complete
-        writer.room.tell = bench.observer.warning
         clock = time.perf_counter(), bench.now()
         with (
             controlled(writer.paths.directory, self._interruption) as control,

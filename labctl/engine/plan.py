@@ -1,17 +1,21 @@
 """What a run will measure, as its files describe it: size, shots and drive, and how much room they take."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from instruments.bench import Bench
+from instruments.values import Drive
 from labctl.bench.station import Station
+from labctl.runs.format.columns import shot_table
 from labctl.runs.format.layout import run_name
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.shape import RunShape
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.room import needed
 from protocols.base import Inputs, Measurement, Pass, Shot
 
@@ -36,8 +40,8 @@ class Plan:
     """Size, shots and drive of a run, and the seconds that a shot takes on one pass on real instruments."""
 
     shape: RunShape
-    shots: ShotColumns
-    drive: PlayedDrive
+    shots: NDArray[Any]
+    drive: Drive
     seconds_a_shot: float
 
 
@@ -45,7 +49,6 @@ def planned(request: Request, bench: Bench) -> Plan:
     """What `request` asks of `bench`, to which nothing is sent."""
     protocol, inputs = request.protocol, request.inputs
     shots, passes = protocol.shots(inputs), protocol.passes(bench)
-    drive = protocol.drive(bench, inputs)
     return Plan(
         RunShape(
             shots=len(shots),
@@ -56,7 +59,7 @@ def planned(request: Request, bench: Bench) -> Plan:
             code_type="int8" if protocol.averages == 1 else "int16",
         ),
         _columns(shots, passes),
-        PlayedDrive(drive.samples, drive.marker, drive.sample_rate),
+        protocol.drive(bench, inputs),
         protocol.duration_s(bench, len(shots)) / (len(shots) * len(passes)),
     )
 
@@ -75,7 +78,7 @@ def checked(request: Request, bench: Bench) -> Plan:
 def bytes_needed(request: Request, bench: Bench) -> int:
     """What the run writes at most; nothing is sent to the bench."""
     plan = planned(request, bench)
-    return needed(plan.shape, plan.shots, plan.drive, request.durability, plan.seconds_a_shot)
+    return needed(plan.shape, plan.drive, request.durability, plan.seconds_a_shot)
 
 
 def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
@@ -88,13 +91,7 @@ def durability_of(station: Station) -> Durability:
     return Durability(shots=station.durability.shots, seconds=station.durability.seconds)
 
 
-def _columns(shots: Sequence[Shot], passes: Sequence[Pass]) -> ShotColumns:
-    return ShotColumns(
-        kind=np.array([shot.kind.value for shot in shots]),
-        dataset_index=np.array([shot.dataset_index for shot in shots], np.int64),
-        label=np.array([shot.label for shot in shots], np.int64),
-        wavelength_nm=np.full(len(shots), passes[0].wavelength_nm),
-        group=np.array([shot.group for shot in shots], np.int64),
-        next_dataset_index=np.array([shot.next_dataset_index for shot in shots], np.int64),
-        next_label=np.array([shot.next_label for shot in shots], np.int64),
-    )
+def _columns(shots: Sequence[Shot], passes: Sequence[Pass]) -> NDArray[Any]:
+    """The planned `/shots`: whatever a protocol says of its shots is in the column of that name."""
+    columns = {one.name: np.array([getattr(shot, one.name) for shot in shots]) for one in fields(Shot)}
+    return shot_table(**columns, wavelength_nm=np.full(len(shots), passes[0].wavelength_nm))

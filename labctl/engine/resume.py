@@ -5,14 +5,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from instruments.toml_files import describe
+from instruments.values import Drive
 from labctl.bench.station import Station
 from labctl.errors import RunError, StationError
+from labctl.runs.format.columns import same_shots
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.plan import read_plan
-from labctl.runs.format.shots import PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.shape import RunShape
 from labctl.runs.read.differences import Difference, differences
 from protocols.base import Inputs, Measurement
 from protocols.registry import protocol_from
@@ -95,7 +98,7 @@ def refuse_other_inputs(directory: Path, manifest: Mapping[str, Any], inputs: In
 
 
 def refuse_other_plan(
-    paths: RunPaths, manifest: Mapping[str, Any], shape: RunShape, shots: ShotColumns, drive: PlayedDrive
+    paths: RunPaths, manifest: Mapping[str, Any], shape: RunShape, shots: NDArray[Any], drive: Drive
 ) -> None:
     """Compare what is about to be measured with what the run was begun for.
 
@@ -105,11 +108,10 @@ def refuse_other_plan(
     planned, played = read_plan(paths, manifest["plan_sha256"])
     same = {
         "size": shape == RunShape.from_json(manifest["shape"]),
-        "list of shots": np.array_equal(shots.table(), planned),
+        "list of shots": same_shots(planned, shots),
         "drive": played is not None
         and drive.sample_rate == played.sample_rate
-        and np.array_equal(drive.samples, played.samples)
-        and np.array_equal(drive.marker, played.marker),
+        and np.array_equal(drive.samples, played.samples),
     }
     if changed := [what for what, found in same.items() if not found]:
         raise RunError(

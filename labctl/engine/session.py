@@ -18,7 +18,8 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, durability_of
 from labctl.engine.profile import Profile
 from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs, station_of_manifest
-from labctl.runs.format.layout import Manifest, RunPaths
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.commands import CommandLog
 from labctl.runs.live.events import EventLog
 from labctl.runs.write.writer import RunWriter
@@ -60,10 +61,9 @@ def acquire(
     """
     protocol, station = acquisition.protocol, acquisition.station
     inputs = inputs_for(protocol, acquisition.data)
-    with _session(protocol, station, observer, attended=acquisition.attended, armed=acquisition.armed) as (
-        open_bench,
-        observers,
-    ):
+    observers = Observers()
+    session = _session(protocol, station, observers, observer, attended=acquisition.attended, armed=acquisition.armed)
+    with session as open_bench:
         simulation = open_bench.simulation
         profile = Profile((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
         if acquisition.profile:
@@ -105,8 +105,9 @@ def resume(
     protocol = protocol_of_manifest(directory, manifest.values)
     station = station_of_manifest(directory, manifest.values, resumption.station)
     durability = None if resumption.station is None else durability_of(station)
+    observers = Observers()  # the session adds to them, long before there is anything to warn of
     with ExitStack() as stack:
-        writer = stack.enter_context(RunWriter.resume(directory, durability))
+        writer = stack.enter_context(RunWriter.resume(directory, durability, on_warning=observers.warning))
         if writer.complete == manifest.shape.shots:
             return Outcome(
                 directory=directory,
@@ -121,8 +122,8 @@ def resume(
             )
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
-        session = _session(protocol, station, observer, attended=resumption.attended, armed=resumption.armed)
-        open_bench, observers = stack.enter_context(session)
+        session = _session(protocol, station, observers, observer, attended=resumption.attended, armed=resumption.armed)
+        open_bench = stack.enter_context(session)
         _warn(warnings(manifest.values.get("calibration"), station), observers)
         request = Request(protocol, inputs, station)
         return go_on(request, open_bench.bench, interruption or Interruption(), writer)
@@ -135,16 +136,26 @@ def _warn(lines: Iterable[str], observer: Observer) -> None:
 
 @contextmanager
 def _session(
-    protocol: Measurement[Any], station: Station, observer: Observer | None, *, attended: bool, armed: bool
-) -> Iterator[tuple[OpenBench, Observers]]:
-    """The opened bench under supervision, allowed to light, and all that follow it; nothing was sent to it yet."""
+    protocol: Measurement[Any],
+    station: Station,
+    observers: Observers,
+    observer: Observer | None,
+    *,
+    attended: bool,
+    armed: bool,
+) -> Iterator[OpenBench]:
+    """The opened bench under supervision, allowed to light; nothing was sent to it yet.
+
+    Supervisor, logs and `observer`, in this order, are added to `observers`, who follow it.
+    """
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         events = stack.enter_context(EventLog())
         supervisor = stack.enter_context(supervised(station, log))
-        observers = Observers(supervisor, log, events, observer or Observer())
+        for one in (supervisor, log, events, observer or Observer()):
+            observers.add(one)
         bench = opened(station, log, observer=observers, attended=attended, armed=armed)
         open_bench = stack.enter_context(bench)
         check_laser(station, [one.wavelength_nm for one in protocol.passes(open_bench.bench)])
         open_bench.bench.require_arm()
-        yield open_bench, observers
+        yield open_bench

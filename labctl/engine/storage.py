@@ -7,7 +7,7 @@ from typing import Self
 from instruments.bench import Observer
 from instruments.values import Frames
 from labctl.engine.profile import STORAGE_BESIDE
-from labctl.runs.format.layout import noted_on
+from labctl.errors import noted_on
 from labctl.runs.write.writer import RunWriter
 
 

@@ -14,8 +14,7 @@ from labctl.reports.figures.traces import traces_figure
 from labctl.reports.figures.window import accuracy_figure
 from labctl.reports.page import Result, embedded, write_report
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.read.records import volts
-from labctl.runs.read.run import Run, open_run
+from labctl.runs.read.run import Run, open_run, volts
 
 Accuracy = Mapping[str, Mapping[str, float]]
 """Acquisition time in ns as text -> {"mean", "sd"} of the accuracy."""

@@ -11,7 +11,8 @@ from typing import Any, Literal
 
 from labctl.errors import RunError
 from labctl.runs.format.journal import read_journal
-from labctl.runs.format.layout import Manifest, RunPaths
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.owner import writer_of
 
 State = Literal["complete", "running", "incomplete", "unreadable"]
@@ -55,7 +56,7 @@ class RunRow:
 
     @property
     def state(self) -> State:
-        """Whether shots are missing, and whether somebody measures them; or nobody can tell."""
+        """Whether shots are missing, and whether a process measures them; or that the run cannot be read."""
         if self.problem:
             return "unreadable"
         if self.complete:
@@ -85,14 +86,14 @@ ORDERS: Mapping[str, Callable[[RunRow], Any]] = {
 
 @dataclass(frozen=True)
 class Choice:
-    """Which runs are asked for; None asks for all.
+    """Which runs are wanted; None for all.
 
     Attributes:
         protocol: name of the protocol.
         since: runs that began then or later.
         state: how far they got.
         seed: of the protocol.
-        limit: the last so many, in the order asked for.
+        limit: the last so many, in the chosen order.
     """
 
     protocol: str | None = None

@@ -10,22 +10,24 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.values import Drive
 from labctl.errors import RunError
+from labctl.runs.format.columns import in_this_version
 from labctl.runs.format.journal import read_journal
-from labctl.runs.format.layout import HDF5_ERRORS, Manifest, RunPaths
-from labctl.runs.format.plain_hdf5 import check_plain, opened
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
 from labctl.runs.format.plan import read_drive, read_plan
 from labctl.runs.format.shards import Shards
-from labctl.runs.format.shots import PlayedDrive
-from labctl.runs.read.run import MOST_BYTES, damaged
-from labctl.runs.write.data_file import shard_in_data_file, write_data_file
+from labctl.runs.read.data_file import MOST_BYTES, damaged
+from labctl.runs.write.data_file import constants, shard_in_data_file, write_data_file
 
 
 @dataclass(frozen=True)
 class Damage:
     """Where a run is damaged: a file in its directory, and the first and last byte that are not what they were.
 
-    Where nothing tells more closely it is the whole file; `last` is None for one that is missing.
+    Where the place is not known more closely it is the whole file; `last` is None for one that is missing.
     """
 
     file: str
@@ -92,16 +94,16 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
     paths = RunPaths(Path(path))
     if not paths.manifest.exists():
         raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)")
-    reading = paths.manifest
+    at = paths.manifest
     try:
         manifest = Manifest.read(paths)
-        reading = paths.plan
+        at = paths.plan
         plan, drive = read_plan(paths, manifest.values["plan_sha256"])
-        reading = paths.journal
+        at = paths.journal
         journal = read_journal(paths.journal)
         named = Shards(paths, manifest.shape, plan, journal.entries)
     except (RunError, KeyError) as error:
-        return RunReport(str(path), problems=(str(error),), damaged=_whole(paths, reading))
+        return RunReport(str(path), problems=(str(error),), damaged=_whole(paths, at))
     line = journal.damaged and Damage(paths.journal.name, *journal.damaged)
     problems = [Problem(text, line) for text in journal.problems]
     problems += [Problem(text, _whole(paths, paths.journal)) for text in _measured_twice(named)]
@@ -158,20 +160,19 @@ def _traces(shards: Shards, *, torn: bool) -> list[str]:
 
 
 def _data_file(
-    paths: RunPaths, manifest: Manifest, drive: PlayedDrive | None, named: Shards, intact: Shards
+    paths: RunPaths, manifest: Manifest, drive: Drive | None, named: Shards, intact: Shards
 ) -> tuple[Literal["current", "stale", "missing", "damaged"], list[Problem]]:
     """The state of data.h5, and in what it differs from the run."""
     whole = _whole(paths, paths.data)
     if not paths.data.exists():
         return "missing", []
     try:
-        with opened(paths.data) as file:
+        with walked(paths.data) as file:
             check_plain(file, MOST_BYTES, besides="frames")
-            current = file.attrs["evidence"] == named.evidence
-            differences = [
-                *_different_constants(file, manifest, drive, intact),
-                *_different_columns(file, intact),
-            ]
+            current = attribute(file, "evidence") == named.evidence
+            differences = _different_constants(file, manifest, drive, intact)
+        with h5py.File(paths.data, "r") as file:
+            differences += _different_columns(file, intact)
             if current and not np.array_equal(file["shots"]["index"], named.complete):
                 text = f"{paths.data}: /shots.index is not the list of complete shots"
                 differences.append(Problem(text, _in_dataset(paths, file["shots"])))
@@ -182,29 +183,27 @@ def _data_file(
     return ("current" if current else "stale"), []
 
 
-def _different_constants(
-    file: h5py.File, manifest: Manifest, drive: PlayedDrive | None, shards: Shards
-) -> list[Problem]:
+def _different_constants(file: h5py.File, manifest: Manifest, drive: Drive | None, shards: Shards) -> list[Problem]:
     paths = shards.paths
     differences = []
-    if json.loads(file.attrs["manifest"]) != dict(manifest.values):
+    if json.loads(attribute(file, "manifest")) != dict(manifest.values):
         text = f"{paths.data}: the manifest in it is not manifest.json"
         differences.append(Problem(text, _whole(paths, paths.data)))
-    scale, offset = shards.all_scales()
-    expected = {"ports": np.asarray(shards.shape.ports), "time": shards.shape.time, "scale": scale, "offset": offset}
-    for name, values in expected.items():
-        known = ~np.isnan(values) if name in ("scale", "offset") else slice(None)
-        if not np.array_equal(file[name][:][known], values[known]):
+    for name, values in constants(shards).items():
+        expected = np.asarray(values)
+        known = ~np.isnan(expected) if name in ("scale", "offset") else slice(None)
+        if not np.array_equal(file[name][:][known], expected[known]):
             text = f"{paths.data}: /{name} differs from the run's"
             differences.append(Problem(text, _in_dataset(paths, file[name])))
-    if _drive_bytes(read_drive(file)) != _drive_bytes(drive):
+    marked = None if drive is None else drive.marker.tobytes()
+    if _drive_bytes(read_drive(file)) != _drive_bytes(drive) or (drive and file["drive/marker"][:].tobytes() != marked):
         text = f"{paths.data}: /drive differs from the planned one"
         differences.append(Problem(text, _whole(paths, paths.data)))
     return differences
 
 
-def _drive_bytes(drive: PlayedDrive | None) -> tuple[bytes, bytes, float] | None:
-    return None if drive is None else (drive.samples.tobytes(), drive.marker.tobytes(), drive.sample_rate)
+def _drive_bytes(drive: Drive | None) -> tuple[bytes, float] | None:
+    return None if drive is None else (drive.samples.tobytes(), drive.sample_rate)
 
 
 def _different_columns(file: h5py.File, shards: Shards) -> list[Problem]:
@@ -221,6 +220,8 @@ def _different_columns(file: h5py.File, shards: Shards) -> list[Problem]:
         window = slice(int(rows[0]), int(rows[-1]) + 1)
         for name, expected in shards.block(chosen).items():
             found = file[name][window][rows - rows[0]]
+            if name == "shots":
+                found = in_this_version(found)
             equal = np.array([a.tobytes() == b.tobytes() for a, b in zip(found, expected, strict=True)])
             if not equal.all():
                 place = int(np.argmin(equal))
@@ -238,8 +239,9 @@ def _in_shard(shards: Shards, number: int) -> Damage:
     """Where a damaged shard differs from what it was, if data.h5 still has all that was in it."""
     whole = _whole(shards.paths, shards.paths.shard(number))
     try:
-        with opened(shards.paths.data) as file:
-            expected = shard_in_data_file(file, shards, shards.entries[number])
+        with walked(shards.paths.data) as file:
+            check_plain(file, MOST_BYTES, besides="frames")
+            expected = bytes(shard_in_data_file(file, shards, shards.entries[number]))
     except HDF5_ERRORS:
         return whole
     if whole.last is None or hashlib.sha256(expected).hexdigest() != shards.entries[number].sha256:

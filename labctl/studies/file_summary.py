@@ -9,8 +9,7 @@ from labctl.bench.recording.format import FORMAT as RECORDING
 from labctl.bench.recording.format import Kind, read_recording
 from labctl.bench.station import read_station
 from labctl.errors import UsageError
-from labctl.runs.format.layout import HDF5_ERRORS
-from labctl.runs.format.plain_hdf5 import opened
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, walked
 from labctl.studies.readout_file import FORMAT as READOUT
 from labctl.studies.readout_file import load_metadata
 from protocols.registry import read_protocol
@@ -58,11 +57,11 @@ def _kind(path: Path) -> str:
 
 def _hdf5_says(path: Path) -> str:
     try:
-        with opened(path) as file:
-            if str(file.attrs.get("format")) == READOUT:
-                return "readout"
+        with walked(path) as file:
             if "_NCProperties" in file.attrs:
                 return "netcdf"
+            if "format" in file.attrs and attribute(file, "format") == READOUT:
+                return "readout"
             return "run" if "manifest" in file.attrs else ""
     except HDF5_ERRORS:
         return "readout"  # whose reader says what is wrong

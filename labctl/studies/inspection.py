@@ -24,7 +24,6 @@ from labctl.reports.figures.images import images_figure
 from labctl.reports.figures.traces import traces_figure
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.run import Run
-from labctl.runs.read.variables import volts
 from protocols.base import Images, ProtocolError
 
 MOST_TRACES = 6
@@ -123,7 +122,7 @@ def look_at(run: Run, part: Part) -> Look:
 
 def signals(run: Run, shots: NDArray[np.intp], ports: NDArray[np.intp]) -> NDArray[np.float64]:
     """Records of some shots (ascending places) and entries of the port axis, V, (shots, ports, samples)."""
-    return volts(run, (shots, slice(None), slice(None)))[:, ports]
+    return run.volts(shots)[:, ports]
 
 
 def draw(run: Run, part: Part, look: Look, out: Path | None) -> Drawn:

@@ -26,10 +26,10 @@ from labctl.analysis.anomaly import CovarianceScore, NormalityScore
 from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
-from labctl.runs.format.plain_hdf5 import check_plain, opened
+from labctl.runs.format.plain_hdf5 import LIBVER, attribute, check_plain, set_text, walked
 
 FORMAT = "labctl-readout"
-FORMAT_VERSION = "1.0"
+FORMAT_VERSION = "1.1"
 LARGEST = 1 << 30
 """Bytes of all arrays of a file, unpacked."""
 
@@ -74,10 +74,10 @@ def save_model(path: Path, pipeline: Pipeline, metadata: Mapping[str, Any]) -> N
     """
     _require_savable(pipeline)
     partial = path.with_name(path.name + ".partial")
-    with h5py.File(partial, "w") as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["metadata"] = _json(dict(metadata))
+    with h5py.File(partial, "w", libver=LIBVER) as file:
+        set_text(file, "format", FORMAT)
+        set_text(file, "format_version", FORMAT_VERSION)
+        set_text(file, "metadata", _json(dict(metadata)))
         _write(file, pipeline)
     os.replace(partial, path)
 
@@ -102,7 +102,7 @@ def load_metadata(path: Path) -> dict[str, Any]:
         AnalysisError: The file is not a readout, or is newer than this program.
     """
     with _open(path) as file:
-        metadata = json.loads(file.attrs["metadata"])
+        metadata = json.loads(attribute(file, "metadata"))
         if not isinstance(metadata, dict):
             raise ValueError("its metadata are no mapping")
         return metadata
@@ -112,7 +112,7 @@ def load_metadata(path: Path) -> dict[str, Any]:
 def _open(path: Path) -> Iterator[h5py.File]:
     """A readout's file; whatever reading raises on one that somebody changed becomes the one error."""
     try:
-        file = opened(path)
+        file = walked(path)
     except OSError as error:
         raise AnalysisError(f"{path}: cannot be read as HDF5: name a file that 'labctl train' wrote") from error
     with file:
@@ -128,9 +128,9 @@ def _open(path: Path) -> Iterator[h5py.File]:
 
 
 def _require_readable(file: h5py.File, path: Path) -> None:
-    if str(file.attrs.get("format")) != FORMAT:
+    if "format" not in file.attrs or attribute(file, "format") != FORMAT:
         raise AnalysisError(f"{path}: an HDF5 file, but not a readout: name a file that 'labctl train' wrote")
-    version = str(file.attrs.get("format_version", ""))[:20]
+    version = str(attribute(file, "format_version"))[:20]
     if _numbers(version) > _numbers(FORMAT_VERSION):
         raise AnalysisError(
             f"{path}: format version {version!r}, this labctl reads up to {FORMAT_VERSION}: update labctl"
@@ -156,38 +156,38 @@ def _require_savable(estimator: Any) -> None:
 
 def _write(group: h5py.Group, estimator: Any) -> None:
     if isinstance(estimator, Pipeline):
-        group.attrs["steps"] = json.dumps([name for name, _ in estimator.steps])
+        set_text(group, "steps", json.dumps([name for name, _ in estimator.steps]))
         for name, step in estimator.steps:
             _write(group.create_group(name), step)
         return
-    group.attrs["estimator"] = type(estimator).__name__
-    group.attrs["parameters"] = _json(_changed_parameters(estimator))
-    for attribute in FITTED[type(estimator).__name__][1]:
-        value = getattr(estimator, attribute)
+    set_text(group, "estimator", type(estimator).__name__)
+    set_text(group, "parameters", _json(_changed_parameters(estimator)))
+    for name in FITTED[type(estimator).__name__][1]:
+        value = getattr(estimator, name)
         if isinstance(value, BaseEstimator):
-            _write(group.create_group(attribute), value)
+            _write(group.create_group(name), value)
         elif value is not None:
-            group.create_dataset(attribute, data=_storable(np.asarray(value)))
+            group.create_dataset(name, data=_storable(np.asarray(value)))
 
 
 def _read(group: h5py.Group, path: Path) -> Any:
     if "steps" in group.attrs:
-        return Pipeline([(name, _read(group[name], path)) for name in json.loads(group.attrs["steps"])])
-    name = str(group.attrs["estimator"])
+        return Pipeline([(name, _read(group[name], path)) for name in json.loads(attribute(group, "steps"))])
+    name = str(attribute(group, "estimator"))
     if name not in FITTED:
         raise AnalysisError(f"{path}: holds a step of unknown class '{name}': this labctl knows {', '.join(FITTED)}")
     estimator, attributes = FITTED[name]
     parameters = {
         key: tuple(value) if isinstance(value, list) else value
-        for key, value in json.loads(group.attrs["parameters"]).items()
+        for key, value in json.loads(attribute(group, "parameters")).items()
     }
     step = estimator(**parameters)
-    for attribute in attributes:
-        stored = group.get(attribute)
+    for fitted in attributes:
+        stored = group.get(fitted)
         if isinstance(stored, h5py.Group):
-            setattr(step, attribute, _read(stored, path))
+            setattr(step, fitted, _read(stored, path))
         else:
-            setattr(step, attribute, None if stored is None else _restored(stored))
+            setattr(step, fitted, None if stored is None else _restored(stored))
     return step
 
 
@@ -211,9 +211,10 @@ def _json(value: Any) -> str:
 
 
 def _storable(value: NDArray[Any]) -> Any:
-    """Text as HDF5 strings; numbers as they are."""
+    """Text as HDF5 strings of fixed length; numbers as they are."""
     if value.dtype.kind in "UO" and all(isinstance(entry, str) for entry in value.flat):
-        return value.astype(h5py.string_dtype())
+        stored = np.strings.encode(value.astype(np.str_), "utf-8")
+        return stored.astype(h5py.string_dtype("utf-8", max(1, stored.dtype.itemsize)))
     if value.dtype.kind not in "biuf":
         raise AnalysisError(f"fitted values of type {value.dtype} cannot be saved: use numbers or text as class labels")
     return value

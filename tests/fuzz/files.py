@@ -20,17 +20,21 @@ import numpy as np
 from hypothesis import strategies as st
 from PIL import Image
 
+from instruments.values import Frames
 from labctl.bench import calibration
 from labctl.bench.recording.format import CHECK, RECORD, Kind, RecordingWriter
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.runs.format.journal import Entry
-from labctl.runs.format.shards import ROWS_DTYPE, Shard
+from labctl.runs.format.shard import encode
 from labctl.runs.live.events import EventLog
 from labctl.studies.paper.experiments import FOLDER
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
 from tests.fuzz.changes import CHANGES, END, changed
 from tests.fuzz.link import COUNTED
 from tests.fuzz.readers import PICTURE, READERS, SHAPE
+
+OLDER = Path(__file__).parents[1] / "labctl" / "runs" / "older" / "1.1"
+"""Runs and readouts of a format whose texts have variable lengths."""
 
 
 @dataclass(frozen=True)
@@ -135,11 +139,10 @@ def _with_line_checks(content: bytes) -> bytes:
 
 def _shard() -> tuple[bytes, ...]:
     ports, shots = len(SHAPE.passes[0]), 3
-    rows = np.zeros(shots, ROWS_DTYPE)
-    rows["shot"] = np.arange(shots)
     columns = np.zeros((shots, ports))
-    frames = np.zeros((shots, ports, SHAPE.samples), np.int8)
-    return (Shard(0, 0, np.ones(ports), np.zeros(ports), frames, columns, columns.astype(bool), rows).encode(SHAPE),)
+    frames = Frames(np.zeros((*columns.shape, SHAPE.samples), np.int8), columns, np.zeros(shots), columns > 0)
+    older = (OLDER / "complete" / "shards" / "000000.h5").read_bytes()
+    return bytes(encode(SHAPE, 0, 0, [frames], 0, np.ones(ports), np.zeros(ports))), older
 
 
 def _readout() -> tuple[bytes, ...]:
@@ -150,7 +153,15 @@ def _readout() -> tuple[bytes, ...]:
     pipeline = softmax_classifier().fit(generator.normal(size=(20, 3)), np.arange(20) % 2)
     with TemporaryDirectory() as folder:
         save_model(Path(folder) / "a.h5", pipeline, {"seed": 1})
-        return ((Path(folder) / "a.h5").read_bytes(),)
+        return (Path(folder) / "a.h5").read_bytes(), (OLDER / "readout.h5").read_bytes()
+
+
+def _run() -> tuple[bytes, ...]:
+    from tests.labctl.runs.conftest import write_whole
+
+    with TemporaryDirectory() as folder:
+        whole = write_whole(Path(folder) / "run") / "data.h5"
+        return whole.read_bytes(), (OLDER / "complete" / "data.h5").read_bytes()
 
 
 def _idx() -> tuple[bytes, ...]:
@@ -265,6 +276,7 @@ SUBJECTS: Mapping[str, Subject] = {
     "journal": Subject(cache(_journal), mended=_with_line_checks),
     "shard": Subject(cache(_shard)),
     "readout": Subject(cache(_readout)),
+    "run": Subject(cache(_run), name="data.h5"),
     "idx": Subject(cache(_idx)),
     "npz": Subject(cache(_npz), mended=_with_member_checks),
     "series": Subject(cache(_series)),

@@ -20,8 +20,8 @@ from labctl.datasets.series import parse_series
 from labctl.datasets.vowels import parse_vowels
 from labctl.errors import AnalysisError, DatasetError, ExperimentError, RecordingError, RunError, StationError
 from labctl.runs.format.journal import read_journal
-from labctl.runs.format.shards import Shard
-from labctl.runs.format.shots import RunShape
+from labctl.runs.format.shape import RunShape
+from labctl.runs.format.shard import Shard
 from labctl.runs.live.events import EventReader
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import experiments
@@ -74,7 +74,16 @@ def _recording(path: Path) -> None:
 
 def _run(path: Path) -> None:
     with open_run(path) as run:
-        _ = run.shots, run.epoch, run.clipped, run.trigger_offset_s, run.measured_at_s, run.volts(), run.digest()
+        _ = (
+            run.drive,
+            run.shots,
+            run.epoch,
+            run.clipped,
+            run.trigger_offset_s,
+            run.measured_at_s,
+            run.volts(),
+            run.digest(),
+        )
 
 
 def _pictures(path: Path) -> None:

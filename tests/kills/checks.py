@@ -9,7 +9,8 @@ from pathlib import Path
 import h5py
 
 from labctl.runs.format.journal import read_journal
-from labctl.runs.format.layout import HDF5_ERRORS, RunPaths
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from tests.kills.lives import Kind, Life

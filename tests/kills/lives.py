@@ -20,7 +20,7 @@ from typing import Any
 from labctl.bench.station import DurabilitySection, Station, WiringSection
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.write import storage as storing
+from labctl.runs.write import writer
 from protocols import bursts
 from protocols.image_readout import ImageReadout
 from tests.observers import Follower
@@ -139,7 +139,7 @@ def _in_the_process(kind: Kind, directory: Path, path: Path) -> int:
         return writes
 
     bursts.LONGEST_BURST = BURST
-    storing.replace_file = told_of(storing.replace_file)  # type: ignore[attr-defined]
+    writer.replace_file = told_of(writer.replace_file)  # type: ignore[attr-defined]
     try:
         if RunPaths(directory).manifest.exists():
             resume(Resumption(directory), observer=Follower(lambda done, _total: tell(done)))

@@ -1,6 +1,7 @@
 """Hostile runs and readouts: what is damaged in a whole one, and what the refusal says."""
 
 import json
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -10,10 +11,14 @@ from tempfile import TemporaryDirectory
 import h5py
 import numpy as np
 
+from instruments.values import Frames
 from labctl.analysis.readouts import softmax_classifier
+from labctl.runs.format.global_heaps import HEAP
 from labctl.runs.format.journal import read_journal
-from labctl.runs.format.shards import ROWS_DTYPE, Shard
+from labctl.runs.format.plain_hdf5 import set_text
+from labctl.runs.format.shard import encode
 from labctl.studies.readout_file import save_model
+from tests.fuzz.files import OLDER
 from tests.fuzz.readers import SHAPE
 from tests.labctl.runs.conftest import write_whole
 
@@ -22,6 +27,7 @@ Made = bytes | Callable[[Path], object]
 RUNS: dict[str, dict[str, tuple[Made, str]]] = {}
 """Kind of file -> hostile file -> what is in it, and what the refusal says."""
 
+IN_CIRCLES = "do not lie one behind the other"
 NAMES_ANOTHER_PLACE = "another place"
 NAMES_OTHER_FILES = "keeps its data in other files"
 Change = Callable[[h5py.File, str], object]
@@ -78,6 +84,31 @@ def in_itself(file: h5py.File, _name: str) -> None:
     file["again"] = file["/"]
 
 
+def circling(image: bytes) -> bytes:
+    """A file whose texts, or whatever else lies in its heaps, HDF5 would read in circles for ever."""
+    harmed = bytearray(image)
+    found = image.find(HEAP)
+    assert found >= 0
+    while found >= 0:
+        struct.pack_into("<Q", harmed, found + 16 + 8, 2**64 - 16)
+        found = image.find(HEAP, found + 1)
+    return bytes(harmed)
+
+
+def circling_virtual(file: h5py.File, name: str) -> None:
+    """HDF5 reads where the data of such a data set are as soon as it is opened."""
+    virtual(file, name)
+    path = Path(file.filename)
+    file.close()
+    path.write_bytes(circling(path.read_bytes()))
+
+
+def manifest_of_variable_length(file: h5py.File, _name: str) -> None:
+    text = file.attrs["manifest"].decode()
+    del file.attrs["manifest"]
+    file.attrs["manifest"] = text
+
+
 def changed(make: Callable[[Path], Path], change: Change, name: str) -> Callable[[Path], object]:
     def made(path: Path) -> None:
         with h5py.File(make(path), "r+") as file:
@@ -88,12 +119,9 @@ def changed(make: Callable[[Path], Path], change: Change, name: str) -> Callable
 
 def a_shard(path: Path) -> Path:
     ports, shots = len(SHAPE.passes[0]), 3
-    rows = np.zeros(shots, ROWS_DTYPE)
-    rows["shot"] = np.arange(shots)
-    frames = np.zeros((shots, ports, SHAPE.samples), np.int8)
     columns = np.zeros((shots, ports))
-    shard = Shard(0, 0, np.ones(ports), np.zeros(ports), frames, columns, columns.astype(bool), rows)
-    path.write_bytes(shard.encode(SHAPE))
+    frames = Frames(np.zeros((*columns.shape, SHAPE.samples), np.int8), columns, np.zeros(shots), columns > 0)
+    path.write_bytes(encode(SHAPE, 0, 0, [frames], 0, np.ones(ports), np.zeros(ports)))
     return path
 
 
@@ -116,7 +144,8 @@ DAMAGES: dict[str, tuple[Change, str]] = {
     "data in another file": (outside, NAMES_OTHER_FILES),
     "numbers nobody stored": (huge, "that are not in the file"),
     "numbers packed to nothing": (packed, "that are not in the file"),
-    "texts in place of numbers": (texts, ""),
+    "texts in place of numbers": (texts, "holds texts of variable length"),
+    "a virtual data set in circles": (circling_virtual, ""),
     "a thousand groups": (crowded, "more than 1000 objects"),
     "a group in itself": (in_itself, "more than 1000 objects"),
 }
@@ -130,7 +159,18 @@ RUNS["run"] = {
     f"{what}: {name}": (changed(a_data_file, change, name), text)
     for what, (change, text) in DAMAGES.items()
     for name in ("frames", "shots", "drive/samples")
-    if name == "frames" or (text and "group" not in what)
+    if name == "frames" or "group" not in what
+}
+RUNS["shard"]["an older one with a heap in circles"] = (
+    circling((OLDER / "complete" / "shards" / "000000.h5").read_bytes()),
+    IN_CIRCLES,
+)
+RUNS["run"] |= {
+    "an older one with a heap in circles": (circling((OLDER / "complete" / "data.h5").read_bytes()), IN_CIRCLES),
+    "a manifest of variable length": (
+        changed(a_data_file, manifest_of_variable_length, ""),
+        "'manifest' is a text of variable length",
+    ),
 }
 
 
@@ -192,17 +232,23 @@ def a_readout(path: Path) -> Path:
 
 def attribute(name: str, value: str) -> Change:
     def change(file: h5py.File, group: str) -> None:
-        file[group].attrs[name] = value
+        set_text(file[group], name, value)
+
+    return change
+
+
+def text_of_variable_length(name: str) -> Change:
+    def change(file: h5py.File, group: str) -> None:
+        file[group].attrs[name] = "some text"
 
     return change
 
 
 DAMAGED_READOUTS: dict[str, tuple[Made, str]] = {
-    what: (changed(a_readout, change, "logisticregression/coef_"), text)
-    for what, (change, text) in DAMAGES.items()
-    if text
+    what: (changed(a_readout, change, "logisticregression/coef_"), text) for what, (change, text) in DAMAGES.items()
 }
 RUNS["readout"] = DAMAGED_READOUTS | {
+    "an older one with a heap in circles": (circling((OLDER / "readout.h5").read_bytes()), IN_CIRCLES),
     "a class of the system": (
         changed(a_readout, attribute("estimator", "os.system"), "logisticregression"),
         "unknown class",
@@ -211,6 +257,10 @@ RUNS["readout"] = DAMAGED_READOUTS | {
     "settings of another class": (
         changed(a_readout, attribute("parameters", '{"system": 1}'), "logisticregression"),
         "a damaged readout",
+    ),
+    "a text of variable length": (
+        changed(a_readout, text_of_variable_length("estimator"), "logisticregression"),
+        "'estimator' is a text of variable length",
     ),
     "no metadata": (changed(a_readout, attribute("metadata", "[]"), "/"), "a damaged readout"),
     "no steps": (changed(a_readout, attribute("steps", "[]"), "/"), "a damaged readout"),

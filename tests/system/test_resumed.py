@@ -120,7 +120,7 @@ def test_a_full_disk_keeps_what_was_stored_and_the_run_goes_on(
     command = [*labctl_command, "run", *SOFTWARE, "--station", str(station), "--out", str(directory)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         until_stored(process, directory, 1)
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (5_000, resource.RLIM_INFINITY))
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (2_000, resource.RLIM_INFINITY))
         _, told = process.communicate(timeout=60)
     assert process.returncode == 2
     assert re.search(rf"labctl: {directory}/shards/00000.\.h5: cannot be written: File too large", told)

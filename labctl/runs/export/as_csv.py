@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.runs.export.content import TRACE, Content
-from labctl.runs.read.variables import UNITS, Variable
+from labctl.runs.read.variables import Variable
 
 ENTRY = "pass_of_port"
 
@@ -33,19 +33,19 @@ def write(content: Content, path: Path) -> None:
     }
     whole = {one.name: one.read((slice(None),)) for one in columns["port",]}
     times = named["time"].read((slice(None),)).tolist()
-    order = [one.name for group in columns.values() for one in group]
+    order = [one for group in columns.values() for one in group]
     with path.open("x", encoding="utf-8", newline="") as file:
         for name, value in content.attributes.items():
             file.write(f"# {name}: {value}\n")
-        units = {name: UNITS[name] for name in (*order, trace.name) if name in UNITS}
+        units = {one.name: one.unit for one in (*order, trace) if one.unit}
         file.write(
             f"# units: {json.dumps(units)}\n# samples: {trace.name}, headed by the time after the trigger in s\n"
         )
         table = csv.writer(file, lineterminator="\n")
-        table.writerow([*order, *times])
+        table.writerow([*(one.name for one in order), *times])
         for start, traces in content.blocks(trace):
             rows = slice(content.shots.start + start, content.shots.start + start + len(traces))
-            read = {one.name: _read(one, rows) for group in columns.values() for one in group if "shot" in one.dims}
+            read = {one.name: _read(one, rows) for one in order if "shot" in one.dims}
             table.writerows(_lines(columns, whole | read, traces))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labctl.runs.export.content import Content
 from labctl.runs.format.hdf5_target import Hdf5Target
-from labctl.runs.format.layout import HDF5_ERRORS
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 
 
 def write(content: Content, path: Path) -> None:

@@ -14,7 +14,6 @@ from numpy.lib import format as npy
 from numpy.typing import DTypeLike
 
 from labctl.runs.export.content import Content
-from labctl.runs.read.variables import UNITS
 
 
 def write(content: Content, path: Path) -> None:
@@ -24,8 +23,8 @@ def write(content: Content, path: Path) -> None:
         OSError: there is no room.
         RunError: the run is damaged.
     """
-    told = {
-        "units": {one.name: UNITS[one.name] for one in content.variables if one.name in UNITS},
+    described = {
+        "units": {one.name: one.unit for one in content.variables if one.unit},
         "dimensions": {one.name: one.dims for one in content.variables},
         "facts": {one.name: dict(one.attributes) for one in content.variables if one.attributes},
     }
@@ -35,13 +34,13 @@ def write(content: Content, path: Path) -> None:
                 _head(file, content.shape(variable), variable.dtype)
                 for _, block in content.blocks(variable):
                     file.write(block.tobytes())
-        for name, value in (content.attributes | {name: json.dumps(text) for name, text in told.items()}).items():
+        for name, value in (content.attributes | {name: json.dumps(text) for name, text in described.items()}).items():
             with _entry(archive, name) as file:
                 npy.write_array(file, np.array(value), allow_pickle=False)
 
 
 def _entry(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
-    """A new .npy in the archive, of any size, that says nothing of when it was made."""
+    """A new .npy in the archive, of any size, without the time at which it was made."""
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)
 
 

@@ -18,7 +18,7 @@ BLOCK_BYTES = 1 << 22
 """Of a variable, in memory at a time."""
 
 Progress = Callable[[int, int], None]
-"""Told how many shots are written, and of how many."""
+"""Called with how many shots are written, and of how many."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Content:
         variables: the arrays; those with the dimension `shot` are read from `shots` only.
         shots: places of the first shot and after the last one in the run.
         attributes: text and numbers that describe the whole, the manifest among them.
-        progress: told after every block of traces.
+        progress: called after every block of traces.
     """
 
     variables: tuple[Variable, ...]

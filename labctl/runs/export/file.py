@@ -64,7 +64,7 @@ def _require_room(path: Path, size: float) -> None:
 
 @contextmanager
 def _aside(path: Path) -> Iterator[Path]:
-    """A name beside `path` to write to; what is there when the block ends takes its place, and nothing is left else."""
+    """A name in the folder of `path` to write to; what is there when the block ends takes its place, or is removed."""
     temporary = path.with_name(f".{path.name}.partial")
     try:
         _remove(temporary)

@@ -10,7 +10,7 @@ from labctl.errors import RunError
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[FileIO]:
+def replacement(path: Path) -> Iterator[FileIO]:
     """A new file that takes the place of `path` when the block ends without error.
 
     It is written under a temporary name in the same folder, fsynced, renamed, and the folder is fsynced: at every
@@ -32,13 +32,13 @@ def replacing(path: Path) -> Iterator[FileIO]:
         temporary.unlink(missing_ok=True)
 
 
-def replace_file(path: Path, data: bytes) -> None:
-    """Write `data` to `path`, all or nothing, as `replacing` does.
+def replace_file(path: Path, data: bytes | memoryview) -> None:
+    """Write `data` to `path`, all or nothing, as `replacement` does.
 
     Raises:
         RunError: the disk is full or refuses; names the path.
     """
-    with replacing(path) as file:
+    with replacement(path) as file:
         write_all(file, data)
 
 

@@ -1,24 +1,26 @@
-"""HDF5's global heaps, where text of variable length lies: a wrong size in one makes HDF5 walk in circles for ever.
+"""HDF5's global heaps: a wrong size in one makes HDF5 walk in circles for ever, and nothing ends that, not even Ctrl-C.
 
-Nothing ends that walk, not even Ctrl-C, so every heap is walked here first, as HDF5 reads it. Source: HDF5 File Format
-Specification 3.0, III.E; `H5HG__cache_heap_deserialize` of HDF5 1.14 for how it walks.
+Texts of variable length lie there, which labctl wrote before format 1.2, and so does where a virtual data set has its
+data, which HDF5 reads as soon as the data set is opened. So whatever is looked at in a file that may be anybody's is
+read through `WalkedFile`. Source: HDF5 File Format Specification 3.0, III.E; `H5HG__cache_heap_deserialize` of HDF5
+1.14 for how it walks.
 """
 
 import io
+import os
 import struct
 
 HEAP = b"GCOL\x01\0\0\0"
 FILE = b"\x89HDF\r\n\x1a\n"
 LENGTH_BYTES = 8
 MOST_OBJECTS = 1 << 16  # of a heap: each has a number of 16 bits
-SEARCHED = 1 << 20
-"""Bytes of a read: a shorter one may fetch several heaps and headers at once, a longer one is one of them, or data."""
 
 _HEADER = struct.Struct("<8sQ")
 _OBJECT = struct.Struct("<HHIQ")
+_MARGIN = len(HEAP) - 1
 
 
-class WatchedFile(io.RawIOBase):
+class WalkedFile(io.RawIOBase):
     """A file as HDF5 reads it, each heap walked before HDF5 sees it.
 
     Raises:
@@ -27,50 +29,47 @@ class WatchedFile(io.RawIOBase):
     """
 
     def __init__(self, source: io.FileIO | io.BytesIO) -> None:
-        """Watch `source`, which is closed with it."""
+        """Walk `source`, which is closed with it."""
         self._source = source
-        begin = source.read(16).ljust(16, b"\0")
+        self._place = 0
+        begin = self._at(0, 16).ljust(16, b"\0")
         if begin.startswith(FILE) and begin[14 if begin[8] < 2 else 10] != LENGTH_BYTES:
             raise OSError("its lengths have not eight bytes")
-
-    def seekable(self) -> bool:
-        """Yes."""
-        return True
 
     def readable(self) -> bool:
         """Yes."""
         return True
 
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """As of any file.
+    def seekable(self) -> bool:
+        """Yes."""
+        return True
 
-        Raises:
-            OSError: the place lies beyond the end of any file.
-        """
-        try:
-            return self._source.seek(offset, whence)
-        except OverflowError:
-            raise OSError(f"it names place {offset}, beyond the end of any file") from None
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """As of any file."""
+        self._place = offset if whence == os.SEEK_SET else self._source.seek(offset, whence)
+        return self._place
 
     def tell(self) -> int:
         """As of any file."""
-        return self._source.tell()
+        return self._place
 
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        """As of any file; the heaps that begin in these bytes have been walked when it returns."""
-        first = self._source.tell()
-        count = self._source.readinto(buffer) or 0
-        searched, margin = count if count <= SEARCHED else 1, len(HEAP) - 1
-        begin = max(0, first - margin)
-        content = b"".join(
-            (self._at(begin, first - begin), buffer[:searched], self._at(first + searched, margin)),
-        )
-        found = content.find(HEAP)
+        """As of any file; the heaps that begin in these bytes have been walked when it returns.
+
+        Raises:
+            OSError: see the class, or the place lies beyond the end of any file.
+        """
+        begin = max(0, self._place - _MARGIN)
+        before = self._place - begin
+        around = self._at(begin, before + len(buffer) + _MARGIN)
+        found = around.find(HEAP)
         while found >= 0:
             self._walk(begin + found)
-            found = content.find(HEAP, found + 1)
-        self._source.seek(first + count)
-        return count
+            found = around.find(HEAP, found + 1)
+        content = around[before : before + len(buffer)]
+        buffer[: len(content)] = content
+        self._place += len(content)
+        return len(content)
 
     def close(self) -> None:
         """Close the file."""
@@ -79,7 +78,10 @@ class WatchedFile(io.RawIOBase):
             super().close()
 
     def _at(self, place: int, count: int) -> bytes:
-        self.seek(place)
+        try:
+            self._source.seek(place)
+        except OverflowError:
+            raise OSError(f"it names place {place}, beyond the end of any file") from None
         return self._source.read(count)
 
     def _walk(self, heap: int) -> None:

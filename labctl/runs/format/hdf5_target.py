@@ -10,7 +10,7 @@ class Hdf5Target(RawIOBase):
     """A raw file, opened for writing and reading, as HDF5 writes to it.
 
     HDF5 cannot close a file whose disk is full, and takes the whole interpreter down with it at exit. So the first
-    failure is kept, HDF5 is told that all went well, and `check` raises the failure afterwards.
+    failure is kept, HDF5 is left to believe that all went well, and `check` raises the failure afterwards.
     """
 
     def __init__(self, file: FileIO) -> None:

@@ -91,7 +91,7 @@ class TornLine(ValueError):
 
 @dataclass(frozen=True)
 class Journal:
-    """What a journal says.
+    """What a journal holds.
 
     Attributes:
         entries: the good lines, in order.

@@ -1,1 +1,1 @@
-"""What can be told of a run, and asked of it, while it goes on."""
+"""A run while it goes on: what it reports, who writes it, and how it is controlled."""

@@ -39,7 +39,7 @@ class CommandLog(Observer):
         self._clock = clock
         self._lines: TextIO = io.StringIO()
         self._ended = False
-        self._guard = threading.RLock()  # what is said of the disk may come from the thread that stores a burst
+        self._guard = threading.RLock()  # a warning of the disk may come from the thread that stores a burst
 
     def __call__(self, instrument: str, direction: str, message: str) -> None:
         """Log one message; line ends inside it are escaped, so that one message is one line."""

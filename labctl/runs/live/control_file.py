@@ -1,6 +1,6 @@
-"""What can be asked of a running run from outside: one word in the file `control` of its directory.
+"""What can be requested of a running run from outside: one word in the file `control` of its directory.
 
-Whoever asks needs nothing but the right to write there, so it works on every system and over a shared folder. Only what
+A request needs nothing but the right to write there, so it works on every system and over a shared folder. Only what
 must not wait for the end of a record is a signal besides. `labctl.engine.control` is the run's side of it.
 """
 
@@ -16,7 +16,7 @@ CONTROL = "control"
 
 
 class Word(StrEnum):
-    """What can be asked.
+    """What can be requested.
 
     PAUSE: go dark after this record and wait. GO_ON: the end of a pause. STOP: end after this record. STOP_NOW: end.
     """
@@ -46,7 +46,7 @@ def stop_at_once(directory: Path, process: int | None) -> None:
     """Ask the run in `directory` to end now, in the safe state, by a signal to `process` too.
 
     `process` is None where it is not known for certain which process writes the run, and on Windows, which would kill
-    it: then the run hears of it at its next record.
+    it: then the run notices at its next record.
 
     Raises:
         OSError: the word cannot be written, and there is no process to signal.

@@ -3,7 +3,7 @@
     {"time": "2026-11-21T09:15:00.125Z", "event": "progress", "done": 40, "total": 2200, "rate_per_s": 612.4, ...}
 
 `time` is UTC and `event` one of the names in docs/reference/run-format.md; the rest belongs to the event. Lines are
-handed to the operating system one by one and not synced: what the run has measured stands in its journal, not here.
+handed to the operating system one by one and not synced: what the run has measured is in its journal, not here.
 """
 
 import json
@@ -25,7 +25,7 @@ EVENTS = "events.jsonl"
 """Name of the file in a run directory."""
 PROGRESS_EVERY_S = 0.5
 LARGE = 64_000_000
-"""Bytes of the file from which on progress is told seldom: a week's run does not fill the disk with it."""
+"""Bytes of the file from which on progress is written seldom: a week's run does not fill the disk with it."""
 SELDOM_S = 10.0
 INTERRUPTIONS = ("paused", "link lost", "link recovered")
 LONGEST_LINE = 1 << 16
@@ -47,7 +47,7 @@ class EventLog(Observer):
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic, now: Callable[[], datetime] = _now) -> None:
-        """`clock` paces what is told again and again, in s; `now` stamps every line."""
+        """`clock` paces what is reported again and again, in s; `now` stamps every line."""
         self._clock = clock
         self._now = now
         self._file: FileIO | None = None

@@ -1,4 +1,4 @@
-"""Which process writes a run: asked before a run is signalled, or shown as running."""
+"""Which process writes a run: needed before a run is signalled, or shown as running."""
 
 import os
 import platform
@@ -25,7 +25,7 @@ STARTS = ("run started", "run resumed")
 
 
 def writer_of(paths: RunPaths) -> Writer | None:
-    """The process that writes a run, as far as its events tell; None where there is none or it has ended."""
+    """The process that writes a run, according to its events; None where there is none or it has ended."""
     reader, found = EventReader(paths.events), None
     while events := reader.read():
         found = next((event for event in reversed(events) if event.name in STARTS), found)
@@ -33,7 +33,7 @@ def writer_of(paths: RunPaths) -> Writer | None:
 
 
 def writer_named(started: Event, paths: RunPaths) -> Writer | None:
-    """The process that told one of `STARTS`, if it still writes the run."""
+    """The process that one of `STARTS` names, if it still writes the run."""
     process = started.fields.get("process")
     if not isinstance(process, int) or is_elsewhere(started) or not _writes(process, paths):
         return None
@@ -41,15 +41,15 @@ def writer_named(started: Event, paths: RunPaths) -> Writer | None:
 
 
 def is_elsewhere(started: Event) -> bool:
-    """Whether another machine carries the run out: nothing here can tell if it still does."""
+    """Whether another machine carries the run out: whether it still does cannot be found out here."""
     return started.fields.get("host") != platform.node()
 
 
 def _writes(process: int, paths: RunPaths) -> bool:
     """Whether a process of this machine writes the run.
 
-    Linux tells by the lock on the journal, which the writer holds to its end, so that neither a reader nor another
-    process that got the same number is taken for it. Other systems tell only whether there is such a process; Windows
+    Linux shows it by the lock on the journal, which the writer holds to its end, so that neither a reader nor another
+    process that got the same number is taken for it. Other systems show only whether there is such a process; Windows
     not even that, and it is taken to be there.
     """
     if process <= 0 or sys.platform == "win32":

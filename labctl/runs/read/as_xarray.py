@@ -42,7 +42,7 @@ def dataset_of(path: Path | str) -> xr.Dataset:
 
 
 class _OnDemand(BackendArray):
-    """What xarray asks for the values of a variable."""
+    """The values of a variable, as xarray requests them."""
 
     def __init__(self, variable: Variable) -> None:
         self._variable = variable

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.runs.format.journal import Entry
-from labctl.runs.format.layout import Manifest, RunPaths
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shards import Shards
-from labctl.runs.read.run import Run, run_of_shards
+from labctl.runs.read.run import Run, run_of_shards, volts
 
 READ_AT_ONCE = 1 << 22
 
@@ -27,7 +28,7 @@ class Latest:
     volts: NDArray[np.float64]
 
 
-class Following:
+class Follower:
     """Follows the run in a directory; never changes it, and reads the journal only as far as it grew."""
 
     def __init__(self, directory: Path) -> None:
@@ -78,7 +79,7 @@ class Following:
             try:
                 entry = Entry.decode(line)
             except ValueError:
-                continue  # `labctl verify` tells of it
+                continue  # `labctl verify` reports it
             self._shards.add(entry)
             self._entries.append(entry)
             self._newest[entry.pass_index] = entry.shard
@@ -87,7 +88,7 @@ class Following:
     def latest(self) -> list[Latest]:
         """The last shot with light that each pass has on disk; passes without one are left out.
 
-        Where the last shard of a pass has dark frames only, the last of them stands for it.
+        Where the last shard of a pass has dark frames only, it is the last of them.
 
         Raises:
             RunError: a shard is missing or damaged.
@@ -126,14 +127,13 @@ class Following:
             shard = self._shards.read(number)
             kinds = self._plan["kind"][shard.rows["shot"]]
             row = int(np.flatnonzero(kinds != b"dark")[-1]) if (kinds != b"dark").any() else -1
-            volts = shard.scale[:, np.newaxis] * shard.frames[row] + shard.offset[:, np.newaxis]
             wavelength = self.shape.wavelengths_nm[pass_index] if self.shape.wavelengths_nm else 0.0
             found = Latest(
                 int(shard.rows[row]["shot"]),
                 kinds[row].decode(errors="replace"),
                 self.shape.passes[pass_index],
                 wavelength,
-                volts,
+                volts(shard.frames[row], shard.scale, shard.offset, np.float64),
             )
             self._latest[pass_index] = number, found
         return self._latest[pass_index][1]

@@ -8,7 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from labctl.errors import AnalysisError
-from labctl.runs.read.run import Run
+from labctl.runs.read.run import Run, volts
 
 KERNEL_HALF_WIDTH = 16
 KERNEL_SHAPE = 8.0
@@ -52,26 +52,6 @@ def read_records(run: Run, kind: str = "image") -> Records:
         sample_interval_s=interval,
         indices=chosen,
     )
-
-
-def volts(frames: NDArray[np.integer], scale: ArrayLike, offset: ArrayLike) -> NDArray[np.float32]:
-    """Volts of digitiser codes: scale * code + offset.
-
-    Args:
-        frames: (shots, ports, samples) codes.
-        scale: (ports,) V per code.
-        offset: (ports,) V.
-
-    Example:
-        >>> import numpy as np
-        >>> from labctl.runs.read.records import volts
-        >>> codes = np.array([[[-128, 0, 127]]], np.int8)  # one shot, one port, three samples
-        >>> volts(codes, scale=[0.5], offset=[64])
-        array([[[  0. ,  64. , 127.5]]], dtype=float32)
-    """
-    by_port = (slice(None), np.newaxis)
-    volts_per_code = np.asarray(scale, np.float32)[by_port]
-    return frames * volts_per_code + np.asarray(offset, np.float32)[by_port]
 
 
 def resample(frames: NDArray[Any], trigger_offset_s: ArrayLike, *, sample_interval_s: float) -> NDArray[np.floating]:

@@ -8,36 +8,39 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from instruments.values import Drive
 from labctl.errors import RunExists
 from labctl.runs.format.durable import make_folder, not_written, replace_file, sync_folder
-from labctl.runs.format.layout import FORMAT_VERSION, Manifest, RunPaths
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plan import encode_plan
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
-from labctl.runs.write.room import require, samples_of, shots_a_shard, sizes_of
+from labctl.runs.format.shape import RunShape
+from labctl.runs.format.version import FORMAT_VERSION
+from labctl.runs.write.durability import Durability
+from labctl.runs.write.room import needed, require
 
 
 def prepare(
     paths: RunPaths,
     manifest: Mapping[str, Any],
     shape: RunShape,
-    plan: ShotColumns,
-    drive: PlayedDrive | None,
+    plan: NDArray[Any],
+    drive: Drive | None,
     durability: Durability,
     seconds_a_shot: float,
-) -> tuple[Manifest, NDArray[Any]]:
+) -> Manifest:
     """Make the directory, its folder of shards, plan.h5, an empty journal and, last, manifest.json.
 
-    Returns the manifest and the planned `/shots`.
+    `plan` is the planned `/shots`.
 
     Raises:
         RunExists: the directory holds something; nothing in it was touched.
         RunError: no room for the run, or it cannot be written.
         ValueError, TypeError: `plan` has another number of shots than `shape`, or `manifest` is not JSON.
     """
-    shots = plan.table()
-    if len(shots) != shape.shots:
-        raise ValueError(f"the plan has {len(shots)} shots, the shape {shape.shots}")
-    image = encode_plan(shots, drive)
+    if len(plan) != shape.shots:
+        raise ValueError(f"the plan has {len(plan)} shots, the shape {shape.shots}")
+    image = encode_plan(plan, drive)
     text = json.dumps(
         {"format_version": FORMAT_VERSION}
         | dict(manifest)
@@ -50,13 +53,12 @@ def prepare(
         indent=2,
         allow_nan=False,
     )
-    sizes = sizes_of(shape, samples_of(drive))
-    require(paths.directory, sizes.whole_run(len(image), shots_a_shard(shape, durability, seconds_a_shot)))
+    require(paths.directory, needed(shape, drive, durability, seconds_a_shot))
     _claim(paths)
     replace_file(paths.plan, image)
     replace_file(paths.journal, b"")  # before the manifest: what has that is a run, and one without journal is damaged
     replace_file(paths.manifest, text.encode())
-    return Manifest.parse(text, paths.manifest), shots
+    return Manifest.parse(text, paths.manifest)
 
 
 def _claim(paths: RunPaths) -> None:

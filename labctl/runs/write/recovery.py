@@ -7,8 +7,8 @@ from pathlib import Path
 from labctl.errors import RunError
 from labctl.runs.format.durable import not_written, sync_folder
 from labctl.runs.format.journal import JournalFile
-from labctl.runs.format.shards import Shard, Shards
-from labctl.runs.write.storage import enter
+from labctl.runs.format.shard import Shard
+from labctl.runs.format.shards import Shards
 
 
 def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]:
@@ -22,8 +22,8 @@ def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]
         RunError: the disk is full or refuses.
     """
     folder = shards.paths.shards
-    for with_new_names in (shards.paths.directory, folder):
-        _keep_names(with_new_names)
+    for renamed_in in (shards.paths.directory, folder):
+        _keep_names(renamed_in)
     found = [*_discard_damaged(shards, journal), *_adopt_unnamed(shards, journal)]
     for half_written in [*folder.glob("*.tmp"), *shards.paths.directory.glob("*.tmp")]:
         half_written.unlink()
@@ -73,7 +73,9 @@ def _adopt_unnamed(shards: Shards, journal: JournalFile) -> list[str]:
         if shards.has(shard.pass_index, shard.first, len(shard.rows)):
             found.append(f"{path}: the journal does not name it and has its shots, ignored")
             continue
-        enter(shards, journal, number, shard, image)
+        entry = shards.entry(number, shard.pass_index, shard.first, len(shard.rows), image)
+        journal.append(entry)
+        shards.add(entry)
         found.append(f"{path}: was not in the journal yet, its {len(shard.rows)} shots are kept")
     return found
 

@@ -1,9 +1,8 @@
-"""Room on the disk: what the files of a run take, known from their formats before a byte is written, and what is free.
+"""Room on the disk: what the files of a run take at most, known before a byte is written, and what is free.
 
-The sizes of shards, journal, plan and data.h5 follow from the shape of the run. What is not known to the byte is taken
-as it is at most: every file takes whole pages of the file system, gaps cut a pass into one shard more, and the last
-chunk of data.h5 is stored whole. How long commands.log grows no format says; it is allowed what labctl's drivers write
-for a record.
+The sizes of shards, journal, plan and data.h5 follow from the shape of the run, up to what HDF5 writes around the
+numbers, for which a constant is allowed. Every file takes whole pages of the file system, and gaps cut a pass into one
+shard more. No format limits commands.log; it is allowed what labctl's drivers write for a record.
 """
 
 import errno
@@ -12,84 +11,70 @@ import math
 import os
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
+from instruments.values import Drive
 from labctl.errors import RunError
+from labctl.runs.format.columns import ARRAYS, ROWS_DTYPE, SHOTS_DTYPE, sizes_of
 from labctl.runs.format.durable import not_written
 from labctl.runs.format.journal import Entry
-from labctl.runs.format.plan import encode_plan
-from labctl.runs.format.shards import BLOCK_BYTES, ROWS_DTYPE, Shard, Shards
-from labctl.runs.format.shots import SHOTS_DTYPE, Durability, PlayedDrive, RunShape, ShotColumns
-from labctl.runs.write.data_file import data_file_headers
+from labctl.runs.format.shape import RunShape
+from labctl.runs.format.shards import BLOCK_BYTES, Shards
+from labctl.runs.write.durability import Durability
 
 PAGE = 1 << 12
+SHARD_HEADERS = 1 << 12
+"""Bytes allowed for what HDF5 puts around the numbers of a shard: 2.2 kB, and 24 bytes a port."""
+DATA_HEADERS = 6 * PAGE
+"""Bytes allowed for what HDF5 puts around the numbers of data.h5 and plan.h5: 19 kB, units and meanings among them."""
+MARGIN = 0.01
+"""Of data.h5, for the index of its chunks: a node of 3 kB for 32 of about 1 MB; more where a shot is larger."""
 MANIFEST = 1 << 16
 """Bytes allowed for the manifest, as a file and in data.h5: ten times what one has."""
 LOG_OF_A_PASS = 1 << 17
 """Bytes of commands.log for the settings, uploads and probe shots of a pass: twice what they are with four channels."""
 LOG_OF_A_SHOT = 1 << 11
 """Bytes of commands.log for one shot on one pass: one and a half times what they are with four channels."""
-CHUNK_NODE, CHUNKS_A_NODE = 3136, 32
-"""HDF5 file format, III.A.1, three axes: bytes of a node of the index of chunks, and how many it holds half full."""
 
 _logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """What the files of a run take, in bytes.
-
-    shard_headers: a shard of each pass beside its rows. data_headers: data.h5 beside its rows.
-    """
-
-    shape: RunShape
-    shard_headers: tuple[int, ...]
-    data_headers: int
-
-    def shard(self, pass_index: int, shots: int) -> int:
-        """A shard of so many shots of a pass, to the byte."""
-        ports = len(self.shape.passes[pass_index])
-        row = ports * (self.shape.samples * self.shape.dtype.itemsize + 8 + 1) + ROWS_DTYPE.itemsize
-        return self.shard_headers[pass_index] + shots * row
-
-    @property
-    def data_file(self) -> int:
-        """data.h5 of all shots, at most."""
-        ports, passes, shots = len(self.shape.ports), len(self.shape.passes), self.shape.shots
-        frames = ports * self.shape.samples * self.shape.dtype.itemsize
-        rows = min(shots, max(1, BLOCK_BYTES // frames))
-        chunks = math.ceil(shots / rows)
-        index = CHUNK_NODE * (2 + math.ceil(chunks / CHUNKS_A_NODE))
-        beside = ports * (8 + 1) + passes * (4 + 8) + SHOTS_DTYPE.itemsize + 8
-        return _pages(self.data_headers + index + chunks * rows * frames + shots * beside)
-
-    def whole_run(self, plan: int, shots_a_shard: float) -> int:
-        """Everything that a run with a plan.h5 of so many bytes writes, at most."""
-        missing = [self.shape.shots] * len(self.shape.passes)
-        return _pages(plan) + MANIFEST + self.measured(missing, shots_a_shard) + self.data_file
-
-    def measured(self, missing: Sequence[int], shots_a_shard: float) -> int:
-        """Shards, journal and commands.log, at most, of the shots that each pass lacks."""
-        shots = self.shape.shots
-        line = len(Entry(shots, shots, shots, shots, shots, shots, "0" * 64).encode())
-        total = 0
-        for index, count in enumerate(missing):
-            if count:
-                rows = self.shard(index, count) - self.shard_headers[index]
-                shards = math.ceil(count / shots_a_shard) + 1
-                total += rows + shards * (self.shard_headers[index] + PAGE + line)
-                total += LOG_OF_A_PASS + count * LOG_OF_A_SHOT
-        return total
+def needed(shape: RunShape, drive: Drive | None, durability: Durability, seconds_a_shot: float) -> int:
+    """Bytes of a run that has not begun, at most, where a shot takes so long on one pass."""
+    played = 0 if drive is None else drive.samples.nbytes + drive.marker.nbytes
+    plan = DATA_HEADERS + played + shape.shots * SHOTS_DTYPE.itemsize
+    missing = [shape.shots] * len(shape.passes)
+    shards = measured(shape, missing, shots_a_shard(shape, durability, seconds_a_shot))
+    return _pages(plan) + MANIFEST + shards + data_file(shape, drive)
 
 
-@lru_cache(maxsize=1)
-def sizes_of(shape: RunShape, drive_samples: int) -> Sizes:
-    """Found by making an empty file of each kind in memory; without a drive it has 0 samples."""
-    shards = tuple(len(Shard.empty(shape, index).encode(shape)) for index in range(len(shape.passes)))
-    beside = MANIFEST + 8 * shape.samples + (4 + 1) * drive_samples
-    return Sizes(shape, shards, data_file_headers(shape) + beside)
+def measured(shape: RunShape, missing: Sequence[int], shots_a_shard: float) -> int:
+    """Bytes of shards, journal and commands.log, at most, of the shots that each pass lacks."""
+    most = shape.shots
+    line = len(Entry(most, most, most, most, most, most, "0" * 64).encode())
+    total = 0
+    for ports, count in zip(shape.passes, missing, strict=True):
+        if count:
+            row = len(ports) * (shape.samples * shape.dtype.itemsize + 8 + 1) + ROWS_DTYPE.itemsize
+            shards = math.ceil(count / shots_a_shard) + 1
+            total += count * row + shards * (SHARD_HEADERS + PAGE + line)
+            total += LOG_OF_A_PASS + count * LOG_OF_A_SHOT
+    return total
+
+
+def data_file(shape: RunShape, drive: Drive | None) -> int:
+    """Bytes of data.h5 of all shots, at most; its last chunk is stored whole."""
+    rows = min(shape.shots, max(1, BLOCK_BYTES // shape.shot_bytes))
+    frames = math.ceil(shape.shots / rows) * rows * shape.shot_bytes
+    sizes = sizes_of(shape, shape.shots) | {"drive_sample": 0 if drive is None else len(drive.samples)}
+    columns = shape.shots * SHOTS_DTYPE.itemsize + sum(
+        np.dtype(array.type).itemsize * math.prod(sizes[axis] for axis in array.axes)
+        for array in ARRAYS
+        if array.name != "frames"
+    )
+    return _pages(DATA_HEADERS + MANIFEST + (1 + MARGIN) * frames + columns)
 
 
 def shots_a_shard(shape: RunShape, durability: Durability, seconds_a_shot: float) -> float:
@@ -97,24 +82,6 @@ def shots_a_shard(shape: RunShape, durability: Durability, seconds_a_shot: float
     row = max(map(len, shape.passes)) * shape.samples * shape.dtype.itemsize
     by_age = durability.seconds / seconds_a_shot if seconds_a_shot else math.inf
     return max(1.0, min(durability.shots, durability.shard_bytes // row, by_age))
-
-
-def samples_of(drive: PlayedDrive | None) -> int:
-    """How long a drive is, 0 for none."""
-    return 0 if drive is None else len(drive.samples)
-
-
-def needed(
-    shape: RunShape, plan: ShotColumns, drive: PlayedDrive | None, durability: Durability, seconds_a_shot: float
-) -> int:
-    """Bytes of a run that has not begun, at most.
-
-    Raises:
-        ValueError: columns of different lengths, or an unknown kind.
-    """
-    image = encode_plan(plan.table(), drive)
-    sizes = sizes_of(shape, samples_of(drive))
-    return sizes.whole_run(len(image), shots_a_shard(shape, durability, seconds_a_shot))
 
 
 def require(directory: Path, size: int) -> None:
@@ -131,29 +98,35 @@ def require(directory: Path, size: int) -> None:
 
 
 class Room:
-    """Looks at the free space while a run goes on; `tell` gets what standard error is told too."""
+    """Looks at the free space while a run goes on."""
 
-    def __init__(self, directory: Path, sizes: Sizes, shots_a_shard: float) -> None:
-        """For the run in `directory`, whose shards are expected to hold so many shots."""
-        self.tell: Callable[[str], object] = _unheard
+    def __init__(
+        self, directory: Path, shape: RunShape, drive: Drive | None, shots_a_shard: float, warn: Callable[[str], object]
+    ) -> None:
+        """For the run in `directory`, whose shards are expected to hold so many shots.
+
+        `warn` is called with the line that goes to standard error too.
+        """
         self._directory = directory
-        self._sizes = sizes
+        self._shape = shape
+        self._data_file = data_file(shape, drive)
         self._expected = shots_a_shard
-        self._told = False
+        self._warn = warn
+        self._warned = False
 
     def to_come(self, shards: Shards, *, data_file: bool = True) -> int:
         """Bytes that are still to be written, at most, with data.h5 or without.
 
-        The shards so far tell how many shots the others will hold.
+        The shards so far show how many shots the others will hold.
         """
-        missing = [self._sizes.shape.shots - done for done in shards.done]
+        missing = [self._shape.shots - done for done in shards.done]
         held = sum(shards.done) / len(shards.entries) if shards.entries else 0.0
-        return self._sizes.measured(missing, held or self._expected) + data_file * self._sizes.data_file
+        return measured(self._shape, missing, held or self._expected) + data_file * self._data_file
 
     def before(self, path: Path, size: int, shards: Shards) -> None:
         """To be called before a shard of `size` bytes is written to `path`.
 
-        Too little room for what is still to come is told once, and the run goes on: room may be made meanwhile.
+        Too little room for what is still to come is a warning, once, and the run goes on: room may be made meanwhile.
 
         Raises:
             RunError: the shard itself has no room.
@@ -162,18 +135,14 @@ class Room:
         if found < (least := _pages(size) + PAGE):  # the line in the journal may begin a page
             full = f"{os.strerror(errno.ENOSPC)} ({_text(least)} needed, {_text(found)} free)"
             raise not_written(path, OSError(errno.ENOSPC, full))
-        if not self._told and found < (rest := self.to_come(shards)):
-            self._told = True
+        if not self._warned and found < (rest := self.to_come(shards)):
+            self._warned = True
             line = (
                 f"{self._directory}: the disk has {_text(found)} free and up to {_text(rest)} are still to come: "
                 f"make room while the run goes on"
             )
             _logger.warning("%s", line)
-            self.tell(line)
-
-
-def _unheard(_line: str) -> None:
-    """Nobody listens but standard error."""
+            self._warn(line)
 
 
 def _free(directory: Path) -> int:
@@ -189,7 +158,7 @@ def _free(directory: Path) -> int:
         raise not_written(directory, error) from error
 
 
-def _pages(size: int) -> int:
+def _pages(size: float) -> int:
     return math.ceil(size / PAGE) * PAGE
 
 

@@ -9,20 +9,25 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from instruments.values import Frames
-from labctl.errors import RunError
-from labctl.runs.format.durable import sync_folder
+from instruments.values import Drive, Frames
+from labctl.errors import RunError, noted_on
+from labctl.runs.format.durable import replace_file, sync_folder
 from labctl.runs.format.journal import JournalFile, read_journal
-from labctl.runs.format.layout import Manifest, RunPaths, noted_on
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plan import read_plan
-from labctl.runs.format.shards import Shard, Shards
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
-from labctl.runs.read.run import data_file_evidence
+from labctl.runs.format.shape import RunShape
+from labctl.runs.format.shard import encode
+from labctl.runs.format.shards import Shards
+from labctl.runs.read.data_file import evidence_in
 from labctl.runs.write.data_file import write_data_file
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.preparation import prepare
 from labctl.runs.write.recovery import recover
-from labctl.runs.write.room import Room, require, samples_of, shots_a_shard, sizes_of
-from labctl.runs.write.storage import Storing
+from labctl.runs.write.room import Room, require, shots_a_shard
+
+Warn = Callable[[str], object]
+"""Called with a line that somebody should read while the run goes on."""
 
 
 class Timer(Protocol):
@@ -38,6 +43,10 @@ class Timer(Protocol):
 TimerFactory = Callable[[float, Callable[[], None]], Timer]
 
 
+def _nobody(_line: str) -> None:
+    """Warnings go to standard error alone."""
+
+
 def wall_timer(seconds: float, call: Callable[[], None]) -> Timer:
     """A timer by the wall that does not keep the process alive."""
     timer = threading.Timer(seconds, call)
@@ -49,10 +58,8 @@ class RunWriter:
     """Writes one run; the only thing that changes a run directory while the run lasts.
 
     Shots of one pass go into an open shard in memory. It is closed, that is written, fsynced, renamed and entered in
-    the journal, when `Durability` says so, when the pass changes and when the next planned shot of the pass is there
-    already. The age limit is kept by a timer, so that it holds while the bench waits for an instrument or a person.
-
-    `room` watches the free space of the disk.
+    the journal, when `Durability` requires it, when the pass changes, and when the next planned shot of the pass is on
+    disk already. The age limit is kept by a timer: it holds while the bench waits for an instrument or a person.
 
     As a context manager: at the end of the block the open shard is closed and data.h5 is made, however the block ends.
     """
@@ -61,26 +68,26 @@ class RunWriter:
         self,
         manifest: Manifest,
         shards: Shards,
-        drive: PlayedDrive | None,
+        drive: Drive | None,
         durability: Durability,
         journal: JournalFile,
+        room: Room,
         *,
-        seconds_a_shot: float = 0.0,
         next_shard: int = 0,
         recovered: tuple[str, ...] = (),
-        timer: TimerFactory = wall_timer,
+        timer: TimerFactory,
     ) -> None:
         """Not for callers: `create` and `resume` open a run."""
         self.recovered = recovered
         self._manifest = manifest
         self._shape = manifest.shape
+        self._dtype = self._shape.dtype
         self._shards = shards
         self._drive = drive
         self._durability = durability
         self._journal = journal
-        expected = shots_a_shard(self._shape, durability, seconds_a_shot)
-        self.room = Room(shards.paths.directory, sizes_of(self._shape, samples_of(drive)), expected)
-        self._storage = Storing(shards, journal, self.room, next_shard)
+        self._room = room
+        self._next_shard = next_shard
         self._new_timer = timer
         self._timer: Timer | None = None
         self._guard = threading.RLock()
@@ -100,18 +107,28 @@ class RunWriter:
         directory: Path,
         manifest: Mapping[str, Any],
         shape: RunShape,
-        plan: ShotColumns,
-        drive: PlayedDrive | None = None,
+        plan: NDArray[Any],
+        drive: Drive | None = None,
         durability: Durability | None = None,
         *,
         seconds_a_shot: float = 0.0,
+        on_warning: Warn = _nobody,
         timer: TimerFactory = wall_timer,
     ) -> Self:
         """Begin a run in `directory`, which must be new or empty.
 
-        `manifest` is anything JSON can hold. The catalogue shows its keys `protocol` (a name, or a map with `name`),
-        `started` (ISO 8601, UTC), `seed` and `twin_seed` (or a map `seeds` of both). Added are `format_version`,
-        `shape`, `durability` and `plan_sha256`. `seconds_a_shot` is how long a shot is expected to take on one pass.
+        Args:
+            directory: Where the run goes.
+            manifest: Anything JSON can hold. The catalogue shows its keys `protocol` (a name, or a map with `name`),
+                `started` (ISO 8601, UTC), `seed` and `twin_seed` (or a map `seeds` of both). Added are
+                `format_version`, `shape`, `durability` and `plan_sha256`.
+            shape: The size of the run.
+            plan: The planned `/shots`, see `labctl.runs.format.columns.shot_table`.
+            drive: What the AWG plays, None for nothing.
+            durability: When a shard closes.
+            seconds_a_shot: How long a shot is expected to take on one pass.
+            on_warning: Called, from any thread, with one line when the disk is filling up.
+            timer: What closes a shard that gets too old.
 
         Raises:
             RunExists: the directory holds something.
@@ -120,18 +137,26 @@ class RunWriter:
         """
         durability = durability or Durability()
         paths = RunPaths(directory)
-        checked, shots = prepare(paths, manifest, shape, plan, drive, durability, seconds_a_shot)
+        checked = prepare(paths, manifest, shape, plan, drive, durability, seconds_a_shot)
         journal = JournalFile(paths.journal)
         sync_folder(directory)
-        shards = Shards(paths, shape, shots, ())
-        return cls(checked, shards, drive, durability, journal, seconds_a_shot=seconds_a_shot, timer=timer)
+        room = Room(directory, shape, drive, shots_a_shard(shape, durability, seconds_a_shot), on_warning)
+        return cls(checked, Shards(paths, shape, plan, ()), drive, durability, journal, room, timer=timer)
 
     @classmethod
-    def resume(cls, directory: Path, durability: Durability | None = None, *, timer: TimerFactory = wall_timer) -> Self:
-        """Go on with an interrupted run: `missing` says what is still to be measured.
+    def resume(
+        cls,
+        directory: Path,
+        durability: Durability | None = None,
+        *,
+        on_warning: Warn = _nobody,
+        timer: TimerFactory = wall_timer,
+    ) -> Self:
+        """Go on with an interrupted run: `missing` lists what is still to be measured.
 
-        What a crash left behind is put in order first, and `recovered` says in words what was found: a shard that did
-        not reach the journal is taken in, a damaged one is set aside and its shots are missing again.
+        What a crash left behind is put in order first, and `recovered` describes what was found: a shard that did
+        not reach the journal is taken in, a damaged one is set aside and its shots are missing again. `on_warning` and
+        `timer` are as of `create`.
 
         Raises:
             RunError: no run, a run that another process is writing, a damaged manifest or plan, or too little room on
@@ -139,22 +164,26 @@ class RunWriter:
         """
         paths = RunPaths(directory)
         manifest = Manifest.read(paths)
+        shape = manifest.shape
         plan, drive = read_plan(paths, manifest.values["plan_sha256"])
+        durability = durability or Durability.from_json(manifest.values["durability"])
         journal = JournalFile(paths.journal)
         try:
-            shards = Shards(paths, manifest.shape, plan, read_journal(paths.journal).entries)
+            shards = Shards(paths, shape, plan, read_journal(paths.journal).entries)
             recovered, next_shard = recover(shards, journal)
+            room = Room(directory, shape, drive, shots_a_shard(shape, durability, 0.0), on_warning)
             writer = cls(
                 manifest,
                 shards,
                 drive,
-                durability or Durability.from_json(manifest.values["durability"]),
+                durability,
                 journal,
+                room,
                 next_shard=next_shard,
                 recovered=recovered,
                 timer=timer,
             )
-            require(directory, writer.room.to_come(shards, data_file=not writer._has_data_file()))
+            require(directory, room.to_come(shards, data_file=not writer._has_data_file()))
             return writer
         except BaseException:
             journal.close()
@@ -240,15 +269,14 @@ class RunWriter:
             RunError: the disk is full or refuses; from then on the writer takes nothing more.
             ValueError: arrays of another shape or type than the run's, no scales yet, or shots that are there already.
         """
-        self._shape.check(pass_index, first, frames)
-        if pass_index not in self._scales:
-            raise ValueError(f"scales of pass {pass_index} are not set")
-        last = first + len(frames)
-        together = len(frames) > 1
+        count = len(frames.codes)
+        self._require_fit(pass_index, first, count, frames)
+        last, together = first + count, count > 1
         with self._guard:
             self._raise_failure()
             follows = (pass_index, first) == (self._open_pass, self._open_first + len(self._open))
-            if together or not follows or self._bytes() > self._durability.shard_bytes:
+            full = bool(self._open) and (len(self._open) + 1) * frames.codes.nbytes > self._durability.shard_bytes
+            if together or not follows or full:
                 self._close_shard()
             taken = self._taken[pass_index]
             if taken[first:last].any():
@@ -311,12 +339,26 @@ class RunWriter:
     def _has_data_file(self) -> bool:
         """Whether data.h5 was made from just these shards: a run that is resumed may be complete already."""
         try:
-            return self.paths.data.exists() and data_file_evidence(self.paths.data) == self._shards.evidence
+            return self.paths.data.exists() and evidence_in(self.paths.data) == self._shards.evidence
         except RunError:
             return False
 
-    def _bytes(self) -> int:
-        return (len(self._open) + 1) * self._open[0].codes.nbytes if self._open else 0
+    def _require_fit(self, pass_index: int, first: int, count: int, frames: Frames) -> None:
+        """Compare frames of `count` shots from `first` on with the run that they are to be part of.
+
+        Raises:
+            ValueError: see `append`.
+        """
+        size = count, len(self._shape.passes[pass_index])
+        if frames.codes.shape != (*size, self._shape.samples) or frames.codes.dtype != self._dtype:
+            found = f"{frames.codes.dtype} {frames.codes.shape}"
+            raise ValueError(f"frames of {found} are not those of a run of {self._shape}")
+        if frames.trigger_offset_s.shape != size or frames.clipped.shape != size:
+            raise ValueError(f"trigger_offset_s and clipped must have shape {size}")
+        if not 0 <= first < first + count <= self._shape.shots:
+            raise ValueError(f"shots {first}..{first + count - 1} are not among 0..{self._shape.shots - 1}")
+        if pass_index not in self._scales:
+            raise ValueError(f"scales of pass {pass_index} are not set")
 
     def _raise_failure(self) -> None:
         if self._failure is not None:
@@ -331,25 +373,35 @@ class RunWriter:
                 try:
                     self._close_shard()
                 except RunError as error:
-                    self._failure = error  # nobody listens on this thread: the next call on the writer raises it
+                    self._failure = error  # this thread has no caller: the next call on the writer raises it
 
     def _close_shard(self) -> None:
         self._stop_timer()
         if not self._open:
             return
-        frames, pass_index = Frames.joined(self._open), self._open_pass
-        epochs = np.repeat(self._open_epochs, [len(one) for one in self._open])
-        self._open.clear()
-        self._open_epochs.clear()
-        rows = max(1, self._durability.shard_bytes // frames.codes[0].nbytes)
-        for start in range(0, len(frames), rows):
-            part, first = frames.part(start, start + rows), self._open_first + start
-            shard = Shard.of(pass_index, first, part, epochs[start : start + rows], *self._scales[pass_index])
-            try:
-                self._storage.store(shard)
-            except RunError as error:
-                self._failure = error
-                raise
+        epochs = np.repeat(self._open_epochs, [len(frames.codes) for frames in self._open])
+        most = max(1, self._durability.shard_bytes // self._open[0].codes[0].nbytes)
+        try:
+            for start in range(0, epochs.size, most):  # more than one round for a large burst alone
+                parts = self._open if epochs.size <= most else [self._open[0].part(start, start + most)]
+                self._store(self._open_first + start, parts, epochs[start : start + most])
+        except RunError as error:
+            self._failure = error
+            raise
+        finally:
+            self._open.clear()
+            self._open_epochs.clear()
+
+    def _store(self, first: int, parts: list[Frames], epochs: NDArray[np.int64]) -> None:
+        """Write a shard of the open pass, fsync it, rename it, and enter it in the journal."""
+        pass_index, path = self._open_pass, self._shards.paths.shard(self._next_shard)
+        image = encode(self._shape, pass_index, first, parts, epochs, *self._scales[pass_index])
+        self._room.before(path, len(image), self._shards)
+        replace_file(path, image)
+        entry = self._shards.entry(self._next_shard, pass_index, first, epochs.size, image)
+        self._journal.append(entry)
+        self._shards.add(entry)
+        self._next_shard += 1
 
     def _stop_timer(self) -> None:
         if self._timer is not None:

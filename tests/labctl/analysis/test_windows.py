@@ -9,7 +9,8 @@ from sklearn.preprocessing import StandardScaler
 
 from labctl.analysis.windows import WindowFeatures, compressive_ratio, sample_count, wavelength_rows
 from labctl.errors import AnalysisError
-from labctl.runs.read.records import resample, volts
+from labctl.runs.read.records import resample
+from labctl.runs.read.run import volts
 
 TAU = 40e-12
 

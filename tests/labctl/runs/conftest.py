@@ -2,22 +2,32 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from instruments.values import Frames
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
+from instruments.values import Drive, Frames
+from labctl.runs.format.columns import shot_table
+from labctl.runs.format.shape import RunShape
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
 
 MANIFEST = {"protocol": "image-readout", "started": "2026-11-21T09:15:00Z", "seed": 7, "twin_seed": 3}
 SMALL = RunShape(shots=7, passes=((2, 3, 4, 5), (6,)), samples=16, sample_interval_s=20e-12, start_s=-40e-12)
 
 
-def plan_for(shape: RunShape) -> ShotColumns:
+def plan_for(shape: RunShape) -> NDArray[Any]:
     index = np.arange(shape.shots)
     kind = np.array(["reference", "dark", "image"])[np.minimum(index % 20, 2)]
-    return ShotColumns(kind, np.where(kind == "image", index, -1), index % 10, np.full(index.size, 1550.0), index // 2)
+    return shot_table(
+        kind=kind,
+        dataset_index=np.where(kind == "image", index, -1),
+        label=index % 10,
+        wavelength_nm=np.full(index.size, 1550.0),
+        group=index // 2,
+    )
 
 
 def measure(shape: RunShape, pass_index: int, shot: int) -> Frames:
@@ -33,7 +43,7 @@ def measure(shape: RunShape, pass_index: int, shot: int) -> Frames:
 
 
 def begin(directory: Path, shape: RunShape = SMALL, shots: int = 3, **options: Callable[..., object]) -> RunWriter:
-    drive = PlayedDrive(np.linspace(-1, 1, 50, dtype=np.float32), np.arange(50) < 10, 25e9)
+    drive = Drive("ramp", np.linspace(-1, 1, 50, dtype=np.float32), 25e9, 0.4)
     durability = Durability(shots=shots, seconds=3600)
     return RunWriter.create(directory, MANIFEST, shape, plan_for(shape), drive, durability, **options)  # type: ignore[arg-type]
 
@@ -65,7 +75,7 @@ def small_shape() -> RunShape:
 
 
 @pytest.fixture(scope="session", name="plan_for")
-def plan_for_fixture() -> Callable[[RunShape], ShotColumns]:
+def plan_for_fixture() -> Callable[[RunShape], NDArray[Any]]:
     return plan_for
 
 

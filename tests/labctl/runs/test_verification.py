@@ -91,7 +91,7 @@ def test_a_changed_value_in_the_data_file_is_found(whole: Path, name: str) -> No
 def test_a_changed_constant_in_the_data_file_is_found(whole: Path, name: str) -> None:
     with h5py.File(whole / "data.h5", "r+") as file:
         if name == "manifest":
-            file.attrs["manifest"] = file.attrs["manifest"].replace("readout", "writeout")
+            file.attrs["manifest"] = file.attrs["manifest"].replace(b"readout", b"writeout")
         elif name == "shots":
             table = file["shots"][:]
             table["label"][4] += 1

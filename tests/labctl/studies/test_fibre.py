@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from instruments.values import Frames
+from instruments.values import Drive, Frames
 from labctl.analysis.decorrelation import SPEED_OF_LIGHT
 from labctl.bench.station import SimSection, Station
 from labctl.commands.evaluate import evaluate
@@ -19,7 +19,9 @@ from labctl.commands.report import report
 from labctl.commands.train import train
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError, RunError, UsageError
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.columns import shot_table
+from labctl.runs.format.shape import RunShape
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
 from labctl.studies.fibre import measure_fibre
 from protocols.wavelength_scan import WavelengthScan
@@ -51,9 +53,15 @@ def stored(
         wavelengths_nm=tuple(np.round(1550 + STEP_NM * np.arange(wavelengths), 6).tolist()),
     )
     numbers = np.arange(images)
-    plan = ShotColumns(np.full(images, "image"), numbers, numbers % 2, np.full(images, 1550.0), numbers)
+    plan = shot_table(
+        kind=np.full(images, "image"),
+        dataset_index=numbers,
+        label=numbers % 2,
+        wavelength_nm=np.full(images, 1550.0),
+        group=numbers,
+    )
     manifest = {"protocol": {"name": "wavelength-scan"} if protocol is None else protocol}
-    drive = PlayedDrive(np.zeros(50, np.float32), np.arange(50) < 10, 25e9)
+    drive = Drive("drive", np.zeros(50, np.float32), 25e9, 0.5)
     with RunWriter.create(directory, manifest, shape, plan, drive, Durability(shots=100, seconds=3600)) as writer:
         for pass_ in range(wavelengths):
             writer.scales(pass_, np.full(len(ports), 1e-3), np.zeros(len(ports)))

@@ -16,6 +16,7 @@ from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstru
 from labctl.analysis.regression import ridge_readout
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
+from labctl.runs.format.global_heaps import HEAP
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 
 
@@ -143,7 +144,7 @@ def test_files_that_are_no_readouts_are_refused(readout: Pipeline, tmp_path: Pat
         load_metadata(path)
 
 
-@pytest.mark.parametrize("version", ["1.1", "2.0", "1.0.1", "x", ""])
+@pytest.mark.parametrize("version", ["1.2", "2.0", "1.1.1", "x", ""])
 def test_a_newer_format_is_refused(readout: Pipeline, tmp_path: Path, version: str) -> None:
     path = tmp_path / "newer.h5"
     save_model(path, readout, {})
@@ -157,6 +158,19 @@ def test_an_unknown_class_in_a_file_is_never_made(readout: Pipeline, tmp_path: P
     path = tmp_path / "unknown.h5"
     save_model(path, readout, {})
     with h5py.File(path, "a") as file:
-        file["standardscaler"].attrs["estimator"] = "FunctionTransformer"
+        file["standardscaler"].attrs["estimator"] = np.bytes_("FunctionTransformer")
     with pytest.raises(AnalysisError, match="unknown class 'FunctionTransformer'"):
         load_model(path)
+
+
+def test_labels_and_metadata_of_any_length_come_back_and_lie_in_no_heap(
+    digits: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    frames, labels = digits
+    names = np.array(["null", "eins", "größer als eins"])[np.minimum(labels, 2)]
+    readout = softmax_classifier().fit(frames.reshape(-1, 64), names)
+    path, metadata = tmp_path / "named.h5", {"text": "ä" * 100_000}
+    save_model(path, readout, metadata)
+    assert HEAP not in path.read_bytes()
+    assert load_metadata(path) == metadata
+    assert load_model(path).classes_.tolist() == sorted(set(names))

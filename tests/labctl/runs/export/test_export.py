@@ -22,7 +22,7 @@ import labctl
 from labctl.errors import RunError
 from labctl.runs.export import FORMATS, Content, Representation, write
 from labctl.runs.export.content import BLOCK_BYTES
-from labctl.runs.format.shots import RunShape
+from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.read.variables import Variable
 from tests.labctl.runs.conftest import write_whole
@@ -167,7 +167,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
 def test_too_large_a_file_is_refused_before_it_is_begun(tmp_path: Path) -> None:
     with open_run(write_whole(tmp_path / "run")) as run:
         content = Content.of(run, None, "volts")
-    huge = Variable("volts", ("shot", "port", "time"), (7, 5, 10**15), np.dtype(np.float64), cast(Any, None))
+    huge = Variable("volts", ("shot", "port", "time"), (7, 5, 10**15), np.dtype(np.float64), cast(Any, None), "signal")
     with pytest.raises(RunError, match=r"out\.nc: needs 2.8e\+08 GB, .* GB are free: make room"):
         write(replace(content, variables=(huge,)), "netcdf", tmp_path / "out.nc")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]

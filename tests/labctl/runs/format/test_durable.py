@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from labctl.errors import RunError
-from labctl.runs.format.durable import replace_file, replacing
+from labctl.runs.format.durable import replace_file, replacement
 
 
 def test_readers_see_the_old_file_or_the_new_one(tmp_path: Path) -> None:
@@ -38,9 +38,9 @@ def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatc
 def test_an_error_in_between_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "file"
     replace_file(path, b"old")
-    with pytest.raises(ZeroDivisionError), replacing(path):
+    with pytest.raises(ZeroDivisionError), replacement(path):
         raise ZeroDivisionError
-    with pytest.raises(RunError, match="file: cannot be written: no room"), replacing(path):
+    with pytest.raises(RunError, match="file: cannot be written: no room"), replacement(path):
         raise OSError(28, "no room")
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
     assert path.read_bytes() == b"old"

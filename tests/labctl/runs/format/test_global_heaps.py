@@ -1,4 +1,4 @@
-"""Heaps in which HDF5 would walk for ever: such a file is refused when its text is asked for."""
+"""Heaps in which HDF5 would walk for ever: such a file is refused before HDF5 sees them."""
 
 import struct
 from collections.abc import Callable
@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from labctl.runs.format.global_heaps import FILE, HEAP, SEARCHED
-from labctl.runs.format.plain_hdf5 import opened, opened_image
+from labctl.runs.format.global_heaps import FILE, HEAP
+from labctl.runs.format.plain_hdf5 import walked
 
 LONG = "x" * 20_000
 
@@ -42,16 +42,16 @@ def test_a_sound_file_is_read_as_it_is(libver: tuple[str, str], tmp_path: Path) 
     def fill(file: h5py.File) -> None:
         file.attrs["long"] = LONG
         file["texts"] = ["some", "texts"] * 300
-        file["numbers"] = np.arange(SEARCHED // 4)
+        file["numbers"] = np.arange(1 << 18)
 
     path = tmp_path / "some.h5"
     image = written(libver, fill)
     path.write_bytes(image)
-    for file in (opened(path), opened_image(image)):
+    for file in (walked(path), walked(image)):
         with file:
             assert (file.attrs["short"], file.attrs["long"]) == ("1.1", LONG)
             assert file["texts"].asstr()[:4].tolist() == ["some", "texts", "some", "texts"]
-            assert np.array_equal(file["numbers"][:], np.arange(SEARCHED // 4))
+            assert np.array_equal(file["numbers"][:], np.arange(1 << 18))
 
 
 @pytest.mark.timeout(60)
@@ -63,15 +63,33 @@ def test_a_sound_file_is_read_as_it_is(libver: tuple[str, str], tmp_path: Path) 
 def test_a_heap_that_goes_in_circles_is_refused(place_in: Callable[[bytes], int], size: int, image: bytes) -> None:
     harmed = bytearray(image)
     struct.pack_into("<Q", harmed, place_in(image) + 8, size)
-    with opened_image(bytes(harmed)) as file, pytest.raises(OSError, match="do not lie one behind the other"):
+    with walked(bytes(harmed)) as file, pytest.raises(OSError, match="do not lie one behind the other"):
         file.attrs["short"]
+
+
+@pytest.mark.timeout(60)
+def test_a_virtual_data_set_whose_heap_goes_in_circles_is_refused() -> None:
+    """HDF5 reads where its data are as soon as it is opened, without any text in the file."""
+
+    def fill(file: h5py.File) -> None:
+        del file.attrs["short"]
+        layout = h5py.VirtualLayout((4,), "i4")
+        layout[...] = h5py.VirtualSource("other.h5", "data", (4,))
+        file.create_virtual_dataset("virtual", layout)
+
+    harmed = bytearray(written(("earliest", "latest"), fill))
+    first = harmed.rindex(HEAP) + 16
+    (size,) = struct.unpack_from("<Q", harmed, first + 8)
+    struct.pack_into("<Q", harmed, first + 16 + -(-size // 8) * 8 + 8, 0)
+    with walked(bytes(harmed)) as file, pytest.raises((OSError, KeyError), match=r"."):
+        file["virtual"]
 
 
 def test_lengths_of_four_bytes_are_refused(image: bytes) -> None:
     harmed = bytearray(image)
     harmed[14 if image[8] < 2 else 10] = 4
     with pytest.raises(OSError, match="not eight bytes"):
-        opened_image(bytes(harmed))
+        walked(bytes(harmed))
 
 
 @pytest.mark.parametrize(
@@ -80,7 +98,7 @@ def test_lengths_of_four_bytes_are_refused(image: bytes) -> None:
 )
 def test_other_files_are_none(content: bytes) -> None:
     with pytest.raises(OSError, match=r"."):
-        opened_image(content)
+        walked(content)
 
 
 @pytest.mark.timeout(60)
@@ -88,5 +106,5 @@ def test_a_heap_beyond_the_end_of_any_file_is_refused(image: bytes) -> None:
     harmed = bytearray(image)
     struct.pack_into("<Q", harmed, image.index(HEAP) + 8, 2**64 - 1)
     struct.pack_into("<Q", harmed, first_text(image) + 8, 2**63)
-    with opened_image(bytes(harmed)) as file, pytest.raises(OSError, match=r"."):
+    with walked(bytes(harmed)) as file, pytest.raises(OSError, match=r"."):
         file.attrs["short"]

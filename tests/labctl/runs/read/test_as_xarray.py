@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import labctl
 from labctl.errors import RunError
-from labctl.runs.format.shots import RunShape
+from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run as read_run
 from labctl.runs.write.writer import RunWriter
 

@@ -9,7 +9,7 @@ import pytest
 
 from labctl.errors import RunError
 from labctl.runs.format.journal import JournalFile
-from labctl.runs.read.follower import Following
+from labctl.runs.read.follower import Follower
 from labctl.runs.read.run import open_run
 from labctl.runs.write.writer import RunWriter
 
@@ -18,7 +18,7 @@ def test_it_sees_what_was_added_and_nothing_twice(
     tmp_path: Path, small: Any, begin: Callable[..., RunWriter], measure: Callable[..., Any]
 ) -> None:
     with begin(tmp_path / "run") as writer:
-        following = Following(tmp_path / "run")
+        following = Follower(tmp_path / "run")
         assert not following.look()
         assert following.latest() == []
         writer.scales(0, 1e-3, 0.05)
@@ -35,7 +35,7 @@ def test_it_sees_what_was_added_and_nothing_twice(
 
 
 def test_the_first_ports_stand_for_all_until_there_are_enough(cut: Path) -> None:
-    following = Following(cut)
+    following = Follower(cut)
     while following.look():
         pass
     assert following.done == (7, 3)
@@ -52,7 +52,7 @@ def test_the_first_ports_stand_for_all_until_there_are_enough(cut: Path) -> None
 
 
 def test_damage_is_said_and_a_torn_line_waits(cut: Path) -> None:
-    following = Following(cut)
+    following = Follower(cut)
     journal = cut / "journal.jsonl"
     lines = journal.read_bytes()
     journal.write_bytes(lines + b'nonsense\n{"shard": 9')

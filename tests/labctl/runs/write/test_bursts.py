@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from instruments.values import Frames
-from labctl.runs.format.shots import Durability, RunShape, ShotColumns
+from labctl.runs.format.columns import shot_table
+from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
 
 SHOTS = 50
@@ -15,7 +17,7 @@ SHAPE = RunShape(shots=SHOTS, passes=((2, 3), (6,)), samples=8, sample_interval_
 
 
 def create(directory: Path, durability: Durability | None = None) -> RunWriter:
-    plan = ShotColumns(
+    plan = shot_table(
         kind=np.full(SHOTS, "image"),
         dataset_index=np.arange(SHOTS),
         label=np.arange(SHOTS) % 4,
@@ -47,7 +49,7 @@ def test_in_bursts_or_one_by_one_the_run_is_the_same(tmp_path: Path) -> None:
     with open_run(tmp_path / "together") as together, open_run(tmp_path / "single") as single:
         assert together.complete
         assert together.digest() == single.digest()
-        assert np.array_equal(together.shots, single.shots)
+        assert together.shots.tobytes() == single.shots.tobytes()
         assert np.array_equal(together.clipped, single.clipped)
 
 

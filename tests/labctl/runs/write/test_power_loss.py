@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from labctl.errors import RunError
-from labctl.runs.format.shots import RunShape
+from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from labctl.runs.write.writer import RunWriter

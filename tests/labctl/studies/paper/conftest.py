@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from instruments.values import Frames
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
+from instruments.values import Drive, Frames
+from labctl.runs.format.columns import shot_table
+from labctl.runs.format.shape import RunShape
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Shot
 
@@ -28,10 +30,10 @@ def write(
         name: np.array([getattr(shot, name) for shot in shots])
         for name in ("dataset_index", "label", "group", "next_dataset_index", "next_label")
     }
-    plan = ShotColumns(
+    plan = shot_table(
         kind=np.array([str(shot.kind) for shot in shots]), wavelength_nm=np.full(len(shots), 1550.0), **columns
     )
-    drive = PlayedDrive(np.zeros(50, np.float32), np.arange(50) < 10, 25e9)
+    drive = Drive("drive", np.zeros(50, np.float32), 25e9, 0.5)
     with RunWriter.create(directory, MANIFEST, shape, plan, drive, Durability(shots=100, seconds=3600)) as writer:
         writer.scales(0, SCALE_V, 0.0)
         none = np.zeros(codes.shape[:2])

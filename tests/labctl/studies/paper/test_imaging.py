@@ -4,10 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instruments.values import Frames
+from instruments.values import Drive, Frames
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError
-from labctl.runs.format.shots import Durability, PlayedDrive, RunShape, ShotColumns
+from labctl.runs.format.columns import shot_table
+from labctl.runs.format.shape import RunShape
+from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
 from labctl.studies.paper.imaging import ANALYSIS, Settings, conclude, examine, spread
 from labctl.studies.paper.twin_runs import TwinRuns
@@ -116,10 +118,10 @@ def test_more_wavelengths_and_longer_windows_help(tmp_path: Path) -> None:
     shots = list(STILL.shots(images_for(STILL)))
     shape = RunShape(len(shots), (PORTS, PORTS), WINDOW, INTERVAL_S, "int16", wavelengths_nm=(1550.0, 1551.0))
     columns = {name: np.array([getattr(shot, name) for shot in shots]) for name in ("dataset_index", "label", "group")}
-    plan = ShotColumns(
+    plan = shot_table(
         kind=np.array([str(shot.kind) for shot in shots]), wavelength_nm=np.full(len(shots), 1550.0), **columns
     )
-    drive = PlayedDrive(np.zeros(50, np.float32), np.arange(50) < 10, 25e9)
+    drive = Drive("drive", np.zeros(50, np.float32), 25e9, 0.5)
     manifest = {"protocol": "synthetic", "started": "2026-11-21T09:15:00Z", "seed": 1, "twin_seed": 1}
     with RunWriter.create(tmp_path / "run", manifest, shape, plan, drive, Durability(shots=100, seconds=99)) as writer:
         for wavelength in (0, 1):

@@ -1,0 +1,59 @@
+"""manifest.json: what was requested and with what, written before the first shot."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from labctl.errors import RunError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.shape import RunShape
+from labctl.runs.format.version import check_version
+
+LARGEST_MANIFEST = 1 << 26  # characters; what is longer is cut, and then damaged
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """The manifest of a run: `values` is what manifest.json holds."""
+
+    values: Mapping[str, Any]
+
+    @cached_property
+    def shape(self) -> RunShape:
+        """Size of the run."""
+        return RunShape.from_json(self.values["shape"])
+
+    @classmethod
+    def read(cls, paths: RunPaths) -> "Manifest":
+        """Read manifest.json.
+
+        Raises:
+            RunError: no run directory, a damaged manifest, or one of a later major version.
+        """
+        try:
+            with paths.manifest.open(encoding="utf-8") as file:
+                text = file.read(LARGEST_MANIFEST)
+        except FileNotFoundError:
+            raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise RunError(f"{paths.manifest}: cannot be read: {error}") from error
+        return cls.parse(text, paths.manifest)
+
+    @classmethod
+    def parse(cls, text: str, origin: Path) -> "Manifest":
+        """Check and take the text of a manifest found at `origin`.
+
+        Raises:
+            RunError: damaged, or of a later major version.
+        """
+        try:
+            values = json.loads(text)
+            check_version(values["format_version"], origin)
+            manifest = cls(values)
+            _ = manifest.shape
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise RunError(f"{origin}: damaged manifest ({error!r}); restore it from a copy of the run") from error
+        return manifest

@@ -1,0 +1,92 @@
+"""How large a run is: shots, passes, ports and samples, fixed before its first shot."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class RunShape:
+    """The size of a run.
+
+    Attributes:
+        shots: number of planned shots.
+        passes: the ports of each pass, for example ((2, 3, 4, 5), (6,)). `/frames` has its ports in this order.
+        samples: samples of one frame.
+        sample_interval_s: time between two samples, s.
+        code_type: type of a digitiser code, "int16" when frames are averages.
+        start_s: time of the first sample relative to the trigger, s.
+        wavelengths_nm: laser wavelength of each pass; empty where the run does not say.
+
+    Raises:
+        ValueError: no run has such a size.
+    """
+
+    shots: int
+    passes: tuple[tuple[int, ...], ...]
+    samples: int
+    sample_interval_s: float
+    code_type: Literal["int8", "int16"] = "int8"
+    start_s: float = 0.0
+    wavelengths_nm: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.shots < 1 or self.samples < 1 or not self.passes or not all(self.passes):
+            raise ValueError(f"{self}: a run needs at least one shot, one sample and one port in each pass")
+        if len(self.wavelengths_nm) not in (0, len(self.passes)):
+            raise ValueError(f"{self}: give one wavelength for each pass, or none")
+        traces = list(zip(self.ports, self.wavelength_of_port, strict=True))
+        if len(set(traces)) != len(traces):
+            raise ValueError(f"{self}: a port is measured in more than one pass of the same wavelength")
+        if self.code_type not in ("int8", "int16"):
+            raise ValueError(f"{self}: code_type is int8 or int16")
+
+    @property
+    def ports(self) -> tuple[int, ...]:
+        """Ports in the order of `/frames`."""
+        return tuple(port for ports in self.passes for port in ports)
+
+    @property
+    def pass_of_port(self) -> NDArray[np.int64]:
+        """The pass that measures each entry of `ports`."""
+        return np.repeat(np.arange(len(self.passes)), [len(ports) for ports in self.passes])
+
+    @property
+    def wavelength_of_port(self) -> tuple[float, ...]:
+        """Wavelength in nm of each entry of `ports`, 0 where the run does not say."""
+        wavelengths = self.wavelengths_nm or (0.0,) * len(self.passes)
+        return tuple(wavelengths[index] for index in self.pass_of_port)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of `/frames`, little-endian."""
+        return np.dtype(self.code_type).newbyteorder("<")
+
+    @property
+    def shot_bytes(self) -> int:
+        """Bytes of the codes of one shot on all ports."""
+        return len(self.ports) * self.samples * self.dtype.itemsize
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of each sample relative to the trigger, s, shape (samples,)."""
+        return self.start_s + self.sample_interval_s * np.arange(self.samples, dtype=np.float64)
+
+    def columns(self, pass_index: int) -> slice:
+        """Where the ports of a pass lie on the port axis of `/frames`."""
+        first = sum(len(ports) for ports in self.passes[:pass_index])
+        return slice(first, first + len(self.passes[pass_index]))
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry `shape` of the manifest."""
+        return asdict(self) | {"passes": [list(ports) for ports in self.passes]}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> "RunShape":
+        """The inverse of `to_json`; keys of later minor versions are ignored."""
+        known = {name: values[name] for name in cls.__dataclass_fields__ if name in values}
+        passes = tuple(tuple(ports) for ports in values["passes"])
+        return cls(**known | {"passes": passes, "wavelengths_nm": tuple(values.get("wavelengths_nm", ()))})

@@ -1,0 +1,125 @@
+"""data.h5 as it is read: what describes it first, through a file that is safe to look at, then its arrays."""
+
+from contextlib import ExitStack
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.values import Drive
+from labctl.errors import RunError
+from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
+from labctl.runs.format.plan import read_drive
+from labctl.runs.format.version import check_version
+
+MOST_BYTES = 1 << 32  # of data.h5 without its frames, which are read piece by piece
+
+
+def evidence_in(path: Path) -> str:
+    """Which set of shards a data file was made from.
+
+    Raises:
+        RunError: the file is damaged.
+    """
+    try:
+        with walked(path) as file:
+            return str(attribute(file, "evidence"))
+    except HDF5_ERRORS as error:
+        raise damaged(path, error) from error
+
+
+def damaged(path: Path, error: Exception) -> RunError:
+    """The one line for a data file that cannot be read."""
+    return RunError(f"{path}: not a whole data file ({error}); `labctl verify --rebuild` makes it anew from the shards")
+
+
+class DataFile:
+    """A data.h5: its description, and its columns, which are read on demand.
+
+    Attributes:
+        manifest: what manifest.json holds.
+        frames: `/frames`, read when it is indexed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the file at `path`.
+
+        Raises:
+            RunError: it is damaged, no data file, or of a later major version.
+        """
+        self._path = path
+        with ExitStack() as stack:
+            try:
+                self._described = stack.enter_context(walked(path))
+                check_version(attribute(self._described, "format_version"), path)
+                check_plain(self._described, MOST_BYTES, besides="frames")
+                self.manifest = Manifest.parse(attribute(self._described, "manifest"), path)
+                shape, found = self.manifest.shape, self._described["frames"]
+                if found.dtype != shape.dtype or found.shape[1:] != (len(shape.ports), shape.samples):
+                    raise ValueError("its frames are not of the shape in its manifest")
+                # Without a cache of chunks HDF5 reads codes straight into the array that is returned.
+                cache_bytes = 0 if found.compression is None else None
+                self._file = stack.enter_context(h5py.File(path, "r", rdcc_nbytes=cache_bytes))
+                self.frames = StoredFrames(path, self._file["frames"])
+            except (*HDF5_ERRORS, AttributeError) as error:
+                raise damaged(path, error) from error
+            self._open = stack.pop_all()
+
+    @cached_property
+    def drive(self) -> Drive | None:
+        """What the AWG played, None if nothing.
+
+        Raises:
+            RunError: it is damaged.
+        """
+        try:
+            return read_drive(self._described)
+        except HDF5_ERRORS as error:
+            raise damaged(self._path, error) from error
+
+    def column(self, name: str) -> NDArray[Any]:
+        """A whole data set other than the frames.
+
+        Raises:
+            RunError: it is damaged.
+        """
+        try:
+            return np.asarray(self._file[name][:])
+        except HDF5_ERRORS as error:
+            raise damaged(self._path, error) from error
+
+    def planned(self) -> NDArray[Any]:
+        """The table `/shots`."""
+        return self.column("shots")
+
+    def scales(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Scale and offset per port."""
+        return self.column("scale"), self.column("offset")
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._open.close()
+
+
+class StoredFrames:
+    """The data set `/frames`."""
+
+    def __init__(self, path: Path, stored: h5py.Dataset) -> None:
+        """Of the data file at `path`."""
+        self._path = path
+        self._stored = stored
+        self.shape: tuple[int, ...] = stored.shape
+        self.dtype: np.dtype[Any] = stored.dtype
+
+    def __getitem__(self, key: Any) -> Any:
+        try:
+            return self._stored[key]
+        except OSError as error:
+            raise damaged(self._path, error) from error
+
+    def __len__(self) -> int:
+        return self.shape[0]
