@@ -8,7 +8,7 @@ from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
 from instruments.transcripts import Transcript
 from instruments.values import Examination, Identity, Range
-from labctl.bench.opening import opened_one_by_one
+from labctl.bench.opening import Access, opened_one_by_one
 from labctl.bench.station import Station
 
 PASSED, NOT_RUN = "passed", "not run"
@@ -42,7 +42,7 @@ class Finding:
         return not self.problem
 
 
-def check_bench(station: Station, transcript: Transcript, *, attended: bool = False) -> dict[str, Finding]:
+def check_bench(station: Station, transcript: Transcript, access: Access = Access()) -> dict[str, Finding]:
     """Connect to every instrument in turn, ask who it is and how it is, and let it test itself; in the dark.
 
     Raises:
@@ -54,7 +54,7 @@ def check_bench(station: Station, transcript: Transcript, *, attended: bool = Fa
         "awg": {"awg.amplitude": Range(0.0, station.limits.rf_amplitude, "Vpp")},
         "scope": {"detector": Range(-station.limits.detector, station.limits.detector, "V")},
     }
-    with opened_one_by_one(station, transcript, attended=attended) as instruments:
+    with opened_one_by_one(station, transcript, access) as instruments:
         findings = {}
         for name, instrument in instruments.items():
             section = getattr(station, name)

@@ -18,7 +18,8 @@ from instruments.sections import SIMULATED
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
 from labctl.bench.recording.recorder import recorded
-from labctl.bench.recording.replay import redirected, replayed
+from labctl.bench.recording.replay import redirected
+from labctl.bench.recording.wire import Wire
 from labctl.bench.signals import stops_deferred
 from labctl.bench.simulation import simulated_bench as simulated_bench
 from labctl.bench.simulation import with_laser_commands
@@ -27,6 +28,18 @@ from labctl.errors import StationError
 
 if TYPE_CHECKING:  # a bench of real instruments does without
     from labctl.bench.simulation import SimulatedBench
+
+
+@dataclass(frozen=True)
+class Access:
+    """How a bench is opened.
+
+    attended: somebody is at it. armed: light is allowed, whatever the station says. wire: what becomes of its messages.
+    """
+
+    attended: bool = False
+    armed: bool = False
+    wire: Wire = Wire()
 
 
 @dataclass(frozen=True)
@@ -39,29 +52,24 @@ class OpenBench:
 
 @contextmanager
 def opened(
-    station: Station,
-    transcript: Transcript,
-    *,
-    observer: Observer | None = None,
-    attended: bool = False,
-    armed: bool = False,
+    station: Station, transcript: Transcript, access: Access = Access(), *, observer: Observer | None = None
 ) -> Iterator[OpenBench]:
     """The bench of `station`, released at the end however the block ends.
 
     Instruments whose address is "simulated" are served by a simulated bench in this process, over real sockets. No
     message is sent here: a station that is wrong is refused before any instrument hears of it.
 
-    observer: follows the bench. attended: somebody is at it. armed: light is allowed, whatever the station says; where
-    there is no light but in a simulation of this process or in a recording, nobody is asked to allow it.
+    `observer` follows the bench. Where there is no light but in a simulation of this process or in a recording, nobody
+    is asked to allow it.
 
     Raises:
         StationError: a driver that does not exist, or a laser that must not be switched on.
         RecordingError: the bench was to be recorded, and the recording cannot be written.
         OutOfRange: a level above its limit.
     """
-    with _reached(station, transcript, attended=attended) as reach:
+    with _reached(station, transcript, access) as reach:
         try:
-            bench = _bench(reach, observer or Observer(), armed=armed or _armed(reach.station))
+            bench = _bench(reach, observer or Observer())
         except (NotConfigured, StationError) as error:
             raise StationError(f"{station.source}: {error}") from None
         with ending_with(bench.close):
@@ -70,7 +78,7 @@ def opened(
 
 @contextmanager
 def opened_one_by_one(
-    station: Station, transcript: Transcript, *, attended: bool = False
+    station: Station, transcript: Transcript, access: Access = Access()
 ) -> Iterator[dict[str, Instrument | InstrumentError]]:
     """The instruments of `station` by name, each opened whatever becomes of another: one that cannot be is its error.
 
@@ -82,7 +90,7 @@ def opened_one_by_one(
     """
     _limits(station).check_levels(_levels(station), station.source)
     with ExitStack() as stack:
-        reach = stack.enter_context(_reached(station, transcript, attended=attended))
+        reach = stack.enter_context(_reached(station, transcript, access))
         found: dict[str, Instrument | InstrumentError] = {}
         for name in ("laser", "awg", "dmd", "scope", "patch_panel"):
             try:
@@ -97,11 +105,6 @@ def opened_one_by_one(
         yield found
 
 
-def _armed(station: Station) -> bool:
-    shines = "laser" not in station.simulations and not (replayed() and "laser" not in station.by_hand)
-    return station.laser.armed or not shines
-
-
 @dataclass(frozen=True)
 class _Reach:
     """A station whose instruments can be opened: with the addresses of a replay, the simulated bench running."""
@@ -109,7 +112,13 @@ class _Reach:
     station: Station
     transcript: Transcript
     simulation: "SimulatedBench | None"
-    attended: bool
+    access: Access
+
+    @property
+    def armed(self) -> bool:
+        """Whether light is allowed, or there is none."""
+        replayed = self.access.wire.replay is not None and "laser" not in self.station.by_hand
+        return self.access.armed or self.station.laser.armed or replayed or "laser" in self.station.simulations
 
     def open(self, name: str) -> Any:
         """The instrument called `name`; no message is sent."""
@@ -118,17 +127,21 @@ class _Reach:
         if self.simulation is not None and address == SIMULATED:
             address = self.simulation.resources[name]["socket"]
         return self.station.driver_of(name).open(
-            section, Opening(address, self.transcript, ask_operator, self.attended)
+            section, Opening(address, self.transcript, ask_operator, self.access.attended)
         )
 
 
 @contextmanager
-def _reached(station: Station, transcript: Transcript, *, attended: bool) -> Iterator[_Reach]:
+def _reached(station: Station, transcript: Transcript, access: Access) -> Iterator[_Reach]:
+    wire = access.wire
     with ExitStack() as stack:
-        transcript = stack.enter_context(recorded(transcript, station))
-        station = with_laser_commands(redirected(station))
+        if wire.record is not None:
+            transcript = stack.enter_context(recorded(transcript, station, wire.record))
+        if wire.replay is not None:
+            station = redirected(station, wire.replay)
+        station = with_laser_commands(station)
         simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
-        yield _Reach(station, transcript, simulation, attended)
+        yield _Reach(station, transcript, simulation, access)
 
 
 def _levels(station: Station) -> Levels:
@@ -139,10 +152,10 @@ def _limits(station: Station) -> Limits:
     return Limits(station.limits.optical_power, station.limits.rf_amplitude, station.limits.detector)
 
 
-def _bench(reach: _Reach, observer: Observer, *, armed: bool) -> Bench:
+def _bench(reach: _Reach, observer: Observer) -> Bench:
     station, simulation = reach.station, reach.simulation
     laser = reach.open("laser")
-    if not (laser.switches_itself or reach.attended):
+    if not (laser.switches_itself or reach.access.attended):
         raise NotConfigured(
             f"laser.driver = {station.laser.driver!r}: software cannot switch this laser off, its key switch is "
             f"the only interlock: stay at the bench and repeat with --attended"
@@ -163,7 +176,7 @@ def _bench(reach: _Reach, observer: Observer, *, armed: bool) -> Bench:
             burst=station.wiring.burst,
             projector=station.wiring.projector,
         ),
-        armed=armed,
+        armed=reach.armed,
         source=station.source,
         now=partial(getattr, simulation.world.clock, "now")
         if simulation is not None and "scope" in station.simulations

@@ -10,11 +10,11 @@ from typing import Any, BinaryIO, cast
 
 from instruments.bench import Observer
 from instruments.safe_state import UnsafeBench
-from labctl.bench.recording.replay import replayed
+from labctl.bench.recording.wire import Wire
 from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
 from labctl.bench.supervisor import READY, TRYING, Task, within_reach
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 
 COMMAND = (sys.executable, "-P", "-m", "labctl.bench.supervisor")
 """`-P`: nothing is imported from the folder that the run is started in."""
@@ -24,7 +24,7 @@ REFUSED = "no light is switched on, since nothing would switch it off if this pr
 
 
 @contextmanager
-def supervised(station: Station, log: CommandLog) -> Iterator[Observer]:
+def supervised(station: Station, log: CommandLog, wire: Wire = Wire()) -> Iterator[Observer]:
     """One supervisor for the block; what is yielded must observe the bench that is opened inside it.
 
     The bench then gives no light before the supervisor is ready, and none if it has died. A block that switched light
@@ -33,7 +33,7 @@ def supervised(station: Station, log: CommandLog) -> Iterator[Observer]:
 
     A bench that is simulated in this process, or replayed, has none: it ends with the process.
     """
-    if replayed() or not within_reach(station):
+    if wire.replay is not None or not within_reach(station):
         yield Observer()
         return
     supervisor = _Supervisor(station, log)

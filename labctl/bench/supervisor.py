@@ -26,8 +26,7 @@ from instruments.errors import InstrumentError
 from instruments.safe_state import UnsafeBench, safe_state
 from instruments.sections import SIMULATED
 from labctl.bench.station import Station
-from labctl.runs.live.commands import CommandLog
-from labctl.runs.live.events import EventLog
+from labctl.runs.live.logs import CommandLog, EventLog
 
 READY, TRYING = b"ready\n", b"trying\n"
 AGAIN_S, ATTEMPTS = 1.0, 600

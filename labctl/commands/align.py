@@ -7,18 +7,20 @@ import typer
 
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
+from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
-from labctl.commands.options import ArmOption, StationOption
+from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, errors, say, show
 from labctl.studies.alignment import alignment
 from labctl.studies.alignment.findings import COVERAGE, Finding
 
 
 def align(
+    context: typer.Context,
     station: StationOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Directory for it; must be new or empty.")] = None,
     armed: ArmOption = False,
-    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    attended: AttendedOption = False,
     as_json: JsonOption = False,
 ) -> int:
     """Measure dark levels, ranges, repeatability, contrast, trigger-to-light delay, drive depth and decorrelation.
@@ -34,7 +36,11 @@ def align(
 
     with interruptible() as interruption:
         aligned = alignment.align_bench(
-            read_station(station), directory=out, attended=attended, armed=armed, interruption=interruption, tell=tell
+            read_station(station),
+            access_of(context, attended=attended, armed=armed),
+            directory=out,
+            interruption=interruption,
+            tell=tell,
         )
     if aligned is None:
         return INTERRUPTED

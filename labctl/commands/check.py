@@ -1,27 +1,29 @@
 """`labctl check`: is every instrument of the station there and well?"""
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from labctl.bench.check import as_json as in_json
 from labctl.bench.check import check_bench
 from labctl.bench.station import read_station
+from labctl.commands.access import AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, say, show, table
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 
 
 def check(
+    context: typer.Context,
     station: StationOption = None,
-    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    attended: AttendedOption = False,
     as_json: JsonOption = False,
 ) -> int:
     """Connect, identify and self-test every instrument; no light is switched on."""
     with CommandLog() as log:
-        checked = check_bench(read_station(station), log, attended=attended)
+        checked = check_bench(read_station(station), log, access_of(context, attended=attended))
     findings = {name: in_json(finding) for name, finding in checked.items()}
     well = all(finding["ok"] for finding in findings.values())
     show({"ok": well, "instruments": findings}, as_json, lambda: _print(findings))

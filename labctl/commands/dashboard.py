@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from labctl.commands.access import access_of
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show
 from labctl.errors import UsageError
@@ -19,6 +20,7 @@ PORT = 8050
 
 
 def dashboard(
+    context: typer.Context,
     runs: Annotated[Path, typer.Option("--runs", help="Folder of run directories.")] = Path("runs"),
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="TCP port; 0 for any free one.")] = PORT,
     host: Annotated[
@@ -47,7 +49,7 @@ def dashboard(
             webbrowser.open(served.url)
 
     try:
-        serve(runs, host, port, ready)
+        serve(runs, host, port, access_of(context).wire.environment(), ready)
     except PortTaken as error:
         raise UsageError(f"{error}: name another --port, or the --host of this machine") from None
     except KeyboardInterrupt:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from labctl.bench.signals import interruptible
+from labctl.commands.access import access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.studies.demonstration import demonstrate, paper_says
@@ -13,13 +14,15 @@ from labctl.studies.paper.experiments import experiments
 
 
 def demo(
+    context: typer.Context,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the runs; default runs/.")] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
     (experiment,) = experiments(["demonstration"])
     with interruptible() as interruption, progress_bar("demo") as progress:
-        result = demonstrate(experiment, out or Path("runs"), interruption=interruption, progress=progress.progress)
+        folder, access = out or Path("runs"), access_of(context)
+        result = demonstrate(experiment, folder, access, interruption=interruption, progress=progress.progress)
     if result is None:
         return INTERRUPTED
     show(result, as_json, lambda: _print_demo(result))

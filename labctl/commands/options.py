@@ -7,9 +7,6 @@ import typer
 
 StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
 DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, looked at first.")]
-ArmOption = Annotated[
-    bool, typer.Option("--arm", help="Light may be switched on; as armed = true under [laser] of the station file.")
-]
 PortBaseOption = Annotated[
     int | None, typer.Option("--port-base", min=1024, max=65500, help="First TCP port; without it any free ones.")
 ]

@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from labctl.bench.recording.format import Recording, read_recording
-from labctl.bench.recording.recorder import RecordingRequest, asking_to_record, recordings
-from labctl.bench.recording.replay import Replay, leading_to, replay_of
+from labctl.bench.recording.recorder import recordings
+from labctl.bench.recording.replay import Replay, addresses, replay_of
+from labctl.bench.recording.wire import RecordingRequest, Wire
 from labctl.bench.signals import on_stop_signal
 from labctl.bench.station import write_addresses
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
@@ -41,8 +42,8 @@ def record(
     if existing := recordings(file):
         raise RecordingError(f"{existing[0]}: exists: name a new file, or remove the old recording")
     try:
-        with asking_to_record(RecordingRequest(str(file.absolute()), mask, tuple(command))):
-            return _carry_out(context, command, as_json)
+        request = RecordingRequest(path=file.absolute(), mask=mask, command=tuple(command))
+        return _carry_out(context, command, Wire(record=request), as_json)
     finally:
         written = recordings(file)
         _note(
@@ -94,8 +95,7 @@ def _play_to(
 ) -> int:
     """The command's own exit status, or 1 if it left the recording or did not play all of it."""
     try:
-        with leading_to(served, played):
-            status = _carry_out(context, command, as_json)
+        status = _carry_out(context, command, Wire(replay=addresses(served, played)), as_json)
     finally:
         served.stop()  # not before the last messages of the command are heard
         if served.difference is not None:
@@ -131,10 +131,10 @@ def _refuse_nesting(command: list[str]) -> None:
         raise UsageError(f"labctl {command[0]} cannot be recorded or played to: name the command inside it")
 
 
-def _carry_out(context: typer.Context, command: list[str], as_json: bool) -> int:
+def _carry_out(context: typer.Context, command: list[str], wire: Wire, as_json: bool) -> int:
     words = [*command, "--json"] if as_json and "--json" not in command else command
     root = context.find_root()
-    status = root.command.main(words, prog_name=root.info_name, standalone_mode=False)
+    status = root.command.main(words, prog_name=root.info_name, standalone_mode=False, obj=wire)
     return status if isinstance(status, int) else DONE
 
 

@@ -12,8 +12,9 @@ import typer
 
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
+from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
-from labctl.commands.options import ArmOption, DataOption, StationOption
+from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.errors import UsageError, one_line
 from labctl.runs.format.layout import run_name
@@ -27,13 +28,14 @@ ALL = "all"
 
 
 def reproduce(
+    context: typer.Context,
     names: Annotated[list[str] | None, typer.Argument(help="Experiments, or 'all' (the default).")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer twins and splits, by the same path.")] = False,
     seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many seeds, in place of the usual.")] = None,
     station: StationOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for runs and report; must be new or empty.")] = None,
     data: DataOption = None,
-    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    attended: AttendedOption = False,
     armed: ArmOption = False,
     vary: Annotated[
         bool, typer.Option("--sensitivity", help="Instead, vary the simulated bench and see what the result rests on.")
@@ -50,7 +52,8 @@ def reproduce(
     wanted = [] if not names or ALL in names else names
     chosen = experiments(wanted)
     folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(names or [ALL]))
-    plan = Plan(chosen, read_station(station), folder, quick, seeds, data, attended, armed)
+    access = access_of(context, attended=attended, armed=armed)
+    plan = Plan(chosen, read_station(station), folder, quick, seeds, data, access)
     problems = check(plan)
     if problems and (wanted or len(problems) == len(chosen)):
         raise next(iter(problems.values()))

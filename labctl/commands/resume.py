@@ -8,9 +8,10 @@ import typer
 
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
+from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED, WRONG_USE
 from labctl.commands.next_steps import options_again
-from labctl.commands.options import ArmOption, DataOption
+from labctl.commands.options import DataOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.commands.run import describe, print_outcome
 from labctl.engine import session
@@ -19,17 +20,19 @@ from labctl.engine.session import Resumption
 
 
 def resume(
+    context: typer.Context,
     run: Annotated[Path, typer.Argument(help="Run directory.")],
     station: Annotated[
         Path | None, typer.Option("--station", help="Station file, where addresses have changed; else the run's own.")
     ] = None,
     data: DataOption = None,
-    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    attended: AttendedOption = False,
     armed: ArmOption = False,
     as_json: JsonOption = False,
 ) -> int:
     """Go on with a run at its first missing shot, with the settings, seeds and station it was begun with."""
-    resumption = Resumption(run, None if station is None else read_station(station), data, attended, armed)
+    access = access_of(context, attended=attended, armed=armed)
+    resumption = Resumption(run, None if station is None else read_station(station), data, access)
     try:
         with interruptible() as interruption, progress_bar("resume") as progress:
             outcome = session.resume(resumption, observer=progress, interruption=interruption)

@@ -9,28 +9,30 @@ import typer
 from labctl.bench.opening import opened
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
+from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.next_steps import next_command, options_again, resumable, resume_command
-from labctl.commands.options import ArmOption, DataOption, StationOption
+from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.engine.engine import Outcome
 from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, bytes_needed, new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import UsageError
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 from protocols.base import ShotKind
 from protocols.registry import protocol_names, read_protocol
 
 
 def run(
+    context: typer.Context,
     protocol: Annotated[str | None, typer.Argument(help="Name of a protocol, or a protocol file (TOML).")] = None,
     station: StationOption = None,
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value; may be repeated.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Run directory; must be new or empty.")] = None,
     data: DataOption = None,
-    attended: Annotated[bool, typer.Option("--attended", help="Somebody stands at the laser's key switch.")] = False,
+    attended: AttendedOption = False,
     armed: ArmOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; open nothing.")] = False,
     profile: Annotated[bool, typer.Option("--profile", help="Print where the time of a shot goes.")] = False,
@@ -45,7 +47,8 @@ def run(
     if station is None:
         found = found.cabled(projector=asked.projector)
     directory = out or new_directory(asked, datetime.now(UTC))
-    acquisition = Acquisition(asked, found, directory, data, attended, armed, profile)
+    access = access_of(context, attended=attended, armed=armed)
+    acquisition = Acquisition(asked, found, directory, data, access, profile)
     if dry_run:
         plan = _plan(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), plan.items()))
@@ -62,7 +65,7 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
     protocol = acquisition.protocol
     inputs = inputs_for(protocol, acquisition.data)
     shots = protocol.shots(inputs)
-    with CommandLog() as log, opened(acquisition.station, log, attended=acquisition.attended) as open_bench:
+    with CommandLog() as log, opened(acquisition.station, log, acquisition.access) as open_bench:
         bench = open_bench.bench
         passes = protocol.passes(bench)
         return {

@@ -1,9 +1,11 @@
 """Starting a run from the page: the command `labctl run` in a process of its own, which outlives the dashboard."""
 
+import os
 import shlex
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import entry_points
@@ -70,8 +72,8 @@ def new_directory(folder: Path, asked: Asked) -> Path:
     return folder / run_name(datetime.now(UTC), asked.protocol, token_hex(8))
 
 
-def start(asked: Asked, directory: Path) -> Started:
-    """Start the command.
+def start(asked: Asked, directory: Path, environment: Mapping[str, str]) -> Started:
+    """Start the command, with `environment` beside that of this process.
 
     Raises:
         ValueError: there is no such protocol.
@@ -82,6 +84,7 @@ def start(asked: Asked, directory: Path) -> Started:
     told = tempfile.TemporaryFile()  # noqa: SIM115  # for the process; a pipe would break when the dashboard ends
     process = subprocess.Popen(  # noqa: S603
         [*COMMAND, *arguments(asked, directory)],
+        env=os.environ | environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=told,

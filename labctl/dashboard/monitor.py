@@ -4,8 +4,9 @@ All pages share what was read. A run is known by its name in the folder and by n
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from labctl.dashboard.accuracy import Curve, Learning
@@ -94,9 +95,15 @@ class WatchedRun:
 class Watching:
     """The runs in `folder`."""
 
-    def __init__(self, folder: Path, clock: Callable[[], float] = time.monotonic) -> None:
-        """Watch the runs in `folder`, which need not exist yet."""
+    def __init__(
+        self,
+        folder: Path,
+        environment: Mapping[str, str] = MappingProxyType({}),
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Watch the runs in `folder`, which need not exist yet; one that is started here has `environment`, too."""
         self.folder = folder
+        self.environment = environment
         self.learning = Learning()
         self._clock = clock
         self._due = clock()

@@ -114,7 +114,7 @@ def _show_form(watching: Watching) -> None:
         )
         directory = launcher.new_directory(watching.folder, asked)
         try:
-            started = launcher.start(asked, directory)
+            started = launcher.start(asked, directory, watching.environment)
         except (OSError, ValueError) as error:
             told.set_text(str(error))
             return

@@ -3,7 +3,7 @@
 import os
 import secrets
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,8 +37,10 @@ class PortTaken(Exception):
     """Something else listens there."""
 
 
-def serve(folder: Path, host: str, port: int, ready: Callable[[Served], None]) -> None:
+def serve(folder: Path, host: str, port: int, environment: Mapping[str, str], ready: Callable[[Served], None]) -> None:
     """Serve the runs in `folder` at `host` and `port` (0: any free one) until a signal; `ready` is called once.
+
+    A run that is started from the page has `environment` beside that of this process.
 
     Raises:
         PortTaken: the port is not free, or the address is not one of this machine.
@@ -52,7 +54,7 @@ def serve(folder: Path, host: str, port: int, ready: Callable[[Served], None]) -
     with listener:
         bound = listener.getsockname()[1]
         token = secrets.token_urlsafe(32)
-        watching = Watching(folder)
+        watching = Watching(folder, environment)
         app = _application(watching)
         guard = Guard(app, host=host, names=(socket.gethostname(), socket.getfqdn()), port=bound, token=token)
         named = f"[{host}]" if ":" in host else socket.gethostname() if host in ("0.0.0.0", "::") else host  # noqa: S104

@@ -9,7 +9,7 @@ from typing import Any
 from instruments.bench import Observer, Observers
 from labctl.bench.calibration import newest, warnings
 from labctl.bench.laser_limits import check_laser
-from labctl.bench.opening import OpenBench, opened
+from labctl.bench.opening import Access, OpenBench, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
@@ -20,8 +20,7 @@ from labctl.engine.profile import Profile
 from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs, station_of_manifest
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
-from labctl.runs.live.commands import CommandLog
-from labctl.runs.live.events import EventLog
+from labctl.runs.live.logs import CommandLog, EventLog
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Measurement
 
@@ -34,8 +33,7 @@ class Acquisition:
     station: Station
     directory: Path | None = None
     data: Path | None = None
-    attended: bool = False
-    armed: bool = False
+    access: Access = Access()
     profile: bool = False
 
 
@@ -62,7 +60,7 @@ def acquire(
     protocol, station = acquisition.protocol, acquisition.station
     inputs = inputs_for(protocol, acquisition.data)
     observers = Observers()
-    session = _session(protocol, station, observers, observer, attended=acquisition.attended, armed=acquisition.armed)
+    session = _session(protocol, station, acquisition.access, observers, observer)
     with session as open_bench:
         simulation = open_bench.simulation
         profile = Profile((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
@@ -83,8 +81,7 @@ class Resumption:
     directory: Path
     station: Station | None = None
     data: Path | None = None
-    attended: bool = False
-    armed: bool = False
+    access: Access = Access()
 
 
 def resume(
@@ -122,7 +119,7 @@ def resume(
             )
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
-        session = _session(protocol, station, observers, observer, attended=resumption.attended, armed=resumption.armed)
+        session = _session(protocol, station, resumption.access, observers, observer)
         open_bench = stack.enter_context(session)
         _warn(warnings(manifest.values.get("calibration"), station), observers)
         request = Request(protocol, inputs, station)
@@ -138,11 +135,9 @@ def _warn(lines: Iterable[str], observer: Observer) -> None:
 def _session(
     protocol: Measurement[Any],
     station: Station,
+    access: Access,
     observers: Observers,
     observer: Observer | None,
-    *,
-    attended: bool,
-    armed: bool,
 ) -> Iterator[OpenBench]:
     """The opened bench under supervision, allowed to light; nothing was sent to it yet.
 
@@ -151,11 +146,10 @@ def _session(
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         events = stack.enter_context(EventLog())
-        supervisor = stack.enter_context(supervised(station, log))
+        supervisor = stack.enter_context(supervised(station, log, access.wire))
         for one in (supervisor, log, events, observer or Observer()):
             observers.add(one)
-        bench = opened(station, log, observer=observers, attended=attended, armed=armed)
-        open_bench = stack.enter_context(bench)
+        open_bench = stack.enter_context(opened(station, log, access, observer=observers))
         check_laser(station, [one.wavelength_nm for one in protocol.passes(open_bench.bench)])
         open_bench.bench.require_arm()
         yield open_bench

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from labctl.bench.opening import Access
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.engine.inputs import images_for, inputs_for
@@ -39,13 +40,14 @@ PAPER = {
 
 
 def demonstrate(
-    experiment: Experiment, folder: Path, *, interruption: Interruption, progress: Progress
+    experiment: Experiment, folder: Path, access: Access = Access(), *, interruption: Interruption, progress: Progress
 ) -> dict[str, Any] | None:
     """Acquire, train and evaluate on every twin, and write the report; None if it was interrupted.
 
     Args:
         experiment: What is carried out: a recognition by a run `chip` and others.
         folder: Where the run directories go.
+        access: How the simulated benches are opened.
         interruption: Asked again and again.
         progress: Called again and again.
 
@@ -62,7 +64,7 @@ def demonstrate(
     def directory(run: str, protocol: Measurement[Any]) -> str:
         return f"{name}-twin-{protocol.seed}" + ("" if run == SHOWN else f"-{run}")
 
-    plan = Plan((experiment,), Station(), folder, name=directory)
+    plan = Plan((experiment,), Station(), folder, access=access, name=directory)
     records = _records(plan, experiment)
     try:
         everything, failed = reproduce(plan, interruption=interruption, measured=lambda done: progress(done, records))

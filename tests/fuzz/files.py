@@ -26,7 +26,7 @@ from labctl.bench.recording.format import CHECK, RECORD, Kind, RecordingWriter
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.shard import encode
-from labctl.runs.live.events import EventLog
+from labctl.runs.live.logs import EventLog
 from labctl.studies.paper.experiments import FOLDER
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
 from tests.fuzz.changes import CHANGES, END, changed

@@ -15,11 +15,11 @@ from instruments.limits import Limits, OverLimit
 from instruments.safe_state import UnsafeBench
 from instruments.values import Drive, Scaling
 from instruments.vialux_alp import VialuxAlp
-from labctl.bench.opening import opened
+from labctl.bench.opening import Access, opened
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import LimitsSection, Station
 from labctl.errors import StationError
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from sim_backends.bench import SimulatedBench
 from sim_backends.virtual import VirtualTlg220
 
@@ -182,7 +182,7 @@ def test_a_bench_that_is_not_armed_says_nothing_to_its_laser(log: Any) -> None:
         (Station(laser=laser), True),
         (Station(laser=laser | {"armed": True}), False),
     ):
-        with opened(station, log, armed=armed) as found:
+        with opened(station, log, Access(armed=armed)) as found:
             found.bench.require_arm()
 
 

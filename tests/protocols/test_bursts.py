@@ -17,7 +17,7 @@ from instruments.values import Frames
 from labctl.bench.opening import opened
 from labctl.bench.station import Station, WiringSection
 from labctl.engine.inputs import images_for
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from protocols.base import Part, PassStarted, ProtocolError, Record, ShotKind
 from protocols.bursts import PICTURE_PERIOD_S, check_times, stretches
 from protocols.image_readout import ImageReadout

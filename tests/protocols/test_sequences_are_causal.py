@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from instruments.bench import Bench
 from labctl.bench.opening import opened
 from labctl.bench.station import Station, WiringSection
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from protocols.base import PassStarted, Record, Sequences
 from protocols.sequence_readout import SequenceReadout
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from labctl.bench.opening import Access
 from labctl.bench.signals import Interruption
 from labctl.bench.station import read_station, write_addresses
 from labctl.engine.session import Acquisition, acquire
@@ -69,7 +70,7 @@ def cut(station: Path, directory: Path, *, by_command: bool) -> Path:
 
     asked = read_protocol("image-readout", list(SETTINGS))
     acquire(
-        Acquisition(asked, read_station(station), directory, armed=by_command),
+        Acquisition(asked, read_station(station), directory, access=Access(armed=by_command)),
         interruption=interruption,
         observer=Follower(stop),
     )

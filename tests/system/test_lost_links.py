@@ -15,7 +15,7 @@ import pytest
 
 from labctl.bench.opening import opened
 from labctl.bench.station import read_station, write_addresses
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 from sim_backends.bench import SimulatedBench
 from sim_backends.world.signals import Acquisition, Emission

@@ -22,7 +22,7 @@ from labctl.bench.station import Station, WiringSection, read_station, write_add
 from labctl.engine.engine import carry_out
 from labctl.engine.plan import Request
 from labctl.engine.session import Acquisition, acquire
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import experiments
 from labctl.studies.paper.reproduction import Plan, reproduce

@@ -21,7 +21,7 @@ from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import read_station, write_addresses
 from labctl.bench.supervision import supervised
 from labctl.commands.main import main
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 
 Served = tuple[dict[str, Any], Path]

@@ -1,67 +1,38 @@
-"""How recordings are made: under `labctl record` every bench that is opened writes one.
-
-The request travels in the environment, because some commands open their benches in processes of their own.
-"""
+"""How recordings are made: under `labctl record` every bench that is opened writes one."""
 
 import hashlib
 import json
-import os
 import re
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from instruments.transcripts import SessionTap, Transcript
 from labctl.bench.recording.format import Chunk, Kind, RecordingWriter
+from labctl.bench.recording.wire import RecordingRequest
 from labctl.bench.station import Station
 from labctl.errors import RecordingError
 from labctl.runs.format.provenance import versions
 
-VARIABLE = "LABCTL_RECORD"
 MOST_BENCHES = 1000
 
 _IDENTITY = re.compile(rb"([^,;]*,[^,;]*,)([^,;\r\n]+)(,)")
 """An answer to *IDN?: maker, model, serial number, versions (IEEE 488.2, 10.14)."""
 
 
-@dataclass(frozen=True)
-class RecordingRequest:
-    """Where to record, whether to mask, and the command that is recorded."""
-
-    path: str
-    mask: bool
-    command: tuple[str, ...]
-
-
 @contextmanager
-def asking_to_record(request: RecordingRequest) -> Iterator[None]:
-    """Inside the block every bench that this process or a child of it opens is recorded."""
-    os.environ[VARIABLE] = json.dumps(asdict(request))
-    try:
-        yield
-    finally:
-        del os.environ[VARIABLE]
-
-
-@contextmanager
-def recorded(transcript: Transcript, station: Station) -> Iterator[Transcript]:
-    """The transcript to give to the drivers of `station`: `transcript` itself, or one that also records.
+def recorded(transcript: Transcript, station: Station, request: RecordingRequest) -> Iterator[Transcript]:
+    """The transcript to give to the drivers of `station`: it passes on to `transcript`, and records.
 
     Raises:
         RecordingError: the recording cannot be written.
     """
-    text = os.environ.get(VARIABLE)
-    if text is None:
-        yield transcript
-        return
-    asked = RecordingRequest(**json.loads(text))
-    heading = {"versions": versions(), "bench": bench_of(station), "masked": asked.mask}
-    if not asked.mask:
-        heading["command"] = asked.command
-    with closing(_new_file(Path(asked.path), heading)) as writer:
-        yield RecordingTranscript(transcript, writer, Masks() if asked.mask else None)
+    heading = {"versions": versions(), "bench": bench_of(station), "masked": request.mask}
+    if not request.mask:
+        heading["command"] = request.command
+    with closing(_new_file(request.path, heading)) as writer:
+        yield RecordingTranscript(transcript, writer, Masks() if request.mask else None)
 
 
 def bench_of(station: Station) -> str:

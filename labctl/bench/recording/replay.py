@@ -1,12 +1,6 @@
-"""How recordings are played: recorded benches served on loopback, and stations led to them.
+"""How recordings are played: recorded benches served on loopback, and stations redirected to them."""
 
-The addresses travel in the environment, because some commands open their benches in processes of their own.
-"""
-
-import json
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 
 from labctl.bench.recording.format import Kind, Recording
 from labctl.bench.recording.recorder import bench_of
@@ -15,8 +9,6 @@ from labctl.bench.station import Station
 from labctl.errors import StationError
 from sim_backends.replay.server import Conversation, Step
 from sim_backends.replay.server import Replay as Replay
-
-VARIABLE = "LABCTL_REPLAY"
 
 
 def replay_of(recordings: Sequence[Recording], port_base: int | None = None) -> Replay:
@@ -39,18 +31,9 @@ def replay_of(recordings: Sequence[Recording], port_base: int | None = None) -> 
     return Replay(benches, port_base=port_base)
 
 
-@contextmanager
-def leading_to(replay: Replay, recordings: Sequence[Recording]) -> Iterator[None]:
-    """Inside the block every station that this process or a child of it opens has addresses of `replay`.
-
-    Which of them, the station itself decides, so that it does not matter who comes first. Where one bench is played, it
-    is everybody's.
-    """
-    os.environ[VARIABLE] = json.dumps({bench: replay.resources[name] for bench, name in _names(recordings).items()})
-    try:
-        yield
-    finally:
-        del os.environ[VARIABLE]
+def addresses(replay: Replay, recordings: Sequence[Recording]) -> dict[str, Mapping[str, str]]:
+    """Where `replay`, which is started, plays the instruments of each bench of `recordings`."""
+    return {bench: replay.resources[name] for bench, name in _names(recordings).items()}
 
 
 def _names(recordings: Sequence[Recording]) -> dict[str, str]:
@@ -58,24 +41,17 @@ def _names(recordings: Sequence[Recording]) -> dict[str, str]:
     return {recording.bench: recording.path.name for recording in reversed(recordings)}
 
 
-def replayed() -> bool:
-    """Whether every bench that this process opens is a recorded one."""
-    return VARIABLE in os.environ
+def redirected(station: Station, benches: Mapping[str, Mapping[str, str]]) -> Station:
+    """`station` with the addresses of the one of `benches` that is like it; a simulated laser keeps its command table.
 
-
-def redirected(station: Station) -> Station:
-    """`station` with the addresses of the replay, if one is being played; a simulated laser keeps its command table.
+    The station decides which, so that it does not matter who comes first; one bench alone is everybody's.
 
     Raises:
         StationError: several benches were recorded, none of them with a station like this one.
     """
-    text = os.environ.get(VARIABLE)
-    if text is None:
-        return station
-    benches = json.loads(text)
-    addresses = next(iter(benches.values())) if len(benches) == 1 else benches.get(bench_of(station))
-    if addresses is None:
+    resources = next(iter(benches.values())) if len(benches) == 1 else benches.get(bench_of(station))
+    if resources is None:
         raise StationError(f"{station.source}: no bench with these settings was recorded: repeat the recorded command")
     station = with_laser_commands(station)  # before the new addresses hide that the laser is the simulated one
-    sections = {role: getattr(station, role).model_copy(update={"address": addresses[role]}) for role in addresses}
+    sections = {role: getattr(station, role).model_copy(update={"address": resources[role]}) for role in resources}
     return station.model_copy(update=sections)

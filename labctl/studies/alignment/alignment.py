@@ -16,14 +16,14 @@ from instruments.values import Scaling
 from labctl.analysis.decorrelation import Scan
 from labctl.bench import calibration
 from labctl.bench.laser_limits import check_laser
-from labctl.bench.opening import opened
+from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError, StationError, UsageError
 from labctl.reports.alignment import alignment_report
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from labctl.studies.alignment.findings import Finding
 from labctl.studies.alignment.steps import (
     Result,
@@ -77,7 +77,7 @@ class Aligned:
 
 
 def align_bench(
-    station: Station, *, directory: Path | None, attended: bool, armed: bool, interruption: Interruption, tell: Tell
+    station: Station, access: Access, *, directory: Path | None, interruption: Interruption, tell: Tell
 ) -> Aligned | None:
     """Measure the bench of `station`; `tell` hears of each finding at once. None: interrupted.
 
@@ -96,8 +96,8 @@ def align_bench(
     results: list[Result] = []
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
-        supervisor = stack.enter_context(supervised(station, log))
-        bench = stack.enter_context(opened(station, log, observer=supervisor, attended=attended, armed=armed)).bench
+        supervisor = stack.enter_context(supervised(station, log, access.wire))
+        bench = stack.enter_context(opened(station, log, access, observer=supervisor)).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
         check_laser(station, (station.laser.wavelength, last))
         bench.require_arm()

@@ -10,7 +10,7 @@ from labctl.bench.opening import opened
 from labctl.bench.station import Station
 from labctl.engine.inputs import inputs_for
 from labctl.errors import LabctlError, StationError, UsageError
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from labctl.studies.paper.analyses import analysis_of
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.reproduction import Plan
@@ -95,7 +95,7 @@ class _Benches:
         key = station.model_dump_json()
         if key not in self._opened:
             log = self._stack.enter_context(CommandLog())
-            found = opened(station, log, attended=self._plan.attended, armed=self._plan.armed)
+            found = opened(station, log, self._plan.access)
             self._opened[key] = self._stack.enter_context(found).bench
         return self._opened[key]
 

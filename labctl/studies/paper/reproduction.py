@@ -10,6 +10,7 @@ from typing import Any
 
 from instruments.bench import Observer
 from instruments.values import Uploading
+from labctl.bench.opening import Access
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.engine.engine import Outcome
@@ -51,8 +52,7 @@ class Plan:
         quick: Fewer twins and splits.
         seeds: How many seeds, in place of what the experiments say.
         data: Folder of data sets that is looked at first.
-        attended: Whether somebody is at the bench.
-        armed: Whether light is allowed, whatever the station says.
+        access: How the bench is opened.
         name: What the directory of a run is called, by the run's name in the experiment file and its protocol.
     """
 
@@ -62,8 +62,7 @@ class Plan:
     quick: bool = False
     seeds: int | None = None
     data: Path | None = None
-    attended: bool = False
-    armed: bool = False
+    access: Access = Access()
     name: Callable[[str, Measurement[Any]], str] = name_by_settings
 
     def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
@@ -82,7 +81,7 @@ class Plan:
     def acquisition(self, protocol: Measurement[Any], directory: Path) -> Acquisition:
         """A run of `protocol` into `directory`, on the station as it needs it."""
         station = self.station_for(protocol, protocol.seed)
-        return Acquisition(protocol, station, directory, self.data, self.attended, self.armed)
+        return Acquisition(protocol, station, directory, self.data, self.access)
 
     def station_for(self, protocol: Measurement[Any], seed: int) -> Station:
         """The station as a run needs it.

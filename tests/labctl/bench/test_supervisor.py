@@ -15,12 +15,13 @@ import pytest
 
 from instruments.bench import Observer
 from labctl.bench.opening import opened
+from labctl.bench.recording.wire import Wire
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import SIMULATED_STATION, Station
 from labctl.bench.supervision import supervised
 from labctl.bench.supervisor import AGAIN_S, ATTEMPTS, READY, TRYING, Task, supervise, within_reach
-from labctl.runs.live.commands import CommandLog
 from labctl.runs.live.events import EventReader
+from labctl.runs.live.logs import CommandLog
 from sim_backends.bench import SimulatedBench
 
 
@@ -153,9 +154,8 @@ def test_a_bench_in_this_process_or_by_hand_is_out_of_reach(station: Station) ->
     assert within_reach(Station.model_validate(mixed)) == ("awg",)
 
 
-def test_a_replay_is_not_supervised(station: Station, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LABCTL_REPLAY", "{}")
-    with CommandLog() as log, supervised(station, log) as nobody:
+def test_a_replay_is_not_supervised(station: Station) -> None:
+    with CommandLog() as log, supervised(station, log, Wire(replay={})) as nobody:
         assert type(nobody) is Observer
 
 

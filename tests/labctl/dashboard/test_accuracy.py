@@ -88,12 +88,12 @@ def test_the_command_that_is_started_is_one_that_labctl_takes(tmp_path: Path) ->
         main(launcher.arguments(asked, tmp_path / "run"))
     assert ended.value.code == 2
     with pytest.raises(ValueError, match="no such protocol"):
-        launcher.start(Asked("--help"), tmp_path / "run")
+        launcher.start(Asked("--help"), tmp_path / "run", {})
 
 
 @pytest.mark.full
 def test_what_the_command_refuses_is_told(tmp_path: Path) -> None:
-    started = launcher.start(Asked("image-readout", "images=many"), tmp_path / "run")
+    started = launcher.start(Asked("image-readout", "images=many"), tmp_path / "run", {})
     started.process.wait(60)
     assert "images = 'many'" in started.failure()
     started.told.close()

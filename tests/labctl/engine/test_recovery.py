@@ -10,7 +10,7 @@ from instruments.errors import InstrumentError, LinkError
 from instruments.safe_state import UnsafeBench
 from labctl.bench.opening import OpenBench
 from labctl.engine.recovery import ATTEMPTS, Recovery
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 
 LOST = LinkError("scope at nowhere cannot be reached")
 

@@ -16,7 +16,7 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, bytes_needed
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.runs.format.journal import read_journal
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout

@@ -1,7 +1,6 @@
 """`labctl record` and `labctl replay`, as they are typed: a run is played again without any physics."""
 
 import json
-import os
 import re
 import signal
 import socket
@@ -18,10 +17,11 @@ from instruments.alnair_tlg220 import Tlg220Section
 from instruments.errors import LinkError
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.visa import VisaLink
-from labctl.bench.opening import opened
+from labctl.bench.opening import Access, opened
 from labctl.bench.recording.format import Kind, read_recording
-from labctl.bench.recording.recorder import Masks, RecordingRequest, asking_to_record, recordings
-from labctl.bench.recording.replay import leading_to, redirected, replay_of
+from labctl.bench.recording.recorder import Masks, recordings
+from labctl.bench.recording.replay import addresses, redirected, replay_of
+from labctl.bench.recording.wire import RecordingRequest, Wire
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import SimSection, Station, read_station
 from labctl.errors import StationError
@@ -177,11 +177,10 @@ def test_nothing_spoken_nothing_recorded(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_every_bench_of_a_command_has_its_file(tmp_path: Path) -> None:
-    asked = RecordingRequest(str(tmp_path / "a.rec"), mask=False, command=("twice",))
-    with asking_to_record(asked):
-        for _ in range(2):
-            with opened(Station(), lambda *_: None) as found:
-                found.bench.awg.identify()
+    wire = Wire(record=RecordingRequest(path=tmp_path / "a.rec", mask=False, command=("twice",)))
+    for _ in range(2):
+        with opened(Station(), lambda *_: None, Access(wire=wire)) as found:
+            found.bench.awg.identify()
     for name in ("a.rec", "a-2.rec"):
         recording = read_recording(tmp_path / name)
         assert recording.complete
@@ -268,33 +267,46 @@ def test_masks() -> None:
 
 def test_it_does_not_matter_which_of_several_benches_is_opened_first(tmp_path: Path) -> None:
     first, second, unknown = (Station(sim=SimSection(twin_seed=seed)) for seed in (1, 2, 3))
-    with asking_to_record(RecordingRequest(str(tmp_path / "a.rec"), mask=False, command=("several",))):
-        for station in (first, second, first):
-            with opened(station, lambda *_: None) as found:
-                (found.bench.awg if station is first else found.bench.scope).identify()
+    recording = Access(wire=Wire(record=RecordingRequest(path=tmp_path / "a.rec", mask=False, command=("several",))))
+    for station in (first, second, first):
+        with opened(station, lambda *_: None, recording) as found:
+            (found.bench.awg if station is first else found.bench.scope).identify()
     files = recordings(tmp_path / "a.rec")
     assert [file.name for file in files] == ["a.rec", "a-2.rec", "a-3.rec"]
     played = [read_recording(file) for file in files]
-    with replay_of(played) as replay, leading_to(replay, played):
+    with replay_of(played) as replay:
+        playing = Access(wire=Wire(replay=addresses(replay, played)))
         for station in (second, first, first):
-            with opened(station, lambda *_: None) as found:
+            with opened(station, lambda *_: None, playing) as found:
                 assert found.simulation is None
                 (found.bench.awg if station is first else found.bench.scope).identify()
-        with pytest.raises(StationError, match="no bench with these settings was recorded"), opened(unknown, print):
+        with (
+            pytest.raises(StationError, match="no bench with these settings was recorded"),
+            opened(unknown, print, playing),
+        ):
             pass
         replay.stop()
         assert replay.complete
 
 
-def test_stations_are_led_to_the_replay_only_inside_it(recorded: tuple[Path, dict[str, Any]]) -> None:
+def test_stations_are_redirected_to_the_replay(recorded: tuple[Path, dict[str, Any]]) -> None:
     station = Station(laser={"commands": "own.toml"}, dmd={"address": "TCPIP0::a::1::SOCKET"})
     played = [read_recording(recorded[0])]
-    with replay_of(played) as replay, leading_to(replay, played):
-        (addresses,) = replay.resources.values()
-        assert redirected(station).addresses == addresses
+    with replay_of(played) as replay:
+        benches = addresses(replay, played)
+        (resources,) = benches.values()
+        assert redirected(station, benches).addresses == resources
         for told, commands in ((station, Path("own.toml")), (Station(), SIMULATED_LASER)):
-            laser = redirected(told).laser
+            laser = redirected(told, benches).laser
             assert isinstance(laser, Tlg220Section)
             assert laser.commands == commands
-    assert redirected(station) is station
-    assert not any(name.startswith("LABCTL_RE") for name in os.environ)
+
+
+def test_a_child_process_learns_of_the_wire_by_its_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wire = Wire(
+        record=RecordingRequest(path=tmp_path / "a.rec", mask=True, command=("check",)), replay={"a": {"awg": "b"}}
+    )
+    assert Wire.of_this_process() == Wire()
+    for name, value in wire.environment().items():
+        monkeypatch.setenv(name, value)
+    assert Wire.of_this_process() == wire

@@ -5,7 +5,7 @@ import platform
 import sys
 from pathlib import Path
 
-from labctl.runs.live.events import EventLog
+from labctl.runs.live.logs import EventLog
 from tests.labctl.runs.conftest import begin, measure_until
 
 if __name__ == "__main__":

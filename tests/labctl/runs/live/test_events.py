@@ -9,8 +9,9 @@ import pytest
 from labctl.bench.signals import Interruption, StoppedBySignal
 from labctl.bench.station import Station
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
-from labctl.runs.live import events as module
-from labctl.runs.live.events import EventLog, EventReader
+from labctl.runs.live import events, logs
+from labctl.runs.live.events import EventReader
+from labctl.runs.live.logs import EventLog
 from protocols.image_readout import ImageReadout
 from tests.observers import Follower
 
@@ -74,7 +75,7 @@ def test_progress_is_told_twice_a_second_with_rate_and_remaining_time(path: Path
 
 
 def test_a_long_run_tells_its_progress_seldom(path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "LARGE", 200)
+    monkeypatch.setattr(logs, "LARGE", 200)
     with EventLog(clock) as log:
         log.keep_in(path)
         for done in range(60):
@@ -103,7 +104,7 @@ def test_a_line_without_end_takes_no_memory(path: Path) -> None:
     reader = EventReader(path)
     for _ in range(6):
         assert reader.read() == []
-    assert len(reader._torn) <= module.LONGEST_LINE
+    assert len(reader._torn) <= events.LONGEST_LINE
 
 
 def test_a_full_disk_ends_the_log_and_nothing_else(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -14,7 +14,7 @@ import pytest
 from labctl.commands.main import main
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import list_runs
-from labctl.runs.live.events import EventLog
+from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import writer_of
 from labctl.runs.write.writer import RunWriter
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from instruments.interfaces import BYPASS_PORT
-from labctl.bench.opening import opened
+from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station
 from labctl.engine.inputs import images_for
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 from labctl.studies.alignment.alignment import SEED, Aligned, align_bench
 from labctl.studies.alignment.findings import COVERAGE, Finding
 from labctl.studies.alignment.steps import of_depth, of_range
@@ -30,9 +30,7 @@ Pull = tuple[float, float, float]
 
 def aligned(station: Station, directory: Path) -> Aligned:
     told: list[Finding] = []
-    found = align_bench(
-        station, directory=directory, attended=False, armed=False, interruption=Interruption(), tell=told.append
-    )
+    found = align_bench(station, Access(), directory=directory, interruption=Interruption(), tell=told.append)
     assert found is not None
     assert tuple(told) == found.findings
     return found

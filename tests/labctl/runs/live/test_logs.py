@@ -1,10 +1,10 @@
-"""commands.log."""
+"""commands.log, and the file of lines under both logs."""
 
 from pathlib import Path
 
 import pytest
 
-from labctl.runs.live.commands import CommandLog
+from labctl.runs.live.logs import CommandLog
 
 
 def test_messages_before_and_after_the_file_is_there(tmp_path: Path) -> None:

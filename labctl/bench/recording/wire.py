@@ -1,0 +1,45 @@
+"""What becomes of the messages of every bench that a command opens: passed on, recorded, or answered by a recording."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict
+
+VARIABLE = "LABCTL_WIRE"
+"""How a command that is started in a process of its own learns of it."""
+
+
+class RecordingRequest(BaseModel):
+    """Where to record, whether to mask, and the command that is recorded."""
+
+    model_config = ConfigDict(frozen=True)
+
+    path: Path
+    mask: bool
+    command: tuple[str, ...]
+
+
+class Wire(BaseModel):
+    """What is between the drivers and their instruments: nothing but the network, unless it is said here.
+
+    Attributes:
+        record: What every bench writes a recording of itself for, if it does.
+        replay: VISA addresses that answer as recorded, by the bench (`bench_of` its station) and the instrument; None
+            where nothing is played.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    record: RecordingRequest | None = None
+    replay: Mapping[str, Mapping[str, str]] | None = None
+
+    @classmethod
+    def of_this_process(cls) -> Self:
+        """As the parent of this process said in its `environment`."""
+        return cls.model_validate_json(os.environ.get(VARIABLE, "{}"))
+
+    def environment(self) -> dict[str, str]:
+        """What the environment of a child must have to open its benches in the same way."""
+        return {VARIABLE: self.model_dump_json(exclude_none=True)}
