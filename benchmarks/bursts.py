@@ -2,7 +2,8 @@
 
     python benchmarks/bursts.py [images]
 
-10,000 images unless told otherwise: of `mnist` where its files are (LABCTL_DATA), or the 4000 bundled digits.
+10,000 images unless an argument says otherwise: of `mnist` where its files are (LABCTL_DATA), or the 4000 bundled
+digits.
 References, all of the same run: as many bytes through a bare socket, the shards' bytes written and synced without
 anything else, the DMD's 22,727 pictures a second, and a software-timed run of the same images.
 """

@@ -2,10 +2,11 @@
 
     python benchmarks/dashboard.py [rounds] [seconds]
 
-One run of `labctl run` in a process of its own, whose events tell its rate. While it measures, stretches with the page
+One run of `labctl run` in a process of its own, whose events have its rate. While it measures, stretches with the page
 of this run open in Chromium and stretches without a dashboard follow each other as closed, open, open, closed, so that
-a slow drift of the machine counts for both alike; 3 rounds of 10 s stretches unless told otherwise. The reference is
-the same run in the same minutes. What it takes to start dashboard and browser is not counted. Asked for: at least 0.95.
+a slow drift of the machine counts for both alike; 3 rounds of 10 s stretches unless an argument says otherwise. The
+reference is the same run in the same minutes. What it takes to start dashboard and browser is not counted. Asked for:
+at least 0.95.
 """
 
 import subprocess

@@ -2,8 +2,9 @@
 
     python benchmarks/long_runs.py [shots ...]
 
-40,000 and 200,000 shots unless told otherwise, on five ports in one pass with ten samples each, twenty shots a shard.
-Nothing is synced while the run is made, since that is not what is measured. Times are of the processor and by the wall.
+40,000 and 200,000 shots unless an argument says otherwise, on five ports in one pass with ten samples each, twenty
+shots a shard. Nothing is synced while the run is made, since that is not what is measured. Times are of the processor
+and by the wall.
 """
 
 import os

@@ -116,7 +116,7 @@ class Tlg220(TunableLaser):
         self._settle()
 
     def require_emission(self) -> None:
-        """Read-back of the emission; where there is none, the error queue may tell why."""
+        """Read-back of the emission; where there is none, the error queue may say why."""
         if self._number("get_output") != 1:
             reasons = "; ".join(self._link.errors()[:1]) or "it does not say why"
             raise InstrumentError(f"laser: the light went out by itself ({reasons}): check interlock and front panel")
@@ -139,7 +139,7 @@ class Tlg220(TunableLaser):
         }
 
     def make_safe(self) -> None:
-        """Emission off, told to a laser that no longer answers as well; earlier errors are not held against it."""
+        """Emission off, sent even to a laser that no longer answers; earlier errors do not count."""
         self._link.write(self._command("output_off").write)
         self._link.errors()
         self.darken()

@@ -1,6 +1,6 @@
 """The calls of the ALP library that a DMD driver needs, by the vendor's library on USB or as lines on the network.
 
-`ALP4lib` stands in front of the vendor's library (extra `alp`); `AlpOverVisa` sends the same calls to a DMD that is
+`ALP4lib` wraps the vendor's library (extra `alp`); `AlpOverVisa` sends the same calls to a DMD that is
 served on the network, the simulated one among them.
 """
 

@@ -141,7 +141,7 @@ class Light:
 class Bench:
     """The opened instruments of a station, and what a protocol does with them.
 
-    A protocol works through the methods here, so that `observer` hears of it; of the instruments themselves it asks
+    A protocol works through the methods here, so that `observer` follows it; of the instruments themselves it asks
     what they can do. `armed` says that a person has allowed light. `source` is the file that describes the bench, for
     messages. `now` gives the time of the bench in seconds: the wall clock of a real bench, the virtual clock of a
     simulated one. `undisturbed` keeps what would stop the program out of the way into the safe state. `lit` says that

@@ -162,7 +162,7 @@ class Oscilloscope(Instrument):
 
 
 class TunableLaser(Instrument):
-    """The light source. It starts dark and is dark whenever it is not told to emit."""
+    """The light source. It starts dark and is dark unless it is switched on."""
 
     switches_itself: bool
     """Whether software can end emission; if not, a person or an interlock must."""
@@ -193,7 +193,7 @@ class TunableLaser(Instrument):
 
     @abstractmethod
     def require_emission(self) -> None:
-        """Check that the light that was switched on is still there, as far as the laser can tell.
+        """Check that the light that was switched on is still there, as far as the laser knows.
 
         Raises:
             InstrumentError: it went out by itself.

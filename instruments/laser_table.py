@@ -149,7 +149,7 @@ class CommandTable(BaseModel):
                 )
 
     def require_verified(self) -> None:
-        """Check that the laser may be switched on with nobody beside it.
+        """Check that the laser may be switched on with nobody at it.
 
         Raises:
             NotConfigured: `verified` is not true.

@@ -16,7 +16,7 @@ DRIVER = Driver(
 class ManualLaser(TunableLaser):
     """A laser that software cannot reach: the operator sets it and confirms, the software keeps the record.
 
-    It cannot be switched off by software, so a run with it needs a person beside the bench.
+    It cannot be switched off by software, so a run with it needs a person at the bench.
     """
 
     switches_itself = False

@@ -66,7 +66,7 @@ def safe_state(steps: dict[str, Callable[[], None]]) -> None:
 
 
 def _over_a_new_link(step: Callable[[], None]) -> None:
-    """Once more if the link that is there was broke unnoticed, as links do while nothing is said."""
+    """Once more if the link that is there was broke unnoticed, as idle links do."""
     try:
         step()
     except LinkError:

@@ -107,7 +107,7 @@ class Awg70002a(Awg):
     ) -> Loaded:
         """Upload `drive` with its marker, assign it, and return the rate and the amplitude it settled on.
 
-        It goes in chunks, so that the longest waveform the instrument takes needs no memory here beside the drive.
+        It goes in chunks, so that the longest waveform the instrument takes needs no memory here besides the drive.
         A trigger is the falling edge, since a DMD's pulse begins with the picture and ends when its mirrors rest. Where
         each starts several periods, the marker is high in the first one only: one edge, and so one frame, a trigger.
 
@@ -223,7 +223,7 @@ class Awg70002a(Awg):
         }
 
     def make_safe(self) -> None:
-        """Output off, stopped, told to an instrument that no longer answers as well; earlier errors do not count."""
+        """Output off, stopped, sent even to an instrument that no longer answers; earlier errors do not count."""
         self._link.write("OUTPut:OFF 1")
         self._link.errors()
         self.stop()

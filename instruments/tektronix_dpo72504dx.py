@@ -206,7 +206,7 @@ class Dpo72504dx(Oscilloscope):
         return int(self._link.number("HORizontal:FASTframe:MAXFRames?"))
 
     def arm_burst(self, frames: int) -> None:
-        """FastFrame of `frames` frames, started; ready for triggers 400 ms later, which `TRIGger:A:READY?` tells."""
+        """FastFrame of `frames` frames, started; ready for triggers 400 ms later, as `TRIGger:A:READY?` confirms."""
         if frames != self._frames:
             with self._link.checked():
                 for setting in (
@@ -280,7 +280,7 @@ class Dpo72504dx(Oscilloscope):
     def _count_frames(self) -> None:
         """Return when all frames of the burst are there.
 
-        `*OPC?` alone would not tell how many are missing, and how long to wait for all depends on the triggers' rate.
+        `*OPC?` alone would not show how many are missing, and how long to wait for all depends on the triggers' rate.
         """
         frames, last = 0, time.monotonic()
         while (found := self._link.number("ACQuire:NUMFRAMESACQuired?", timeout_s=BURST_WAIT_S)) < self._frames:
@@ -312,7 +312,7 @@ class Dpo72504dx(Oscilloscope):
         found = found[np.isfinite(found)]
         if found.size != self._frames:
             raise InstrumentError(
-                f"{self._link.name} at {self._link.resource}: {query.split()[0]} told of {found.size} frames, not of "
+                f"{self._link.name} at {self._link.resource}: {query.split()[0]} described {found.size} frames, not "
                 f"{self._frames}: check its trigger"
             )
         return found

@@ -49,7 +49,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def one_line(text: str) -> bool:
-    """Whether a text can be printed as it stands: no line ends, no other control characters."""
+    """Whether a text can be printed as it is: no line ends, no other control characters."""
     return text.isprintable()
 
 

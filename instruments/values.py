@@ -63,7 +63,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Examination:
-    """What an instrument tells of its state: installed options, and the error queue as it was.
+    """What an instrument reports of its state: installed options, and the error queue as it was.
 
     `limits` are those that its driver keeps it in.
     """

@@ -192,8 +192,8 @@ class VisaLink:
         if errors:
             different = tuple(dict.fromkeys(errors))  # a full queue says the same over and over
             more = f" and {len(different) - MOST_TOLD} more" if len(different) > MOST_TOLD else ""
-            told = "; ".join(different[:MOST_TOLD]) + more
-            raise InstrumentError(f"{self.name} at {self.resource} reports {told}")
+            queue = "; ".join(different[:MOST_TOLD]) + more
+            raise InstrumentError(f"{self.name} at {self.resource} reports {queue}")
 
     def errors(self) -> list[str]:
         """Empty the instrument's error queue and return what it held, each error in one line."""

@@ -12,7 +12,7 @@ def open_run(path: "Path | str") -> "xarray.Dataset":
     """A run, finished or still going on, as an xarray Dataset that reads nothing before it is looked at.
 
     Dimensions are shot, port, time (s after the trigger), pass and drive_sample. `frames` are digitiser codes and
-    `volts` the signal in V, both (shot, port, time); what shots and ports are stands in the coordinates, and the
+    `volts` the signal in V, both (shot, port, time); the coordinates say what shots and ports are, and the
     manifest in the attribute `manifest`, as JSON. A run that is going on is shown as it is now. Close the dataset, or
     use it as a context manager. Needs the extra `data`.
 

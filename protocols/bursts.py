@@ -47,7 +47,7 @@ def burst_dmd(bench: Bench) -> BurstDmd:
 
 
 def load_pictures(bench: Bench, mirrors: Iterable[NDArray[np.uint8]], count: int) -> None:
-    """Put pictures into the memory of the bench's DMD as `BurstDmd.load` does; its observer hears how far that is.
+    """Put pictures into the memory of the bench's DMD as `BurstDmd.load` does; its observer follows the upload.
 
     Raises:
         OutOfRange: more than its capacity.

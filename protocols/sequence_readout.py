@@ -140,7 +140,7 @@ class SequenceReadout(Measurement[Sequences]):
         bench.configure(Timebase(self.sample_rate, samples), pass_.patching, self.averages)
 
     def _first_symbol_sample(self, record: Frames) -> int:
-        """Where in a record the light of the first sequence begins; the light of the mark is what tells."""
+        """Where in a record the light of the first sequence begins; the light of the mark shows it."""
         silent = slice(round(LONGEST_DELAY_S * self.sample_rate), LEAD_SYMBOLS * self._samples_per_symbol)
         return first_light(record.codes[0], silent=silent) + REST_SYMBOLS * self._samples_per_symbol
 

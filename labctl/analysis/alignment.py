@@ -1,7 +1,7 @@
 """What the signals of a bench say before the first run: dark level, noise, range, repeatability, contrast.
 
 Every estimate comes with a standard uncertainty from the same frames: of means the scatter of the frames, of a standard
-deviation s / sqrt(2 (n - 1)) (GUM, JCGM 100:2008, E.4.3), otherwise as said.
+deviation s / sqrt(2 (n - 1)) (GUM, JCGM 100:2008, E.4.3), unless said otherwise.
 """
 
 import math
@@ -49,7 +49,7 @@ def flat_top(twice: NDArray[np.floating]) -> bool:
     """Whether images end at one level, as where a detector's amplifier gives no more, or the oscilloscope.
 
     So they do where they come within `TOP` of their range to the highest signal at `FLAT` times or more. Speckle is
-    distributed exponentially: the highest of n independent signals stands range / ln n clear of the next on average,
+    distributed exponentially: the highest of n independent signals is range / ln n above the next on average,
     and that three more come as near by chance is seen once in thousands of alignments.
 
     Args:

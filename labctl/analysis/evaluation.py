@@ -173,7 +173,7 @@ def control(
     test_size: float | int = 0.1,
     seed: int,
 ) -> Control:
-    """Accuracy on shots that say nothing about `labels` (fixed image, dark, shuffled labels), beside that of chance."""
+    """Accuracy on shots that say nothing about `labels` (fixed image, dark, shuffled labels), and that of chance."""
     scores = cross_validated_accuracy(features, labels, groups, splits=splits, test_size=test_size, seed=seed)
     chance = float(np.max(np.unique_counts(labels).counts) / labels.size)
     tolerance = STANDARD_ERRORS * float(np.sqrt(chance * (1 - chance) / np.unique(groups).size))

@@ -51,7 +51,7 @@ POLES, FEWER, MORE = 3.0, 2.0, 4.0
 STEPS = np.array([3e-12, 0.1, 0.1, 0.5])
 """How far each parameter may be off at first: delay, and the logarithms of decay, poles' time constant, remainder."""
 REST = 6.0
-"""How far the highest power of the responses stands out of that before it, at least."""
+"""How far the highest power of the responses exceeds that before it, at least."""
 UNEXPLAINED = 1e-3
 """Part of a response's energy that the model may leave out, at first."""
 

@@ -1,4 +1,4 @@
-"""The calibration of a bench: what an alignment found, with its date, and whether it still stands for the bench.
+"""The calibration of a bench: what an alignment found, with its date, and whether it still holds for the bench.
 
 A folder for each alignment: `calibration.json` beside its pictures. A run refers to the one that was the newest of its
 bench when it was begun.
@@ -106,27 +106,27 @@ def newest(station: Station) -> Calibration | None:
 
 
 def concerns(calibration: Calibration, station: Station, now: datetime) -> list[str]:
-    """Why a calibration may no longer stand for the bench, a line each, with what to do."""
+    """Why a calibration may no longer hold for the bench, a line each, with what to do."""
     stored = calibration.stored
-    told = []
+    reasons = []
     age = now - stored.date
     if age > timedelta(seconds=station.calibration.valid):
-        told.append(
+        reasons.append(
             f"it is {age.days} days old, more than calibration.valid = {station.calibration.valid / 86400:g} days"
         )
     present, then = _flat(_settings(station)), _flat(stored.settings)
-    told += [
+    reasons += [
         f"{key} was {then.get(key)!r}, is {present[key]!r}"
         for key in sorted(present)  # a key that the driver no longer has cannot have changed the bench
         if present[key] != then.get(key)
     ]
     if not stored.good:
-        told.append("not all of it was good")
-    return [f"{calibration.path}: {one}: measure again with 'labctl align'" for one in told]
+        reasons.append("not all of it was good")
+    return [f"{calibration.path}: {one}: measure again with 'labctl align'" for one in reasons]
 
 
 def warnings(reference: object, station: Station) -> list[str]:
-    """What must be said before light is switched on of the calibration that a run refers to; nothing if to none.
+    """What to warn of before light is switched on: the calibration that a run refers to may not hold any more.
 
     reference: as `Calibration.reference` gives it and the manifest keeps it; anything else says that there was none.
     """
@@ -136,10 +136,10 @@ def warnings(reference: object, station: Station) -> list[str]:
     if latest is None:
         gone = "the calibration that the run refers to is not here any more"
         return [f"{folder_of(station)}: {gone}: measure again with 'labctl align'"]
-    told = concerns(latest, station, datetime.now(UTC))
+    lines = concerns(latest, station, datetime.now(UTC))
     if latest.sha256 != reference.get("sha256"):
-        told.insert(0, f"{latest.path}: aligned after the run was begun: look at its drift, or begin a new run")
-    return told
+        lines.insert(0, f"{latest.path}: aligned after the run was begun: look at its drift, or begin a new run")
+    return lines
 
 
 def read(path: Path) -> Calibration | None:

@@ -17,14 +17,14 @@ UNKNOWN, UNTOLD = Identity("", "", "", ""), Examination()
 
 @dataclass
 class Finding:
-    """What one instrument told.
+    """What is known of one instrument.
 
     Attributes:
         driver, address: As the station says.
         identity: Who it is.
         examination: Options, what the error queue held, limits of the driver.
         allowed: The limits of the station for what is set here, by the names of `examination`.
-        self_test: `PASSED`, `NOT_RUN`, or what it said.
+        self_test: `PASSED`, `NOT_RUN`, or its error.
         problem: Why it is not well, and what to do; empty if it is.
     """
 
@@ -78,9 +78,9 @@ def _ask(name: str, instrument: Instrument | InstrumentError, finding: Finding) 
         raise
     finding.self_test = PASSED
     if finding.examination.errors:
-        told = "; ".join(dict.fromkeys(finding.examination.errors))
+        queue = "; ".join(dict.fromkeys(finding.examination.errors))
         raise InstrumentError(
-            f"{name}: its error queue held {told}: it is emptied now, repeat the check to see whether they come again"
+            f"{name}: its error queue held {queue}: it is emptied now, repeat the check to see whether they come again"
         )
 
 

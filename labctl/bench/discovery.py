@@ -58,11 +58,11 @@ def answers_at(addresses: Iterable[str]) -> Iterator[Answer]:
 
 def recognised(address: str, identity: Identity) -> Answer:
     """What an instrument is for labctl, by its maker and model: of several drivers, the one that matches most of it."""
-    told = f"{identity.manufacturer} {identity.model}"
+    maker_and_model = f"{identity.manufacturer} {identity.model}"
     known = [
         (match, driver.role, name)
         for name, driver in installed().items()
-        if driver.identity is not None and (match := driver.identity.search(told))
+        if driver.identity is not None and (match := driver.identity.search(maker_and_model))
     ]
     if not known:
         return Answer(address, identity)

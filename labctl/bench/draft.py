@@ -1,4 +1,4 @@
-"""A station file to begin with: what was found and said, every other key with its default and what it is."""
+"""A station file to begin with: what was found and answered, every other key with its default and what it is."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
@@ -57,8 +57,8 @@ def draft(values: Values, remarks: Mapping[str, Sequence[str]], *, name: str, sc
 
 
 def _table(table: str, section: type[BaseModel], values: Mapping[str, Any], found: Sequence[str]) -> list[str]:
-    told = (section.__doc__ or "").strip().partition("\n")[0]
-    lines = [f"[{table}]", *(f"# {line}" for line in (told, *REMARKS.get(table, ()), *found))]
+    title = (section.__doc__ or "").strip().partition("\n")[0]
+    lines = [f"[{table}]", *(f"# {line}" for line in (title, *REMARKS.get(table, ()), *found))]
     for key, field in section.model_fields.items():
         about = f"  # {field.description}" if field.description else ""
         if key in values:

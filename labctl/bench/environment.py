@@ -1,4 +1,4 @@
-"""What labctl stands on here: interpreter, packages, VISA, plug-ins, extras, data sets, space on the disk."""
+"""What labctl is built on here: interpreter, packages, VISA, plug-ins, extras, data sets, space on the disk."""
 
 import platform
 import shutil
@@ -54,7 +54,7 @@ class Finding:
 
 
 def examine() -> tuple[Finding, ...]:
-    """Look at everything; at what stands on packages only where these are whole."""
+    """Look at everything; at what needs packages only where these are whole."""
     ground = (*_itself(), *_packages())
     if any(found.state == BROKEN for found in ground):
         return ground
@@ -102,13 +102,13 @@ def _problem(one: Requirement) -> str:
 def _visa() -> Iterator[Finding]:
     from pyvisa.highlevel import get_wrapper_class, list_backends
 
-    told: Any = get_wrapper_class(
+    support: Any = get_wrapper_class(
         "py"
     ).get_debug_info()  # kind -> a word if it is there, lines about what it lacks if not
     for kind in (*NETWORK, "ASRL INSTR", "USB INSTR"):
-        available = isinstance(told.get(kind), str)
+        available = isinstance(support.get(kind), str)
         absent = BROKEN if kind in NETWORK else MISSING
-        remedy = " ".join(told[kind]) if kind in told else "not offered by pyvisa-py"
+        remedy = " ".join(support[kind]) if kind in support else "not offered by pyvisa-py"
         yield Finding("VISA", kind, OK if available else absent, "by pyvisa-py" if available else remedy)
     vendors = get_wrapper_class("ivi").get_library_paths() if "ivi" in list_backends() else ()
     yield Finding("VISA", "vendor's library", OK if vendors else MISSING, ", ".join(map(str, vendors)) or VENDOR)

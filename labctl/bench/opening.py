@@ -57,7 +57,7 @@ def opened(
     """The bench of `station`, released at the end however the block ends.
 
     Instruments whose address is "simulated" are served by a simulated bench in this process, over real sockets. No
-    message is sent here: a station that is wrong is refused before any instrument hears of it.
+    message is sent here: a station that is wrong is refused before any instrument is spoken to.
 
     `observer` follows the bench. Where there is no light but in a simulation of this process or in a recording, nobody
     is asked to allow it.

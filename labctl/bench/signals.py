@@ -15,9 +15,9 @@ from labctl.errors import notes
 STOPS: tuple[signal.Signals, ...] = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 )
-"""Ctrl-C, told to end, terminal closed; on Windows Ctrl-Break and the closed console."""
+"""Ctrl-C, a request to end, terminal closed; on Windows Ctrl-Break and the closed console."""
 SUSPEND: tuple[signal.Signals, ...] = (signal.SIGTSTP,) if hasattr(signal, "SIGTSTP") else ()
-"""Ctrl-Z: a process that stands still leaves the laser as it is."""
+"""Ctrl-Z: a stopped process leaves the laser as it is."""
 STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
 
 
@@ -30,7 +30,7 @@ class Interruption:
 
 
 class StoppedBySignal(KeyboardInterrupt):
-    """The run was told to stop at once."""
+    """The operator stopped the run at once."""
 
 
 @contextmanager
@@ -44,9 +44,9 @@ def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
 def interruptible() -> Iterator[Interruption]:
     """Take over SIGINT, SIGTERM and SIGHUP inside the block; Ctrl-Z does not suspend it.
 
-    Whatever raises on the way out is not interrupted again: the safe state comes first. What fails there is told here,
-    since a stop asked for is no error that anybody else would tell. Outside the main thread signals cannot be received,
-    and the block runs without them.
+    Whatever raises on the way out is not interrupted again: the safe state comes first. What fails there is printed
+    here, since a stop that was asked for is no error that anybody else would report. Outside the main thread signals
+    cannot be received, and the block runs without them.
     """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():

@@ -80,7 +80,7 @@ class DurabilitySection(Section):
 
 
 class CalibrationSection(Section):
-    """Where `labctl align` keeps what it finds, beside the station file, and how long that stands."""
+    """Where `labctl align` keeps what it finds, beside the station file, and how long that is valid."""
 
     folder: Annotated[Path, Field(description="Folder of what `labctl align` finds, beside this file.")] = Path(
         "calibrations"

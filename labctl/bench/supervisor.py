@@ -57,7 +57,7 @@ def within_reach(station: Station) -> tuple[str, ...]:
 
 
 def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[float], None] = time.sleep) -> None:
-    """Wait for the end of the parent, make the bench safe, and tell it in the run's log and on standard error."""
+    """Wait for the end of the parent, make the bench safe, and report it in the run's log and on standard error."""
     first = orders.readline()
     if not first.endswith(b"\n"):
         return  # the parent ended before there was anything to do
@@ -71,7 +71,7 @@ def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[f
     log = CommandLog(started=task.log_started)
     began = time.monotonic()
 
-    def tell(what: str, *, safe: bool) -> None:
+    def report(what: str, *, safe: bool) -> None:
         log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
         events.event("safe state", reached=safe, by="supervisor", text=f"the run {what}")
         with suppress(OSError):
@@ -80,7 +80,7 @@ def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[f
     with log, EventLog() as events:
         unsafe = _make_safe(task, drivers, log)
         by_hand = "laser" in task.station.by_hand
-        tell(_told(drivers, unsafe, by_hand=by_hand), safe=unsafe is None and not by_hand)
+        report(_outcome(drivers, unsafe, by_hand=by_hand), safe=unsafe is None and not by_hand)
         if path is not None:
             events.stored_in(path.parent)
             with suppress(OSError):
@@ -88,7 +88,7 @@ def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[f
         if unsafe is not None and "laser" in unsafe.disobeyed:
             say(TRYING)
             dark = _darkened_later(task, drivers["laser"], log, pause)
-            tell(AT_LAST if dark else NEVER, safe=dark and unsafe.disobeyed == {"laser"})
+            report(AT_LAST if dark else NEVER, safe=dark and unsafe.disobeyed == {"laser"})
 
 
 def main() -> None:
@@ -124,11 +124,11 @@ def _make_safe(task: Task, drivers: dict[str, Driver[Any]], log: CommandLog) -> 
     return None
 
 
-def _told(drivers: dict[str, Driver[Any]], unsafe: UnsafeBench | None, *, by_hand: bool) -> str:
+def _outcome(drivers: dict[str, Driver[Any]], unsafe: UnsafeBench | None, *, by_hand: bool) -> str:
     if unsafe is not None:
-        told = f"{UNSAFE}, and the supervisor could not: {unsafe}"
+        outcome = f"{UNSAFE}, and the supervisor could not: {unsafe}"
         again = f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min"
-        return told + again if "laser" in unsafe.disobeyed else told
+        return outcome + again if "laser" in unsafe.disobeyed else outcome
     reached = ", ".join(ORDER[name] for name in drivers)
     laser = "; the laser is set by hand: switch it off by its key switch" if by_hand else ""
     return f"{UNSAFE}, the supervisor did: {reached}{laser}"

@@ -1,4 +1,4 @@
-"""`labctl compare`: two runs beside each other."""
+"""`labctl compare`: two runs side by side."""
 
 from pathlib import Path
 from typing import Annotated, Any

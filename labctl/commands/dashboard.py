@@ -42,8 +42,8 @@ def dashboard(
         )
 
     def ready(served: "Served") -> None:
-        told = {"url": served.url, "host": served.host, "port": served.port, "runs": str(runs)}
-        show(told, as_json, lambda: say(f"{served.url}\nCtrl-C ends the dashboard; runs go on without it"))
+        served_at = {"url": served.url, "host": served.host, "port": served.port, "runs": str(runs)}
+        show(served_at, as_json, lambda: say(f"{served.url}\nCtrl-C ends the dashboard; runs go on without it"))
         sys.stdout.flush()
         if not no_open:
             webbrowser.open(served.url)

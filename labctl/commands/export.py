@@ -17,7 +17,7 @@ def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory or data.h5.")],
     to: Annotated[str, typer.Option("--to", help=f"Format: {', '.join(FORMATS)}.")],
     out: Annotated[
-        Path | None, typer.Option("--out", help="File to make, for zarr a folder; default beside the run.")
+        Path | None, typer.Option("--out", help="File to make, for zarr a folder; default next to the run.")
     ] = None,
     shots: ShotsOption = None,
     codes: Annotated[

@@ -1,4 +1,4 @@
-"""`labctl init`: a station file to begin with, from what answers and what is said."""
+"""`labctl init`: a station file to begin with, from what answers and what you answer."""
 
 import sys
 import tomllib
@@ -35,7 +35,7 @@ TITLES = {
 EVERY_PORT = "0-9,11-14"
 EXAMPLE = "TCPIP0::192.0.2.10::inst0::INSTR"
 BEFORE_QUESTIONS = f"""\
-Enter takes what stands in brackets; '{SIMULATED}' stands in for what is not there.
+Enter takes what is in brackets; '{SIMULATED}' stands in for what is not there.
 An address is written as VISA does, such as {EXAMPLE}."""
 ABSENT = f'Not found, so it is simulated: write its VISA address, such as "{EXAMPLE}".'
 

@@ -60,10 +60,10 @@ def _status(words: list[str], *, debug: bool) -> int:
     return status if isinstance(status, int) else 0
 
 
-def _complain(message: str, status: int, words: list[str], beside: Sequence[str] = ()) -> int:
-    for line in (message, *beside):
+def _complain(message: str, status: int, words: list[str], further: Sequence[str] = ()) -> int:
+    for line in (message, *further):
         sys.stderr.write(f"labctl: {line}\n")
     if "--json" in words:
-        told = {"error": message, "exit": status} | ({"notes": list(beside)} if beside else {})
-        sys.stdout.write(json.dumps(told) + "\n")
+        result = {"error": message, "exit": status} | ({"notes": list(further)} if further else {})
+        sys.stdout.write(json.dumps(result) + "\n")
     return status

@@ -38,7 +38,7 @@ def say(line: str) -> None:
 
 
 def warn(line: str) -> None:
-    """Print one line for people on standard error, beside a progress bar if there is one."""
+    """Print one line for people on standard error, above a progress bar if there is one."""
     errors.print(f"labctl: {line}", markup=False)
 
 

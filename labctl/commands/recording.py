@@ -63,8 +63,8 @@ def replay(
 ) -> int:
     """Serve a recording as instruments on loopback, until it is played or the first message differs from it.
 
-    To a command every bench of the recording is played: FILE, and those beside it with -2, -3 ... Exit 0 when the whole
-    recording was played, 1 at a difference, which one line on standard error describes.
+    To a command every bench of the recording is played: FILE, and those next to it with -2, -3 ... Exit 0 when the
+    whole recording was played, 1 at a difference, which one line on standard error describes.
     """
     if command:
         _refuse_nesting(command)
@@ -97,7 +97,7 @@ def _play_to(
     try:
         status = _carry_out(context, command, Wire(replay=addresses(served, played)), as_json)
     finally:
-        served.stop()  # not before the last messages of the command are heard
+        served.stop()  # not before the last messages of the command have arrived
         if served.difference is not None:
             _note(f"replay: {served.difference}")
     if served.difference is None and not served.complete:

@@ -1,4 +1,4 @@
-"""`labctl reproduce`: the paper's experiments, beside the paper's own figures."""
+"""`labctl reproduce`: the paper's experiments, compared with the paper's own figures."""
 
 import json
 import sys

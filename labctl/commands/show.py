@@ -36,8 +36,8 @@ def show(
         return DONE
     if out or shots or ports:
         raise UsageError(f"{path}: is no run: leave --out, --shots and --ports out")
-    told = summary_of(path)
-    output(told, as_json, lambda: table(("what", "value"), _flat(told)))
+    summary = summary_of(path)
+    output(summary, as_json, lambda: table(("what", "value"), _flat(summary)))
     return DONE
 
 

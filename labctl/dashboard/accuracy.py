@@ -96,7 +96,7 @@ def counts(available: int) -> list[int]:
 class Learning:
     """Computes curves one at a time, in a process that is started with the first of them.
 
-    Beside a run that is growing it rests for `RESTS` times as long as the last one took.
+    While a run is growing it rests for `RESTS` times as long as the last one took.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

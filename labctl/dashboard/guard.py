@@ -69,7 +69,7 @@ class Guard:
         self._names = set(LOOPBACK) if self._local else {*LOOPBACK, host.lower(), *(name.lower() for name in names)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on what may come in, with headers that tell the browser to be careful; refuse the rest."""
+        """Pass on what may come in, with headers that ask the browser to be careful; refuse the rest."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return

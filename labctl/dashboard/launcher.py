@@ -18,7 +18,7 @@ from labctl.runs.format.layout import run_name
 COMMAND = (sys.executable, "-P", "-c", "from labctl.commands.main import main; main()")
 """`-P`: nothing is imported from the folder that the dashboard is started in."""
 USUAL = "image-readout"
-LONGEST_TOLD = 2000
+LONGEST_PRINTED = 2000
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,18 @@ class Asked:
 
 @dataclass
 class Started:
-    """A run that was started here: its directory, and its process with what that tells."""
+    """A run that was started here: its directory, and its process with what that prints."""
 
     directory: Path
     process: subprocess.Popen[bytes]
-    told: IO[bytes]
+    printed: IO[bytes]
 
     def failure(self) -> str:
-        """What the command told if it has ended without making a run; empty otherwise."""
+        """What the command printed if it has ended without making a run; empty otherwise."""
         if self.process.poll() in (None, 0) or (self.directory / "manifest.json").exists():
             return ""
-        self.told.seek(0)
-        lines = self.told.read(LONGEST_TOLD).decode(errors="replace").strip()
+        self.printed.seek(0)
+        lines = self.printed.read(LONGEST_PRINTED).decode(errors="replace").strip()
         return lines or f"labctl run ended with status {self.process.returncode}"
 
 
@@ -73,7 +73,7 @@ def new_directory(folder: Path, asked: Asked) -> Path:
 
 
 def start(asked: Asked, directory: Path, environment: Mapping[str, str]) -> Started:
-    """Start the command, with `environment` beside that of this process.
+    """Start the command, with `environment` in addition to that of this process.
 
     Raises:
         ValueError: there is no such protocol.
@@ -81,13 +81,13 @@ def start(asked: Asked, directory: Path, environment: Mapping[str, str]) -> Star
     """
     if asked.protocol not in protocols():
         raise ValueError(f"{asked.protocol!r}: no such protocol")
-    told = tempfile.TemporaryFile()  # noqa: SIM115  # for the process; a pipe would break when the dashboard ends
+    printed = tempfile.TemporaryFile()  # noqa: SIM115  # for the process; a pipe would break when the dashboard ends
     process = subprocess.Popen(  # noqa: S603
         [*COMMAND, *arguments(asked, directory)],
         env=os.environ | environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
-        stderr=told,
+        stderr=printed,
         start_new_session=True,
     )
-    return Started(directory, process, told)
+    return Started(directory, process, printed)

@@ -1,4 +1,4 @@
-"""The pages: the list of runs, one run, two runs beside each other.
+"""The pages: the list of runs, one run, two runs side by side.
 
 A page asks for what is new a few times a second while it is open, and sends to the browser only what has changed.
 """
@@ -102,7 +102,7 @@ def _show_form(watching: Watching) -> None:
         with ui.element("div").classes("arm"):
             armed = ui.switch("light may be switched on (--arm)").classes("armed")
             button = ui.button("Start", color=None).classes("start")
-        told = ui.label().classes("told")
+        message = ui.label().classes("message")
 
     def begin() -> None:
         asked = launcher.Asked(
@@ -116,10 +116,10 @@ def _show_form(watching: Watching) -> None:
         try:
             started = launcher.start(asked, directory, watching.environment)
         except (OSError, ValueError) as error:
-            told.set_text(str(error))
+            message.set_text(str(error))
             return
         armed.set_value(False)
-        told.set_text(launcher.in_words(asked, directory))
+        message.set_text(launcher.in_words(asked, directory))
 
         def follow() -> None:
             watching.forget_list()
@@ -128,7 +128,7 @@ def _show_form(watching: Watching) -> None:
                 ui.navigate.to(f"/run/{directory.name}")
             elif failure := started.failure():
                 waiting.cancel()
-                told.set_text(failure)
+                message.set_text(failure)
 
         waiting = ui.timer(REFRESH_S, follow)
 
@@ -187,7 +187,7 @@ class Buttons:
             self._pause = ui.button("Pause", on_click=self._toggle, color=None).classes("pause")
             ui.button("Stop", on_click=lambda: self._ask(Word.STOP), color=None).classes("stop")
             ui.button("Stop now", on_click=lambda: self._ask(Word.STOP_NOW), color=None).classes("stop-now")
-            self._told = ui.label().classes("told")
+            self._message = ui.label().classes("message")
         self._asked_in: Phase | None = None
         self.refresh()
 
@@ -198,7 +198,7 @@ class Buttons:
         self._pause.set_text("Go on" if phase is Phase.PAUSED else "Pause")
         if self._asked_in is not None and phase is not self._asked_in:
             self._asked_in = None
-            self._told.set_text("")
+            self._message.set_text("")
 
     def _toggle(self) -> None:
         self._ask(Word.GO_ON if self._watched.state.phase is Phase.PAUSED else Word.PAUSE)
@@ -211,10 +211,10 @@ class Buttons:
             else:
                 ask(directory, word)
         except OSError as error:
-            self._told.set_text(f"cannot be asked: {error.strerror}")
+            self._message.set_text(f"cannot be asked: {error.strerror}")
             return
         self._asked_in = self._watched.state.phase
-        self._told.set_text(f"asked to {word}")
+        self._message.set_text(f"asked to {word}")
 
 
 def _to_signal(writer: Writer | None) -> int | None:
@@ -222,7 +222,7 @@ def _to_signal(writer: Writer | None) -> int | None:
 
 
 def _show_next(watching: Watching, name: str, watched: WatchedRun) -> None:
-    """What can be done with a run: its report, and another run beside it."""
+    """What can be done with a run: its report, and comparing it with another run."""
     report = RunPaths(watched.directory).report
     if report.is_file():
         ui.link("Open the report", f"/report/{quote(name, safe='')}", new_tab=True).classes("report")

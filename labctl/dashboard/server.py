@@ -1,4 +1,4 @@
-"""Serving the dashboard: one address with one token, until it is told to stop."""
+"""Serving the dashboard: one address with one token, until it is stopped."""
 
 import os
 import secrets
@@ -40,7 +40,7 @@ class PortTaken(Exception):
 def serve(folder: Path, host: str, port: int, environment: Mapping[str, str], ready: Callable[[Served], None]) -> None:
     """Serve the runs in `folder` at `host` and `port` (0: any free one) until a signal; `ready` is called once.
 
-    A run that is started from the page has `environment` beside that of this process.
+    A run that is started from the page has `environment` in addition to that of this process.
 
     Raises:
         PortTaken: the port is not free, or the address is not one of this machine.

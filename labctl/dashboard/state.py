@@ -33,7 +33,7 @@ ENDED = (Phase.FINISHED, Phase.STOPPED, Phase.FAILED, Phase.LOST)
 
 
 class Emission(StrEnum):
-    """Whether the laser emits, as far as can be told."""
+    """Whether the laser emits, as far as is known."""
 
     ON = "on"
     OFF = "off"
@@ -42,7 +42,7 @@ class Emission(StrEnum):
 
 @dataclass(frozen=True)
 class LogLine:
-    """One line of the log: UTC time, what was told, and whether it asks for attention."""
+    """One line of the log: UTC time, what happened, and whether it asks for attention."""
 
     time: str
     text: str
@@ -60,7 +60,7 @@ class Image:
 
 @dataclass(frozen=True)
 class RunState:
-    """A run as its events tell it. None: was not told (yet)."""
+    """A run as its events describe it. None: not known (yet)."""
 
     phase: Phase = Phase.UNKNOWN
     emission: Emission = Emission.UNKNOWN
@@ -89,9 +89,9 @@ class RunState:
     log: tuple[LogLine, ...] = ()
 
     def without_writer(self) -> "RunState":
-        """This state, if no process writes the run any more: one that has not told its end was killed.
+        """This state, if no process writes the run any more: one without an event of its end was killed.
 
-        Whether it left light on nobody can tell, unless the supervisor told that it made the bench safe.
+        Whether it left light on nobody can know, unless the supervisor reported that it made the bench safe.
         """
         if self.phase in ENDED or self.phase is Phase.UNKNOWN:
             return self

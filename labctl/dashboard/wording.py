@@ -26,16 +26,16 @@ def emission(state: RunState) -> str:
     """Laser emission, large: the first thing to be seen on the page."""
     light = "" if state.wavelength_nm is None else f"{state.wavelength_nm:.3f} nm"
     power = "" if state.power_w is None else f"{state.power_w * 1e3:.3g} mW"
-    told = {
+    words = {
         Emission.ON: ("LASER ON", " · ".join(filter(None, (light, power)))),
         Emission.OFF: ("LASER OFF", "the bench is dark"),
         Emission.UNKNOWN: ("LASER UNKNOWN", "take it for on: look at the laser itself"),
     }
     if state.phase is Phase.UNKNOWN:
-        told[Emission.UNKNOWN] = ("NO EVENTS", "this run tells nothing of its light")
-    word, beside = told[state.emission]
+        words[Emission.UNKNOWN] = ("NO EVENTS", "this run reports nothing about its light")
+    word, explanation = words[state.emission]
     style = "none" if state.phase is Phase.UNKNOWN else str(state.emission)
-    return f'<div class="emission {style}"><strong>{word}</strong><span>{escape(beside)}</span></div>'
+    return f'<div class="emission {style}"><strong>{word}</strong><span>{escape(explanation)}</span></div>'
 
 
 def progress(state: RunState, records: tuple[int, int]) -> str:
@@ -46,10 +46,10 @@ def progress(state: RunState, records: tuple[int, int]) -> str:
     rate = "" if state.rate_per_s is None else f"{state.rate_per_s:.0f} records/s"
     left = "" if state.remaining_s is None else f"{duration(state.remaining_s)} left"
     bench = "" if not state.station else "simulated bench" if state.simulated else state.station
-    beside = " · ".join(filter(None, (f"{done} of {total} records", rate, left, one, state.uploading, bench)))
+    details = " · ".join(filter(None, (f"{done} of {total} records", rate, left, one, state.uploading, bench)))
     return (
         f'<div class="progress"><div class="line"><strong class="phase {state.phase.name.lower()}">'
-        f"{escape(str(state.phase))}</strong><span>{escape(beside)}</span></div>"
+        f"{escape(str(state.phase))}</strong><span>{escape(details)}</span></div>"
         f'<div class="bar" role="progressbar" aria-valuenow="{part:.0f}">'
         f'<div style="width:{part:.2f}%"></div></div></div>'
     )
@@ -62,15 +62,19 @@ def instruments(state: RunState) -> str:
     shown = "" if state.shot is None else f"{state.kind} of shot {state.shot}"
     rows = (
         ("laser", {Emission.ON: "emits", Emission.OFF: "dark", Emission.UNKNOWN: "not known"}[state.emission]),
-        ("AWG", {None: "not told yet", True: "plays the drive", False: "output off"}[state.drive]),
+        ("AWG", {None: "not known yet", True: "plays the drive", False: "output off"}[state.drive]),
         (
             "DMD",
-            shown if state.image is not None else "blank" if state.drive is False or ended else shown or "not told yet",
+            shown
+            if state.image is not None
+            else "blank"
+            if state.drive is False or ended
+            else shown or "not known yet",
         ),
-        ("oscilloscope", state.scope or "not told yet"),
-        ("patch panel", ports or "not told yet"),
+        ("oscilloscope", state.scope or "not known yet"),
+        ("patch panel", ports or "not known yet"),
     )
-    body = "".join(f"<dt>{name}</dt><dd>{escape(told)}</dd>" for name, told in rows)
+    body = "".join(f"<dt>{name}</dt><dd>{escape(text)}</dd>" for name, text in rows)
     return f'<dl class="instruments">{body}</dl>'
 
 
@@ -124,7 +128,7 @@ def _reached(curve: Curve) -> str:
 
 
 def log(state: RunState, problem: str = "") -> str:
-    """What the run told, the last line first."""
+    """What the run reported, the last line first."""
     if problem:
         return f'<p class="problem">{escape(problem)}</p>' + log(state)
     lines = "".join(

@@ -31,7 +31,7 @@ class Control:
 
     @property
     def stopped(self) -> bool:
-        """Whether the run is to end after this record, as far as it has heard."""
+        """Whether the run is to end after this record, as far as is known."""
         return self.interruption.requested
 
     @property

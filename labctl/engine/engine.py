@@ -2,7 +2,7 @@
 
 It owns what every protocol needs and none should repeat: the run directory, pauses and stops, lost links, and the
 comparison with what is on disk when a run goes on. Light and safe state belong to the protocol's own `acquire`. What it
-does is told to the bench's observer.
+does is reported to the bench's observer.
 """
 
 import logging

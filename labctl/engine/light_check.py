@@ -1,8 +1,8 @@
 """Is the light still what it was? A picture that a run has on disk is measured again before the run goes on.
 
 How much two records of one picture may differ follows from the noise. `REPEATS` new records give its variance; the
-stored record differs from their mean by that variance times 1 + 1 / `REPEATS`. A bench drifts beside: where the run has
-an earlier record of the same picture, what lies between the two that are stored is allowed as well.
+stored record differs from their mean by that variance times 1 + 1 / `REPEATS`. A bench drifts as well: where the run
+has an earlier record of the same picture, what lies between the two that are stored is allowed as well.
 """
 
 from collections.abc import Sequence

@@ -21,7 +21,7 @@ class Profile(Observer):
     """
 
     def __init__(self, physics_seconds: Callable[[], float]) -> None:
-        """`physics_seconds` tells how long the simulated world has computed so far; 0 for a real bench."""
+        """`physics_seconds` says how long the simulated world has computed so far; 0 for a real bench."""
         self.seconds: dict[str, float] = defaultdict(float)
         self._physics_seconds = physics_seconds
 

@@ -19,7 +19,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Recovery:
-    """Brings a bench back after a lost link, and tells its observer of every attempt and its outcome.
+    """Brings a bench back after a lost link, and reports to its observer every attempt and its outcome.
 
     Attributes:
         count: how often that was needed.

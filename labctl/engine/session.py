@@ -50,7 +50,7 @@ def acquire(
 ) -> Acquired:
     """Carry out one acquisition; `observer` follows it, and `interruption` is asked after every record.
 
-    What is to be said of the newest calibration of the bench is a warning, before light is switched on.
+    Concerns about the newest calibration of the bench are warnings, before light is switched on.
 
     Raises:
         DatasetError, StationError, ProtocolError, RunError: what was asked for is wrong; no light was switched on.
@@ -89,7 +89,7 @@ def resume(
 ) -> Outcome:
     """Measure what a run still lacks, with the protocol, the seeds and the station of its manifest.
 
-    What is to be said of the calibration that the run refers to is a warning, before light is switched on. A run that
+    Concerns about the calibration that the run refers to are warnings, before light is switched on. A run that
     lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
 
     Raises:

@@ -19,7 +19,7 @@ class Storage:
     """
 
     def __init__(self, writer: RunWriter, observer: Observer) -> None:
-        """Store into `writer`; `observer` is told how long that takes."""
+        """Store into `writer`; `observer` times how long that takes."""
         self.kept = 0
         self._writer = writer
         self._observer = observer

@@ -57,9 +57,9 @@ PIXELS_PER_INCH = 150
 MOST_BANDS = 3
 """More curves than this carry error bars: bands lying on each other cannot be read."""
 LONGEST_TAG = 14
-"""Where no label is longer than so many characters, labels are written beside their curves as they are."""
+"""Where no label is longer than so many characters, labels are written next to their curves as they are."""
 GAP = 0.055
-"""Least distance of labels beside a panel, in panel heights."""
+"""Least distance of labels next to a panel, in panel heights."""
 
 styled = mpl.rc_context(STYLE)
 """Decorator of a function that draws: the style holds while it runs, and matplotlib's own settings stay as they are."""
@@ -89,7 +89,7 @@ class Series:
         x: (k,) positions, in the unit that the figure function expects.
         mean: (k,) mean of the quantity.
         sd: (k,) its standard deviation; 0 or NaN = nothing is drawn for it.
-        tag: Short name to write beside the curve; empty = the label, where all labels are short.
+        tag: Short name to write next to the curve; empty = the label, where all labels are short.
         joined: False draws points alone: a few single results, not a dependence.
         alike: Position of the curve whose colour and marker these points take; None = their own.
     """

@@ -1,4 +1,4 @@
-"""Two runs beside each other: what was set otherwise, how many shots, the same image, how well both are read."""
+"""Two runs side by side: what was set otherwise, how many shots, the same image, how well both are read."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -52,7 +52,7 @@ class Comparison:
 
 
 def compare(first: Path, second: Path) -> Comparison:
-    """Read two runs and put them beside each other.
+    """Read two runs and compare them.
 
     Raises:
         RunError: one of them is no run, or damaged.
@@ -176,7 +176,7 @@ def _same_image(runs: tuple[Run, Run], columns: Columns) -> SameImage:
     """One image each of up to `MOST_IMAGES` classes that both runs showed.
 
     Raises:
-        AnalysisError: nobody can tell that both showed the same image.
+        AnalysisError: it is not known whether both showed the same image.
     """
     source = [_images_of(run.manifest) for run in runs]
     if source[0] is None or source[0] != source[1]:

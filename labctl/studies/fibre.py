@@ -105,12 +105,12 @@ def in_words(result: dict[str, Any]) -> list[str]:
         f"{first:.6g} nm to {first + result['scanned_nm']:.8g} nm in steps of {_length(result['step_nm'])}"
     ]
     if result["half_width_nm"] is None:
-        return [*lines, f"half width at half maximum: cannot be told, the scan is {result['what_to_do']}"]
+        return [*lines, f"half width at half maximum: not known, the scan is {result['what_to_do']}"]
     spread = result["half_width_uncertainty_nm"]
     width = _length(result["half_width_nm"], spread)
     lines.append(f"half width at half maximum: {width} ({result['half_width_hz'] / 1e9:.3g} GHz)")
     if spread is None:
-        lines.append("its uncertainty cannot be told: without one of the images it is not reached; show more images")
+        lines.append("its uncertainty is not known: without one of the images it is not reached; show more images")
     if any(result["ports"]):
         lines.append("behind the chip, whose resonances change with the wavelength too: port 0 shows the fibre alone")
     for launch, words in LAUNCHES.items():
@@ -123,7 +123,7 @@ def in_words(result: dict[str, Any]) -> list[str]:
 
 
 def _delay_spreads(scan: Scan, found: Decorrelation) -> dict[str, Any] | None:
-    """Delay spread by the way of launching; None where the scan cannot tell, or sees more than the fibre."""
+    """Delay spread by the way of launching; None where the scan does not show it, or sees more than the fibre."""
     if found.half_width_nm is None or any(scan.ports):
         return None
     spreads: dict[str, Any] = {}

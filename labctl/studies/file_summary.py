@@ -1,4 +1,4 @@
-"""What a file is, told by what is in it, and what it says of itself in a few words."""
+"""What a file is, known by what is in it, and what it says of itself in a few words."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -30,9 +30,9 @@ def summary_of(path: Path) -> dict[str, Any]:
         UsageError: it is nothing that labctl knows, or cannot be read.
         AnalysisError, StationError, ProtocolError: it is damaged.
     """
-    for kind, told in KINDS.items():
+    for kind, summary in KINDS.items():
         if _kind(path) == kind:
-            return told(path)
+            return summary(path)
     known = "a run directory, a data.h5, a readout, a recording, a station file or a protocol file"
     raise UsageError(f"{path}: is nothing that can be shown: name {known}")
 

@@ -176,7 +176,7 @@ def _unseen(records: Records, trained: _Trained, digest: str) -> NDArray[np.intp
 
 
 def _controls(run: Run, records: Records, seed: int) -> dict[str, dict[str, Any]]:
-    """Accuracy on what must not be recognisable, beside chance.
+    """Accuracy on what must not be recognisable, and chance.
 
     A reference or dark shot is given the label of the image shown last before it: were anything but the mirrors to
     carry the label (drift, a trace read twice), it would be found there.

@@ -1,4 +1,4 @@
-"""A faulty instrument: it stands between the transports and a virtual one, and passes on what the faults let pass."""
+"""A faulty instrument: it is between the transports and a virtual one, and passes on what the faults let pass."""
 
 import logging
 from collections.abc import Callable, Sequence

@@ -1,7 +1,7 @@
 """Recorded conversations served as instruments: the answer to every message is the recorded one, and no other is given.
 
 Nothing here knows what the messages mean; bytes are compared with bytes. Each new connection to an instrument plays the
-next of its recorded ones. At the first difference everything is closed, and `Replay.difference` tells what it was.
+next of its recorded ones. At the first difference everything is closed, and `Replay.difference` says what it was.
 """
 
 import itertools

@@ -187,7 +187,7 @@ class MessageReader:
         return following in b";,"
 
     def _block_begin(self, stop: int) -> int | None:
-        """Where the first block begins before `stop`; None: there is none, as far as the bytes at hand tell."""
+        """Where the first block begins before `stop`; None: there is none, as far as the bytes at hand show."""
         if self._text.find(b"#", self._start, stop) < 0:
             return None
         match = _UP_TO_BLOCK.match(self._text, self._start, stop)

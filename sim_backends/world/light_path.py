@@ -197,7 +197,7 @@ class LightPath:
         """Root volts (images, real and imaginary, collected modes, channels, points) at equidistant light times.
 
         A record longer than the drive's period is interpolated from one period. Before and after a triggered segment
-        the light stands still.
+        the light does not change.
         """
         period = optics.fields.shape[1] * optics.step_s
         if optics.idle_s is not None:

@@ -120,7 +120,7 @@ def test_what_nobody_allows_is_refused_and_told(page: Page, unarmed: Path, emitt
     page.get_by_text("Start a run").click()
     page.get_by_label("Station file").fill(str(unarmed))
     page.get_by_role("button", name="Start", exact=True).click()
-    says(page, ".form .told", "the laser is not armed, no light is switched on")
+    says(page, ".form .message", "the laser is not armed, no light is switched on")
     assert not emitting()
 
 

@@ -44,7 +44,7 @@ Chunk = bytes | bytearray | memoryview
 
 
 class Kind(IntEnum):
-    """What a record tells."""
+    """What a record holds."""
 
     OPENED = 1  # a connection; its bytes are JSON: instrument, resource
     SENT = 2  # one message to the instrument, terminator included
@@ -190,7 +190,7 @@ class Recording:
         """Every connection in the order in which they were opened.
 
         Raises:
-            RecordingError: a message belongs to no connection, or nobody can tell to which instrument one was opened.
+            RecordingError: a message belongs to no connection, or it is not known to which instrument one was opened.
         """
         opened: dict[int, tuple[str, str]] = {}
         messages: dict[int, list[Record]] = {}

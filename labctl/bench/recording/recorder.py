@@ -37,10 +37,10 @@ def recorded(transcript: Transcript, station: Station, request: RecordingRequest
 
 def bench_of(station: Station) -> str:
     """What tells the benches of one command apart: a digest of the station without names, addresses and arm."""
-    told = station.model_dump(mode="json", exclude={"source": True, "name": True, "laser": {"armed"}})
+    settings = station.model_dump(mode="json", exclude={"source": True, "name": True, "laser": {"armed"}})
     for instrument in station.addresses:
-        del told[instrument]["address"]
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+        del settings[instrument]["address"]
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def recordings(path: Path) -> list[Path]:
@@ -59,7 +59,7 @@ def _new_file(path: Path, heading: dict[str, object]) -> RecordingWriter:
             except RecordingError:
                 if not candidate.exists():
                     raise
-    raise RecordingError(f"{path}: {MOST_BENCHES} benches are recorded beside it: name a file in another folder")
+    raise RecordingError(f"{path}: {MOST_BENCHES} benches are recorded in this folder: name a file in another folder")
 
 
 def _numbered(path: Path, number: int) -> Path:
@@ -111,7 +111,7 @@ class _RecordedSession:
 
 
 class Masks:
-    """Replaces what would tell whose bench it was: serial numbers in answers to `*IDN?`, and hosts in VISA addresses.
+    """Replaces what would show whose bench it was: serial numbers in answers to `*IDN?`, and hosts in VISA addresses.
 
     Each is replaced by a word and the number of its first appearance in the recording, the same one every time.
     """

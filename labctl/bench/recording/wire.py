@@ -22,7 +22,7 @@ class RecordingRequest(BaseModel):
 
 
 class Wire(BaseModel):
-    """What is between the drivers and their instruments: nothing but the network, unless it is said here.
+    """What is between the drivers and their instruments: nothing but the network, unless one of these is set.
 
     Attributes:
         record: What every bench writes a recording of itself for, if it does.

@@ -1,4 +1,4 @@
-"""The figure of the encoding: images beside the traces they become."""
+"""The figure of the encoding: images next to the traces they become."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ from labctl.reports.canvas import BLACK, BLUE, styled, thinned, volt_scale
 def encoding_figure(
     images: NDArray[Any], time_s: ArrayLike, volts: NDArray[Any], *, classes: Sequence[str], ports: Sequence[str]
 ) -> Figure:
-    """One image of each class beside its traces: a row a class, a column the image and then one for each port.
+    """One image of each class next to its traces: a row a class, a column the image and then one for each port.
 
     The panels of a column share their vertical axis, so that the classes can be compared.
 

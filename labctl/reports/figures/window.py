@@ -74,7 +74,7 @@ def rmse_figure(curves: Sequence[Series], *, tau_s: float, levels: Sequence[Leve
 
     Args:
         curves: x = acquisition times, s; mean and sd of the root mean squared error of pixels of 0..1. The first curve
-            gives the tick marks; single results (`joined=False`) are open symbols beside the curves.
+            gives the tick marks; single results (`joined=False`) are open symbols next to the curves.
         tau_s: Sampling interval, s.
         levels: Errors to compare with, such as that of the mean image.
     """

@@ -29,7 +29,7 @@ PART_OF_A_SAMPLE = 0.25
 """Standard uncertainty of the delay, in samples of the drive, that is well below one."""
 INTERVAL_S, HOLD_S = 1 / SAMPLE_RATE, 1 / DRIVE_RATE
 SHALLOW, DEEP = math.pi, 3 * math.pi
-"""Drive depths, rad: below, much of the speckle stands still; above, the amplifier is beyond what 2 pi needs."""
+"""Drive depths, rad: below, much of the speckle does not move; above, the amplifier is beyond what 2 pi needs."""
 LONGEST_DELAY_S = 1e-6
 
 
@@ -172,7 +172,7 @@ def of_depth(piece: Hopped) -> Result:
     )
     advice = ""
     if found.depth.value < SHALLOW:
-        advice = "less than pi: the speckle stands still in part; raise awg.amplitude or the RF gain"
+        advice = "less than pi: part of the speckle does not move; raise awg.amplitude or the RF gain"
     elif found.depth.value > DEEP:
         advice = "more than 3 pi: lower awg.amplitude or the RF gain"
     depth = Finding("depth", "drive depth", None, found.depth, "rad", advice)

@@ -156,7 +156,7 @@ def reproduce(
     tasks: dict[Task, Callable[[], Any]] = {name: partial(_examine, *twin) for name, twin in twins.items()}
     done: dict[Task, tuple[Any, float]] = {}
 
-    def heard(finished: int, records: int = 0) -> None:
+    def follow(finished: int, records: int = 0) -> None:
         progress(len(done) + finished, len(runs) + len(twins))
         measured(records)
 
@@ -165,8 +165,8 @@ def reproduce(
         tasks |= {directory: partial(acquire_run, run) for directory, run in runs.items()}
         needs = {name: twin.runs.values() for name, (_, twin) in twins.items()}
     else:
-        done |= _acquired_in_turn(runs, interruption, heard, uploading)
-    done |= in_parallel(tasks, needs=needs, interruption=interruption, progress=heard)
+        done |= _acquired_in_turn(runs, interruption, follow, uploading)
+    done |= in_parallel(tasks, needs=needs, interruption=interruption, progress=follow)
     reproduced, failed = [], {}
     for experiment in plan.experiments:
         own = {seed: twins[experiment.name, seed][1] for seed in plan.seeds_of(experiment)}
@@ -195,7 +195,7 @@ def _acquired_in_turn(
     progress: Callable[[int], None],
     uploading: Uploading,
 ) -> dict[Task, tuple[Any, float]]:
-    """Carry out runs on the one bench there is; in this process, which has the terminal and hears its operator."""
+    """Carry out runs on the one bench there is; in this process, which has the terminal."""
     acquired: dict[Task, tuple[Any, float]] = {}
 
     class Following(Observer):

@@ -96,7 +96,7 @@ def test_what_the_command_refuses_is_told(tmp_path: Path) -> None:
     started = launcher.start(Asked("image-readout", "images=many"), tmp_path / "run", {})
     started.process.wait(60)
     assert "images = 'many'" in started.failure()
-    started.told.close()
+    started.printed.close()
 
 
 def test_a_dashboard_without_its_extra_names_it(

@@ -151,7 +151,7 @@ class TestWhatAScanCannotTell:
     ) -> None:
         run = stored(tmp_path / "run", fading(alike, wavelengths))
         assert evaluate(run) == DONE
-        assert f"cannot be told, the scan is {message}" in capsys.readouterr().out
+        assert f"not known, the scan is {message}" in capsys.readouterr().out
         found = measure_fibre(run)
         assert (found["half_width_nm"], found["half_width_hz"], found["delay_spread_s"]) == (None, None, None)
         assert "one half" in (run / "figures" / "correlation.svg").read_text("utf-8")
