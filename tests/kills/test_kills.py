@@ -10,7 +10,7 @@ import pytest
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs fork and pidfd_open")
 
-KILLS = 20
+KILLS = 10
 
 
 def test_killed_runs_lose_nothing_beyond_the_bound_and_end_as_if_they_had_not_been() -> None:

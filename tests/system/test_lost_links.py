@@ -143,7 +143,9 @@ def test_a_run_goes_on_over_a_new_link_and_its_frames_are_the_same(
         assert run.epoch[0, 0] < run.epoch[-1, 0], "light that was switched on again is another epoch"
 
 
-@pytest.mark.parametrize("name", ["awg", "laser", "dmd", "patch_panel"])
+@pytest.mark.parametrize(
+    "name", ["laser", *(pytest.param(name, marks=pytest.mark.full) for name in ("awg", "dmd", "patch_panel"))]
+)
 def test_every_other_link_may_be_lost_as_well(
     name: str,
     undisturbed: tuple[dict[str, Any], int],

@@ -153,7 +153,7 @@ def test_a_run_that_ends_by_itself_leaves_no_supervisor(
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("name", ["scope", "dmd"])
+@pytest.mark.parametrize("name", ["scope", pytest.param("dmd", marks=pytest.mark.full)])
 def test_an_instrument_that_hangs_in_a_run_ends_it_dark(
     name: str,
     served: Served,
