@@ -24,8 +24,9 @@ endif
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
 
+# Three at once on two cores: many tests wait for an instrument that does not answer.
 test: check
-	$(BIN)/pytest -m "not full" --numprocesses 2 --dist worksteal
+	$(BIN)/pytest -m "not full" --numprocesses 3 --dist worksteal
 
 # The whole of every test matrix, and what of the code no test runs.
 test-full: check
