@@ -62,9 +62,10 @@ def encode(
         file.create_dataset("scale", data=scale)
         file.create_dataset("offset", data=offset)
         set_text(file, "format_version", FORMAT_VERSION)
-        file.attrs["pass"] = np.int64(pass_index)
-        file.attrs["first"] = np.int64(first)
-        file.attrs["ports"] = np.asarray(ports, "<i8")
+        attributes = file.attrs  # making it costs as much as an attribute
+        attributes["pass"] = np.int64(pass_index)
+        attributes["first"] = np.int64(first)
+        attributes["ports"] = np.asarray(ports, "<i8")
     content = image.getbuffer()
     np.concatenate([part.codes for part in parts], out=_codes(content, place, rows.size, len(ports), shape))
     return content
