@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
 
-from instruments.ports import Ports
+from instruments.ports import Ports, require_distinct
 from instruments.toml_files import one_line
 from instruments.units import Nanometres, Seconds, Volts, Watts
 
@@ -46,7 +46,11 @@ Timeout = Annotated[Seconds, Field(gt=0, description="Bound on every reply.")]
 File = Annotated[Path, AfterValidator(_from_the_station_file)]
 """A file of the instrument: its path from the folder of the station file, or "simulated" for the simulated one's."""
 Channel = Annotated[int, Field(ge=1, le=4)]
-Channels = Annotated[tuple[Channel, ...], Field(min_length=1, description="Channels that carry detectors.")]
+Channels = Annotated[
+    tuple[Channel, ...],
+    Field(min_length=1, description="Channels that carry detectors."),
+    AfterValidator(require_distinct),
+]
 _Auxiliary = Annotated[str, Field(pattern="^([Aa][Uu][Xx]|[Aa][Uu][Xx][Ii][Ll][Ii][Aa][Rr][Yy])$")]
 
 
@@ -63,6 +67,10 @@ class InstrumentSection(Section):
 
     driver: Annotated[Text, Field(description="Which driver: an entry point of the group labctl.instruments.")]
     address: Address = SIMULATED
+    identity: Annotated[
+        Text | None,
+        Field(min_length=1, description="What its maker and model contain, where the driver does not know them."),
+    ] = None
 
 
 class AwgSection(InstrumentSection):

@@ -4,7 +4,7 @@ import contextlib
 import re
 import time
 from collections.abc import Iterable
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,9 @@ from instruments.visa import VisaLink
 class VialuxAlpSection(DmdSection):
     """The micromirror device. `version` and `library` name the vendor's ALP library on a real bench."""
 
-    version: Annotated[Text, Field(description="Version of the vendor's ALP library.")] = "4.3"
+    version: Annotated[
+        Literal["4.1", "4.2", "4.3", "4.4", "5.0", "5.1"], Field(description="Version of the vendor's ALP library.")
+    ] = "4.3"
     library: Annotated[
         Text | None, Field(description="Folder of the vendor's ALP library; without it the system's.")
     ] = None

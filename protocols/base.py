@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, PositiveInt
+from pydantic import BaseModel, ConfigDict, NonNegativeInt, PositiveInt
 
 from instruments.bench import Bench
 from instruments.errors import LabctlError
@@ -164,7 +164,7 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     takes: ClassVar[type[Images | Sequences]] = Images
     judgement: ClassVar[Judgement] = Judgement.NONE
 
-    seed: int = 1
+    seed: NonNegativeInt = 1
     averages: PositiveInt = 1
 
     def digest(self) -> str:

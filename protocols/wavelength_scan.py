@@ -35,7 +35,7 @@ class WavelengthScan(Measurement[Images]):
     window: Annotated[Seconds, Field(gt=0)] = 4e-9
     start: Nanometres = 1550.0
     step: Annotated[Nanometres, Field(gt=0)] = 0.002
-    steps: Annotated[int, Field(ge=2)] = 26
+    steps: Annotated[int, Field(ge=2, le=5000)] = 26
 
     @property
     def wavelengths(self) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
 from instruments.transcripts import Transcript
 from instruments.values import Examination, Identity, Range
+from labctl.bench.identity import require_known
 from labctl.bench.opening import Access, opened_one_by_one
 from labctl.bench.station import Station
 
@@ -60,16 +61,17 @@ def check_bench(station: Station, transcript: Transcript, access: Access = Acces
             section = getattr(station, name)
             findings[name] = Finding(section.driver, section.address, allowed=allowed.get(name, {}))
             try:
-                _ask(name, instrument, findings[name])
+                _ask(station, name, instrument, findings[name])
             except InstrumentError as error:
                 findings[name].problem = str(error)
     return findings
 
 
-def _ask(name: str, instrument: Instrument | InstrumentError, finding: Finding) -> None:
+def _ask(station: Station, name: str, instrument: Instrument | InstrumentError, finding: Finding) -> None:
     if isinstance(instrument, InstrumentError):
         raise instrument
     finding.identity = instrument.identify()
+    require_known(station, name, finding.identity)
     finding.examination = instrument.examine()
     try:
         instrument.self_test()

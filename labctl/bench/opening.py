@@ -180,7 +180,7 @@ def _bench(reach: _Reach, observer: Observer) -> Bench:
         source=station.source,
         now=partial(getattr, simulation.world.clock, "now")
         if simulation is not None and "scope" in station.simulations
-        else time.time,
+        else time.monotonic,
         observer=observer,
         undisturbed=stops_deferred,
     )

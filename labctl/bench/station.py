@@ -9,7 +9,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, PositiveInt, SerializeAsAny, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    Field,
+    NonNegativeInt,
+    PositiveInt,
+    SerializeAsAny,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from instruments.alnair_tlg220 import Tlg220Section
 from instruments.driver import Driver
@@ -76,7 +84,7 @@ class DurabilitySection(Section):
     """How much a killed process may lose: so many shots, or so many seconds."""
 
     shots: Annotated[PositiveInt, Field(description="How many shots a killed process may lose.")] = 20
-    seconds: Annotated[float, Field(gt=0, description="How many seconds of measuring it may lose.")] = 1.0
+    seconds: Annotated[float, Field(gt=0, le=86400, description="How many seconds of measuring it may lose.")] = 1.0
 
 
 class CalibrationSection(Section):
@@ -94,7 +102,7 @@ class SimSection(Section):
     `parameters` are physical parameters that differ from their defaults, for studies of what a result depends on.
     """
 
-    twin_seed: Annotated[int, Field(description="Which fibre, chip and noise.")] = 1
+    twin_seed: Annotated[NonNegativeInt, Field(description="Which fibre, chip and noise.")] = 1
     parameters: dict[str, float | int | bool | str] = Field(
         {}, description="Physical parameters that differ from their defaults."
     )

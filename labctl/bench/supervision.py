@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO, cast
@@ -20,6 +20,10 @@ COMMAND = (sys.executable, "-P", "-m", "labctl.bench.supervisor")
 """`-P`: nothing is imported from the folder that the run is started in."""
 START_S = 30.0
 """A supervisor that takes longer to start will not: no light is switched on."""
+GONE = (
+    "the supervisor has ended: the bench was made dark, since nothing would switch the light off if this process were "
+    "killed too; finished shots are kept"
+)
 REFUSED = "no light is switched on, since nothing would switch it off if this process were killed: repeat the command"
 
 
@@ -72,6 +76,11 @@ class _Supervisor(Observer):
             well = False
         if not well:
             raise UnsafeBench(f"the supervisor has not started or has ended: {REFUSED}")
+
+    def progress(self, _done: int, _total: int, _last: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """A run whose supervisor is gone ends, dark: nothing would switch the light off if this process were killed."""
+        if self._lit and self._process.poll() is not None:
+            raise UnsafeBench(GONE)
 
     def emission(self, *, on: bool) -> None:
         """Light that is on is to be seen to."""

@@ -3,13 +3,15 @@
 import json
 import sys
 from collections.abc import Sequence
+from tempfile import NamedTemporaryFile
+from traceback import format_exception
 from typing import Annotated
 
 import typer
 from typer.exceptions import Abort, TyperException
 
 from labctl.commands.command_group import PLAIN, UnloadedCommands
-from labctl.commands.exit_status import INTERRUPTED, WRONG_USE
+from labctl.commands.exit_status import FELL_SHORT, INTERRUPTED, WRONG_USE
 from labctl.errors import LabctlError, notes, one_line
 
 app = typer.Typer(
@@ -57,7 +59,22 @@ def _status(words: list[str], *, debug: bool) -> int:
         if debug:
             raise
         return _complain(one_line(error), error.exit_status, words, notes(error))
+    except Exception as error:
+        if debug:
+            raise
+        return _complain(_unexpected(error), FELL_SHORT, words, notes(error))
     return status if isinstance(status, int) else 0
+
+
+def _unexpected(error: Exception) -> str:
+    """One line for a failure that labctl has no words for; its traceback goes into a file."""
+    what = f"{type(error).__name__}: {one_line(error)}: labctl did not expect this"
+    try:
+        with NamedTemporaryFile("w", prefix="labctl-", suffix=".txt", delete=False, encoding="utf-8") as file:
+            file.writelines(format_exception(error))
+    except OSError:
+        return f"{what}: repeat the command with --debug and report what it prints"
+    return f"{what}: report it, with {file.name}"
 
 
 def _complain(message: str, status: int, words: list[str], further: Sequence[str] = ()) -> int:

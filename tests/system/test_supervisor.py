@@ -116,6 +116,44 @@ def test_a_killed_run_is_dark_within_two_seconds(
         assert max(stored.done) > 0
 
 
+def child_of(process: int) -> int:
+    """The one process that another one has started."""
+    started = Path("/proc", str(process), "task", str(process), "children").read_text().split()
+    (child,) = map(int, started)
+    return child
+
+
+def test_a_run_whose_supervisor_is_killed_ends_dark_and_goes_on_under_a_new_one(
+    served: Served, laser: Asked, labctl_command: tuple[str, ...], tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    with running(labctl_command, served[1], "--out", str(run)) as process:
+        laser.seconds_until("OUTPUT?", "1", 60)
+        until_stored(process, run)
+        os.kill(child_of(process.pid), signal.SIGKILL)
+        laser.seconds_until("OUTPUT?", "0", DARK_WITHIN_S)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 1
+    first, second = said.strip().splitlines()[-2:]
+    assert first.startswith("labctl: the supervisor has ended: the bench was made dark")
+    assert second.startswith("labctl: the run can go on: labctl resume ")
+    with open_run(run) as stored:
+        kept = max(stored.done)
+    assert 0 < kept < 2000
+    shards = (run / "journal.jsonl").read_bytes().count(b"\n")
+
+    command = [*labctl_command, "resume", str(run), "--station", str(served[1])]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        laser.seconds_until("OUTPUT?", "1", 60)
+        assert child_of(process.pid)
+        until_stored(process, run, shards + 1)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
+    assert laser.ask("OUTPUT?") == "0"
+    with open_run(run) as stored:
+        assert max(stored.done) > kept
+
+
 def test_a_hung_instrument_delays_no_laser_and_spares_no_other(
     served: Served, laser: Asked, labctl_command: tuple[str, ...], tmp_path: Path
 ) -> None:

@@ -15,6 +15,7 @@ from instruments.interfaces import BYPASS_PORT
 from instruments.values import Scaling
 from labctl.analysis.decorrelation import Scan
 from labctl.bench import calibration
+from labctl.bench.identity import identified
 from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
@@ -102,7 +103,7 @@ def align_bench(
         check_laser(station, (station.laser.wavelength, last))
         bench.require_arm()
         instruments = {
-            name: {"identity": vars(instrument.identify()), "settings": instrument.settings()}
+            name: {"identity": vars(identified(station, name, instrument)), "settings": instrument.settings()}
             for name, instrument in bench.instruments.items()
         }
         folder.mkdir(parents=True, exist_ok=True)

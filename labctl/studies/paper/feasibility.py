@@ -5,6 +5,7 @@ from typing import Any
 
 from instruments.bench import Bench
 from instruments.errors import LinkError
+from labctl.bench.identity import identified
 from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import opened
 from labctl.bench.station import Station
@@ -103,6 +104,6 @@ class _Benches:
         """Ask every instrument once who it is, unless they are simulated in this process and cannot be missing."""
         key = station.model_dump_json()
         if key not in self._identified and not station.wholly_simulated:
-            for instrument in self._opened[key].instruments.values():
-                instrument.identify()
+            for name, instrument in self._opened[key].instruments.items():
+                identified(station, name, instrument)
         self._identified.add(key)

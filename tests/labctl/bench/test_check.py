@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from labctl.bench.station import write_addresses
+from labctl.bench.station import read_station, write_addresses
 from sim_backends.faults.bench import Befalling, FaultyBench
 from sim_backends.faults.catalogue import QUEUE, START, WIRE, Fault, Moment
 from sim_backends.faults.distortions import instead
@@ -141,3 +141,30 @@ def test_people_read_addresses_options_limits_and_what_to_do(
     assert out.count("self-test passed") == 4
     (told,) = [line for line in out.splitlines() if line.startswith("scope at ")]
     assert told.endswith("check address, cable and power")
+
+
+def test_an_instrument_at_anothers_address_is_refused_and_one_that_only_reads_otherwise_can_be_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with station_of(FaultyBench([]), tmp_path / "bench.toml") as path:
+        text = path.read_text("utf-8")
+        station = read_station(path)
+        awg, scope = station.awg.address, station.scope.address
+        path.write_text(text.replace(awg, "@").replace(scope, awg).replace("@", scope), "utf-8")
+        status, found = checked(path, capsys)
+        assert status == 1
+        assert {name for name, finding in found["instruments"].items() if not finding["ok"]} == {"awg", "scope"}
+        assert found["instruments"]["awg"]["model"] == "DPO72504DX"
+        assert (
+            "is 'TEKTRONIX DPO72504DX', which driver 'tektronix-awg70002a' is not for"
+            in (found["instruments"]["awg"]["problem"])
+        )
+        run = ("run", "image-readout", "--set", "images=4", "--station", path, "--out", tmp_path / "run")
+        status, _, err = labctl(capsys, *run)
+        assert status == 1
+        assert "correct awg.address" in err or "correct scope.address" in err
+        assert not (tmp_path / "run").exists()
+
+        for named, well in (("dpo72504", True), ("DPO7000", False)):
+            path.write_text(text.replace("[scope]\n", f"[scope]\nidentity = '{named}'\n"), "utf-8")
+            assert checked(path, capsys)[1]["instruments"]["scope"]["ok"] == well

@@ -1,6 +1,7 @@
 """Commands as they are typed: what comes out, and how they end."""
 
 import json
+import tempfile
 from functools import partial
 from pathlib import Path
 
@@ -101,6 +102,10 @@ class TestWrongUse:
             ("[laser]\ndriver = 'manual-laser'", "key switch is the only interlock"),
             ("[patch_panel]\nports = '2-5'", "port 6 is not patched"),
             ("[wiring]\nburst = false", "needs wiring.burst = true"),
+            ("[scope]\nchannels = [1, 1]", "scope.channels = [1, 1]: (1, 1) names one twice"),
+            ("[durability]\nseconds = 1e308", "durability.seconds = 1e+308"),
+            ("[dmd]\nversion = '9.9'", "dmd.version = '9.9'"),
+            ("[sim]\ntwin_seed = -1", "sim.twin_seed = -1"),
         ],
     )
     def test_a_wrong_station_is_named_with_its_file(
@@ -117,6 +122,19 @@ class TestWrongUse:
         assert message in err
         assert err.count("\n") == 1
         assert not out.exists()
+
+    @pytest.mark.parametrize(
+        ("protocol", "setting"), [("image-readout", "seed=-1"), ("wavelength-scan", "steps=1000000000")]
+    )
+    def test_a_setting_that_no_run_can_have_is_named(
+        self, protocol: str, setting: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    ) -> None:
+        status, _, err = labctl(capsys, "run", protocol, "--set", setting, "--out", tmp_path / "run")
+        assert status == 2
+        name, _, value = setting.partition("=")
+        assert f"--set: {name} = '{value}'" in err
+        assert err.count("\n") == 1
+        assert not (tmp_path / "run").exists()
 
     def test_an_unverified_laser_table_is_named(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         from labctl.bench.simulation import SIMULATED_LASER
@@ -167,6 +185,26 @@ class TestWrongUse:
 
         with pytest.raises(ProtocolError):
             main(["--debug", "run", "nothing"])
+
+    @pytest.mark.parametrize("disk_full", [False, True])
+    def test_a_failure_that_nobody_expected_is_one_line_and_its_traceback_a_file(
+        self, disk_full: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        def fail() -> None:
+            raise ZeroDivisionError("nothing\nleft")
+
+        monkeypatch.setattr("labctl.commands.doctor.examine", fail)
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none" if disk_full else tmp_path))
+        status, out, err = labctl(capsys, "doctor", "--json")
+        assert status == json.loads(out)["exit"] == 1
+        assert err.startswith("labctl: ZeroDivisionError: nothing left: labctl did not expect this: ")
+        assert err.count("\n") == 1
+        if disk_full:
+            assert "--debug" in err
+        else:
+            (kept,) = tmp_path.iterdir()
+            assert str(kept) in err
+            assert "Traceback" in kept.read_text("utf-8")
 
     def test_scripts_get_the_error_as_json(self, capsys: pytest.CaptureFixture[str]) -> None:
         status, found = as_json(capsys, "run", "nothing")

@@ -1,0 +1,44 @@
+"""Is an instrument one that its driver is for? Asked before anything else: a wrong address is no wrong measurement."""
+
+from instruments.errors import InstrumentError
+from instruments.interfaces import Instrument
+from instruments.sections import SIMULATED
+from instruments.values import Identity
+from labctl.bench.station import Station
+
+
+def identified(station: Station, name: str, instrument: Instrument) -> Identity:
+    """Who `instrument` is.
+
+    Raises:
+        InstrumentError: it does not answer, or is another instrument than its driver is for.
+    """
+    identity = instrument.identify()
+    require_known(station, name, identity)
+    return identity
+
+
+def require_known(station: Station, name: str, identity: Identity) -> None:
+    """Maker and model must read like the driver says, or contain the `identity` of the section of the station.
+
+    One that is simulated in this process stands for any.
+
+    Raises:
+        InstrumentError: they do not.
+    """
+    found, section, driver = (
+        f"{identity.manufacturer} {identity.model}",
+        getattr(station, name),
+        station.driver_of(name),
+    )
+    expected = section.identity
+    if expected is not None:
+        known = expected.casefold() in found.casefold()
+    else:
+        known = section.address == SIMULATED or driver.identity is None or driver.identity.search(found) is not None
+    if not known:
+        wanted = f"{name}.identity = {expected!r}" if expected is not None else f"driver {section.driver!r}"
+        raise InstrumentError(
+            f"{name} at {section.address}: is {found!r}, which {wanted} is not for: correct {name}.address in "
+            f"{station.source}, or write {name}.identity = {found!r} if it is the right one"
+        )
