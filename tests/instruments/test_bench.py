@@ -1,6 +1,7 @@
 """Safe state, limits and passes."""
 
 import re
+import time
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from typing import Any
@@ -167,6 +168,17 @@ def test_an_address_that_does_not_answer(log: Any) -> None:
     station = Station(awg=Station().awg.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET", "timeout": 0.5}))
     with opened(station, log) as found, pytest.raises(InstrumentError, match=r"awg at TCPIP0::127.0.0.1::9::SOCKET"):
         found.bench.awg.identify()
+
+
+def test_the_clock_of_a_real_bench_does_not_go_back_when_that_of_the_wall_does(
+    log: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    station = Station(scope=Station().scope.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"}))
+    wall = iter([7200.0, 3600.0])
+    monkeypatch.setattr(time, "time", lambda: next(wall))
+    with opened(station, log) as found:
+        before = found.bench.now()
+        assert 0 <= found.bench.now() - before < 3600
 
 
 def test_a_bench_that_is_not_armed_says_nothing_to_its_laser(log: Any) -> None:
