@@ -92,6 +92,8 @@ class Observers(Observer):
 
     def step(self, name: str) -> AbstractContextManager[Any]:
         """Inside the steps of those that time them."""
+        if not self._timers:
+            return nullcontext()
         stack = ExitStack()
         for observer in self._timers:
             stack.enter_context(observer.step(name))
@@ -143,7 +145,7 @@ class Bench:
 
     A protocol works through the methods here, so that `observer` follows it; of the instruments themselves it asks
     what they can do. `armed` says that a person has allowed light. `source` is the file that describes the bench, for
-    messages. `now` gives the time of the bench in seconds: the wall clock of a real bench, the virtual clock of a
+    messages. `now` gives the time of the bench in seconds: a monotonic clock on a real bench, the virtual clock of a
     simulated one. `undisturbed` keeps what would stop the program out of the way into the safe state. `lit` says that
     light was switched on, and that the safe state was not reached since.
     """

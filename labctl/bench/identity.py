@@ -1,4 +1,4 @@
-"""Is an instrument one that its driver is for? Asked before anything else: a wrong address is no wrong measurement."""
+"""Is an instrument one that its driver is for? Found out in the dark, before anything is set."""
 
 from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument

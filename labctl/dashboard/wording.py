@@ -60,17 +60,11 @@ def instruments(state: RunState) -> str:
     ended = state.phase in ENDED
     ports = ", ".join(f"{channel} ← port {port}" for channel, port in state.patching)
     shown = "" if state.shot is None else f"{state.kind} of shot {state.shot}"
+    blank = state.image is None and (state.drive is False or ended)
     rows = (
         ("laser", {Emission.ON: "emits", Emission.OFF: "dark", Emission.UNKNOWN: "not known"}[state.emission]),
         ("AWG", {None: "not known yet", True: "plays the drive", False: "output off"}[state.drive]),
-        (
-            "DMD",
-            shown
-            if state.image is not None
-            else "blank"
-            if state.drive is False or ended
-            else shown or "not known yet",
-        ),
+        ("DMD", "blank" if blank else shown or "not known yet"),
         ("oscilloscope", state.scope or "not known yet"),
         ("patch panel", ports or "not known yet"),
     )
