@@ -1,12 +1,13 @@
 """A dashboard in a process of its own, and a real browser to look at it with."""
 
 import json
+import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
@@ -52,18 +53,26 @@ class Dashboard:
 
 
 @contextmanager
-def dashboard(runs: Path) -> Iterator[Dashboard]:
-    """`labctl dashboard` for the runs in a folder."""
-    command = [*LABCTL, "dashboard", "--runs", runs.name, "--port", "0", "--no-open", "--json"]
+def dashboard(runs: Path, opening: Mapping[str, str] | None = None) -> Iterator[Dashboard]:
+    """`labctl dashboard` for the runs in a folder; the environment `opening` tells which browser it opens, if any."""
+    no_open = ["--no-open"] if opening is None else []
+    command = [*LABCTL, "dashboard", "--runs", runs.name, "--port", "0", "--json", *no_open]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=runs.parent
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=runs.parent,
+        env=os.environ | (opening or {}),
     ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         first = json.loads(process.stdout.readline())["url"]
         later = (line.split()[-1] for line in process.stderr if LINK in line)
-        yield Dashboard(first.partition("/?")[0], process.pid, chain([first], later))
-        process.send_signal(signal.SIGINT)
+        try:
+            yield Dashboard(first.partition("/?")[0], process.pid, chain([first], later))
+        finally:
+            process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0
 
 
