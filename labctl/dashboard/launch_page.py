@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Thread
 
 PAGE = '<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0;url={link}"><title>labctl</title>'
 
@@ -27,5 +28,6 @@ def opened(invite: Callable[[Callable[[], None]], str]) -> Iterator[None]:
         link = invite(folder.cleanup)
         with open(os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
             file.write(PAGE.format(link=escape(link)))
-        webbrowser.open(page.as_uri())
+        # some browsers come back only when they end, and they need the server meanwhile
+        Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
         yield

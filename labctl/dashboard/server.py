@@ -80,9 +80,8 @@ def serve(
         app.router.on_shutdown.append(while_served.close)
         config = uvicorn.Config(
             guard,
-            http=cast(
-                type[asyncio.Protocol], Strangers().protocol
-            ),  # is called for each connection, as a class would be
+            # a method that is called for each connection, as a class would be
+            http=cast(type[asyncio.Protocol], Strangers().protocol),
             log_level="critical",
             access_log=False,
             lifespan="on",

@@ -226,7 +226,7 @@ def test_the_browser_that_is_opened_gets_in_and_nobody_is_shown_how(window: Brow
         encoding="utf-8",
     )
     program.chmod(0o700)
-    with dashboard(runs, {"HOME": str(tmp_path), "BROWSER": f"{program} %s &"}) as served, ended(profile):
+    with dashboard(runs, {"HOME": str(tmp_path), "BROWSER": f"{program} %s"}) as served, ended(profile):
         port = awaited(profile / "DevToolsActivePort", r"^(\d+)\n")
         (context,) = window.browser_type.connect_over_cdp(f"http://127.0.0.1:{port}").contexts
         (page,) = context.pages

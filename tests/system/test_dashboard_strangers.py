@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 
@@ -24,7 +25,7 @@ PROGRAMS = ("curl", "setpriv", "cat")
 SOCKET_IO = "_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 CONNECTIONS = 200
 WAITING = 64
-"""How many connections without a session the dashboard keeps, and below for how long."""
+"""So many connections without a session are kept."""
 PATIENCE_S = 60.0
 SMALL = 16 << 20
 
@@ -157,7 +158,7 @@ def test_no_process_tells_another_user_a_link(nobody: Callable[..., str], tmp_pa
         program.chmod(0o755)
         runs = tmp_path / "runs"
         runs.mkdir()
-        with dashboard(runs, {"HOME": home, "BROWSER": f"{program} %s &"}) as found:
+        with dashboard(runs, {"HOME": home, "BROWSER": f"{program} %s"}) as found:
             until(told.exists)
             browser = descendants(found.process)
             assert browser
@@ -225,27 +226,27 @@ def test_half_requests_are_dropped(shown: Dashboard) -> None:
         b"GET / HTTP/1.1\r\n\r\nGET / HT",
         b"GET / HTTP/1.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n",
     )
-    links = [socket.create_connection(address, timeout=PATIENCE_S) for _ in beginnings]
-    slow = socket.create_connection(address, timeout=PATIENCE_S)
-    for link, beginning in zip(links, beginnings, strict=True):
-        link.sendall(beginning)
-    assert sent_until_dropped(slow, b"x", pause_s=0.2) < 1000
-    for link in (*links, slow):
-        assert_dropped(link)
-        link.close()
+    with ExitStack() as stack:
+        links = [stack.enter_context(socket.create_connection(address, timeout=PATIENCE_S)) for _ in beginnings]
+        slow = stack.enter_context(socket.create_connection(address, timeout=PATIENCE_S))
+        for link, beginning in zip(links, beginnings, strict=True):
+            link.sendall(beginning)
+        assert sent_until_dropped(slow, b"x", pause_s=0.2) < 1000
+        for link in (*links, slow):
+            assert_dropped(link)
 
 
 @linux
 def test_of_many_connections_few_are_kept_and_nobody_is_shut_out(shown: Dashboard, session: tuple[str, str]) -> None:
     address, cookie = session
     before = len(os.listdir(f"/proc/{shown.process}/fd"))
-    links = [socket.create_connection(("127.0.0.1", shown.port), timeout=PATIENCE_S) for _ in range(CONNECTIONS)]
-    for link in links[: CONNECTIONS - WAITING]:
-        assert_dropped(link)
-    assert asked(shown, address, cookie).status == 200
-    assert len(os.listdir(f"/proc/{shown.process}/fd")) <= before + WAITING
-    for link in links:
-        link.close()
+    with ExitStack() as stack:
+        at = ("127.0.0.1", shown.port)
+        links = [stack.enter_context(socket.create_connection(at, PATIENCE_S)) for _ in range(CONNECTIONS)]
+        for link in links[: CONNECTIONS - WAITING]:
+            assert_dropped(link)
+        assert asked(shown, address, cookie).status == 200
+        assert len(os.listdir(f"/proc/{shown.process}/fd")) <= before + WAITING
 
 
 def asked(shown: Dashboard, address: str, cookie: str = "") -> HTTPResponse:
