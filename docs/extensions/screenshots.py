@@ -105,7 +105,8 @@ def _chromium(executable: str) -> Iterator[Browser]:
 @contextmanager
 def _served(folder: str) -> Iterator[str]:
     command = [*LABCTL, "dashboard", "--port", "0", "--no-open", "--json"]
-    with _ended(subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)) as process:
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}  # where the next link goes
+    with _ended(subprocess.Popen(command, cwd=folder, text=True, **streams)) as process:
         yield json.loads(process.stdout.readline())["url"]
 
 
