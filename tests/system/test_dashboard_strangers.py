@@ -21,7 +21,7 @@ pytest.importorskip("playwright", reason="the dashboard is started beside what d
 from tests.dashboard.browser import Dashboard, dashboard
 
 NOBODY = 65534
-PROGRAMS = ("curl", "setpriv", "cat")
+PROGRAMS = ("curl", "setpriv", "ps")
 SOCKET_IO = "_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 CONNECTIONS = 200
 WAITING = 64
@@ -48,7 +48,7 @@ def nobody() -> Callable[..., str]:
 
     def run(*words: str) -> str:
         other = ("setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups", *words)
-        ended = subprocess.run(other, capture_output=True, check=False, cwd="/")
+        ended = subprocess.run(other, capture_output=True, check=False, cwd="/", stdin=subprocess.DEVNULL)
         return ended.stdout.decode(errors="replace")
 
     assert run("sh", "-c", "id -u").strip() == str(NOBODY)
@@ -167,9 +167,8 @@ def test_no_process_tells_another_user_a_link(nobody: Callable[..., str], tmp_pa
             assert printed != hidden
             assert page.stat().st_mode & 0o777 == 0o600
             assert page.parent.stat().st_mode & 0o777 == 0o700
-            seen = nobody(
-                "sh", "-c", f"cat /proc/[0-9]*/cmdline /proc/[0-9]*/environ /proc/[0-9]*/fd/* {page} {page.parent}/*"
-            )
+            files = [f"/proc/{process}/{name}" for process in (found.process, *browser) for name in ("environ", "fd/*")]
+            seen = nobody("sh", "-c", f"cat /proc/[0-9]*/cmdline {' '.join(files)} {page} {page.parent}/*")
             assert str(page) in seen, "everybody reads the command line"
             for link in (printed, hidden):
                 assert link.partition("token=")[2] not in seen
