@@ -9,6 +9,8 @@ IMAGING := $(VENV)/.imaging
 DOCS := $(VENV)/.docs
 INTEROP := .venv-interop
 AUDIT := $(VENV)/audit
+LOCKS := requirements-dev.lock requirements-hardware.lock requirements-imaging.lock requirements-torch.txt requirements-docs.lock \
+	requirements-interop.lock
 MINUTES ?= 60
 TRIALS ?= 300
 PACKAGES := labctl instruments protocols sim_backends
@@ -58,9 +60,9 @@ picture: $(INSTALLED)
 fuzz: $(TESTED)
 	$(BIN)/python -m tests.fuzz.run --minutes $(MINUTES)
 
-# Known vulnerabilities of what the lock files pin; "Error 3" means that it could not be checked.
+# Known vulnerabilities of what the lock files pin and of what is installed; "Error 3" means that it could not be checked.
 audit: $(TESTED)
-	$(BIN)/python -m tests.audit $(AUDIT) requirements-dev.lock requirements-imaging.lock requirements-docs.lock requirements-interop.lock
+	$(BIN)/python -m tests.audit $(AUDIT) $(LOCKS)
 
 check: $(TESTED) $(IMAGING)
 	$(BIN)/ruff format --check --quiet $(SOURCES)
@@ -73,14 +75,18 @@ format: $(TESTED)
 	$(BIN)/ruff check --fix $(SOURCES)
 
 COMPILE = $(VENV)-lock/bin/pip-compile --quiet --generate-hashes --strip-extras --allow-unsafe --no-emit-index-url \
-	--no-emit-find-links --no-emit-trusted-host --no-emit-options --no-header --extra build
+	--no-emit-find-links --no-emit-trusted-host --no-emit-options --no-header
+HARDWARE := --extra alp --extra dlpc900 --extra serial --extra usb
 
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/pip install --quiet pip-tools
-	$(COMPILE) --extra dev --extra docs --output-file requirements-docs.lock pyproject.toml
-	$(COMPILE) --extra dev --constraint requirements-docs.lock --output-file requirements-dev.lock pyproject.toml
-	$(COMPILE) --constraint requirements-dev.lock --output-file requirements.lock pyproject.toml
+	$(COMPILE) --extra build --extra dev --extra docs --output-file requirements-docs.lock pyproject.toml
+	$(COMPILE) --extra build --extra dev --constraint requirements-docs.lock --output-file requirements-dev.lock pyproject.toml
+	$(COMPILE) --extra build --constraint requirements-dev.lock --output-file requirements.lock pyproject.toml
+	$(COMPILE) --extra build $(HARDWARE) --constraint requirements-dev.lock --output-file requirements-hardware.lock pyproject.toml
+	$(COMPILE) --constraint requirements-dev.lock --output-file requirements-imaging.lock requirements-imaging.in
+	$(COMPILE) --output-file requirements-interop.lock requirements-interop.in
 	rm -rf $(VENV)-lock
 
 clean:
@@ -97,9 +103,10 @@ $(TESTED): requirements-dev.lock $(INSTALLED)
 	touch $@
 
 # torch, for the tests of the extra `imaging` and their types; the demo does without. Its wheels differ from index to
-# index (CPU or CUDA), so they are pinned by version alone, and what a CUDA wheel needs beyond the list comes with it.
-$(IMAGING): requirements-imaging.lock $(TESTED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements-imaging.lock
+# index (CPU or CUDA), so it alone is pinned without a hash, and what a CUDA wheel needs beyond the lock comes with it.
+$(IMAGING): requirements-imaging.lock requirements-torch.txt $(TESTED)
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements-imaging.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements-torch.txt
 	touch $@
 
 $(DOCS): requirements-docs.lock $(INSTALLED)
@@ -108,5 +115,5 @@ $(DOCS): requirements-docs.lock $(INSTALLED)
 
 $(INTEROP)/.installed: requirements-interop.lock
 	$(PYTHON) -m venv $(INTEROP)
-	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check --no-deps --requirement requirements-interop.lock
+	$(INTEROP)/bin/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements-interop.lock
 	touch $@

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from labctl.runs.live.events import EventReader
-from tests.dashboard.browser import LABCTL, browser, chromium, dashboard, opened
+from tests.dashboard.browser import LABCTL, browser, chromium, dashboard, enter, opened
 
 REQUIRED = 0.95
 SETTINGS = ("images=4000", "ports=2-5", "wavelengths=" + ", ".join(f"{1540 + n} nm" for n in range(20)))
@@ -75,8 +75,7 @@ def stretch(directory: Path, executable: str, seconds: float, *, watched: bool) 
         if watched:
             served = stack.enter_context(dashboard(directory.parent))
             page = opened(stack.enter_context(browser(executable)))
-            page.goto(served.address)
-            page.goto(f"{served.base}/run/{directory.name}")
+            page.goto(f"{enter(page, served)}run/{directory.name}")
             page.wait_for_selector(".ports-region figure")
         time.sleep(SETTLE_S)
         begin = time.time()

@@ -1,8 +1,8 @@
-"""`make audit`: are versions that the lock files pin known to be vulnerable?
+"""`make audit`: are versions that the lock files pin, or that are installed, known to be vulnerable?
 
 Exit status 0: none is. 1: some are, a line each. 3: it could not be checked, because pip-audit cannot be installed or
 the advisory data cannot be reached. Usage: `python -m tests.audit FOLDER LOCK...`; pip-audit is installed in FOLDER,
-apart from the project's own environment.
+apart from the project's own environment, which is looked at too: pip and setuptools come into it before any lock file.
 """
 
 import json
@@ -10,7 +10,10 @@ import subprocess
 import sys
 import venv
 from collections.abc import Sequence
+from importlib.metadata import distributions
 from pathlib import Path
+
+from packaging.version import Version
 
 TOOL = "pip-audit==2.10.1"
 NONE_KNOWN, SOME_KNOWN, NOT_CHECKED = 0, 1, 3
@@ -24,7 +27,11 @@ class NotChecked(Exception):
 def main(folder: Path, locks: Sequence[str]) -> int:
     """Check the packages of all `locks`; prints what is to be known about them."""
     try:
-        found = [line for lock in locks for line in known(report(installed(folder), lock), lock)]
+        python = installed(folder)
+        listed = folder / "environment.txt"
+        listed.write_text("".join(f"{line}\n" for line in environment()), encoding="utf-8")
+        locks = [*locks, str(listed)]
+        found = [line for lock in locks for line in known(report(python, lock), lock)]
     except NotChecked as error:
         print(f"audit: not checked: {error}")  # noqa: T201
         return NOT_CHECKED
@@ -48,6 +55,12 @@ def installed(folder: Path) -> Path:
             raise NotChecked(f"{TOOL} cannot be installed ({_last_line(ended.stderr)})")
         (folder / ".installed").touch()
     return python
+
+
+def environment() -> list[str]:
+    """What this Python has from an index: name==version, without what tells builds of one version apart."""
+    found = (one for one in distributions() if one.read_text("direct_url.json") is None)
+    return sorted(f"{one.name}=={Version(one.version).public}" for one in found)
 
 
 def report(python: Path, lock: str) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.audit import NOT_CHECKED, NotChecked, known, report
+from tests.audit import NOT_CHECKED, NotChecked, environment, known, report
 
 WHOLE = {
     "dependencies": [
@@ -29,6 +29,14 @@ def test_a_package_left_out_is_no_success() -> None:
     left_out = {"dependencies": [{"name": "mine", "skip_reason": "not found"}]}
     with pytest.raises(NotChecked, match=r"a\.lock: mine: not found"):
         known(json.dumps(left_out), "a.lock")
+
+
+def test_what_is_installed_is_looked_at_with_the_installer_and_without_what_is_built_here() -> None:
+    names = [line.partition("==")[0].lower() for line in environment()]
+    assert "pip" in names
+    assert "numpy" in names
+    assert "photonic-labctl" not in names
+    assert not any("+" in line for line in environment()), "advisories know a version, not its builds"
 
 
 def test_without_the_tool_nothing_was_checked(tmp_path: Path) -> None:

@@ -50,8 +50,8 @@ def take(app: Sphinx) -> None:
         for name, settings in FINISHED.items():
             subprocess.run(_run(name, settings), cwd=folder, check=True, stdout=subprocess.DEVNULL)
         silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        with _ended(subprocess.Popen(_run(RUNNING, LONG), cwd=folder, **silent)), _served(folder) as address:
-            _photograph(browser, address, made)
+        with _ended(subprocess.Popen(_run(RUNNING, LONG), cwd=folder, **silent)), _served(folder) as link:
+            _photograph(browser, link, made)
 
 
 def say_what_is_missing(app: Sphinx, _page: str, source: list[str]) -> None:
@@ -64,29 +64,29 @@ def say_what_is_missing(app: Sphinx, _page: str, source: list[str]) -> None:
     source[0] = PICTURE.sub(shown, source[0])
 
 
-def _photograph(browser: Browser, address: str, folder: Path) -> None:
-    base = address.partition("/?")[0]
-    page = _opened(browser, WIDE, "light", address)
+def _photograph(browser: Browser, link: str, folder: Path) -> None:
+    page = _opened(browser, WIDE, "light")
+    page.goto(link)
+    _wait_for(page, ".live-region .emission.on")
+    base, cookies = page.url, page.context.cookies()
     page.screenshot(path=folder / "dashboard-list.png", full_page=True)
-    page.goto(f"{base}/run/{RUNNING}")
+    page.goto(f"{base}run/{RUNNING}")
     _wait_for(page, ".emission.on", ".ports-region figure", ".picture-region svg", ".accuracy-region svg")
     page.screenshot(path=folder / "dashboard-run.png", full_page=True)
-    phone = _opened(browser, NARROW, "dark", address)
-    phone.goto(f"{base}/run/{RUNNING}")
+    phone = _opened(browser, NARROW, "dark")
+    phone.context.add_cookies(cookies)
+    phone.goto(f"{base}run/{RUNNING}")
     _wait_for(phone, ".emission.on", ".ports-region figure", ".picture-region svg", ".accuracy-region svg")
     phone.screenshot(path=folder / "dashboard-phone.png", full_page=True)
-    page.goto("{}/compare/{}/{}".format(base, *FINISHED))
+    page.goto("{}compare/{}/{}".format(base, *FINISHED))
     _wait_for(page, ".ports-region polyline.b", ".accuracy-region polyline.b")
     page.screenshot(path=folder / "dashboard-compare.png", full_page=True)
 
 
-def _opened(browser: Browser, size: tuple[int, int], colours: str, address: str) -> Page:
+def _opened(browser: Browser, size: tuple[int, int], colours: str) -> Page:
     context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=colours)
     context.set_default_timeout(PATIENCE_MS)
-    page = context.new_page()
-    page.goto(address)
-    _wait_for(page, ".live-region .emission.on")
-    return page
+    return context.new_page()
 
 
 def _wait_for(page: Page, *parts: str) -> None:
@@ -105,7 +105,8 @@ def _chromium(executable: str) -> Iterator[Browser]:
 @contextmanager
 def _served(folder: str) -> Iterator[str]:
     command = [*LABCTL, "dashboard", "--port", "0", "--no-open", "--json"]
-    with _ended(subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)) as process:
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}  # where the next link goes
+    with _ended(subprocess.Popen(command, cwd=folder, text=True, **streams)) as process:
         yield json.loads(process.stdout.readline())["url"]
 
 

@@ -1,7 +1,8 @@
 """`labctl dashboard`: a local web page about running and past runs."""
 
 import sys
-import webbrowser
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,6 +34,7 @@ def dashboard(
     if find_spec("nicegui") is None:
         raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
     from labctl.dashboard.guard import is_loopback
+    from labctl.dashboard.launch_page import opened
     from labctl.dashboard.server import PortTaken, serve
 
     if not is_loopback(host):
@@ -41,12 +43,22 @@ def dashboard(
             f"reads it can stop and start runs; leave --host out unless that network is yours\n"
         )
 
-    def ready(served: "Served") -> None:
-        served_at = {"url": served.url, "host": served.host, "port": served.port, "runs": str(runs)}
-        show(served_at, as_json, lambda: say(f"{served.url}\nCtrl-C ends the dashboard; runs go on without it"))
+    @contextmanager
+    def ready(served: "Served") -> Iterator[None]:
+        def show_next() -> None:
+            sys.stderr.write(f"labctl: a browser was let in; a link for another one: {served.link(show_next)}\n")
+
+        link = served.link(show_next)
+        served_at = {"url": link, "host": served.host, "port": served.port, "runs": str(runs)}
+        show(served_at, as_json, lambda: say(f"{link}\nCtrl-C ends the dashboard; runs go on without it"))
         sys.stdout.flush()
-        if not no_open:
-            webbrowser.open(served.url)
+        with ExitStack() as while_served:
+            if not no_open:
+                try:
+                    while_served.enter_context(opened(served.link))
+                except OSError as error:
+                    sys.stderr.write(f"labctl: no browser is opened ({error.filename}: {error.strerror})\n")
+            yield
 
     try:
         serve(runs, host, port, access_of(context).wire.environment(), ready)

@@ -1,21 +1,21 @@
-"""Who may come in: whoever has the token that was printed, from a page of this very server.
+"""Who may come in: whoever has a session, from a page of this very server.
 
 Every request passes here, websockets included, before anything else sees it:
 
 - `Host` must be a name of this server: a name that was made to point at it (DNS rebinding) is refused.
-- `Origin`, where a browser says it, must be this server; a websocket must say it. So no other page can act here.
-- The token in the address is exchanged for a cookie that is sent to this server alone (`SameSite=Strict`).
+- `Origin`, where a browser says it, must be this server; a websocket must say it. So no other page can act here, and
+  where a browser says what led to a request (`Sec-Fetch-Site`), no other page can show what is here either.
+- A token in the address is exchanged, once, for a session: a secret path, and a cookie for that path alone.
 
 Everything else is answered 403 and goes no further.
 """
 
-import hmac
-import secrets
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
-from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
+
+from labctl.dashboard.sessions import Session, Sessions
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -36,10 +36,13 @@ POLICY = (
     b"form-action 'none'; frame-ancestors 'none'"
 )
 """Nothing from anywhere else. The page's templates are compiled in the browser, hence 'unsafe-eval'."""
+COOKIE = "labctl"
 ENTRANCE = (
-    b"""<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0;url=/"><title>labctl</title>"""
+    '<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0;url=/{path}/"><title>labctl</title>'
 )
 """Goes on by itself from a page of this server, so that the cookie is sent whatever page led here."""
+OWN_SITES = (b"same-origin", b"none")
+"""What a browser says of requests by pages of this server, and of addresses that were typed."""
 
 
 def is_loopback(host: str) -> bool:
@@ -55,15 +58,13 @@ def is_loopback(host: str) -> bool:
 class Guard:
     """An ASGI application around another one."""
 
-    def __init__(self, app: App, *, host: str, names: Iterable[str], port: int, token: str) -> None:
-        """Let into `app`, which listens at `host` and `port`, whoever has `token`.
+    def __init__(self, app: App, *, host: str, names: Iterable[str], port: int, sessions: Sessions) -> None:
+        """Let into `app`, which listens at `host` and `port`, whoever has one of `sessions`.
 
         `names` are what this machine is called; they count where `host` is not loopback, and numeric addresses do too.
         """
         self._app = app
-        self._token = token.encode()
-        self._session = secrets.token_urlsafe(32).encode()
-        self._cookie = f"labctl-{port}"  # a browser sends cookies to all ports of a host
+        self._sessions = sessions
         self._port = port
         self._local = is_loopback(host)
         self._names = set(LOOPBACK) if self._local else {*LOOPBACK, host.lower(), *(name.lower() for name in names)}
@@ -76,13 +77,14 @@ class Guard:
         headers = _headers(scope)
         if not self._is_from_here(scope, headers):
             await _refuse(scope, send, b"This address is not the dashboard's: open the one that labctl printed.\n")
-        elif self._has_cookie(headers):
-            await self._app(scope, receive, _careful(send))
-        elif scope["type"] == "http" and scope["method"] == "GET" and self._has_token(scope):
-            cookie = f"{self._cookie}={self._session.decode()}; Path=/; HttpOnly; SameSite=Strict"
-            await _answer(send, 200, b"text/html; charset=utf-8", ENTRANCE, ((b"set-cookie", cookie.encode()),))
+        elif (root := self._root(scope, headers)) is not None:
+            await self._app({**scope, "root_path": root}, receive, _careful(send))
+        elif (session := self._begun(scope)) is not None:
+            cookie = f"{COOKIE}={session.cookie}; Path=/{session.path}/; HttpOnly; SameSite=Strict".encode()
+            page = ENTRANCE.format(path=session.path).encode()
+            await _answer(send, 200, b"text/html; charset=utf-8", page, ((b"set-cookie", cookie),))
         else:
-            await _refuse(scope, send, b"The token is missing or wrong: open the address that labctl printed.\n")
+            await _refuse(scope, send, b"Nobody is let in here without a link from labctl; each link works once.\n")
 
     def _is_from_here(self, scope: Scope, headers: dict[bytes, list[bytes]]) -> bool:
         hosts, origins = headers.get(b"host", []), headers.get(b"origin", [])
@@ -102,19 +104,26 @@ class Guard:
             return False
         return name in self._names or (not self._local and _is_numeric(name))
 
-    def _has_cookie(self, headers: dict[bytes, list[bytes]]) -> bool:
-        try:
-            cookies = SimpleCookie(b"; ".join(headers.get(b"cookie", [])).decode("latin-1"))
-        except CookieError:
-            return False
-        found = cookies.get(self._cookie)
-        return found is not None and hmac.compare_digest(found.value.encode("latin-1"), self._session)
+    def _root(self, scope: Scope, headers: dict[bytes, list[bytes]]) -> str | None:
+        """The path of the session that a request belongs to, with its slash; None if it belongs to none."""
+        secret, slash, _ = scope["path"].removeprefix("/").partition("/")
+        own = all(site in OWN_SITES for site in headers.get(b"sec-fetch-site", []))
+        known = self._sessions.knows(secret, _cookies(headers))
+        return f"/{secret}" if slash and own and known else None
 
-    def _has_token(self, scope: Scope) -> bool:
-        if scope["path"] != "/":
-            return False
+    def _begun(self, scope: Scope) -> Session | None:
+        """The session that begins with the token in an address; None if there is no token or it was used."""
+        if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != "/":
+            return None
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
-        return len(given) == 1 and hmac.compare_digest(given[0].encode(), self._token)
+        return self._sessions.begin(given[0]) if len(given) == 1 else None
+
+
+def _cookies(headers: dict[bytes, list[bytes]]) -> list[str]:
+    pairs = (
+        pair.strip().partition("=") for line in headers.get(b"cookie", []) for pair in line.decode("latin-1").split(";")
+    )
+    return [value for name, _, value in pairs if name == COOKIE]
 
 
 def _is_numeric(name: str) -> bool:
@@ -153,6 +162,6 @@ async def _refuse(scope: Scope, send: Send, why: bytes) -> None:
 
 
 async def _answer(send: Send, status: int, kind: bytes, body: bytes, more: Iterable[tuple[bytes, bytes]] = ()) -> None:
-    headers = [(b"content-type", kind), (b"cache-control", b"no-store"), *HEADERS, *more]
+    headers = [(b"content-type", kind), (b"cache-control", b"no-store"), (b"connection", b"close"), *HEADERS, *more]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})

@@ -49,7 +49,7 @@ def _frame(title: str) -> None:
     ui.page_title(title)
     ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
     with ui.element("header"):
-        ui.html('<a class="home" href="/">labctl</a>', sanitize=False)
+        ui.link("labctl", "/").classes("home")
         ui.html(f"<h1>{escape(title)}</h1>", sanitize=False)
         ui.button("Colours", on_click=_next_colours, color=None).classes("colours").props("flat")
 

@@ -1,11 +1,13 @@
-"""Serving the dashboard: one address with one token, until it is stopped."""
+"""Serving the dashboard, to whoever has a link, until it is stopped."""
 
+import asyncio
 import os
-import secrets
 import socket
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 os.environ.setdefault("MATPLOTLIB", "false")  # NiceGUI looks for it: half a second for nothing
 
@@ -17,6 +19,8 @@ from nicegui import ui
 from labctl.dashboard import pages
 from labctl.dashboard.guard import Guard
 from labctl.dashboard.monitor import Watching
+from labctl.dashboard.sessions import Sessions
+from labctl.dashboard.strangers import Strangers, recognising
 from labctl.runs.format.layout import RunPaths
 
 REPORT_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; sandbox; frame-ancestors 'none'"
@@ -26,19 +30,30 @@ MOST_OF_A_REPORT = 1 << 27
 
 @dataclass(frozen=True)
 class Served:
-    """Where the dashboard is; `url` has the token in it."""
+    """Where the dashboard is."""
 
-    url: str
+    address: str
     host: str
     port: int
+    sessions: Sessions
+
+    def link(self, used: Callable[[], None]) -> str:
+        """An address that lets one browser in, once; then `used` is called."""
+        return f"{self.address}/?token={self.sessions.invite(used)}"
 
 
 class PortTaken(Exception):
     """Something else listens there."""
 
 
-def serve(folder: Path, host: str, port: int, environment: Mapping[str, str], ready: Callable[[Served], None]) -> None:
-    """Serve the runs in `folder` at `host` and `port` (0: any free one) until a signal; `ready` is called once.
+def serve(
+    folder: Path,
+    host: str,
+    port: int,
+    environment: Mapping[str, str],
+    ready: Callable[[Served], AbstractContextManager[None]],
+) -> None:
+    """Serve the runs in `folder` at `host` and `port` (0: any free one), within `ready`, until a signal.
 
     A run that is started from the page has `environment` in addition to that of this process.
 
@@ -53,15 +68,20 @@ def serve(folder: Path, host: str, port: int, environment: Mapping[str, str], re
         raise PortTaken(f"{host}:{port}: cannot be listened at ({error.strerror})") from None
     with listener:
         bound = listener.getsockname()[1]
-        token = secrets.token_urlsafe(32)
+        sessions = Sessions()
         watching = Watching(folder, environment)
         app = _application(watching)
-        guard = Guard(app, host=host, names=(socket.gethostname(), socket.getfqdn()), port=bound, token=token)
+        names = (socket.gethostname(), socket.getfqdn())
+        guard = Guard(recognising(app), host=host, names=names, port=bound, sessions=sessions)
         named = f"[{host}]" if ":" in host else socket.gethostname() if host in ("0.0.0.0", "::") else host  # noqa: S104
-        served = Served(f"http://{named}:{bound}/?token={token}", host, bound)
-        app.router.on_startup.append(lambda: ready(served))
+        served = Served(f"http://{named}:{bound}", host, bound, sessions)
+        while_served = ExitStack()
+        app.router.on_startup.append(lambda: while_served.enter_context(ready(served)))
+        app.router.on_shutdown.append(while_served.close)
         config = uvicorn.Config(
             guard,
+            # a method that is called for each connection, as a class would be
+            http=cast(type[asyncio.Protocol], Strangers().protocol),
             log_level="critical",
             access_log=False,
             lifespan="on",

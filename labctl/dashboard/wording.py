@@ -158,7 +158,7 @@ def _row(row: RunRow) -> str:
         f"{name} {seed}" for name, seed in (("seed", row.seed), ("twin", row.twin_seed)) if seed is not None
     )
     return (
-        f'<a class="run" href="/run/{quote(row.name, safe="")}"><span class="name">{escape(row.name)}</span>'
+        f'<a class="run" href="run/{quote(row.name, safe="")}"><span class="name">{escape(row.name)}</span>'
         f'<span class="seeds">{escape(seeds)}</span><span class="shots">{row.shots} of {row.planned} shots</span>'
         f'<span class="state {row.state}">{row.state}</span></a>'
     )
@@ -167,7 +167,7 @@ def _row(row: RunRow) -> str:
 def live(runs: Iterable[tuple[str, WatchedRun]]) -> str:
     """A strip for every run that is running."""
     strips = "".join(
-        f'<a class="live" href="/run/{quote(name, safe="")}"><span class="name">{escape(name)}</span>'
+        f'<a class="live" href="run/{quote(name, safe="")}"><span class="name">{escape(name)}</span>'
         f"{emission(watched.state)}{progress(watched.state, watched.records)}</a>"
         for name, watched in runs
     )

@@ -1,19 +1,23 @@
 """A dashboard in a process of its own, and a real browser to look at it with."""
 
 import json
+import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 NAMES = ("chromium", "chromium-browser", "google-chrome")
+LINK = "/?token="
 WIDE, NARROW = (1280, 900), (390, 844)
 PATIENCE_MS = 120_000
 SOON_MS = 20_000
@@ -36,14 +40,11 @@ def chromium() -> str | None:
 
 @dataclass(frozen=True)
 class Dashboard:
-    """A dashboard that is served: the address it printed, and the same without the token."""
+    """A dashboard that is served: its address, its process, and links: one at a time, each when the last was used."""
 
-    address: str
-
-    @property
-    def base(self) -> str:
-        """Scheme, host and port."""
-        return self.address.partition("/?")[0]
+    base: str
+    process: int
+    links: Iterator[str]
 
     @property
     def port(self) -> int:
@@ -52,13 +53,26 @@ class Dashboard:
 
 
 @contextmanager
-def dashboard(runs: Path) -> Iterator[Dashboard]:
-    """`labctl dashboard` for the runs in a folder."""
-    command = [*LABCTL, "dashboard", "--runs", runs.name, "--port", "0", "--no-open", "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=runs.parent) as process:
+def dashboard(runs: Path, opening: Mapping[str, str] | None = None) -> Iterator[Dashboard]:
+    """`labctl dashboard` for the runs in a folder; the environment `opening` tells which browser it opens, if any."""
+    no_open = ["--no-open"] if opening is None else []
+    command = [*LABCTL, "dashboard", "--runs", runs.name, "--port", "0", "--json", *no_open]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=runs.parent,
+        env=os.environ | (opening or {}),
+    ) as process:
         assert process.stdout is not None
-        yield Dashboard(json.loads(process.stdout.readline())["url"])
-        process.send_signal(signal.SIGINT)
+        assert process.stderr is not None
+        first = json.loads(process.stdout.readline())["url"]
+        later = (line.split()[-1] for line in process.stderr if LINK in line)
+        try:
+            yield Dashboard(first.partition("/?")[0], process.pid, chain([first], later))
+        finally:
+            process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0
 
 
@@ -79,6 +93,13 @@ def opened(browser: Browser, size: tuple[int, int] = WIDE, *, dark: bool = False
     )
     context.set_default_timeout(PATIENCE_MS)
     return context.new_page()
+
+
+def enter(page: Page, served: Dashboard) -> str:
+    """Let a page in by the next link; the address of the list of runs, which all others begin with."""
+    page.goto(next(served.links))
+    page.wait_for_url(re.compile(f"^{re.escape(served.base)}/[^/?]+/$"))
+    return page.url
 
 
 def connected(page: Page) -> None:

@@ -1,7 +1,6 @@
 """The dashboard in a real browser: a run is started, watched, paused and stopped from the page, and it is dark."""
 
 import re
-import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,12 +16,11 @@ from labctl.bench.station import Station
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
-from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, fits, narrow, opened
+from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, enter, fits, narrow, opened
 
 Served = tuple[dict[str, Any], Path]
 
 CHROMIUM = chromium()
-SOCKET_IO = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
@@ -58,10 +56,9 @@ def page(window: Browser, shown: Dashboard) -> Iterator[Page]:
         "request", lambda request: None if request.url.startswith((shown.base, "data:")) else wrong.append(request.url)
     )
     page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.goto(shown.address)
+    enter(page, shown)
     expect(page.locator(".all-region")).to_be_visible()
     connected(page)
-    assert page.url == f"{shown.base}/", "the token stays in no address"
     yield page
     page.context.close()
     assert wrong == []
@@ -153,57 +150,16 @@ def test_runs_are_listed_filtered_and_compared(page: Page) -> None:
     fits(page)
 
 
-def test_a_report_is_shown_without_its_scripts(page: Page, shown: Dashboard, runs: Path) -> None:
+def test_a_report_is_shown_without_its_scripts(page: Page, runs: Path) -> None:
     (runs / "past-one" / "report.html").write_text("<h1>Report</h1><script>document.title = 'stolen'</script>")
     (runs / "past-other" / "report.html").symlink_to("/etc/hostname")
-    page.goto(f"{shown.base}/run/past-one")
+    base = page.url
+    page.goto(f"{base}run/past-one")
     with page.expect_popup() as opening:
         page.get_by_text("Open the report").click()
     expect(opening.value.locator("h1")).to_have_text("Report")
     assert opening.value.title() != "stolen"
     for name in ("past-other", "nothing", "..%2fpast-one"):
-        assert page.request.get(f"{shown.base}/report/{name}").status == 404
-    page.goto(f"{shown.base}/run/nothing")
+        assert page.request.get(f"{base}report/{name}").status == 404
+    page.goto(f"{base}run/nothing")
     expect(page.get_by_text("has no run nothing")).to_be_visible()
-
-
-@pytest.mark.parametrize("path", ["/", "/?token=wrong", "/run/x", "/report/x", SOCKET_IO])
-def test_without_the_token_nothing_is_shown(window: Browser, shown: Dashboard, path: str) -> None:
-    page = opened(window)
-    answer = page.goto(f"{shown.base}{path}")
-    assert answer is not None
-    assert answer.status == 403
-    page.context.close()
-
-
-def test_another_page_reaches_nothing_even_with_the_cookie(page: Page, shown: Dashboard) -> None:
-    """A page of another origin in the same browser; and who says that he is one, with the cookie in hand."""
-    other = page.context.new_page()
-    other.goto("data:text/html,<title>other</title>")
-    address = f"ws://127.0.0.1:{shown.port}{SOCKET_IO}"
-    opens = """address => new Promise(done => {
-        const socket = new WebSocket(address);
-        socket.onopen = () => done("opened");
-        socket.onerror = () => done("refused");
-    })"""
-    assert other.evaluate(opens, address) == "refused"
-    assert page.evaluate(opens, address) == "opened"
-    (cookie,) = page.context.cookies(shown.base)
-    held = f"{cookie['name']}={cookie['value']}"
-    for host, origin, expected in (
-        (f"127.0.0.1:{shown.port}", shown.base, b"101"),
-        (f"127.0.0.1:{shown.port}", "http://evil.example", b"403"),
-        (f"evil.example:{shown.port}", f"http://evil.example:{shown.port}", b"403"),
-    ):
-        assert handshake(shown.port, host, origin, held) == expected
-
-
-def handshake(port: int, host: str, origin: str, cookie: str) -> bytes:
-    """Status of an answer to a websocket's first request."""
-    request = (
-        f"GET {SOCKET_IO} HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nCookie: {cookie}\r\nConnection: Upgrade\r\n"
-        "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
-    )
-    with socket.create_connection(("127.0.0.1", port), timeout=30) as link, link.makefile("rb") as lines:
-        link.sendall(request.encode())
-        return lines.readline().split()[1]

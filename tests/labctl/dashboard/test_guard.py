@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from labctl.dashboard.guard import Guard, is_loopback
+from labctl.dashboard.sessions import Sessions
 
 HERE = {"host": "127.0.0.1:8050"}
-TOKEN = "secret"  # noqa: S105
 
 
 class Inside:
@@ -24,8 +24,13 @@ class Inside:
 
 
 @pytest.fixture
-def guard() -> Guard:
-    return Guard(Inside(), host="127.0.0.1", names=("bench-pc",), port=8050, token=TOKEN)
+def sessions() -> Sessions:
+    return Sessions()
+
+
+@pytest.fixture
+def guard(sessions: Sessions) -> Guard:
+    return Guard(Inside(), host="127.0.0.1", names=("bench-pc",), port=8050, sessions=sessions)
 
 
 def answer(
@@ -57,36 +62,84 @@ def status(sent: list[MutableMapping[str, Any]]) -> int:
     return int(sent[0]["status"])
 
 
+def begin(guard: Guard, sessions: Sessions) -> tuple[str, str]:
+    """Path of a new session, and the cookie for it."""
+    token = sessions.invite(lambda: None)
+    (start, body) = answer(guard, f"/?token={token}", **HERE)
+    cookie, path, *rest = dict(start["headers"])[b"set-cookie"].decode().split("; ")
+    assert rest == ["HttpOnly", "SameSite=Strict"]
+    path = path.removeprefix("Path=")
+    assert f"url={path}".encode() in body["body"]
+    assert token not in cookie + path
+    return path, cookie
+
+
 @pytest.fixture
-def cookie(guard: Guard) -> str:
-    (start, _) = answer(guard, f"/?token={TOKEN}", **HERE)
-    headers = dict(start["headers"])
-    assert b"SameSite=Strict" in headers[b"set-cookie"]
-    assert b"HttpOnly" in headers[b"set-cookie"]
-    return str(headers[b"set-cookie"].decode()).partition(";")[0]
+def session(guard: Guard, sessions: Sessions) -> tuple[str, str]:
+    return begin(guard, sessions)
 
 
-def test_the_token_is_exchanged_for_a_cookie_that_opens(guard: Guard, cookie: str) -> None:
-    sent = answer(guard, "/run/a", cookie=cookie, **HERE)
+@pytest.fixture
+def path(session: tuple[str, str]) -> str:
+    return session[0]
+
+
+@pytest.fixture
+def cookie(session: tuple[str, str]) -> str:
+    return session[1]
+
+
+def test_a_session_opens_everything_below_its_path(guard: Guard, path: str, cookie: str) -> None:
+    sent = answer(guard, f"{path}run/a", cookie=cookie, **HERE)
     assert status(sent) == 200
     assert b"frame-ancestors 'none'" in dict(sent[0]["headers"])[b"content-security-policy"]
-    assert TOKEN not in cookie
     here = HERE | {"origin": "http://127.0.0.1:8050"}
-    assert status(answer(guard, "/ws", "websocket", cookie=cookie, **here)) == 101
-    assert status(answer(guard, "/ws", method="POST", cookie=cookie, **here)) == 200
+    assert status(answer(guard, f"{path}ws", "websocket", cookie=cookie, **here)) == 101
+    assert status(answer(guard, f"{path}ws", method="POST", cookie=cookie, **here)) == 200
+
+
+def test_a_token_works_once_and_tells_that_it_was_used(guard: Guard, sessions: Sessions) -> None:
+    used: list[str] = []
+    token = sessions.invite(lambda: used.append("used"))
+    assert status(answer(guard, f"/?token={token}", method="POST", origin="http://127.0.0.1:8050", **HERE)) == 403
+    assert status(answer(guard, f"/?token={token}", host="evil.example:8050")) == 403
+    assert used == [], "a refused request uses nothing up"
+    assert status(answer(guard, f"/?token={token}", **HERE)) == 200
+    assert used == ["used"]
+    assert status(answer(guard, f"/?token={token}", **HERE)) == 403
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/?token=", "/?token=wrong", "/?token=secret&token=secret", "/run/a?token=secret", "/_nicegui/x.js"]
+    "address", ["/", "/?token=", "/?token=wrong", "/?token={0}&token={0}", "/run/a?token={0}", "/_nicegui/x.js"]
 )
-def test_without_token_or_cookie_nothing_is_there(guard: Guard, path: str) -> None:
-    assert status(answer(guard, path, **HERE)) == 403
+def test_without_token_or_session_nothing_is_there(guard: Guard, sessions: Sessions, address: str) -> None:
+    assert status(answer(guard, address.format(sessions.invite(lambda: None)), **HERE)) == 403
 
 
-@pytest.mark.parametrize("value", ["labctl-8050=", "labctl-8050=secret", "labctl-8051={}", "{}x", "\x00=;;", "a=b"])
-def test_a_wrong_cookie_opens_nothing(guard: Guard, cookie: str, value: str) -> None:
-    given = value.format(cookie.partition("=")[2] if value.startswith("labctl") else cookie)
-    assert status(answer(guard, cookie=given, **HERE)) == 403
+@pytest.mark.parametrize(
+    "value", ["labctl=", "other={0}", "labctl={0}x", "\x00=;;", "a=b", "labctl", "labctl=\xe9", ""]
+)
+def test_a_wrong_cookie_opens_nothing(guard: Guard, path: str, cookie: str, value: str) -> None:
+    assert status(answer(guard, path, cookie=value.format(cookie.partition("=")[2]), **HERE)) == 403
+
+
+def test_a_cookie_opens_its_own_path_alone(guard: Guard, sessions: Sessions, path: str, cookie: str) -> None:
+    other, _ = begin(guard, sessions)
+    for address in ("/", "/run/a", other, path.rstrip("/"), f"/x{path}", f"/{path}", path.upper(), f"{other}..{path}"):
+        assert status(answer(guard, address, cookie=cookie, **HERE)) == 403
+
+
+def test_cookies_that_another_port_has_set_shut_nobody_out(guard: Guard, path: str, cookie: str) -> None:
+    for held in (f"labctl=x; {cookie}", f"{cookie}; labctl=x", f"a,b=[; {cookie}"):
+        assert status(answer(guard, path, cookie=held, **HERE)) == 200
+
+
+@pytest.mark.parametrize(
+    ("site", "expected"), [("same-origin", 200), ("none", 200), ("same-site", 403), ("cross-site", 403)]
+)
+def test_what_another_page_led_to_is_not_shown(guard: Guard, path: str, cookie: str, site: str, expected: int) -> None:
+    """Another port of the same address is the same site: a browser sends it the cookie."""
+    assert status(answer(guard, path, cookie=cookie, **HERE, **{"sec-fetch-site": site})) == expected
 
 
 @pytest.mark.parametrize(
@@ -102,14 +155,16 @@ def test_a_wrong_cookie_opens_nothing(guard: Guard, cookie: str, value: str) -> 
         "",
     ],
 )
-def test_another_host_is_refused_with_cookie_and_with_token(guard: Guard, cookie: str, host: str) -> None:
-    assert status(answer(guard, host=host, cookie=cookie)) == 403
-    assert status(answer(guard, f"/?token={TOKEN}", host=host)) == 403
+def test_another_host_is_refused_with_session_and_with_token(
+    guard: Guard, sessions: Sessions, path: str, cookie: str, host: str
+) -> None:
+    assert status(answer(guard, path, host=host, cookie=cookie)) == 403
+    assert status(answer(guard, f"/?token={sessions.invite(lambda: None)}", host=host)) == 403
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8050", "localhost:8050", "[::1]:8050"])
-def test_this_machine_by_all_its_names(guard: Guard, cookie: str, host: str) -> None:
-    assert status(answer(guard, host=host, cookie=cookie)) == 200
+def test_this_machine_by_all_its_names(guard: Guard, path: str, cookie: str, host: str) -> None:
+    assert status(answer(guard, path, host=host, cookie=cookie)) == 200
 
 
 @pytest.mark.parametrize(
@@ -117,19 +172,19 @@ def test_this_machine_by_all_its_names(guard: Guard, cookie: str, host: str) -> 
     ["http://evil.example", "null", "https://127.0.0.1:8050", "http://127.0.0.1:8051", "http://localhost:8050"],
 )
 @pytest.mark.parametrize(("kind", "method"), [("http", "GET"), ("http", "POST"), ("websocket", "GET")])
-def test_another_origin_is_refused(guard: Guard, cookie: str, origin: str, kind: str, method: str) -> None:
-    assert status(answer(guard, "/", kind, method, cookie=cookie, origin=origin, **HERE)) == 403
+def test_another_origin_is_refused(guard: Guard, path: str, cookie: str, origin: str, kind: str, method: str) -> None:
+    assert status(answer(guard, path, kind, method, cookie=cookie, origin=origin, **HERE)) == 403
 
 
 @pytest.mark.parametrize(("kind", "method"), [("http", "POST"), ("websocket", "GET")])
-def test_what_can_act_must_name_its_origin(guard: Guard, cookie: str, kind: str, method: str) -> None:
-    assert status(answer(guard, "/", kind, method, cookie=cookie, **HERE)) == 403
+def test_what_can_act_must_name_its_origin(guard: Guard, path: str, cookie: str, kind: str, method: str) -> None:
+    assert status(answer(guard, path, kind, method, cookie=cookie, **HERE)) == 403
 
 
-def test_other_machines_come_by_name_or_number_where_they_may() -> None:
-    guard = Guard(Inside(), host="0.0.0.0", names=("Bench-PC",), port=8050, token=TOKEN)  # noqa: S104
+def test_other_machines_come_by_name_or_number_where_they_may(sessions: Sessions) -> None:
+    guard = Guard(Inside(), host="0.0.0.0", names=("Bench-PC",), port=8050, sessions=sessions)  # noqa: S104
     for host, expected in (("bench-pc:8050", 200), ("192.0.2.7:8050", 200), ("evil.example:8050", 403)):
-        assert status(answer(guard, f"/?token={TOKEN}", host=host)) == expected
+        assert status(answer(guard, f"/?token={sessions.invite(lambda: None)}", host=host)) == expected
 
 
 @pytest.mark.parametrize(
