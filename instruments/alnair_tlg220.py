@@ -153,7 +153,6 @@ class Tlg220(TunableLaser):
 
     def make_safe(self) -> None:
         """Emission off, sent even to a laser that no longer answers; earlier errors do not count."""
-        self._settled.clear()
         self._link.write(self._command("output_off").write)
         self._link.errors()
         self.darken()

@@ -6,7 +6,7 @@ only in analysis: volts = (code - YOFf) * YMUlt + YZEro.
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.driver import Driver
-from instruments.errors import InstrumentError, LinkError, NoTrigger, excerpt
+from instruments.errors import InstrumentError, LinkError, NoTrigger, SettingChanged, excerpt
 from instruments.interfaces import Oscilloscope
-from instruments.readback import Setting, SettingsKept, confirm
+from instruments.readback import Setting, SettingsKept
 from instruments.sections import ScopeSection, Timeout
 from instruments.values import (
     Change,
@@ -50,7 +50,19 @@ DRIVER = Driver(
         )
     ),
     identity=re.compile(r"TEKTRONIX (DPO|DSA|MSO)7\d{4}", re.IGNORECASE),
-    sent_anew=("*",),
+    sent_anew=(
+        "sample_rate",
+        "record_length",
+        "acquisition_mode",
+        "trigger_*",
+        "ch?_*_v*",
+        "ch?_position_div",
+        "ch?_bandwidth_hz",
+        "ch?_coupling",
+        "ch?_inverted",
+        "ch?_deskew_s",
+        "ch?_external_attenuation",
+    ),
 )
 
 SELF_TEST_S = 60.0
@@ -111,6 +123,7 @@ class Dpo72504dx(Oscilloscope):
         self._timebase = Timebase(1.0, 0)
         self._verticals: dict[int, Vertical] = {}
         self._scalings: dict[int, Scaling] = {}
+        self._described: dict[int, tuple[str, list[str]]] = {}  # source and preamble that were found right
         self._frames = 0
         self._dtype: np.dtype[np.int8] | np.dtype[np.int16] = np.dtype(np.int8)
 
@@ -167,6 +180,7 @@ class Dpo72504dx(Oscilloscope):
             Setting("WFMOutpre:BYT_Nr", "1" if averages == 1 else "2"),
         )
         self._kept.forget()
+        self._described.clear()
         with self._link.checked():
             for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL", *(setting.message for setting in settings)):
                 self._link.write(message)
@@ -192,6 +206,7 @@ class Dpo72504dx(Oscilloscope):
             for setting in settings:
                 self._link.write(setting.message)
         settled, _, offset = map(float, self._kept.confirm(settings))
+        self._described.pop(channel, None)
         self._verticals[channel] = Vertical(settled, offset)
         return self._verticals[channel]
 
@@ -284,7 +299,6 @@ class Dpo72504dx(Oscilloscope):
 
     def make_safe(self) -> None:
         """Stop acquiring and unlock the front panel; errors of what went before are not held against it."""
-        self._kept.forget()
         self._link.errors()
         with self._link.checked():
             self._link.write("ACQuire:STATE STOP")
@@ -327,7 +341,7 @@ class Dpo72504dx(Oscilloscope):
         Where the instrument refuses, it says nothing but puts the reason in its queue.
 
         Raises:
-            InstrumentError: the preamble is not that of this channel as it was set.
+            SettingChanged: source or preamble are not those of this channel as it was set.
         """
         questions = (f"DATa:SOUrce CH{channel}", "DATa:SOUrce?", *PREAMBLE, "CURVe?")
         try:
@@ -336,45 +350,47 @@ class Dpo72504dx(Oscilloscope):
             with self._link.checked():
                 pass
             raise
-        if source.upper() != f"CH{channel}":
-            raise InstrumentError(f"{self._link.name}: asked for CH{channel}, got {excerpt(source)}: {ELSEWHERE}")
-        numbers = [number for answer in preamble if (number := number_in(answer)) is not None]
-        if len(numbers) < len(PREAMBLE):
-            raise InstrumentError(f"{self._link.name}: CH{channel} is described by {preamble}, no numbers: {ELSEWHERE}")
-        multiplier, zero, offset, trigger_offset_s = numbers
-        self._scalings[channel] = found = Scaling(scale_v=multiplier, offset_v=zero - offset * multiplier)
-        self._check_scaling(channel, found)
+        *scaling, trigger_offset = preamble
+        if (described := (source, scaling)) != self._described.get(channel):
+            self._scalings[channel] = self._checked(channel, source, scaling)
+            self._described[channel] = described
+        if (trigger_offset_s := number_in(trigger_offset)) is None:
+            raise SettingChanged(f"{self._link.name}: trigger offset of CH{channel} is {trigger_offset}: {ELSEWHERE}")
         return trigger_offset_s
 
-    def _check_scaling(self, channel: int, found: Scaling) -> None:
-        """Compare what a preamble says with the range that the channel was set to.
+    def _checked(self, channel: int, source: str, preamble: Sequence[str]) -> Scaling:
+        """What the codes of a channel mean by source and preamble, which must be those of its range.
 
         Raises:
-            InstrumentError: it belongs to another range.
+            SettingChanged: they are not.
         """
-        if (wanted := self._verticals.get(channel)) is None:
-            return
-        name, scale = f"{self._link.name}: range of CH{channel} by its preamble", wanted.scale_v_per_div
-        described = self.vertical_for(found)
-        confirm(name, scale, described.scale_v_per_div, SCALE_TOLERANCE * scale, unit="V/div", remedy=ELSEWHERE)
-        confirm(
-            f"{name}, offset",
-            wanted.offset_v,
-            described.offset_v,
-            OFFSET_TOLERANCE_DIV * scale,
-            unit="V",
-            remedy=ELSEWHERE,
-        )
+        if source.upper() != f"CH{channel}":
+            raise SettingChanged(f"{self._link.name}: asked for CH{channel}, got {excerpt(source)}: {ELSEWHERE}")
+        numbers = [number for answer in preamble if (number := number_in(answer)) is not None]
+        if len(numbers) < len(preamble):
+            raise SettingChanged(f"{self._link.name}: CH{channel} is described by {preamble}: {ELSEWHERE}")
+        multiplier, zero, offset = numbers
+        found = Scaling(scale_v=multiplier, offset_v=zero - offset * multiplier)
+        wanted, described = self._verticals.get(channel), self.vertical_for(found)
+        if wanted is not None:
+            scale = wanted.scale_v_per_div
+            far = abs(described.scale_v_per_div - scale) > SCALE_TOLERANCE * scale
+            if far or abs(described.offset_v - wanted.offset_v) > OFFSET_TOLERANCE_DIV * scale:
+                raise SettingChanged(
+                    f"{self._link.name}: CH{channel} was set to {scale:.4g} V/div at {wanted.offset_v:.4g} V, its "
+                    f"preamble says {described.scale_v_per_div:.4g} V/div at {described.offset_v:.4g} V: {ELSEWHERE}"
+                )
+        return found
 
     def _check_offsets(self, offsets_s: NDArray[np.float64]) -> None:
         """Compare sub-sample trigger times with the sample interval.
 
         Raises:
-            InstrumentError: one is longer than any can be.
+            SettingChanged: one is longer than any can be.
         """
-        interval = 1 / self._timebase.sample_rate
         worst = float(np.abs(offsets_s).max())
-        confirm(f"{self._link.name}: trigger offset", 0.0, worst, LARGEST_OFFSET * interval, unit="s", remedy=ELSEWHERE)
+        if worst * self._timebase.sample_rate > LARGEST_OFFSET:
+            raise SettingChanged(f"{self._link.name}: the trigger lies {worst:.3g} s beside the samples: {ELSEWHERE}")
 
     def _of_each_frame(self, query: str, read: Callable[[str], NDArray[np.float64]]) -> NDArray[np.float64]:
         """A list with a number for each frame of the burst, shape (frames,)."""

@@ -194,12 +194,14 @@ class _Measurement:
             try:
                 if not self._record(missing, recorder):
                     return
-            except InstrumentError as error:
+            except BaseException as error:
                 try:
-                    recorder.doubt(str(error))
+                    recorder.conclude(error)
                 except RunError as failure:  # nothing more can be kept: no reason to light the bench again
                     error.add_note(str(failure))
                     raise error from None
+                if not isinstance(error, InstrumentError):
+                    raise
                 recorder.report()
                 self._recovery.after(error, recorder.done)
             recorder.darkened()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError
+from instruments.errors import InstrumentError, LinkError, SettingChanged
 from instruments.values import Frames, Scaling
 from labctl.engine.control import Control
 from labctl.engine.likeness import Likeness, alike_by
@@ -24,6 +24,10 @@ from protocols.base import Events, Inputs, Part, PassStarted, Record
 
 COST = 0.02
 """Part of the time that comparing settings may take, but for the ends of a stretch of light."""
+
+
+class WrongRecord(InstrumentError):
+    """Records are not those of their shots."""
 
 
 class Recorder:
@@ -73,13 +77,6 @@ class Recorder:
         self._scalings: tuple[Scaling, ...] = ()
         self._lowest = self._highest = np.empty(0)
 
-    def darkened(self) -> None:
-        """Light was off: what follows is another epoch, and what was in doubt is measured again."""
-        self._epochs += 1
-        self._writer.discard_suspect()
-        self.done = sum(self._writer.done)
-        self._begun_with = self.done - self._single - self._storage.kept
-
     def record(self, events: Events) -> bool:
         """Record all that comes; True if that ended early because the operator wants it.
 
@@ -105,8 +102,10 @@ class Recorder:
         self.report()
         return held
 
-    def doubt(self, reason: str) -> None:
-        """What was measured since the settings were compared may be wrong for a reason; it is on disk from now on.
+    def conclude(self, error: BaseException) -> None:
+        """Light went out by an error: what was measured since nothing was known to be wrong stays, or is in doubt.
+
+        Settings outlast the light, so they are compared once more, unless an instrument is out of reach.
 
         Raises:
             RunError: the disk is full or refuses.
@@ -114,8 +113,29 @@ class Recorder:
         self._storage.wait()
         if self._unsure_from is None:
             self._writer.sync()
+        elif isinstance(error, SettingChanged | WrongRecord):
+            self._writer.doubt(str(error), *self._unsure_from)
+        elif not isinstance(error, LinkError):
+            self._compare_in_the_dark()
+
+    def darkened(self) -> None:
+        """Light was off: what follows is another epoch, and what is in doubt is measured again."""
+        self._epochs += 1
+        self._compare_in_the_dark()
+        self._writer.discard_suspect()
+        self._unsure_from = None
+        self.done = sum(self._writer.done)
+        self._begun_with = self.done - self._single - self._storage.kept
+
+    def _compare_in_the_dark(self) -> None:
+        if self._unsure_from is None:
+            return
+        try:
+            self._compare()
+        except InstrumentError as error:
+            self._writer.doubt(str(error), *self._unsure_from)
         else:
-            self._writer.doubt(reason, *self._unsure_from)
+            self._writer.sync()
 
     def report(self) -> None:
         """Tell the observer of records that have become done."""
@@ -192,7 +212,7 @@ class Recorder:
 
         Raises:
             SettingChanged: a setting is another one.
-            InstrumentError: records are not those of their shots.
+            WrongRecord: records are not those of their shots.
         """
         began = time.monotonic()
         self._bench.require_unchanged()
@@ -204,15 +224,13 @@ class Recorder:
 
     def _examine(self) -> None:
         records, self._unexamined = self._unexamined, []
-        if not records:
+        unsure_from = self._unsure_from
+        if not records or unsure_from is None:
             return
-        codes = (
-            np.concatenate([record.frames.codes for record in records]) if len(records) > 1 else records[0].frames.codes
-        )
-        finding = self._likeness.examine(records[0].first, codes)
+        finding = self._likeness.examine(records[0].first, np.concatenate([one.frames.codes for one in records]))
         if finding is not None:
-            self._unsure_from = records[0].pass_.index, min(finding.first, records[0].first)
-            raise InstrumentError(finding.text)
+            self._unsure_from = records[0].pass_.index, min(finding.first, unsure_from[1])
+            raise WrongRecord(finding.text)
 
     def _last_shot(self) -> dict[str, Any]:
         """What is known of the shot that was measured last, with the image that the DMD shows."""

@@ -258,4 +258,5 @@ class Preamble:
     @property
     def y_zero_v(self) -> float:
         """Position and offset together."""
-        return self.trace.vertical.zero_v
+        vertical = self.trace.vertical
+        return vertical.offset_v - vertical.position_div * vertical.scale_v

@@ -66,11 +66,6 @@ class Vertical(NamedTuple):
     grounded: bool = False
     deskew_s: float = 0.0
 
-    @property
-    def zero_v(self) -> float:
-        """Volts at code 0."""
-        return self.offset_v - self.position_div * self.scale_v
-
 
 @dataclass
 class Channel:
