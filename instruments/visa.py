@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.errors import InstrumentError, LinkError, excerpt
-from instruments.sessions import ENCODING, FAILURES, Digest, Session, came_late
+from instruments.sessions import ENCODING, FAILURES, Digest, OtherLength, Session, came_late
 from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
 ErrorQueue = Callable[["VisaLink"], list[str]]
@@ -165,19 +165,20 @@ class VisaLink:
         """
         room = block.reshape(-1).view(np.uint8).data
 
-        def exchange(session: Session) -> int:
+        def exchange(session: Session) -> None:
             self._log(">", command)
             found = session.ask_block(command, room)
             self._transcript(self.name, "<", found.digest)
             if self._tap is not None:
                 self._tap.heard("<", found[:4])
-            return len(found.data)
 
-        if (length := self._converse(command, exchange)) != len(room):
+        try:
+            self._converse(command, exchange)
+        except OtherLength as found:
             raise InstrumentError(
-                f"{self.name} at {self.resource}: {command} gave {length} bytes, not {len(room)}: its settings were "
-                f"changed meanwhile; leave it to this program"
-            )
+                f"{self.name} at {self.resource}: {command} gave {found.length} bytes, not {len(room)}: its settings "
+                f"were changed meanwhile; leave it to this program"
+            ) from None
         return block
 
     @contextlib.contextmanager
@@ -224,7 +225,8 @@ class VisaLink:
                 f"{self.name} at {self.resource} {what} (at {command.split(',')[0]!r}): check address, cable and power"
             ) from error
         except BaseException:
-            # Ctrl-C between a question and its answer: a session kept open would be one reply behind for ever.
+            # Ctrl-C between a question and its answer, or a block that nobody wants: a session kept open would be one
+            # reply behind for ever.
             self.close()
             raise
 

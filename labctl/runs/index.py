@@ -3,6 +3,7 @@
 Read from manifests and journals alone, so it is quick; of a run that lacks shots also who writes it.
 """
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -128,7 +129,7 @@ def run_directories(folder: Path) -> list[Path]:
     """The run directories in `folder`, by name; none if there is no such folder."""
     if not folder.is_dir():
         return []
-    return [path for path in sorted(folder.iterdir()) if RunPaths(path).manifest.is_file()]
+    return [path for path in sorted(folder.iterdir()) if os.path.lexists(RunPaths(path).manifest)]
 
 
 def run_row(paths: RunPaths) -> RunRow:
