@@ -6,7 +6,7 @@ import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -96,7 +96,7 @@ class Scene:
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """The attacker's runs lack some shots, so that a resume would measure them."""
     root = tmp_path_factory.mktemp("attacked")
     runs, secret = root / "runs", root / "home" / "secret"
@@ -121,7 +121,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         path.unlink(missing_ok=True)
         make(path, secret)
         strange[what] = run, path
-    yield Scene(runs, secret, whole, strange)
+    return Scene(runs, secret, whole, strange)
 
 
 FEW = ("show", "verify", "resume", "stop")
@@ -200,6 +200,37 @@ def test_a_broken_run_does_not_break_the_list(scene: Scene) -> None:
         assert run.name in as_text["out"]
 
 
+PAGE = """
+import json, sys
+from pathlib import Path
+from labctl.dashboard import wording
+from labctl.dashboard.monitor import Watching
+now = [0.0]
+watching = Watching(Path(sys.argv[1]), clock=lambda: now[0])
+rows = watching.rows()
+seen = {}
+for row in rows:
+    watched = watching.run(row.name)
+    watched.look()
+    seen[row.name] = watched.problem
+listed = wording.run_list(rows, "")
+listed.encode()
+print(json.dumps([listed, seen]))
+"""
+
+
+def test_a_broken_run_does_not_break_the_page(scene: Scene) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", PAGE, str(scene.runs)], stdout=subprocess.PIPE, check=True, text=True, timeout=PATIENCE_S
+    )
+    listed, problems = json.loads(ended.stdout)
+    assert problems.pop(scene.whole.name) == ""
+    assert f">{scene.whole.name}</span>" in listed
+    for run, path in scene.strange.values():
+        assert str(path) in listed
+        assert str(path) in problems[run.name]
+
+
 def test_a_readout_or_a_data_file_that_is_none_is_refused(scene: Scene, tmp_path: Path) -> None:
     before = scene.tree()
     made = []
@@ -209,11 +240,8 @@ def test_a_readout_or_a_data_file_that_is_none_is_refused(scene: Scene, tmp_path
             path.parent.mkdir(exist_ok=True)
             make(path, scene.secret)
             made.append(path)
-    asked = [
-        words
-        for path in made
-        for words in (["evaluate", str(path), str(scene.whole)], ["show", str(path)], ["verify", str(path)])
-    ]
+    asked = [words for path in made for words in (["evaluate", str(path), str(scene.whole)], ["verify", str(path)])]
+    asked += [["show", str(path)] for path in made if not path.is_file() or path.name == "data.h5"]
     for ended in carried_out(asked):
         assert ended["status"] in (1, 2), ended
         assert ended["said"].startswith("labctl: "), ended

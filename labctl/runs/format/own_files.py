@@ -9,6 +9,7 @@ has no such ways to open a file: there it is looked at just before.
 import errno
 import os
 import stat
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from io import FileIO
@@ -44,24 +45,26 @@ def opened(path: str | Path, flags: int) -> int:
     return descriptor
 
 
-def own_file(path: Path) -> FileIO:
-    """Open a file of a run to read it.
+def own_file(path: Path, largest: int = sys.maxsize) -> FileIO:
+    """Open a file of a run, of at most `largest` bytes, to read it.
 
     Raises:
-        OSError: as of `opened`.
+        OSError: as of `opened`, or it has more bytes.
     """
-    return FileIO(opened(path, os.O_RDONLY))
+    file = FileIO(opened(path, os.O_RDONLY))
+    if (size := os.fstat(file.fileno()).st_size) > largest:
+        file.close()
+        raise OSError(errno.EFBIG, f"has {size} bytes, and no more than {largest} are read", str(path))
+    return file
 
 
 def read_own(path: Path, largest: int) -> bytes:
-    """All bytes of a file of a run.
+    """All bytes of a file of a run, `largest` at most.
 
     Raises:
-        OSError: as of `opened`, or it has more than `largest` bytes.
+        OSError: as of `own_file`.
     """
-    with own_file(path) as file:
-        if (size := os.fstat(file.fileno()).st_size) > largest:
-            raise OSError(errno.EFBIG, f"has {size} bytes, and no more than {largest} are read", str(path))
+    with own_file(path, largest) as file:
         return file.readall()
 
 
@@ -81,9 +84,11 @@ def require_own_files(directory: Path) -> None:
         while folders:
             with os.scandir(folders.pop()) as found:
                 for entry in found:
+                    if entry.is_file(follow_symlinks=False):
+                        continue
                     if entry.is_dir(follow_symlinks=False):
                         folders.append(entry.path)
-                    elif not entry.is_file(follow_symlinks=False):
+                    else:
                         _refuse_strange(entry.path)
     except OSError as error:
         raise RunError(f"{error.filename}: {error.strerror}") from error

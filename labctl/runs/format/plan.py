@@ -41,7 +41,7 @@ def read_plan(paths: RunPaths, sha256: str) -> tuple[NDArray[Any], Drive | None]
         RunError: missing, damaged, or of a later major version.
     """
     try:
-        with own_file(paths.plan) as stored:
+        with own_file(paths.plan, MOST_BYTES) as stored:
             if hashlib.file_digest(stored, "sha256").hexdigest() != sha256:
                 raise RunError(
                     f"{paths.plan}: damaged: its sha256 is not the manifest's; restore it from a copy of the run"
