@@ -51,9 +51,8 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table for people."""
     grid = Table(box=None, pad_edge=False, header_style="bold")
     for heading in headings:
-        grid.add_column(
-            Text(printable(heading)), overflow="fold"
-        )  # what is cut off, such as an address, nobody can use
+        # what is cut off, such as an address, nobody can use
+        grid.add_column(Text(printable(heading)), overflow="fold")
     for row in rows:
         grid.add_row(*(Text(printable(str(cell))) for cell in row))
     _console.print(grid)

@@ -16,6 +16,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.owner import writer_of
 
+LONGEST_TEXT = 200
 State = Literal["complete", "running", "incomplete", "unreadable"]
 
 
@@ -144,8 +145,8 @@ def run_row(paths: RunPaths) -> RunRow:
     seeds = values.get("seeds", values)
     return RunRow(
         path=paths.directory,
-        protocol=str(protocol.get("name", "") if isinstance(protocol, dict) else protocol),
-        started=str(values.get("started", "")),
+        protocol=str(protocol.get("name", "") if isinstance(protocol, dict) else protocol)[:LONGEST_TEXT],
+        started=str(values.get("started", ""))[:LONGEST_TEXT],
         seed=_number(seeds, "seed"),
         twin_seed=_number(seeds, "twin_seed"),
         shots=shots,

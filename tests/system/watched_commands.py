@@ -30,7 +30,7 @@ def carry_out(words: list[str]) -> dict[str, Any]:
                 sys.stdout.flush()
                 os._exit(ended.code if isinstance(ended.code, int) else 1)
             except Exception:  # noqa: BLE001 - as the interpreter ends with it
-                sys.excepthook(*sys.exc_info())  # type: ignore[arg-type]
+                sys.excepthook(*sys.exc_info())
                 sys.stderr.flush()
                 os._exit(1)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
