@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from instruments.driver import Driver
 from instruments.errors import InstrumentError, OutOfRange, excerpt
 from instruments.interfaces import PatchPanel
-from instruments.readback import SettingsKept
+from instruments.kept_settings import KeptSettings
 from instruments.sections import PatchPanelSection, Timeout
 from instruments.values import Change, Examination, Identity
 from instruments.visa import VisaLink
@@ -35,7 +35,7 @@ class ScpiFibreSwitch(PatchPanel):
     def __init__(self, link: VisaLink, *, ports: tuple[int, ...]) -> None:
         """Drive the switch behind `link`, which carries `ports`."""
         self._link = link
-        self._kept = SettingsKept(link)
+        self._kept = KeptSettings(link)
         self.ports = ports
 
     def identify(self) -> Identity:

@@ -39,8 +39,6 @@ PIECE = 1 << 18
 """Bytes that go over a socket at once: while one piece is summed up in the cache, the wire carries the next."""
 LEAST_RATE = 100_000
 """Bytes per second, less than any network carries: a piece has the session's timeout and the time it takes at this."""
-LONGEST_BLOCK = 1 << 32
-"""Bytes: four times the longest record of an oscilloscope."""
 LONGEST_ANSWERS = 1 << 10
 """Bytes of answers before a block."""
 
@@ -77,6 +75,15 @@ class Block(NamedTuple):
     data: memoryview
     tail: bytes
     digest: str
+
+
+class OtherLength(Exception):
+    """A block is announced that has not the `length` that was asked for; nothing of it was taken."""
+
+    def __init__(self, length: int) -> None:
+        """Of so many bytes."""
+        super().__init__(f"a block of {length} bytes is announced")
+        self.length = length
 
 
 class Session:
@@ -156,12 +163,13 @@ class Session:
                 link.sendall(tail)
 
     def ask_block(self, message: str, room: memoryview, before: int = 0) -> Block:
-        """`write`, then receive the definite-length block that answers: into `room` if that is its size.
+        """`write`, then receive the definite-length block that answers into `room`, whose size it must have.
 
         `before`: how many answers without quotation marks come before it, each with a semicolon behind it.
 
         Raises:
             ValueError: the answer is no such block, or goes on behind it.
+            OtherLength: it has another size; the session has to be closed, since its data are still to come.
         """
         self.write(message)
         digest = Digest()
@@ -174,15 +182,14 @@ class Session:
             length = bytearray(length_digits(head[-2:]))
             take(memoryview(length), None)
             count = int(length)
-            if count > LONGEST_BLOCK:
-                raise ValueError(f"a block of {count} bytes is announced, and no more than {LONGEST_BLOCK} are taken")
-            data = room if count == len(room) else memoryview(bytearray(count))
-            take(data, digest)
+            if count != len(room):
+                raise OtherLength(count)
+            take(room, digest)
             tail = bytearray(len(self._read_eol))
             take(memoryview(tail), None)
         if tail != self._read_eol.encode(ENCODING):
             raise ValueError(f"the block of {count} bytes goes on with {bytes(tail)!r}")
-        return Block(bytes(head), bytes(length), data, bytes(tail), str(digest))
+        return Block(bytes(head), bytes(length), room, bytes(tail), str(digest))
 
     def close(self) -> None:
         """Close it, as well as that can still be done."""

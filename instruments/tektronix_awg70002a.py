@@ -16,7 +16,7 @@ from pydantic import Field
 from instruments.driver import Driver
 from instruments.errors import InstrumentError, excerpt
 from instruments.interfaces import Awg
-from instruments.readback import Setting, SettingsKept
+from instruments.kept_settings import KeptSettings, Setting
 from instruments.sections import AwgSection, Timeout
 from instruments.values import Change, Drive, Examination, Identity, Loaded, Progress, Range
 from instruments.visa import VisaLink
@@ -96,7 +96,7 @@ class Awg70002a(Awg):
         self._link = link
         self._channel = channel
         self._outputs = (f"OUTPut{channel}:STATe?", "OUTPut:OFF?")
-        self._kept = SettingsKept(link)
+        self._kept = KeptSettings(link)
         self._loaded: tuple[Drive, int, bool] | None = None  # with its length in memory, and whether marked once
         self._compared = 0
 

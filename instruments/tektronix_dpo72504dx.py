@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from instruments.driver import Driver
 from instruments.errors import InstrumentError, LinkError, NoTrigger, SettingChanged, excerpt
 from instruments.interfaces import Oscilloscope
-from instruments.readback import Setting, SettingsKept
+from instruments.kept_settings import KeptSettings, Setting
 from instruments.sections import ScopeSection, Timeout
 from instruments.values import (
     Change,
@@ -119,7 +119,7 @@ class Dpo72504dx(Oscilloscope):
         """Drive the instrument behind `link`."""
         self._link = link
         self.channels = ()
-        self._kept = SettingsKept(link)
+        self._kept = KeptSettings(link)
         self._timebase = Timebase(1.0, 0)
         self._verticals: dict[int, Vertical] = {}
         self._scalings: dict[int, Scaling] = {}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.errors import InstrumentError, LinkError, excerpt
-from instruments.sessions import ENCODING, FAILURES, Digest, Session, came_late
+from instruments.sessions import ENCODING, FAILURES, Digest, OtherLength, Session, came_late
 from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
 ErrorQueue = Callable[["VisaLink"], list[str]]
@@ -192,22 +192,22 @@ class VisaLink:
         room = block.reshape(-1).view(np.uint8).data
         command, before = ";:".join(questions), len([one for one in questions[:-1] if one.endswith("?")])
 
-        def exchange(session: Session) -> tuple[int, list[str]]:
+        def exchange(session: Session) -> tuple[str, ...]:
             self._log(">", command)
             found = session.ask_block(command, room, before)
             answers = found.head[:-2].decode(ENCODING)
             self._transcript(self.name, "<", answers + found.digest)
             if self._tap is not None:
                 self._tap.heard("<", found[:4])
-            return len(found.data), answers.split(";")[:before]
+            return tuple(answers.split(";")[:before])
 
-        length, answers = self._converse(command, exchange)
-        if length != len(room):
+        try:
+            return self._converse(command, exchange)
+        except OtherLength as found:
             raise InstrumentError(
-                f"{self.name} at {self.resource}: {questions[-1]} gave {length} bytes, not {len(room)}: its settings "
-                f"were changed meanwhile; leave it to this program"
-            )
-        return tuple(answers)
+                f"{self.name} at {self.resource}: {questions[-1]} gave {found.length} bytes, not {len(room)}: its "
+                f"settings were changed meanwhile; leave it to this program"
+            ) from None
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:
@@ -253,7 +253,8 @@ class VisaLink:
                 f"{self.name} at {self.resource} {what} (at {command.split(',')[0]!r}): check address, cable and power"
             ) from error
         except BaseException:
-            # Ctrl-C between a question and its answer: a session kept open would be one reply behind for ever.
+            # Ctrl-C between a question and its answer, or a block that nobody wants: a session kept open would be one
+            # reply behind for ever.
             self.close()
             raise
 

@@ -16,6 +16,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
 
 from labctl.bench.station import USUAL, Station
 from labctl.runs.format.durable import replace_file
+from labctl.runs.format.own_files import read_own
 
 FILE = "calibration.json"
 FORMAT_VERSION = "1.0"
@@ -145,12 +146,11 @@ def warnings(reference: object, station: Station) -> list[str]:
 def read(path: Path) -> Calibration | None:
     """What a file holds, if it is a calibration that this version of labctl reads."""
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST + 1)
+        content = read_own(path, LARGEST)
         stored = Stored.model_validate_json(content)
     except (OSError, ValidationError):
         return None
-    if len(content) > LARGEST or stored.format_version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
+    if stored.format_version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
         return None
     return Calibration(path, hashlib.sha256(content).hexdigest(), stored)
 

@@ -25,6 +25,7 @@ from labctl.bench.simulation import simulated_bench as simulated_bench
 from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
 from labctl.errors import StationError
+from labctl.printable import printable
 
 if TYPE_CHECKING:  # a bench of real instruments does without
     from labctl.bench.simulation import SimulatedBench
@@ -192,7 +193,7 @@ def ask_operator(request: str) -> str:
     Raises:
         InstrumentError: nobody is there to answer.
     """
-    print(request, end=": ", file=sys.stderr, flush=True)  # noqa: T201
+    print(printable(request), end=": ", file=sys.stderr, flush=True)  # noqa: T201
     try:
         return input()
     except EOFError:

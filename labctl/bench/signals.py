@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from types import FrameType
 
 from labctl.errors import notes
+from labctl.printable import printable
 
 STOPS: tuple[signal.Signals, ...] = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
@@ -74,7 +75,7 @@ def interruptible() -> Iterator[Interruption]:
         except KeyboardInterrupt as stopped:
             with suppress(OSError):
                 for note in notes(stopped):
-                    sys.stderr.write(f"labctl: {note}\n")
+                    sys.stderr.write(f"labctl: {printable(note)}\n")
             raise
 
 

@@ -10,7 +10,7 @@ from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import StationOption
-from labctl.commands.output import JsonOption, errors, say, show
+from labctl.commands.output import JsonOption, say, show, tell
 from labctl.studies.alignment import alignment
 from labctl.studies.alignment.findings import COVERAGE, Finding
 
@@ -28,9 +28,9 @@ def align(
     Each step says what it found, how sure that is, and what to do where it is not good.
     """
 
-    def tell(finding: Finding) -> None:
+    def show_finding(finding: Finding) -> None:
         if as_json:
-            errors.print(finding.line(), markup=False)
+            tell(finding.line())
         else:
             say(finding.line())
 
@@ -40,7 +40,7 @@ def align(
             access_of(context, attended=attended, armed=armed),
             directory=out,
             interruption=interruption,
-            tell=tell,
+            tell=show_finding,
         )
     if aligned is None:
         return INTERRUPTED

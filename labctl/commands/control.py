@@ -9,6 +9,7 @@ from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show
 from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.own_files import require_own_files
 from labctl.runs.live.control_file import Word, ask, stop_at_once
 from labctl.runs.live.owner import writer_of
 
@@ -35,6 +36,7 @@ def stop(
 
 
 def _ask(run: Path, word: Word, what: str, as_json: bool) -> int:
+    require_own_files(run)
     writer = writer_of(RunPaths(run))
     if writer is None:
         raise UsageError(f"{run}: no process of this machine is writing this run: nothing to {word}")

@@ -11,7 +11,7 @@ import typer
 
 from labctl.commands.access import access_of
 from labctl.commands.exit_status import DONE
-from labctl.commands.output import JsonOption, say, show
+from labctl.commands.output import JsonOption, say, show, warn
 from labctl.errors import UsageError
 
 if TYPE_CHECKING:
@@ -38,9 +38,9 @@ def dashboard(
     from labctl.dashboard.server import PortTaken, serve
 
     if not is_loopback(host):
-        sys.stderr.write(
-            f"labctl: --host {host}: other machines reach this page, and its address travels unencrypted: whoever "
-            f"reads it can stop and start runs; leave --host out unless that network is yours\n"
+        warn(
+            f"--host {host}: other machines reach this page, and its address travels unencrypted: whoever reads it can "
+            "stop and start runs; leave --host out unless that network is yours"
         )
 
     @contextmanager
@@ -67,3 +67,8 @@ def dashboard(
     except KeyboardInterrupt:
         pass
     return DONE
+
+
+def _print(url: str) -> None:
+    say(url)
+    say("Ctrl-C ends the dashboard; runs go on without it")

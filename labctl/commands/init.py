@@ -20,7 +20,7 @@ from labctl.bench.drivers import driver, installed
 from labctl.bench.schema import STATION, file_name, write_schema
 from labctl.bench.station import USUAL, Station
 from labctl.commands.exit_status import DONE
-from labctl.commands.output import JsonOption, errors, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.commands.questions import ask, confirm
 from labctl.errors import StationError, UsageError
 
@@ -77,7 +77,7 @@ def init(
         answers = list(answers_at(heard))
     proposed = {answer.instrument: answer.address for answer in reversed(answers)}
     if asking:
-        _tell(BEFORE_QUESTIONS)
+        tell(BEFORE_QUESTIONS)
     places: dict[str, str] = {}
     for role, title in TITLES.items():
         default = proposed.get(role, SIMULATED)
@@ -152,19 +152,15 @@ def _at(place: str, answers: list[Answer]) -> Answer | None:
     return next((answer for answer in answers if answer.address == place), None)
 
 
-def _tell(line: str) -> None:
-    errors.print(line, markup=False)
-
-
 def _tell_who(role: str, place: str, answers: list[Answer]) -> None:
     if "::" not in place:
         return
     if (answer := _at(place, answers)) is None:
-        _tell("  nobody answers there now")
+        tell("  nobody answers there now")
     elif answer.instrument == role:
-        _tell(f"  {' '.join(answer.who.split())}")
+        tell(f"  {' '.join(answer.who.split())}")
     else:
-        _tell(f"  {' '.join(answer.who.split())}: not what labctl knows as {TITLES[role]}")
+        tell(f"  {' '.join(answer.who.split())}: not what labctl knows as {TITLES[role]}")
 
 
 def _instruments(

@@ -1,10 +1,11 @@
 """The command `labctl`: how it starts, and how every one of its commands ends."""
 
-import json
+import logging
 import sys
 from collections.abc import Sequence
 from tempfile import NamedTemporaryFile
 from traceback import format_exception
+from types import TracebackType
 from typing import Annotated
 
 import typer
@@ -13,6 +14,7 @@ from typer.exceptions import Abort, TyperException
 from labctl.commands.command_group import PLAIN, UnloadedCommands
 from labctl.commands.exit_status import FELL_SHORT, INTERRUPTED, WRONG_USE
 from labctl.errors import LabctlError, notes, one_line
+from labctl.printable import PrintableFormatter, json_line, printable, printable_traceback
 
 app = typer.Typer(
     name="labctl",
@@ -45,7 +47,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and end the process with its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
-    sys.exit(_status([word for word in words if word != "--debug"], debug=debug))
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(PrintableFormatter())
+    try:
+        status = _status([word for word in words if word != "--debug"], debug=debug)
+    finally:
+        sys.excepthook = _show_uncaught  # typer has set its own
+    sys.exit(status)
+
+
+def _show_uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    sys.stderr.write(printable_traceback(kind, error, trace))
 
 
 def _status(words: list[str], *, debug: bool) -> int:
@@ -54,7 +66,9 @@ def _status(words: list[str], *, debug: bool) -> int:
     except (KeyboardInterrupt, Abort):
         return INTERRUPTED
     except TyperException as error:
-        return _complain(f"{error.format_message()} `labctl --help` lists what there is", WRONG_USE, words)
+        return _complain(
+            f"{' '.join(error.format_message().split())} `labctl --help` lists what there is", WRONG_USE, words
+        )
     except LabctlError as error:
         if debug:
             raise
@@ -79,8 +93,8 @@ def _unexpected(error: Exception) -> str:
 
 def _complain(message: str, status: int, words: list[str], further: Sequence[str] = ()) -> int:
     for line in (message, *further):
-        sys.stderr.write(f"labctl: {line}\n")
+        sys.stderr.write(f"labctl: {printable(line)}\n")
     if "--json" in words:
         result = {"error": message, "exit": status} | ({"notes": list(further)} if further else {})
-        sys.stdout.write(json.dumps(result) + "\n")
+        sys.stdout.write(json_line(result))
     return status

@@ -1,6 +1,5 @@
 """What every command prints: one JSON object, or text and tables, on standard output; progress on standard error."""
 
-import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,20 +12,21 @@ from rich.table import Table
 from rich.text import Text
 
 from instruments.bench import Observer
+from labctl.printable import json_line, printable
 
 PLAIN_WIDTH = 200
 """Columns of a table that nobody looks at through a terminal: wide enough never to wrap a line for grep."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 
-console = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
-errors = Console(stderr=True, highlight=False, soft_wrap=True)
+_console = Console(highlight=False, emoji=False, soft_wrap=True, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
+_errors = Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 
 
 def show(result: Mapping[str, Any], as_json: bool, as_text: Callable[[], None]) -> None:
     """Print `result` as JSON, or let `as_text` print it for people."""
     if as_json:
-        sys.stdout.write(json.dumps(result, allow_nan=False) + "\n")
+        sys.stdout.write(json_line(result))
         sys.stdout.flush()
     else:
         as_text()
@@ -34,22 +34,28 @@ def show(result: Mapping[str, Any], as_json: bool, as_text: Callable[[], None]) 
 
 def say(line: str) -> None:
     """Print one line for people."""
-    console.print(line, markup=False)
+    _console.print(printable(line), markup=False)
+
+
+def tell(line: str) -> None:
+    """Print one line for people on standard error, above a progress bar if there is one."""
+    _errors.print(printable(line), markup=False)
 
 
 def warn(line: str) -> None:
-    """Print one line for people on standard error, above a progress bar if there is one."""
-    errors.print(f"labctl: {line}", markup=False)
+    """`tell` what somebody should heed."""
+    tell(f"labctl: {line}")
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table for people."""
     grid = Table(box=None, pad_edge=False, header_style="bold")
     for heading in headings:
-        grid.add_column(heading, overflow="fold")  # what is cut off, such as an address, nobody can use
+        # what is cut off, such as an address, nobody can use
+        grid.add_column(Text(printable(heading)), overflow="fold")
     for row in rows:
-        grid.add_row(*(Text(str(cell)) for cell in row))
-    console.print(grid)
+        grid.add_row(*(Text(printable(str(cell))) for cell in row))
+    _console.print(grid)
 
 
 class ProgressLine(Observer):
@@ -67,7 +73,7 @@ class ProgressLine(Observer):
 
     def uploading(self, what: str, done: int, total: int) -> None:
         """So much of `what` is uploaded; the line says so until something else is done."""
-        self._show(f"{self._title}: uploading {what}", done, total)
+        self._show(f"{self._title}: uploading {printable(what)}", done, total)
 
     def warning(self, text: str) -> None:
         """One line above the bar."""
@@ -90,11 +96,11 @@ class ProgressLine(Observer):
 def progress_bar(title: str) -> Iterator[ProgressLine]:
     """One line of progress on standard error; only where somebody can see it."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+    with Progress(*columns, console=_errors, transient=True, disable=not _errors.is_terminal) as bar:
         yield ProgressLine(bar, title)

@@ -6,6 +6,7 @@ import typer
 from pydantic import ValidationError
 
 from instruments.toml_files import describe
+from labctl.printable import printable
 
 
 def ask(question: str, default: str, check: Callable[[str], object]) -> str:
@@ -15,14 +16,14 @@ def ask(question: str, default: str, check: Callable[[str], object]) -> str:
         try:
             check(answer)
         except ValidationError as error:
-            raise typer.BadParameter(describe(error)) from None
+            raise typer.BadParameter(printable(describe(error))) from None
         except ValueError as error:
-            raise typer.BadParameter(str(error)) from None
+            raise typer.BadParameter(printable(str(error))) from None
         return answer
 
-    return str(typer.prompt(question, default=default, value_proc=checked, err=True))
+    return str(typer.prompt(printable(question), default=default, value_proc=checked, err=True))
 
 
 def confirm(question: str) -> bool:
     """Whether the answer is yes; Enter is no."""
-    return typer.confirm(question, default=False, err=True)
+    return typer.confirm(printable(question), default=False, err=True)

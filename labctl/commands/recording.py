@@ -1,6 +1,5 @@
 """`labctl record`: keep what goes over the wire. `labctl replay`: instruments that answer as recorded, nothing else."""
 
-import sys
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ from labctl.bench.signals import on_stop_signal
 from labctl.bench.station import write_addresses
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import PortBaseOption, SaveStationOption
-from labctl.commands.output import JsonOption, say, show, table
+from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.commands.service import serving
 from labctl.errors import RecordingError, UsageError
 
@@ -46,7 +45,7 @@ def record(
         return _carry_out(context, command, Wire(record=request), as_json)
     finally:
         written = recordings(file)
-        _note(
+        tell(
             f"recorded in {', '.join(map(str, written))}"
             if written
             else "no instrument was spoken to: nothing recorded"
@@ -83,7 +82,7 @@ def replay(
 def _read(file: Path) -> Recording:
     recording = read_recording(file)
     if not recording.complete:
-        _note(
+        tell(
             f"{file}: is incomplete, its writer was stopped ({recording.lost_bytes} bytes of a torn record are left "
             f"out): playing the {len(recording.records)} records before that"
         )
@@ -99,9 +98,9 @@ def _play_to(
     finally:
         served.stop()  # not before the last messages of the command have arrived
         if served.difference is not None:
-            _note(f"replay: {served.difference}")
+            tell(f"replay: {served.difference}")
     if served.difference is None and not served.complete:
-        _note(f"replay: the command ended after {served.played} of {served.total} messages")
+        tell(f"replay: the command ended after {served.played} of {served.total} messages")
     return status if served.complete else status or FELL_SHORT
 
 
@@ -118,9 +117,9 @@ def _serve(served: Replay, resources: Mapping[str, str], as_json: bool) -> int:
         while served.running and not stop.is_set() and not served.ended.wait(POLL_S):
             pass
     if served.difference is not None:
-        _note(f"replay: {served.difference}")
+        tell(f"replay: {served.difference}")
         return FELL_SHORT
-    _note(f"replay: {served.played} of {served.total} messages were played")
+    tell(f"replay: {served.played} of {served.total} messages were played")
     if served.complete:
         return DONE
     return INTERRUPTED
@@ -136,7 +135,3 @@ def _carry_out(context: typer.Context, command: list[str], wire: Wire, as_json: 
     root = context.find_root()
     status = root.command.main(words, prog_name=root.info_name, standalone_mode=False, obj=wire)
     return status if isinstance(status, int) else DONE
-
-
-def _note(line: str) -> None:
-    sys.stderr.write(f"{line}\n")

@@ -1,7 +1,6 @@
 """`labctl reproduce`: the paper's experiments, compared with the paper's own figures."""
 
 import json
-import sys
 import time
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -15,7 +14,7 @@ from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import DataOption, StationOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.errors import UsageError, one_line
 from labctl.runs.format.layout import run_name
 from labctl.studies.paper.experiments import experiments
@@ -59,14 +58,14 @@ def reproduce(
         raise next(iter(problems.values()))
     skipped = {name: one_line(error) for name, error in problems.items()}
     for name, why in skipped.items():
-        sys.stderr.write(f"{name} is skipped: {why}\n")
+        tell(f"{name} is skipped: {why}")
     plan = replace(plan, experiments=tuple(found for found in chosen if found.name not in skipped))
     try:
         if vary:
             return _vary(plan, as_json)
         return _reproduce(plan, skipped, as_json, alone=len(wanted) == 1)
     except Interrupted:
-        sys.stderr.write(f"interrupted: the finished runs are in {folder}, the bench is in the safe state\n")
+        tell(f"interrupted: the finished runs are in {folder}, the bench is in the safe state")
         return INTERRUPTED
 
 
@@ -84,7 +83,7 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
         raise next(iter(failures.values()))
     failed = {name: one_line(error) for name, error in failures.items()}
     for name, why in failed.items():
-        sys.stderr.write(f"{name} failed: {why}\n")
+        tell(f"{name} failed: {why}")
     report = verdict.write_report(plan, everything, skipped=skipped, failed=failed)
     entries = [verdict.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
     without = {"skipped": skipped, "failed": failed}

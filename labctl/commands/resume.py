@@ -1,6 +1,5 @@
 """`labctl resume`: go on with a run that ended early."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,7 @@ from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED, WRONG_USE
 from labctl.commands.next_steps import options_again
 from labctl.commands.options import DataOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
 from labctl.commands.run import describe, print_outcome
 from labctl.engine import session
 from labctl.engine.resume import SettingsChanged
@@ -46,7 +45,7 @@ def resume(
 
 def _refuse(changed: SettingsChanged, as_json: bool) -> int:
     rows = [vars(difference) for difference in changed.differences]
-    sys.stderr.write(f"labctl: {changed}\n")
+    warn(str(changed))
     show(
         {"error": str(changed), "exit": WRONG_USE, "differences": rows},
         as_json,

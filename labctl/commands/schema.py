@@ -28,5 +28,10 @@ def schema(
         sys.stdout.write(json.dumps(schema_of(str(name)), indent=indent, ensure_ascii=False) + "\n")
         return DONE
     written = [str(path) for path in write_schemas(write)]
-    show({"written": written}, as_json, lambda: say("\n".join(written)))
+    show({"written": written}, as_json, lambda: _print(written))
     return DONE
+
+
+def _print(written: list[str]) -> None:
+    for path in written:
+        say(path)

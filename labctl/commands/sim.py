@@ -11,7 +11,7 @@ from labctl.bench.simulation import known_faults, simulated_bench
 from labctl.bench.station import read_station, write_addresses
 from labctl.commands.exit_status import DONE
 from labctl.commands.options import PortBaseOption, SaveStationOption, StationOption
-from labctl.commands.output import JsonOption, errors, say, show, table
+from labctl.commands.output import JsonOption, say, show, table, warn
 from labctl.commands.service import serving
 from labctl.errors import UsageError
 
@@ -54,7 +54,7 @@ def serve(
     if fault == [LIST]:
         return _list_faults(as_json)
     if not _is_loopback(host):
-        errors.print(f"labctl: anyone who reaches {host} can drive these instruments: nobody is asked who they are")
+        warn(f"anyone who reaches {host} can drive these instruments: nobody is asked who they are")
     asked = read_station(station)
     if twin_seed is not None:
         asked = asked.twin(twin_seed)

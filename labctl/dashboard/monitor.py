@@ -159,6 +159,6 @@ def _listed(paths: RunPaths, before: tuple[Sizes, RunRow] | None) -> tuple[Sizes
 
 def _size(path: Path) -> int:
     try:
-        return path.stat().st_size
+        return path.lstat().st_size
     except OSError:
         return -1

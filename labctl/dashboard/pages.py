@@ -4,7 +4,6 @@ A page asks for what is new a few times a second while it is open, and sends to 
 """
 
 from collections.abc import Callable, Iterable
-from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
@@ -12,6 +11,7 @@ from nicegui import ui
 
 from labctl.dashboard import launcher, wording
 from labctl.dashboard.monitor import WatchedRun, Watching
+from labctl.dashboard.sketches import escape
 from labctl.dashboard.state import ENDED, Phase
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.control_file import Word, ask, stop_at_once
@@ -226,7 +226,7 @@ def _show_next(watching: Watching, name: str, watched: WatchedRun) -> None:
     report = RunPaths(watched.directory).report
     if report.is_file():
         ui.link("Open the report", f"/report/{quote(name, safe='')}", new_tab=True).classes("report")
-    others = [row.name for row in watching.rows() if row.name != name]
+    others = [row.name for row in watching.rows() if row.name != name and row.name.isprintable()]
     if others:
         other = ui.select(others, label="Compare with", with_input=True).classes("compare")
         other.on_value_change(

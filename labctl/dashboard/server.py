@@ -22,6 +22,7 @@ from labctl.dashboard.monitor import Watching
 from labctl.dashboard.sessions import Sessions
 from labctl.dashboard.strangers import Strangers, recognising
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.own_files import read_own
 
 REPORT_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; sandbox; frame-ancestors 'none'"
 """A report is a picture book; that of a stranger's run may try to be more."""
@@ -101,10 +102,13 @@ def _application(watching: Watching) -> FastAPI:
     @app.get("/report/{name}")
     def report(name: str) -> HTMLResponse:
         watched = watching.run(name)
-        path = None if watched is None else RunPaths(watched.directory).report
-        if path is None or path.is_symlink() or not path.is_file() or path.stat().st_size > MOST_OF_A_REPORT:
+        if watched is None:
             raise HTTPException(404)
-        return HTMLResponse(path.read_bytes(), headers={"content-security-policy": REPORT_POLICY})
+        try:
+            content = read_own(RunPaths(watched.directory).report, MOST_OF_A_REPORT)
+        except OSError:
+            raise HTTPException(404) from None
+        return HTMLResponse(content, headers={"content-security-policy": REPORT_POLICY})
 
     @ui.page("/")
     def runs() -> None:

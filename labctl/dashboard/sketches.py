@@ -5,14 +5,15 @@ A plot stretches with its place on the page: only its lines are drawn by SVG, al
 
 import base64
 import binascii
+import html
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labctl.dashboard.state import Image
+from labctl.printable import printable
 
 MOST_POINTS = 400
 """Of a line: more cannot be told apart on a page."""
@@ -36,6 +37,11 @@ class Axes:
     y: tuple[float, float]
     x_labels: tuple[str, str]
     y_labels: tuple[str, str]
+
+
+def escape(text: str) -> str:
+    """Text as HTML that shows just it, whatever is in it."""
+    return html.escape(printable(text))
 
 
 def plot(title: str, lines: Sequence[Line], axes: Axes) -> str:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from html import escape
 from urllib.parse import quote
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from labctl.dashboard import sketches
 from labctl.dashboard.accuracy import Curve
 from labctl.dashboard.monitor import WatchedRun
-from labctl.dashboard.sketches import Line
+from labctl.dashboard.sketches import Line, escape
 from labctl.dashboard.state import ENDED, Emission, Phase, RunState
 from labctl.runs.index import RunRow
 from labctl.runs.read.differences import Difference
@@ -20,6 +19,7 @@ MOST_PLOTS = 16
 """Of traces: where more were measured, as in a wavelength scan, the last ones."""
 SHOWN_ROWS = 200
 """Of the list of runs; the filter finds the others."""
+LONGEST_PROBLEM = 300
 
 
 def emission(state: RunState) -> str:
@@ -157,17 +157,27 @@ def _row(row: RunRow) -> str:
     seeds = " · ".join(
         f"{name} {seed}" for name, seed in (("seed", row.seed), ("twin", row.twin_seed)) if seed is not None
     )
+    if row.problem:
+        found = f'<span class="problem">{escape(row.problem[:LONGEST_PROBLEM])}</span>'
+    else:
+        found = (
+            f'<span class="seeds">{escape(seeds)}</span><span class="shots">{row.shots} of {row.planned} shots</span>'
+        )
     return (
-        f'<a class="run" href="run/{quote(row.name, safe="")}"><span class="name">{escape(row.name)}</span>'
-        f'<span class="seeds">{escape(seeds)}</span><span class="shots">{row.shots} of {row.planned} shots</span>'
+        f'<a class="run" href="{_address(row.name)}"><span class="name">{escape(row.name)}</span>{found}'
         f'<span class="state {row.state}">{row.state}</span></a>'
     )
+
+
+def _address(name: str) -> str:
+    """Of the page of a run; a name that is not UTF-8 has none, and leads to the page of a run that is not there."""
+    return f"run/{quote(name, safe='', errors='replace')}"
 
 
 def live(runs: Iterable[tuple[str, WatchedRun]]) -> str:
     """A strip for every run that is running."""
     strips = "".join(
-        f'<a class="live" href="run/{quote(name, safe="")}"><span class="name">{escape(name)}</span>'
+        f'<a class="live" href="{_address(name)}"><span class="name">{escape(name)}</span>'
         f"{emission(watched.state)}{progress(watched.state, watched.records)}</a>"
         for name, watched in runs
     )

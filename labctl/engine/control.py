@@ -5,6 +5,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from labctl.bench.signals import Interruption, StoppedBySignal
+from labctl.runs.format.own_files import own_file
 from labctl.runs.live.control_file import CONTROL, Word
 
 LOOK_EVERY_S = 0.1
@@ -50,7 +51,7 @@ class Control:
 
     def _look(self) -> Word | None:
         try:
-            with self.path.open("rb") as file:
+            with own_file(self.path) as file:
                 word = Word(file.read(LONGEST_WORD).decode().strip())
         except (OSError, ValueError):  # nothing is asked, or nothing that a run knows
             return None

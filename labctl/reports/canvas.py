@@ -303,6 +303,7 @@ def volt_scale(volts: ArrayLike) -> tuple[float, str]:
 def save_figure(figure: Figure, stem: Path) -> tuple[Path, Path]:
     """Save as `<stem>.png` and `<stem>.svg` (text as text, no date); returns both paths. The layout is final then."""
     png, svg = save_png(figure, stem), stem.with_name(stem.name + ".svg")
+    svg.unlink(missing_ok=True)  # it may lead somewhere else
     FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None, "Creator": None})
     return png, svg
 
@@ -312,6 +313,7 @@ def save_png(figure: Figure, stem: Path) -> Path:
     """Save as `<stem>.png` and return its path. The layout is final then."""
     png = stem.with_name(stem.name + ".png")
     _settle(figure)
+    png.unlink(missing_ok=True)  # it may lead somewhere else
     FigureCanvasAgg(figure).print_figure(png, dpi=PIXELS_PER_INCH, metadata={"Software": None})
     return png
 
@@ -341,5 +343,6 @@ def join_pictures(parts: Sequence[Path], out: Path) -> None:
         page.paste(one, (0, top))
         top += one.height
     partial = out.with_name(out.name + ".partial")
+    partial.unlink(missing_ok=True)  # it may lead somewhere else
     page.save(partial, "PNG")
     partial.replace(out)

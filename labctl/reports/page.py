@@ -81,5 +81,7 @@ def write_report(path: Path, template: str, **content: Any) -> None:
         content: What it shows, by the names in the template; `title` always.
     """
     partial = path.with_name(path.name + ".partial")
-    partial.write_text(TEMPLATES.get_template(template).render(content), encoding="utf-8", newline="\n")
+    partial.unlink(missing_ok=True)  # it may lead somewhere else
+    text = TEMPLATES.get_template(template).render(content)
+    partial.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
     os.replace(partial, path)

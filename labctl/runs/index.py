@@ -3,6 +3,7 @@
 Read from manifests and journals alone, so it is quick; of a run that lacks shots also who writes it.
 """
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,6 +16,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.owner import writer_of
 
+LONGEST_TEXT = 200
 State = Literal["complete", "running", "incomplete", "unreadable"]
 
 
@@ -128,7 +130,7 @@ def run_directories(folder: Path) -> list[Path]:
     """The run directories in `folder`, by name; none if there is no such folder."""
     if not folder.is_dir():
         return []
-    return [path for path in sorted(folder.iterdir()) if RunPaths(path).manifest.is_file()]
+    return [path for path in sorted(folder.iterdir()) if os.path.lexists(RunPaths(path).manifest)]
 
 
 def run_row(paths: RunPaths) -> RunRow:
@@ -143,8 +145,8 @@ def run_row(paths: RunPaths) -> RunRow:
     seeds = values.get("seeds", values)
     return RunRow(
         path=paths.directory,
-        protocol=str(protocol.get("name", "") if isinstance(protocol, dict) else protocol),
-        started=str(values.get("started", "")),
+        protocol=str(protocol.get("name", "") if isinstance(protocol, dict) else protocol)[:LONGEST_TEXT],
+        started=str(values.get("started", ""))[:LONGEST_TEXT],
         seed=_number(seeds, "seed"),
         twin_seed=_number(seeds, "twin_seed"),
         shots=shots,

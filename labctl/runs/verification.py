@@ -16,8 +16,10 @@ from labctl.runs.format.columns import in_this_version
 from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.own_files import own_file, place_of, read_own, require_own_files
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
 from labctl.runs.format.plan import read_drive, read_plan
+from labctl.runs.format.shard import MOST_BYTES as MOST_OF_A_SHARD
 from labctl.runs.format.shards import Shards
 from labctl.runs.read.data_file import MOST_BYTES, damaged
 from labctl.runs.write.data_file import constants, shard_in_data_file, write_data_file
@@ -94,6 +96,7 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         (True, True, (220, 220), 'current')
     """
     paths = RunPaths(Path(path))
+    require_own_files(paths.directory)
     if not paths.manifest.exists():
         raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)")
     at = paths.manifest
@@ -175,7 +178,7 @@ def _data_file(
             check_plain(file, MOST_BYTES, besides="frames")
             current = attribute(file, "evidence") == named.evidence
             differences = _different_constants(file, manifest, drive, intact)
-        with h5py.File(paths.data, "r") as file:
+        with own_file(paths.data) as stored, h5py.File(place_of(stored, paths.data), "r") as file:
             differences += _different_columns(file, intact)
             if current and not np.array_equal(file["shots"]["index"], named.complete):
                 text = f"{paths.data}: /shots.index is not the list of complete shots"
@@ -246,11 +249,11 @@ def _in_shard(shards: Shards, number: int) -> Damage:
         with walked(shards.paths.data) as file:
             check_plain(file, MOST_BYTES, besides="frames")
             expected = bytes(shard_in_data_file(file, shards, shards.entries[number]))
+        found = read_own(shards.paths.shard(number), MOST_OF_A_SHARD)
     except HDF5_ERRORS:
         return whole
     if whole.last is None or hashlib.sha256(expected).hexdigest() != shards.entries[number].sha256:
         return whole
-    found = shards.paths.shard(number).read_bytes()
     length = max(len(found), len(expected))
     sides = [np.frombuffer(side.ljust(length, b"\0"), np.uint8) for side in (found, expected)]
     different = np.flatnonzero(sides[0] != sides[1])

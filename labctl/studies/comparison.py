@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from labctl.analysis.evaluation import WindowAccuracy, accuracy_against_window, mean_and_sd, window_key, windows_to_try
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError, RunError
+from labctl.printable import printable
 from labctl.reports.canvas import Series, save_png
 from labctl.reports.figures.same_image import SameImage, same_image_figure
 from labctl.reports.figures.window import accuracy_figure
@@ -140,7 +141,8 @@ def default_folder(first: Path, second: Path) -> Path:
 def _names(first: Path, second: Path) -> tuple[str, str]:
     """The shortest names that tell two runs apart."""
     one, other = first.resolve(), second.resolve()
-    return (one.name, other.name) if one.name != other.name else (str(first), str(second))
+    names = (one.name, other.name) if one.name != other.name else (str(first), str(second))
+    return printable(names[0]), printable(names[1])
 
 
 def _correlations(same: SameImage) -> dict[str, float | None]:

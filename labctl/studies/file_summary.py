@@ -38,6 +38,8 @@ def summary_of(path: Path) -> dict[str, Any]:
 
 
 def _kind(path: Path) -> str:
+    if not path.is_file():
+        raise UsageError(f"{path}: is no file: name another one")
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)

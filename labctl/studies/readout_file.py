@@ -74,7 +74,8 @@ def save_model(path: Path, pipeline: Pipeline, metadata: Mapping[str, Any]) -> N
     """
     _require_savable(pipeline)
     partial = path.with_name(path.name + ".partial")
-    with h5py.File(partial, "w", libver=LIBVER) as file:
+    partial.unlink(missing_ok=True)  # a killed process left it; or it leads somewhere else
+    with h5py.File(partial, "x", libver=LIBVER) as file:
         set_text(file, "format", FORMAT)
         set_text(file, "format_version", FORMAT_VERSION)
         set_text(file, "metadata", _json(dict(metadata)))
@@ -114,7 +115,8 @@ def _open(path: Path) -> Iterator[h5py.File]:
     try:
         file = walked(path)
     except OSError as error:
-        raise AnalysisError(f"{path}: cannot be read as HDF5: name a file that 'labctl train' wrote") from error
+        why = f" ({error.strerror})" if error.strerror else ""
+        raise AnalysisError(f"{path}: cannot be read as HDF5{why}: name a file that 'labctl train' wrote") from error
     with file:
         try:
             check_plain(file, LARGEST)

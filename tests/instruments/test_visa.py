@@ -1,7 +1,9 @@
 """The link itself: both transports, blocks, errors with line ends, lost connections, replies that come too late."""
 
+import contextlib
 import socket
 import threading
+import tracemalloc
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -57,7 +59,7 @@ class Script:
                 client, _ = self._listener.accept()
             except OSError:
                 return
-            with client, client.makefile("rb") as lines:
+            with contextlib.suppress(ConnectionResetError), client, client.makefile("rb") as lines:
                 for _line in lines:
                     answer = next(self._answers)
                     if answer is None:
@@ -103,6 +105,16 @@ def test_a_block_of_another_length(peer: Callable[..., VisaLink]) -> None:
     with pytest.raises(InstrumentError, match=r"CURVe\? gave 3 bytes, not 8: its settings were changed"):
         link.read_block("CURVe?", np.empty(2, "<f4"))
     assert link.query("*OPC?") == "1"
+
+
+def test_a_block_that_nobody_asked_for_takes_no_memory(peer: Callable[..., VisaLink]) -> None:
+    link = peer(b"#A4294967295")
+    tracemalloc.start()
+    with pytest.raises(InstrumentError, match=r"CURVe\? gave 4294967295 bytes, not 8"):
+        link.read_block("CURVe?", np.empty(2, "<f4"))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 1 << 20
 
 
 def test_a_hexadecimal_length_digit(peer: Callable[..., VisaLink]) -> None:

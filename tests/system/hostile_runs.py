@@ -1,8 +1,9 @@
 """Hostile runs and readouts: what is damaged in a whole one, and what the refusal says."""
 
 import json
+import os
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -212,15 +213,46 @@ RUNS["run"] |= {
     "a report that is elsewhere": (report_elsewhere, NAMES_ANOTHER_PLACE),
 }
 
+
+def a_million_passes(path: Path, ports: Sequence[int] = (2,)) -> None:
+    manifest = write_whole(path) / "manifest.json"
+    values = json.loads(manifest.read_text("utf-8"))
+    values["shape"]["passes"] = [ports] * 10**6
+    manifest.write_text(json.dumps(values), "utf-8")
+
+
+def a_shard_without_end(path: Path) -> None:
+    (write_whole(path) / "data.h5").unlink()
+    os.truncate(path / "shards" / "000000.h5", 1 << 40)
+
+
 RUNS["run"] |= {
     "a manifest in a manifest": (
         lambda path: (write_whole(path) / "manifest.json").write_bytes(b"[" * 100_000),
         "damaged manifest",
     ),
     "a manifest without end": (
-        lambda path: (write_whole(path) / "manifest.json").write_bytes(b" " * (1 << 27)),
-        "damaged manifest",
+        lambda path: os.truncate(write_whole(path) / "manifest.json", 1 << 40),
+        "manifest.json: cannot be read: has 1099511627776 bytes",
     ),
+    "a million passes": (a_million_passes, "1000000 ports in 1000000 passes: a run has at most"),
+    "a million passes of no port": (
+        lambda path: a_million_passes(path, []),
+        "in 1000000 passes: a run needs at least one shot",
+    ),
+    "a journal without end": (
+        lambda path: os.truncate(write_whole(path) / "journal.jsonl", 1 << 40),
+        "journal.jsonl: cannot be read: has 1099511627776 bytes",
+    ),
+    "a journal of nothing but ends of lines": (
+        lambda path: (write_whole(path) / "journal.jsonl").write_bytes(b"\n" * (1 << 20)),
+        "1000 of its lines are damaged",
+    ),
+    "a plan without end": (
+        lambda path: os.truncate(write_whole(path) / "plan.h5", 1 << 40),
+        "has 1099511627776 bytes",
+    ),
+    "a shard without end": (a_shard_without_end, "000000.h5: cannot be read: has 1099511627776 bytes"),
 }
 
 

@@ -21,7 +21,8 @@ def replacement(path: Path) -> Iterator[FileIO]:
     """
     temporary = path.with_name(path.name + ".tmp")
     try:
-        with FileIO(temporary, "w+") as file:
+        temporary.unlink(missing_ok=True)  # a killed process left it; or it leads somewhere else
+        with FileIO(temporary, "x+") as file:
             yield file
             os.fsync(file.fileno())
         os.replace(temporary, path)

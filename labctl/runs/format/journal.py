@@ -24,7 +24,11 @@ from typing import Self
 
 from labctl.errors import RunError
 from labctl.runs.format.durable import not_written, write_all
+from labctl.runs.format.own_files import opened, read_own
 
+LARGEST_JOURNAL = 1 << 28
+"""Bytes: more than a million lines."""
+MOST_PROBLEMS = 1000
 _LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}')
 
 
@@ -115,28 +119,29 @@ def read_journal(path: Path) -> Journal:
     """Read a journal; it may be growing at the same time.
 
     Raises:
-        RunError: the file cannot be read.
+        RunError: the file cannot be read, or nearly nothing in it is a line of a journal.
     """
     try:
-        data = path.read_bytes()
+        data = read_own(path, LARGEST_JOURNAL)
     except OSError as error:
         raise RunError(f"{path}: cannot be read: {error.strerror}; the run needs its journal") from error
     entries: list[Entry] = []
     problems: list[str] = []
     damaged: tuple[int, int] | None = None
-    lines = BytesIO(data).readlines()
     whole = 0
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(BytesIO(data), start=1):
         try:
             entries.append(Entry.decode(line))
         except TornLine as error:
-            if number == len(lines):
+            if whole + len(line) == len(data):
                 break
             problems.append(f"{path.name} line {number}: {error}")
         except ValueError as error:
             problems.append(f"{path.name} line {number}: {error}")
         if problems and damaged is None:
             damaged = whole, whole + len(line) - 1
+        if len(problems) > MOST_PROBLEMS:
+            raise RunError(f"{path}: {MOST_PROBLEMS} of its lines are damaged: restore it from a copy of the run")
         whole += len(line)
     return Journal(tuple(entries), tuple(problems), damaged, whole)
 
@@ -152,7 +157,7 @@ class JournalFile:
         """
         self._path = path
         try:
-            self._file = FileIO(path, "a+")
+            self._file = FileIO(path, "a+", opener=opened)
         except OSError as error:
             raise not_written(path, error) from error
         try:

@@ -9,10 +9,11 @@ from typing import Any
 
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.own_files import read_own, require_own_files
 from labctl.runs.format.shape import RunShape
 from labctl.runs.format.version import check_version
 
-LARGEST_MANIFEST = 1 << 26  # characters; what is longer is cut, and then damaged
+LARGEST_MANIFEST = 1 << 23  # bytes: that of a scan of 5000 wavelengths has some 0.5 MB
 
 
 @dataclass(frozen=True)
@@ -28,18 +29,20 @@ class Manifest:
 
     @classmethod
     def read(cls, paths: RunPaths) -> "Manifest":
-        """Read manifest.json.
+        """Read manifest.json, of a run whose directory holds nothing but files and folders.
 
         Raises:
-            RunError: no run directory, a damaged manifest, or one of a later major version.
+            RunError: no run directory, or one that holds something else, a damaged manifest, or one of a later major
+                version.
         """
+        require_own_files(paths.directory)
         try:
-            with paths.manifest.open(encoding="utf-8") as file:
-                text = file.read(LARGEST_MANIFEST)
+            text = read_own(paths.manifest, LARGEST_MANIFEST).decode()
         except FileNotFoundError:
             raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)") from None
         except (OSError, UnicodeDecodeError) as error:
-            raise RunError(f"{paths.manifest}: cannot be read: {error}") from error
+            why = error.strerror if isinstance(error, OSError) else error
+            raise RunError(f"{paths.manifest}: cannot be read: {why}") from error
         return cls.parse(text, paths.manifest)
 
     @classmethod

@@ -5,8 +5,8 @@ declare arrays that nobody ever stored. The files of labctl use none of this, so
 of its data are read. Texts of variable length are in files of formats before 1.2 alone.
 """
 
-import io
 import math
+from io import BytesIO, FileIO
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from h5py import h5d, h5l, h5o, h5t
 
 from labctl.runs.format.global_heaps import WalkedFile
+from labctl.runs.format.own_files import own_file
 
 LIBVER = ("v108", "v108")  # the same bytes whatever HDF5 release writes them, readable by any HDF5 since 1.8
 HDF5_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)  # what h5py raises on a file that is not whole
@@ -26,14 +27,16 @@ SMALLEST_STORAGE = 1 << 16
 """Bytes: below that a declared size costs nothing."""
 
 
-def walked(source: Path | bytes) -> h5py.File:
-    """The file at a path, or one by its bytes, to look at whatever is in it; slow for large arrays.
+def walked(source: Path | FileIO | bytes) -> h5py.File:
+    """The file at a path, an open one, or one by its bytes, to look at whatever is in it; slow for large arrays.
 
     Raises:
-        OSError: it is not there, or no HDF5 file; later, at a heap in it that HDF5 would never come to the end of.
+        OSError: it is not there, or no HDF5 file, or no file at all; later, at a heap in it that HDF5 would never come
+            to the end of.
     """
-    stream = io.BytesIO(source) if isinstance(source, bytes) else source.open("rb", buffering=0)
-    return h5py.File(WalkedFile(stream), "r")
+    if isinstance(source, Path):
+        source = own_file(source)
+    return h5py.File(WalkedFile(BytesIO(source) if isinstance(source, bytes) else source), "r")
 
 
 def set_text(owner: h5py.Group | h5py.Dataset, name: str, text: str) -> None:

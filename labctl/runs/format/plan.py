@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from instruments.values import Drive
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.own_files import own_file
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, attribute, check_plain, set_text, walked
 from labctl.runs.format.version import FORMAT_VERSION, check_version
 
@@ -40,15 +41,15 @@ def read_plan(paths: RunPaths, sha256: str) -> tuple[NDArray[Any], Drive | None]
         RunError: missing, damaged, or of a later major version.
     """
     try:
-        image = paths.plan.read_bytes()
-        if hashlib.sha256(image).hexdigest() != sha256:
-            raise RunError(
-                f"{paths.plan}: damaged: its sha256 is not the manifest's; restore it from a copy of the run"
-            )
-        with walked(image) as file:
-            check_version(attribute(file, "format_version"), paths.plan)
-            check_plain(file, MOST_BYTES)
-            return file["shots"][:], read_drive(file)
+        with own_file(paths.plan, MOST_BYTES) as stored:
+            if hashlib.file_digest(stored, "sha256").hexdigest() != sha256:
+                raise RunError(
+                    f"{paths.plan}: damaged: its sha256 is not the manifest's; restore it from a copy of the run"
+                )
+            with walked(stored) as file:
+                check_version(attribute(file, "format_version"), paths.plan)
+                check_plain(file, MOST_BYTES)
+                return file["shots"][:], read_drive(file)
     except HDF5_ERRORS as error:
         raise RunError(f"{paths.plan}: cannot be read ({error}); restore it from a copy of the run") from error
 

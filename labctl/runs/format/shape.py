@@ -2,10 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import accumulate
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+MOST_TRACES = 100_000
+"""Ports of all passes together: a scan of 5000 wavelengths on 14 ports has 70 000."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +39,18 @@ class RunShape:
     wavelengths_nm: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        traces = sum(map(len, self.passes))
+        if traces > MOST_TRACES:
+            raise ValueError(f"{traces} ports in {len(self.passes)} passes: a run has at most {MOST_TRACES}")
         if self.shots < 1 or self.samples < 1 or not self.passes or not all(self.passes):
-            raise ValueError(f"{self}: a run needs at least one shot, one sample and one port in each pass")
+            size = f"{self.shots} shots of {self.samples} samples in {len(self.passes)} passes"
+            raise ValueError(f"{size}: a run needs at least one shot, one sample and one port in each pass")
         if len(self.wavelengths_nm) not in (0, len(self.passes)):
-            raise ValueError(f"{self}: give one wavelength for each pass, or none")
-        traces = list(zip(self.ports, self.wavelength_of_port, strict=True))
-        if len(set(traces)) != len(traces):
-            raise ValueError(f"{self}: a port is measured in more than one pass of the same wavelength")
+            raise ValueError(f"{len(self.wavelengths_nm)} wavelengths: give one for each pass, or none")
+        if len(set(zip(self.ports, self.wavelength_of_port, strict=True))) < traces:
+            raise ValueError("a port is measured in more than one pass of the same wavelength")
         if self.code_type not in ("int8", "int16"):
-            raise ValueError(f"{self}: code_type is int8 or int16")
+            raise ValueError(f"code_type {str(self.code_type)[:80]}: is int8 or int16")
 
     @property
     def ports(self) -> tuple[int, ...]:
@@ -77,8 +85,13 @@ class RunShape:
 
     def columns(self, pass_index: int) -> slice:
         """Where the ports of a pass lie on the port axis of `/frames`."""
-        first = sum(len(ports) for ports in self.passes[:pass_index])
-        return slice(first, first + len(self.passes[pass_index]))
+        first, end = self._ends[pass_index : pass_index + 2]
+        return slice(first, end)
+
+    @cached_property
+    def _ends(self) -> tuple[int, ...]:
+        """Where each pass begins on the port axis, and the last one ends."""
+        return tuple(accumulate(map(len, self.passes), initial=0))
 
     def to_json(self) -> dict[str, Any]:
         """The entry `shape` of the manifest."""

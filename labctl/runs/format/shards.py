@@ -12,6 +12,7 @@ from labctl.errors import RunError
 from labctl.runs.format.columns import MEASURED, OF_A_SHOT, in_this_version, sizes_of
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.own_files import read_own
 from labctl.runs.format.shape import RunShape
 from labctl.runs.format.shard import MOST_BYTES, Shard
 
@@ -192,8 +193,7 @@ class Shards:
         """
         path = self.paths.shard(number)
         try:
-            with path.open("rb") as file:
-                image = file.read(MOST_BYTES + 1)
+            image = read_own(path, MOST_BYTES)
         except OSError as error:
             raise RunError(f"{path}: cannot be read: {error.strerror}") from error
         if hashlib.sha256(image).hexdigest() != self.entries[number].sha256:

@@ -36,7 +36,8 @@ def ask(directory: Path, word: Word) -> None:
     path = directory / CONTROL
     aside = path.with_name(f"{CONTROL}.{os.getpid()}.tmp")
     try:
-        aside.write_text(f"{word}\n", encoding="utf-8")
+        with aside.open("x", encoding="utf-8") as file:
+            file.write(f"{word}\n")
         os.replace(aside, path)
     finally:
         aside.unlink(missing_ok=True)

@@ -7,10 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from labctl.runs.format.own_files import own_file
+
 EVENTS = "events.jsonl"
 """Name of the file in a run directory."""
 LONGEST_LINE = 1 << 16
 READ_AT_ONCE = 1 << 20
+LARGEST = 1 << 28
+"""Bytes that are read: four times what a week's run writes."""
 IN_1_1 = {"leg started": "pass started", "leg": "pass", "legs": "passes"}
 """What the events of runs of format 1.1 call a pass."""
 
@@ -40,11 +44,11 @@ class EventReader:
         file that became shorter is read from its start.
         """
         try:
-            with self._path.open("rb") as file:
+            with own_file(self._path) as file:
                 if os.fstat(file.fileno()).st_size < self._offset:
                     self._offset, self._torn = 0, b""
                 file.seek(self._offset)
-                found = file.read(READ_AT_ONCE)
+                found = file.read(min(READ_AT_ONCE, max(0, LARGEST - self._offset)))
         except OSError:
             return []
         self._offset += len(found)

@@ -25,6 +25,7 @@ from typing import IO, Any, Self
 from instruments.bench import Observer
 from instruments.safe_state import UnsafeBench
 from labctl.runs.format.durable import not_written
+from labctl.runs.format.own_files import opened
 from labctl.runs.live.events import EVENTS
 
 COMMANDS = "commands.log"
@@ -61,7 +62,8 @@ class _Lines:
         Raises:
             OSError: it cannot be opened.
         """
-        file = path.open("ab+", self._buffering)
+        raw = io.FileIO(path, "ab+", opener=opened)
+        file: IO[bytes] = io.BufferedRandom(raw, self._buffering) if self._buffering else raw
         torn = file.seek(0, os.SEEK_END) and file.seek(-1, os.SEEK_END) >= 0 and file.read(1) != b"\n"
         so_far = self._file.getvalue() if isinstance(self._file, io.BytesIO) else b""
         self._file.close()

@@ -66,7 +66,7 @@ def _writes(process: int, paths: RunPaths) -> bool:
 def _locks(process: int, journal: Path) -> bool:
     own = _PROCESSES / str(process)
     try:
-        wanted = os.stat(journal)
+        wanted = os.lstat(journal)
         descriptors = list((own / "fd").iterdir())
     except OSError:
         return False

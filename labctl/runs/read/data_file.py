@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from instruments.values import Drive
 from labctl.errors import RunError
 from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.own_files import own_file, place_of
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
 from labctl.runs.format.plan import read_drive
 from labctl.runs.format.version import check_version
@@ -55,7 +56,8 @@ class DataFile:
         self._path = path
         with ExitStack() as stack:
             try:
-                self._described = stack.enter_context(walked(path))
+                stored = stack.enter_context(own_file(path))
+                self._described = stack.enter_context(walked(stored))
                 check_version(attribute(self._described, "format_version"), path)
                 check_plain(self._described, MOST_BYTES, besides="frames")
                 self.manifest = Manifest.parse(attribute(self._described, "manifest"), path)
@@ -64,7 +66,7 @@ class DataFile:
                     raise ValueError("its frames are not of the shape in its manifest")
                 # Without a cache of chunks HDF5 reads codes straight into the array that is returned.
                 cache_bytes = 0 if found.compression is None else None
-                self._file = stack.enter_context(h5py.File(path, "r", rdcc_nbytes=cache_bytes))
+                self._file = stack.enter_context(h5py.File(place_of(stored, path), "r", rdcc_nbytes=cache_bytes))
                 marked = "suspect" in self._described.attrs
                 self.suspect = int(attribute(self._described, "suspect")) if marked else 0
                 self._rows: slice | NDArray[np.intp] = slice(None)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.own_files import own_file
 from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shards import Shards
 from labctl.runs.read.run import Run, run_of_shards, volts
@@ -65,7 +66,7 @@ class Follower:
             RunError: the journal is of another run.
         """
         try:
-            with self.paths.journal.open("rb") as file:
+            with own_file(self.paths.journal) as file:
                 if os.fstat(file.fileno()).st_size < self._offset:  # set aside and begun anew
                     self._offset, self._entries, self._newest, self._shards = 0, [], {}, self._all()
                 file.seek(self._offset)

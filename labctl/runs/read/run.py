@@ -2,6 +2,7 @@
 
 import hashlib
 import logging
+import os
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +17,7 @@ from labctl.runs.format.columns import LONGEST_KIND, in_this_version
 from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.own_files import require_own_files
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shards import Shards
@@ -254,9 +256,9 @@ def open_run(path: Path | str) -> Run:
 
 def _opened(path: Path) -> Run:
     if path.is_file():
+        _require_own_surroundings(path)
         return _of_data_file(path, path, None)
     paths = RunPaths(path)
-    _require_own_files(paths)
     manifest = Manifest.read(paths)
     if paths.data.exists() and not paths.journal.exists():
         return _of_data_file(path, paths.data, None)
@@ -272,12 +274,15 @@ def run_of_shards(path: Path, manifest: Manifest, shards: Shards) -> Run:
     return Run(path, manifest, shards.done, ShardFiles(shards, None))
 
 
-def _require_own_files(paths: RunPaths) -> None:
-    """Refuse a run whose figures, report or readouts would be written somewhere else."""
-    for folder in (paths.directory, paths.figures, paths.models):
-        for found in folder.iterdir() if folder.is_dir() else ():
-            if found.is_symlink():
-                raise RunError(f"{found}: is a link to another place; put the file itself there")
+def _require_own_surroundings(data: Path) -> None:
+    """Refuse a data file beside which figures would be written somewhere else."""
+    beside = RunPaths(data.parent)
+    if os.path.lexists(beside.manifest):
+        require_own_files(beside.directory)
+    elif beside.figures.is_symlink():
+        raise RunError(f"{beside.figures}: is a link to another place: put the folder itself there")
+    else:
+        require_own_files(beside.figures)
 
 
 def _of_data_file(path: Path, data: Path, done: tuple[int, ...] | None) -> Run:

@@ -7,7 +7,8 @@ from pathlib import Path
 from labctl.errors import RunError
 from labctl.runs.format.durable import not_written, sync_folder
 from labctl.runs.format.journal import Entry, JournalFile
-from labctl.runs.format.shard import Shard
+from labctl.runs.format.own_files import read_own
+from labctl.runs.format.shard import MOST_BYTES, Shard
 from labctl.runs.format.shards import Shards
 
 
@@ -87,10 +88,10 @@ def _adopt_unnamed(shards: Shards, journal: JournalFile) -> list[str]:
         number = int(path.stem) if path.stem.isdigit() else -1
         if number < 0 or number in shards.entries:
             continue
-        image = path.read_bytes()
         try:
+            image = read_own(path, MOST_BYTES)
             shard = Shard.decode(image, shards.shape, str(path))
-        except RunError as error:
+        except (OSError, RunError) as error:
             found.append(f"{error}; the journal does not name it, ignored")
             continue
         if shards.has(shard.pass_index, shard.first, len(shard.rows)):

@@ -23,5 +23,5 @@ def test_every_port_has_the_wavelength_of_its_pass(small: RunShape) -> None:
     [{"shots": 0}, {"samples": 0}, {"passes": ()}, {"passes": ((),)}, {"passes": ((2,), (2,))}, {"code_type": "int32"}],
 )
 def test_impossible_shapes_are_refused(small: RunShape, wrong: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match="RunShape"):
+    with pytest.raises(ValueError, match=r"a run needs|a port is|code_type"):
         replace(small, **wrong)  # type: ignore[arg-type]

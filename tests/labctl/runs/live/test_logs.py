@@ -1,5 +1,8 @@
 """commands.log, and the file of lines under both logs."""
 
+import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -32,13 +35,29 @@ def test_without_a_file_nothing_is_left() -> None:
         log("awg", ">", "*IDN?")
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a disk that is always full")
-def test_a_full_disk_ends_the_log_and_nothing_else(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_full_disk_ends_the_log_and_nothing_else(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    resource = pytest.importorskip("resource", reason="needs a limit on the size of files")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     with CommandLog() as log:
-        log.keep_in(Path("/dev/full"))
-        for _ in range(2):
-            log("laser", ">", "x" * 100_000)
-    assert caplog.messages == ["commands.log cannot be written (No space left on device): it ends here"]
+        log.keep_in(tmp_path / "commands.log")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, limits[1]))
+        try:
+            for _ in range(2):
+                log("laser", ">", "x" * 100_000)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert caplog.messages == ["commands.log cannot be written (File too large): it ends here"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
+@pytest.mark.parametrize("made", [lambda path: path.symlink_to(path.with_name("secret")), lambda path: os.mkfifo(path)])
+def test_a_log_goes_into_no_other_file(tmp_path: Path, made: Callable[[Path], object]) -> None:
+    path, secret = tmp_path / "commands.log", tmp_path / "secret"
+    secret.write_bytes(b"secret")
+    made(path)
+    with CommandLog() as log, pytest.raises(OSError, match=r"link to another place|pipe"):
+        log.keep_in(path)
+    assert secret.read_bytes() == b"secret"
 
 
 def test_a_log_that_cannot_be_opened_is_told(tmp_path: Path) -> None:

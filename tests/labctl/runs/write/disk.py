@@ -129,8 +129,8 @@ def recorded(root: Path, disk: Disk, step: Callable[[], None]) -> Iterator[None]
         step()
 
     class File(FileIO):
-        def __init__(self, path: Path, mode: str) -> None:
-            super().__init__(path, mode)
+        def __init__(self, path: Path, mode: str, opener: Any = None) -> None:
+            super().__init__(path, mode, opener=opener)
             self._path = known(path)
             assert self._path is not None
             descriptors[self.fileno()] = self._path
