@@ -14,7 +14,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -49,8 +48,7 @@ def with_a_copy(orders: BinaryIO) -> Followed:
     copy = os.fork()
     if copy:
         os.close(heard)
-        threading.Thread(target=_end_with, args=(copy,), daemon=True).start()
-        return Followed(_passed_on(orders, told), _now(), dismiss=partial(os.kill, copy, signal.SIGKILL))
+        return Followed(_passed_on(orders, told), _now(), _dismissing(copy))
     os.close(told)
     os.setsid()
     kill_when_stopped(supervisor, lambda: True)
@@ -82,9 +80,22 @@ def _is_stopped(process: int) -> bool:
     return state == b"T"
 
 
-def _end_with(copy: int) -> None:
-    os.waitpid(copy, 0)
-    os._exit(1)
+def _dismissing(copy: int) -> Callable[[], None]:
+    """What ends the copy; ended by anybody else it ends this process."""
+    dismissed = threading.Event()
+
+    def end_with_it() -> None:
+        os.waitpid(copy, 0)
+        if not dismissed.is_set():
+            os._exit(1)
+
+    def dismiss() -> None:
+        dismissed.set()
+        with suppress(ProcessLookupError):
+            os.kill(copy, signal.SIGKILL)
+
+    threading.Thread(target=end_with_it, daemon=True).start()
+    return dismiss
 
 
 def _passed_on(orders: BinaryIO, told: int) -> Iterator[bytes]:

@@ -104,7 +104,8 @@ class _Supervisor(Observer):
         """
         if not self._lit:
             self._say_if_there(json.dumps(None))
-            self._process.kill()
+            if not self._ready.done():
+                self._process.kill()
         self._orders.close()
         self._starting.shutdown()
         if self._replies.readline() != TRYING:

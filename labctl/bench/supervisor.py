@@ -115,9 +115,10 @@ def supervise(
     if task.process is not None:
         stopped = kill_when_stopped(task.process, lambda: parent.has_light and followed.acts.is_set())
     parent.hear(followed.lines)
-    if not parent.saw_to_it:
-        _see_to_it(task, drivers, parent.log, STOPPED if stopped.is_set() else UNSAFE, say, pause)
-    followed.dismiss()
+    if parent.saw_to_it:
+        followed.dismiss()
+    else:
+        _see_to_it(task, drivers, parent.log, STOPPED if stopped.is_set() else UNSAFE, say, pause, followed.dismiss)
 
 
 def main() -> None:
@@ -157,8 +158,12 @@ def _see_to_it(
     end: str,
     say: Callable[[bytes], None],
     pause: Callable[[float], None],
+    dismiss: Callable[[], None],
 ) -> None:
-    """Make the bench safe, and tell; how the parent came to its `end`, and its log is at `path`."""
+    """Make the bench safe, and tell; how the parent came to its `end`, and its log is at `path`.
+
+    Whoever kills this process when it has done what can be done, `dismiss` says, is not to meet another one.
+    """
     began = time.monotonic()
 
     def report(what: str, disobeyed: Iterable[str] = (), *, reached: bool = False) -> None:
@@ -179,6 +184,7 @@ def _see_to_it(
             events.stored_in(path.parent)
             with suppress(OSError):
                 log.keep_in(path)
+        dismiss()
         if goes_on:
             say(TRYING)
             for attempt in range(1, ATTEMPTS + 1):

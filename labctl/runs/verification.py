@@ -17,7 +17,7 @@ from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
-from labctl.runs.format.plan import read_drive, read_plan
+from labctl.runs.format.plan import names_its_manifest, read_drive, read_plan
 from labctl.runs.format.shards import Shards
 from labctl.runs.read.data_file import MOST_BYTES, damaged
 from labctl.runs.write.data_file import constants, shard_in_data_file, write_data_file
@@ -99,6 +99,8 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         manifest = Manifest.read(paths)
         at = paths.plan
         plan, drive = read_plan(paths, manifest.values["plan_sha256"])
+        at = paths.manifest
+        names_its_manifest(paths, manifest.values)
         at = paths.journal
         journal = read_journal(paths.journal)
         named = Shards(paths, manifest.shape, plan, journal.entries)

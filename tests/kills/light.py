@@ -18,7 +18,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -76,6 +76,11 @@ class Laser:
         self._link = socket.create_connection((host, int(port)), timeout=PATIENCE_S)
         self._answers = self._link.makefile("rb")
 
+    def close(self) -> None:
+        """Let go of it."""
+        self._answers.close()
+        self._link.close()
+
     def emits(self) -> bool:
         """Whether it does now."""
         self._link.sendall(b"OUTPUT?\n")
@@ -98,7 +103,8 @@ def _served(folder: Path) -> Iterator[tuple[Laser, Path]]:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         try:
-            yield Laser(json.loads(server.stdout.readline())["resources"]["laser"]["socket"]), station
+            with closing(Laser(json.loads(server.stdout.readline())["resources"]["laser"]["socket"])) as laser:
+                yield laser, station
         finally:
             server.terminate()
 
