@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 LOOK_EVERY_S = 0.1
-"""How soon it is noticed that a process is stopped."""
+LOOKS = 2
+"""So often in a row a process is seen to be stopped that is not just passing through."""
 
 
 class Followed(NamedTuple):
@@ -61,7 +62,8 @@ def kill_when_stopped(process: int, when: Callable[[], bool]) -> threading.Event
     killed = threading.Event()
 
     def look() -> None:
-        while not (_is_stopped(process) and when()):
+        seen = 0
+        while (seen := seen + 1 if _is_stopped(process) and when() else 0) < LOOKS:
             time.sleep(LOOK_EVERY_S)
         killed.set()
         with suppress(ProcessLookupError):

@@ -44,9 +44,9 @@ AT_ONCE_S = (0.02, 0.05, 0.1)
 ORDER = {"laser": "laser off", "awg": "AWG output off", "dmd": "DMD blank", "scope": "oscilloscope stopped"}
 """The safe state in its order: what is reached with each instrument."""
 UNSAFE = "ended without making the bench safe"
-STOPPED = "was stopped with light on, so the supervisor killed it"
+STOPPED = f"{UNSAFE} (it was stopped with light on, so the supervisor killed it)"
 AT_LAST = f"the supervisor did at last: {ORDER['laser']}"
-CONFIRMED = "somebody has said that the laser is dark"
+SEEN = "somebody has seen that the laser is dark"
 LIT = "the laser may still emit, switch it off by its key switch"
 NEVER = "the laser could not be reached, switch it off by its key switch"
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
@@ -193,7 +193,7 @@ def _see_to_it(
                     report(f"{end}, {AT_LAST}", left - {"laser"}, reached=left == {"laser"})
                     return
                 if path is not None and word_in(path.parent) is Word.DARK:
-                    report(f"{end}, {CONFIRMED}", left - {"laser"}, reached=left == {"laser"})
+                    log("run", "!", SEEN)
                     return
                 if attempt % TELL_EVERY == 0:
                     report(f"{end}: {LIT}; tried again {attempt} times", left)

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from instruments.bench import Observer
+from instruments.safe_state import UnsafeBench
 
 PLAIN_WIDTH = 200
 """Columns of a table that nobody looks at through a terminal: wide enough never to wrap a line for grep."""
@@ -72,6 +73,11 @@ class ProgressLine(Observer):
     def warning(self, text: str) -> None:
         """One line above the bar."""
         warn(text)
+
+    def safe_state(self, error: UnsafeBench | None) -> None:
+        """A laser that did not go dark, in red, above the bar: each time that it was tried."""
+        if error is not None and "laser" in error.disobeyed:
+            errors.print(f"labctl: {error}", markup=False, style="bold red")
 
     def refresh(self) -> None:
         """Draw the line now instead of at its next turn."""

@@ -2,6 +2,8 @@
 
 import io
 import json
+import os
+import re
 import socket
 import subprocess
 import sys
@@ -18,8 +20,9 @@ from labctl.bench.opening import opened
 from labctl.bench.recording.wire import Wire
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import SIMULATED_STATION, Station
-from labctl.bench.supervision import supervised
-from labctl.bench.supervisor import AGAIN_S, ATTEMPTS, READY, TRYING, Task, supervise, within_reach
+from labctl.bench.supervision import COMMAND, supervised
+from labctl.bench.supervisor import AGAIN_S, ATTEMPTS, READY, TELL_EVERY, TRYING, Task, supervise, within_reach
+from labctl.runs.live.alarm import SEEN_DARK, may_emit, say_dark
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.logs import CommandLog
 from sim_backends.bench import SimulatedBench
@@ -103,6 +106,50 @@ def test_a_laser_that_cannot_be_reached_is_tried_until_it_can(
     first, last = capfd.readouterr().err.splitlines()
     assert "the laser may still emit, switch it off by its key switch; the laser is tried again for 10 min" in first
     assert last == "labctl: the run ended without making the bench safe, the supervisor did at last: laser off"
+
+
+def test_people_are_told_of_a_laser_that_goes_on_emitting_until_somebody_has_seen_it_dark(
+    station: Station, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pauses: list[float] = []
+    (tmp_path / "events.jsonl").touch()
+
+    def see(seconds: float) -> None:
+        pauses.append(seconds)
+        if len(pauses) == 3 * TELL_EVERY + 1:
+            assert may_emit(tmp_path)
+            say_dark(tmp_path)
+
+    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
+    away = station.model_copy(update={"laser": nobody})
+    supervise(orders(away, str(tmp_path / "commands.log")), ignored, see)
+    assert len(pauses) == 3 * TELL_EVERY + 1
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 4
+    assert all("the laser may still emit, switch it off by its key switch" in line for line in lines)
+    told = EventReader(tmp_path / "events.jsonl").read()
+    assert [(one.name, one.fields.get("disobeyed")) for one in told] == [("safe state", ["laser"])] * 4 + [
+        (SEEN_DARK, None)
+    ]
+    assert not may_emit(tmp_path)
+
+
+def test_where_standard_error_is_a_terminal_it_is_told_in_red(station: Station) -> None:
+    """And what is captured is let go of; a terminal is not waited for."""
+    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
+    task = Task(station=station.model_copy(update={"laser": nobody}), log_started=time.monotonic())
+    ours, theirs = os.openpty()
+    with subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=theirs) as process:
+        os.close(theirs)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(f"{task.model_dump_json()}\n".encode())
+        process.stdin.close()
+        assert (process.stdout.readline(), process.stdout.readline()) == (READY, TRYING)
+        told = os.read(ours, 10_000).decode()
+        process.kill()
+    os.close(ours)
+    assert re.match(r"\a\x1b\[1;31mlabctl: the run ended without .* the laser may still emit.*\x1b\[0m", told)
 
 
 def test_a_laser_that_is_never_reached_is_left_to_its_key_switch(
