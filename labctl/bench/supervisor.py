@@ -141,6 +141,7 @@ def main() -> None:
 
     with FileIO(STANDARD_INPUT, closefd=False) as orders:
         supervise(cast(BinaryIO, orders), say, follow=follow)
+    os._exit(0)  # the parent waits, and the interpreter would take a while to tidy up
 
 
 def _let_go() -> None:

@@ -186,7 +186,7 @@ class SeenDark:
     def __init__(self, watched: WatchedRun) -> None:
         """For one run."""
         self._watched = watched
-        self._row = ui.element("div").classes("buttons")
+        self._row = ui.element("div").classes("seen")
         with self._row:
             ui.button("I have seen that the laser is dark", on_click=self._say, color=None).classes("seen-dark")
             self._message = ui.label().classes("message")

@@ -252,6 +252,30 @@ def test_no_light_without_a_supervisor(served: Served, laser: Asked, tmp_path: P
         assert laser.ask("OUTPUT?") == "0"
 
 
+def test_a_supervisor_that_is_gone_or_alone_is_noticed_while_something_is_uploaded(
+    served: Served, laser: Asked
+) -> None:
+    """It ends with the copy that stands in for it."""
+    station = read_station(served[1])
+    with (
+        CommandLog() as log,
+        supervised(station, log) as supervisor,
+        opened(station, log, observer=supervisor) as found,
+    ):
+        process = supervisor._process  # type: ignore[attr-defined]
+
+        def upload_alone() -> None:
+            with found.bench.emitting(1550.0):
+                supervisor.uploading("waveform", 1, 2)
+                os.kill(child_of(process.pid), signal.SIGKILL)
+                process.wait(10)
+                supervisor.uploading("waveform", 2, 2)
+
+        with pytest.raises(UnsafeBench, match="the supervisor has ended: the bench was made dark"):
+            upload_alone()
+        assert laser.ask("OUTPUT?") == "0"
+
+
 def test_a_safe_state_that_was_cut_short_is_left_to_the_supervisor(
     served: Served, laser: Asked, capfd: pytest.CaptureFixture[str]
 ) -> None:
