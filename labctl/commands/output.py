@@ -75,8 +75,8 @@ class ProgressLine(Observer):
         warn(text)
 
     def safe_state(self, error: UnsafeBench | None) -> None:
-        """A laser that did not go dark, in red, above the bar: each time that it was tried."""
-        if error is not None and "laser" in error.disobeyed:
+        """A laser that did not go dark, in red, each time that it was tried; what a run ends in repeats it anywhere."""
+        if errors.is_terminal and error is not None and "laser" in error.disobeyed:
             errors.print(f"labctl: {error}", markup=False, style="bold red")
 
     def refresh(self) -> None:

@@ -121,6 +121,7 @@ def strike(folder: Path, trials: int, seed: int, names: tuple[str, ...] = tuple(
                     laser, station, directory, ("software", "burst")[trial % 2], STRIKES[name], generator, darkened
                 )
                 shutil.rmtree(directory)
+            sys.stderr.write(f"{trial + 1} of {trials} trials of each kind\n")
     return found
 
 
@@ -135,7 +136,12 @@ def _one_run(
 ) -> None:
     command = [*LABCTL, *RUN, "--set", f"timing={timing}", "--station", str(station), "--out", str(directory)]
     with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True, text=True
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+        env=os.environ | {"XDG_STATE_HOME": str(directory.parent)},
     ) as process:
         until_stored(process, directory)
         time.sleep(generator.uniform(0, LATER_S))
