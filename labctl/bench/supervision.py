@@ -103,9 +103,10 @@ class _Supervisor(Observer):
         A laser that it cannot reach either it goes on trying to reach, and nobody waits for that.
         """
         if not self._lit:
-            self._say_if_there(json.dumps(None))
-            if not self._ready.done():
+            if not self._ready.done():  # nobody waits for it to start
                 self._process.kill()
+                self._process.wait()
+            self._say_if_there(json.dumps(None))
         self._orders.close()
         self._starting.shutdown()
         if self._replies.readline() != TRYING:

@@ -166,17 +166,17 @@ def _see_to_it(
     Whoever kills this process when it has done what can be done, `dismiss` says, is not to meet another one.
     """
     began = time.monotonic()
+    by_hand = "laser" in task.station.by_hand
 
     def report(what: str, disobeyed: Iterable[str] = (), *, reached: bool = False) -> None:
         log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
         text = f"the run {what}"
         events.event("safe state", reached=reached, disobeyed=sorted(disobeyed), by="supervisor", text=text)
-        _tell(text, alarming="laser" in disobeyed)
+        _tell(text, alarming=by_hand or "laser" in disobeyed)
 
     with CommandLog(started=task.log_started) as log, EventLog() as events:
         unsafe = _make_safe(task, drivers, log)
         left = unsafe.disobeyed if unsafe is not None else frozenset()
-        by_hand = "laser" in task.station.by_hand
         outcome = _done(drivers, by_hand=by_hand) if unsafe is None else f", and the supervisor could not: {unsafe}"
         if goes_on := "laser" in left:
             outcome += f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min"
