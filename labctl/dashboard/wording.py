@@ -180,7 +180,7 @@ def live(runs: Iterable[tuple[str, WatchedRun]]) -> str:
 def alarms(names: Iterable[str]) -> str:
     """A banner for every run whose laser did not go dark."""
     return "".join(
-        f'<a class="emission on" role="alert" href="/run/{quote(name, safe="")}"><strong>{MAY_EMIT}</strong>'
+        f'<a class="emission on" role="alert" href="run/{quote(name, safe="")}"><strong>{MAY_EMIT}</strong>'
         f"<span>{escape(name)}: switch it off by its key switch</span></a>"
         for name in names
     )
