@@ -21,7 +21,7 @@ ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: demo test test-full test-kill docs picture interop fuzz audit check format lock clean
+.PHONY: demo test test-full test-kill test-light docs picture interop fuzz audit check format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
@@ -37,6 +37,10 @@ test-full: check
 # SIGKILL at random moments of runs and of what resumes them; SEED=n repeats the moments of an earlier session.
 test-kill: $(TESTED)
 	$(BIN)/python -m tests.kills.run --trials $(TRIALS) $(if $(SEED),--seed $(SEED))
+
+# Whoever is killed or stopped while the laser emits: how soon it is dark, by its own answer, and who made it so.
+test-light: $(TESTED)
+	$(BIN)/python -m tests.kills.light --trials $(TRIALS) $(if $(SEED),--seed $(SEED))
 
 # Drivers nobody here wrote, in an environment of their own, against `labctl sim serve`.
 interop: $(TESTED) $(INTEROP)/.installed

@@ -1,14 +1,16 @@
 """ViALUX DMD controllers (ALP-4) through the calls of the vendor's library."""
 
 import contextlib
+import os
 import re
 import time
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from instruments.alp_library import AlpByVendorLibrary, AlpLibrary, AlpOverVisa
 from instruments.driver import Driver, Opening
@@ -18,6 +20,19 @@ from instruments.sections import USB, DmdSection, Text, Timeout
 from instruments.values import Identity, Progress, Range
 from instruments.visa import VisaLink
 
+LIBRARY_VARIABLE = "LABCTL_ALP_LIBRARY"
+"""The environment variable with the folder of the vendor's library; a station file may repeat it and name no other."""
+
+
+def _allowed(folder: str) -> str:
+    allowed = os.environ.get(LIBRARY_VARIABLE)
+    if not allowed or Path(folder).resolve() != Path(allowed).resolve():
+        raise ValueError(
+            f"code is loaded from where its operator says, not a station file: set the environment variable "
+            f"{LIBRARY_VARIABLE} to this folder, if it is the vendor's"
+        )
+    return folder
+
 
 class VialuxAlpSection(DmdSection):
     """The micromirror device. `version` and `library` name the vendor's ALP library on a real bench."""
@@ -26,7 +41,10 @@ class VialuxAlpSection(DmdSection):
         Literal["4.1", "4.2", "4.3", "4.4", "5.0", "5.1"], Field(description="Version of the vendor's ALP library.")
     ] = "4.3"
     library: Annotated[
-        Text | None, Field(description="Folder of the vendor's ALP library; without it the system's.")
+        Annotated[Text, AfterValidator(_allowed)] | None,
+        Field(
+            description=f"Folder of the vendor's ALP library, as {LIBRARY_VARIABLE} has it; without both the system's."
+        ),
     ] = None
     timeout: Timeout = 5.0
 
@@ -205,5 +223,5 @@ class VialuxAlp(BurstDmd):
 def _library(section: VialuxAlpSection, opening: Opening) -> AlpLibrary:
     """The vendor's own on USB, or lines to a device that is served on the network."""
     if opening.address == USB:
-        return AlpByVendorLibrary(section.version, section.library)
+        return AlpByVendorLibrary(section.version, os.environ.get(LIBRARY_VARIABLE))
     return AlpOverVisa(VisaLink(opening.address, name="dmd", timeout_s=section.timeout, transcript=opening.transcript))

@@ -48,6 +48,14 @@ class MessageLog:
         return [text for name, direction, text in self.messages if (name, direction) == (instrument, ">")]
 
 
+@pytest.fixture(autouse=True, scope="session")
+def nobodys_own_stations(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What labctl remembers of a user is not remembered of who runs the tests."""
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def no_supervisor_outlives_its_test() -> Iterator[None]:
     with none_left():

@@ -1,6 +1,7 @@
 """A run under supervision: whatever kills it, another process makes the bench safe."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -62,9 +63,8 @@ class _Supervisor(Observer):
         self._orders, self._replies = cast(BinaryIO, self._process.stdin), cast(BinaryIO, self._process.stdout)
         self._starting = ThreadPoolExecutor(1, thread_name_prefix="supervisor")
         self._ready = self._starting.submit(self._replies.readline)
-        task = Task(station=with_laser_commands(station), log_started=log.started)
-        with suppress(BrokenPipeError):  # it has ended: `before_light` will find that
-            self._say(task.model_dump_json())
+        task = Task(station=with_laser_commands(station), log_started=log.started, process=os.getpid())
+        self._say_if_there(task.model_dump_json())
 
     def before_light(self) -> None:
         """Refuse light that nothing would switch off if this process were killed."""
@@ -82,13 +82,20 @@ class _Supervisor(Observer):
         if self._lit and self._process.poll() is not None:
             raise UnsafeBench(GONE)
 
+    def uploading(self, _what: str, done: int, total: int) -> None:
+        """As `progress`: it may take minutes."""
+        self.progress(done, total)
+
     def emission(self, *, on: bool) -> None:
         """Light that is on is to be seen to."""
-        self._lit = self._lit or on
+        if on:
+            self._lit = True
+            self._say_if_there(json.dumps(self._lit))
 
     def safe_state(self, error: UnsafeBench | None) -> None:
         """Seen to, unless the laser did not obey."""
         self._lit = self._lit and error is not None and "laser" in error.disobeyed
+        self._say_if_there(json.dumps(self._lit))
 
     def end(self) -> None:
         """End the process; first let it make the bench safe if that was not seen to here.
@@ -96,12 +103,19 @@ class _Supervisor(Observer):
         A laser that it cannot reach either it goes on trying to reach, and nobody waits for that.
         """
         if not self._lit:
-            self._process.kill()
+            if not self._ready.done():  # nobody waits for it to start
+                self._process.kill()
+                self._process.wait()
+            self._say_if_there(json.dumps(None))
         self._orders.close()
         self._starting.shutdown()
         if self._replies.readline() != TRYING:
             self._process.wait()
         self._replies.close()
+
+    def _say_if_there(self, line: str) -> None:
+        with suppress(BrokenPipeError):  # it has ended: `before_light` and `progress` find that
+            self._say(line)
 
     def _say(self, line: str) -> None:
         self._orders.write(f"{line}\n".encode())

@@ -1,50 +1,67 @@
 """The supervisor: a small process that makes a bench safe when the process that works with it is gone.
 
 It is started before any light and holds no connection. It hears of the end of its parent by the end of its standard
-input, whose other end only the parent holds: whatever ends a process closes it, and no polling is needed. Only then
-are connections opened, so that instruments that take one client are free. A parent that ends well ends its supervisor
-first. A laser that cannot be reached is tried again and again: a cable that is plugged in later finds it lit.
+input, whose other end only the parent holds: whatever ends a process closes it. Only then are connections opened, so
+that instruments that take one client are free. A parent that ends well ends its supervisor first; one that is stopped
+with light on is killed. A laser that goes on emitting is tried again and again, and people are told again and again:
+a cable that is plugged in later finds it lit. A copy of this process stands in for it if it is killed.
 
-Standard input: a `Task` in JSON, one line; later, a line with the path of the run's log in JSON.
-Standard output: `READY`, once everything that the safe state needs is loaded; `TRYING`, if the laser is out of reach.
+Standard input: a `Task` in JSON, one line; later, lines in JSON: the path of the run's log; true before light is
+switched on, false when the bench is dark; null when nothing is left to do. Until then there may be light.
+Standard output: `READY`, once everything that the safe state needs is loaded; `TRYING`, if the laser goes on emitting.
+Standard error: what was done; let go of as soon as that was said once, unless it is a terminal.
 """
 
 import json
 import os
 import signal
-import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import closing, suppress
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import Any, BinaryIO, NoReturn, cast
 
 from pydantic import BaseModel
 
 from instruments.driver import Driver, Opening
-from instruments.errors import InstrumentError
+from instruments.errors import InstrumentError, LinkError
 from instruments.safe_state import UnsafeBench, safe_state
 from instruments.sections import SIMULATED
+from labctl.bench.stand_in import Followed, alone, kill_when_stopped, with_a_copy
 from labctl.bench.station import Station
+from labctl.runs.live.control_file import Word, word_in
 from labctl.runs.live.logs import CommandLog, EventLog
 
 READY, TRYING = b"ready\n", b"trying\n"
 AGAIN_S, ATTEMPTS = 1.0, 600
-"""How long to wait before a laser that could not be reached is tried again, and how often."""
+"""How long to wait before a laser that goes on emitting is tried again, and how often."""
+TELL_EVERY = 10
+"""After so many attempts people are told again."""
+AT_ONCE_S = (0.02, 0.05, 0.1)
+"""The waits before an instrument that answers, but did not obey, is told again."""
 ORDER = {"laser": "laser off", "awg": "AWG output off", "dmd": "DMD blank", "scope": "oscilloscope stopped"}
 """The safe state in its order: what is reached with each instrument."""
 UNSAFE = "ended without making the bench safe"
-AT_LAST = f"{UNSAFE}, the supervisor did at last: {ORDER['laser']}"
-NEVER = f"{UNSAFE}: the laser could not be reached, switch it off by its key switch"
+STOPPED = f"{UNSAFE} (it was stopped with light on, so the supervisor killed it)"
+AT_LAST = f"the supervisor did at last: {ORDER['laser']}"
+SEEN = "somebody has seen that the laser is dark"
+LIT = "the laser may still emit, switch it off by its key switch"
+NEVER = "the laser could not be reached, switch it off by its key switch"
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
+STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR = 0, 1, 2
 
 
 class Task(BaseModel):
-    """What a supervisor is for: a bench, as its station says, and when the run's log began by the monotonic clock."""
+    """What a supervisor is for: a bench, as its station says, and when the run's log began by the monotonic clock.
+
+    `process` is the parent; without it nobody looks whether it is stopped.
+    """
 
     station: Station
     log_started: float
+    process: int | None = None
 
 
 def within_reach(station: Station) -> tuple[str, ...]:
@@ -56,39 +73,52 @@ def within_reach(station: Station) -> tuple[str, ...]:
     return tuple(name for name in ORDER if station.addresses[name] != SIMULATED and name not in by_hand)
 
 
-def supervise(orders: BinaryIO, say: Callable[[bytes], None], pause: Callable[[float], None] = time.sleep) -> None:
+class _Parent:
+    """What the process that is supervised has said of itself."""
+
+    def __init__(self) -> None:
+        """It is there and may have light."""
+        self.log: Path | None = None
+        self.has_light = True
+        self.saw_to_it = False
+
+    def hear(self, lines: Iterable[bytes]) -> None:
+        """Return when it has ended."""
+        for line in lines:
+            with suppress(ValueError):  # the rest of a line that the process this one stands in for began to read
+                match json.loads(line):
+                    case None:
+                        self.saw_to_it = True
+                    case bool(has_light):
+                        self.has_light = has_light
+                    case str(log):
+                        self.log = Path(log)
+        self.has_light = False
+
+
+def supervise(
+    orders: BinaryIO,
+    say: Callable[[bytes], None],
+    pause: Callable[[float], None] = time.sleep,
+    follow: Callable[[BinaryIO], Followed] = alone,
+) -> None:
     """Wait for the end of the parent, make the bench safe, and report it in the run's log and on standard error."""
     first = orders.readline()
     if not first.endswith(b"\n"):
         return  # the parent ended before there was anything to do
     task = Task.model_validate_json(first)
-    names = within_reach(task.station)
-    drivers = {name: task.station.driver_of(name) for name in names}
-    say(READY)
-    path = None
-    for order in orders:
-        path = Path(json.loads(order))
-    log = CommandLog(started=task.log_started)
-    began = time.monotonic()
-
-    def report(what: str, *, safe: bool) -> None:
-        log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
-        events.event("safe state", reached=safe, by="supervisor", text=f"the run {what}")
-        with suppress(OSError):
-            os.write(STANDARD_ERROR, f"labctl: the run {what}\n".encode())
-
-    with log, EventLog() as events:
-        unsafe = _make_safe(task, drivers, log)
-        by_hand = "laser" in task.station.by_hand
-        report(_outcome(drivers, unsafe, by_hand=by_hand), safe=unsafe is None and not by_hand)
-        if path is not None:
-            events.stored_in(path.parent)
-            with suppress(OSError):
-                log.keep_in(path)
-        if unsafe is not None and "laser" in unsafe.disobeyed:
-            say(TRYING)
-            dark = _darkened_later(task, drivers["laser"], log, pause)
-            report(AT_LAST if dark else NEVER, safe=dark and unsafe.disobeyed == {"laser"})
+    drivers = {name: task.station.driver_of(name) for name in within_reach(task.station)}
+    followed = follow(orders)
+    if followed.acts.is_set():
+        say(READY)
+    parent, stopped = _Parent(), threading.Event()
+    if task.process is not None:
+        stopped = kill_when_stopped(task.process, lambda: parent.has_light and followed.acts.is_set())
+    parent.hear(followed.lines)
+    if parent.saw_to_it:
+        followed.dismiss()
+    else:
+        _see_to_it(task, drivers, parent.log, STOPPED if stopped.is_set() else UNSAFE, say, pause, followed.dismiss)
 
 
 def main() -> None:
@@ -98,10 +128,77 @@ def main() -> None:
             signal.signal(getattr(signal, name), signal.SIG_IGN)
 
     def say(word: bytes) -> None:
+        if word == TRYING:
+            _let_go()
         with suppress(BrokenPipeError):  # the parent is gone already
             os.write(STANDARD_OUTPUT, word)
 
-    supervise(sys.stdin.buffer, say)
+    def follow(orders: BinaryIO) -> Followed:
+        followed = with_a_copy(orders)
+        if not followed.acts.is_set():
+            _let_go()
+        return followed
+
+    with FileIO(STANDARD_INPUT, closefd=False) as orders:
+        supervise(cast(BinaryIO, orders), say, follow=follow)
+    os._exit(0)  # the parent waits, and the interpreter would take a while to tidy up
+
+
+def _let_go() -> None:
+    """Whoever captures what a run prints must not wait for this process; a terminal does not wait."""
+    if not os.isatty(STANDARD_ERROR):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, STANDARD_ERROR)
+        os.close(nowhere)
+
+
+def _see_to_it(
+    task: Task,
+    drivers: dict[str, Driver[Any]],
+    path: Path | None,
+    end: str,
+    say: Callable[[bytes], None],
+    pause: Callable[[float], None],
+    dismiss: Callable[[], None],
+) -> None:
+    """Make the bench safe, and tell; how the parent came to its `end`, and its log is at `path`.
+
+    Whoever kills this process when it has done what can be done, `dismiss` says, is not to meet another one.
+    """
+    began = time.monotonic()
+    by_hand = "laser" in task.station.by_hand
+
+    def report(what: str, disobeyed: Iterable[str] = (), *, reached: bool = False) -> None:
+        log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
+        text = f"the run {what}"
+        events.event("safe state", reached=reached, disobeyed=sorted(disobeyed), by="supervisor", text=text)
+        _tell(text, alarming=by_hand or "laser" in disobeyed)
+
+    with CommandLog(started=task.log_started) as log, EventLog() as events:
+        unsafe = _make_safe(task, drivers, log)
+        left = unsafe.disobeyed if unsafe is not None else frozenset()
+        outcome = _done(drivers, by_hand=by_hand) if unsafe is None else f", and the supervisor could not: {unsafe}"
+        if goes_on := "laser" in left:
+            outcome += f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min"
+        report(end + outcome, left, reached=not (left or by_hand))
+        if path is not None:
+            events.stored_in(path.parent)
+            with suppress(OSError):
+                log.keep_in(path)
+        dismiss()
+        if goes_on:
+            say(TRYING)
+            for attempt in range(1, ATTEMPTS + 1):
+                pause(AGAIN_S)
+                if _make_safe(task, {"laser": drivers["laser"]}, log) is None:
+                    report(f"{end}, {AT_LAST}", left - {"laser"}, reached=left == {"laser"})
+                    return
+                if path is not None and word_in(path.parent) is Word.DARK:
+                    log("run", "!", SEEN)
+                    return
+                if attempt % TELL_EVERY == 0:
+                    report(f"{end}: {LIT}; tried again {attempt} times", left)
+            report(f"{end}: {NEVER}", left)
 
 
 def _make_safe(task: Task, drivers: dict[str, Driver[Any]], log: CommandLog) -> UnsafeBench | None:
@@ -113,7 +210,7 @@ def _make_safe(task: Task, drivers: dict[str, Driver[Any]], log: CommandLog) -> 
             with closing(
                 drivers[name].open(section, Opening(section.address, log, _nobody, attended=True))
             ) as instrument:
-                instrument.make_safe()
+                _patiently(instrument.make_safe)
 
         return make_safe
 
@@ -124,23 +221,33 @@ def _make_safe(task: Task, drivers: dict[str, Driver[Any]], log: CommandLog) -> 
     return None
 
 
-def _outcome(drivers: dict[str, Driver[Any]], unsafe: UnsafeBench | None, *, by_hand: bool) -> str:
-    if unsafe is not None:
-        outcome = f"{UNSAFE}, and the supervisor could not: {unsafe}"
-        again = f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min"
-        return outcome + again if "laser" in unsafe.disobeyed else outcome
+def _patiently(make_safe: Callable[[], None]) -> None:
+    """What the parent had sent last may come to an instrument after what makes it safe: then once more."""
+    for pause_s in AT_ONCE_S:
+        try:
+            make_safe()
+        except LinkError:
+            raise
+        except InstrumentError:
+            time.sleep(pause_s)
+        else:
+            return
+    make_safe()
+
+
+def _done(drivers: Iterable[str], *, by_hand: bool) -> str:
     reached = ", ".join(ORDER[name] for name in drivers)
     laser = "; the laser is set by hand: switch it off by its key switch" if by_hand else ""
-    return f"{UNSAFE}, the supervisor did: {reached}{laser}"
+    return f", the supervisor did: {reached}{laser}"
 
 
-def _darkened_later(task: Task, driver: Driver[Any], log: CommandLog, pause: Callable[[float], None]) -> bool:
-    """Try to reach the laser until it is dark, or for long enough; whether it is."""
-    for _ in range(ATTEMPTS):
-        pause(AGAIN_S)
-        if _make_safe(task, {"laser": driver}, log) is None:
-            return True
-    return False
+def _tell(text: str, *, alarming: bool) -> None:
+    """One line on standard error; in red, and audible, where that is a terminal and a laser may emit."""
+    line = f"labctl: {text}"
+    if alarming and os.isatty(STANDARD_ERROR):
+        line = f"\a\x1b[1;31m{line}\x1b[0m"
+    with suppress(OSError):  # nobody is there any more
+        os.write(STANDARD_ERROR, f"{line}\n".encode())
 
 
 def _nobody(request: str) -> NoReturn:

@@ -11,6 +11,7 @@ COMMANDS = {
     "pause": "labctl.commands.control:pause",
     "go-on": "labctl.commands.control:go_on",
     "stop": "labctl.commands.control:stop",
+    "dark": "labctl.commands.control:dark",
     "verify": "labctl.commands.verify:verify",
     "runs": "labctl.commands.runs:runs",
     "show": "labctl.commands.show:show",

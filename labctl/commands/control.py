@@ -1,4 +1,4 @@
-"""`labctl pause`, `labctl go-on`, `labctl stop`: ask a run that another process carries out."""
+"""`labctl pause`, `labctl go-on`, `labctl stop`, `labctl dark`: what a run that another process carries out is told."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +10,7 @@ from labctl.commands.output import JsonOption, say, show
 from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import require_own_files
+from labctl.runs.live.alarm import may_emit, say_dark
 from labctl.runs.live.control_file import Word, ask, stop_at_once
 from labctl.runs.live.owner import writer_of
 
@@ -33,6 +34,18 @@ def stop(
 ) -> int:
     """End a running run in the safe state; labctl resume goes on with it."""
     return _ask(run, Word.STOP_NOW if now else Word.STOP, "ends in the safe state", as_json)
+
+
+def dark(run: Annotated[Path, typer.Argument(help="Directory of a run.")], as_json: JsonOption = False) -> int:
+    """Say that you have seen the laser dark, after a run that could not switch it off."""
+    if not may_emit(run):
+        raise UsageError(f"{run}: nothing says that its laser may still emit: nothing to confirm")
+    try:
+        say_dark(run)
+    except OSError as error:
+        raise UsageError(f"{run}: cannot be written ({error.strerror}): say it as the user who runs it") from None
+    show({"run": str(run), "seen": "dark"}, as_json, lambda: say(f"{run}: the laser is taken for dark"))
+    return DONE
 
 
 def _ask(run: Path, word: Word, what: str, as_json: bool) -> int:

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from instruments.bench import Observer
+from instruments.safe_state import UnsafeBench
 from labctl.printable import json_line, printable
 
 PLAIN_WIDTH = 200
@@ -78,6 +79,11 @@ class ProgressLine(Observer):
     def warning(self, text: str) -> None:
         """One line above the bar."""
         warn(text)
+
+    def safe_state(self, error: UnsafeBench | None) -> None:
+        """A laser that did not go dark, in red, each time that it was tried; what a run ends in repeats it anywhere."""
+        if _errors.is_terminal and error is not None and "laser" in error.disobeyed:
+            _errors.print(printable(f"labctl: {error}"), markup=False, style="bold red")
 
     def refresh(self) -> None:
         """Draw the line now instead of at its next turn."""

@@ -22,14 +22,14 @@ def resume(
     context: typer.Context,
     run: Annotated[Path, typer.Argument(help="Run directory.")],
     station: Annotated[
-        Path | None, typer.Option("--station", help="Station file, where addresses have changed; else the run's own.")
+        Path | None, typer.Option("--station", help="Station file of this bench; else the one it was begun with here.")
     ] = None,
     data: DataOption = None,
     attended: AttendedOption = False,
     armed: ArmOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Go on with a run at its first missing shot, with the settings, seeds and station it was begun with."""
+    """Go on with a run at its first missing shot, with the settings and seeds it was begun with."""
     access = access_of(context, attended=attended, armed=armed)
     resumption = Resumption(run, None if station is None else read_station(station), data, access)
     try:

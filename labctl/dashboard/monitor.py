@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from labctl.dashboard.accuracy import Curve, Learning
 from labctl.dashboard.state import ENDED, Phase, RunState, advanced
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import RunRow, run_directories, run_row
+from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import is_elsewhere, writer_named
 from labctl.runs.read.follower import Follower, Latest
@@ -108,7 +109,7 @@ class Watching:
         self._clock = clock
         self._due = clock()
         self._rows: list[RunRow] = []
-        self._listed: dict[Path, tuple[Sizes, RunRow]] = {}
+        self._listed: dict[Path, Listed] = {}
         self._watched: dict[str, WatchedRun] = {}
 
     def rows(self) -> list[RunRow]:
@@ -119,6 +120,10 @@ class Watching:
     def running(self) -> list[str]:
         """Names of the runs that a process writes now, the latest first."""
         return [row.name for row in self.rows() if row.running]
+
+    def alarms(self) -> list[str]:
+        """Names of the runs whose laser did not go dark, the latest first."""
+        return [row.name for row in self.rows() if self._listed[row.path].alarm]
 
     def forget_list(self) -> None:
         """The next list is read anew."""
@@ -142,19 +147,24 @@ class Watching:
         before, self._listed = self._listed, {}
         for directory in run_directories(self.folder):
             self._listed[directory] = _listed(RunPaths(directory), before.get(directory))
-        rows = (row for _, row in self._listed.values())
+        rows = (listed.row for listed in self._listed.values())
         self._rows = sorted(rows, key=lambda row: (row.started, row.name), reverse=True)
 
 
-Sizes = tuple[int, int, int]
+class Listed(NamedTuple):
+    """How a run is listed, from files of these sizes; `alarm`: its laser did not go dark."""
+
+    sizes: tuple[int, int, int]
+    row: RunRow
+    alarm: bool
 
 
-def _listed(paths: RunPaths, before: tuple[Sizes, RunRow] | None) -> tuple[Sizes, RunRow]:
+def _listed(paths: RunPaths, before: Listed | None) -> Listed:
     """How a run is listed; what has not changed since `before` is not read again."""
     sizes = _size(paths.manifest), _size(paths.journal), _size(paths.events)
-    if before is not None and before[0] == sizes and not before[1].running:
+    if before is not None and before.sizes == sizes and not before.row.running:
         return before
-    return sizes, run_row(paths)
+    return Listed(sizes, run_row(paths), may_emit(paths.directory))
 
 
 def _size(path: Path) -> int:

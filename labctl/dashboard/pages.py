@@ -14,6 +14,7 @@ from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.sketches import escape
 from labctl.dashboard.state import ENDED, Phase
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.live.alarm import say_dark
 from labctl.runs.live.control_file import Word, ask, stop_at_once
 from labctl.runs.live.owner import Writer, writer_of
 from labctl.runs.read.differences import settings_that_differ
@@ -78,9 +79,10 @@ def show_list(watching: Watching) -> None:
         return wording.live(found)
 
     with ui.element("main").classes("list"):
+        regions = [Region("alarms", lambda: wording.alarms(watching.alarms()))]
         with ui.element("section"):
             _heading("Running")
-            regions = [Region("live", live)]
+            regions.append(Region("live", live))
         with ui.element("section"):
             _heading("Runs")
             wanted = ui.input("Filter", placeholder="words, such as: image incomplete").classes("filter")
@@ -149,6 +151,7 @@ def show_run(watching: Watching, name: str) -> None:
                 Region("emission", lambda: wording.emission(watched.state)),
                 Region("progress", lambda: wording.progress(watched.state, watched.records)),
             ]
+            seen = SeenDark(watched)
             buttons = Buttons(watched)
         with ui.element("section").classes("traces"):
             _heading("Last shot with light")
@@ -171,9 +174,33 @@ def show_run(watching: Watching, name: str) -> None:
     def refresh() -> None:
         watched.look()
         _refresh(regions)
+        seen.refresh()
         buttons.refresh()
 
     ui.timer(REFRESH_S, refresh)
+
+
+class SeenDark:
+    """The button of somebody who has seen that the laser is dark: there while it may still emit."""
+
+    def __init__(self, watched: WatchedRun) -> None:
+        """For one run."""
+        self._watched = watched
+        self._row = ui.element("div").classes("seen")
+        with self._row:
+            ui.button("I have seen that the laser is dark", on_click=self._say, color=None).classes("seen-dark")
+            self._message = ui.label().classes("message")
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show it or not."""
+        self._row.set_visibility(self._watched.state.alarm)
+
+    def _say(self) -> None:
+        try:
+            say_dark(self._watched.directory)
+        except OSError as error:
+            self._message.set_text(f"cannot be written: {error.strerror}")
 
 
 class Buttons:

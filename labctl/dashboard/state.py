@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
+from labctl.runs.live.alarm import ABOUT_LIGHT, SEEN_DARK, disobeys
 from labctl.runs.live.events import Event
 from labctl.runs.live.owner import STARTS
 
@@ -60,10 +61,11 @@ class Image:
 
 @dataclass(frozen=True)
 class RunState:
-    """A run as its events describe it. None: not known (yet)."""
+    """A run as its events describe it. None: not known (yet). `alarm`: its laser did not go dark when told to."""
 
     phase: Phase = Phase.UNKNOWN
     emission: Emission = Emission.UNKNOWN
+    alarm: bool = False
     started: Event | None = None
     simulated: bool = False
     station: str = ""
@@ -110,6 +112,7 @@ def advanced(state: RunState, event: Event) -> RunState:
     words = _WORDS.get(event.name)
     if words is None:
         return changed
+    changed = replace(changed, alarm=disobeys(event) if event.name in ABOUT_LIGHT else state.alarm)
     line = LogLine(event.time, _cut(words(event.fields)), _is_alarming(event))
     return replace(changed, log=(*changed.log, line)[-LINES:])
 
@@ -220,6 +223,7 @@ _CHANGES: dict[str, Callable[[RunState, Mapping[str, Any]], RunState]] = {
     "paused": _paused,
     "going on": _going_on,
     "safe state": _safe,
+    SEEN_DARK: lambda state, _fields: replace(state, emission=Emission.OFF),
     "finished": _ended(Phase.FINISHED),
     "stopped": _ended(Phase.STOPPED),
     "failed": _ended(Phase.FAILED),
@@ -241,6 +245,7 @@ _WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "safe state": lambda fields: (
         _text(fields, "text") or ("safe state reached" if fields.get("reached") is True else "safe state NOT confirmed")
     ),
+    SEEN_DARK: lambda _fields: "somebody has seen that the laser is dark",
     "finished": lambda fields: f"finished: {_count(fields, 'shots')} shots",
     "stopped": lambda fields: "stopped at once" if fields.get("at_once") is True else "stopped",
     "failed": lambda fields: f"failed: {_text(fields, 'error')}",

@@ -17,6 +17,7 @@ from labctl.runs.read.follower import Latest
 
 MOST_PLOTS = 16
 """Of traces: where more were measured, as in a wavelength scan, the last ones."""
+MAY_EMIT = "LASER MAY STILL EMIT"
 SHOWN_ROWS = 200
 """Of the list of runs; the filter finds the others."""
 LONGEST_PROBLEM = 300
@@ -35,6 +36,8 @@ def emission(state: RunState) -> str:
         words[Emission.UNKNOWN] = ("NO EVENTS", "this run reports nothing about its light")
     word, explanation = words[state.emission]
     style = "none" if state.phase is Phase.UNKNOWN else str(state.emission)
+    if state.alarm:
+        word, explanation, style = MAY_EMIT, "it did not go dark: switch it off by its key switch", "on"
     return f'<div class="emission {style}"><strong>{word}</strong><span>{escape(explanation)}</span></div>'
 
 
@@ -182,6 +185,15 @@ def live(runs: Iterable[tuple[str, WatchedRun]]) -> str:
         for name, watched in runs
     )
     return strips or '<p class="nothing">no run is running</p>'
+
+
+def alarms(names: Iterable[str]) -> str:
+    """A banner for every run whose laser did not go dark."""
+    return "".join(
+        f'<a class="emission on" role="alert" href="run/{quote(name, safe="")}"><strong>{MAY_EMIT}</strong>'
+        f"<span>{escape(name)}: switch it off by its key switch</span></a>"
+        for name in names
+    )
 
 
 def differing(found: Sequence[Difference], one: str, other: str) -> str:

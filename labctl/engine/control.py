@@ -5,12 +5,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from labctl.bench.signals import Interruption, StoppedBySignal
-from labctl.runs.format.own_files import own_file
-from labctl.runs.live.control_file import CONTROL, Word
+from labctl.runs.live.control_file import CONTROL, Word, word_in
 
 LOOK_EVERY_S = 0.1
 """How soon a paused run hears that it may go on."""
-LONGEST_WORD = 32
 
 
 class Control:
@@ -50,11 +48,7 @@ class Control:
             self.interruption.wait(LOOK_EVERY_S)
 
     def _look(self) -> Word | None:
-        try:
-            with own_file(self.path) as file:
-                word = Word(file.read(LONGEST_WORD).decode().strip())
-        except (OSError, ValueError):  # nothing is asked, or nothing that a run knows
-            return None
+        word = word_in(self.path.parent)
         if word is Word.STOP:
             self.interruption.requested = True
         elif word is Word.STOP_NOW:

@@ -1,6 +1,7 @@
 """Going on with a run in another process: what it was begun with, from its manifest, and what must not have changed."""
 
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,22 @@ from pydantic import ValidationError
 
 from instruments.toml_files import describe
 from instruments.values import Drive
-from labctl.bench.station import Station
+from labctl.bench.own_stations import is_own
+from labctl.bench.station import Station, read_station
 from labctl.errors import RunError, StationError
 from labctl.runs.format.columns import same_shots
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.format.plan import read_plan
+from labctl.runs.format.plan import edited, names_its_manifest, read_plan
 from labctl.runs.format.shape import RunShape
+from labctl.runs.read.data_file import manifest_in
 from labctl.runs.read.differences import Difference, differences
 from protocols.base import Inputs, Measurement
 from protocols.registry import protocol_from
 
-MAY_CHANGE = ("source", "durability.*", "*.address", "laser.armed")
-"""Of the station: where the instruments are reached, how much may be lost, and whether light is allowed."""
+FILES = ("*.commands", "*.library")
+"""Of the station: what is loaded from a place of this bench. A run never says which."""
+MAY_CHANGE = ("source", "durability.*", "*.address", "laser.armed", "limits.*", *FILES)
+"""Of the station: what is this bench's own business, and how much may be lost."""
 
 
 class SettingsChanged(RunError):
@@ -62,15 +67,28 @@ def protocol_of_manifest(directory: Path, manifest: Mapping[str, Any]) -> Measur
     return protocol
 
 
-def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Station | None) -> Station:
-    """The station the run was begun on, or the one that is `given` in its place with new addresses.
+def refuse_edited(paths: RunPaths, manifest: Mapping[str, Any]) -> None:
+    """Compare the manifest with what plan.h5 keeps of it, or, of an older run, with the copy in data.h5.
 
     Raises:
-        SettingsChanged: `given` differs in more than addresses, durability and arm.
+        RunError: it is not the one that the run was begun with.
+    """
+    named = names_its_manifest(paths, manifest)
+    if not named and paths.data.exists() and manifest_in(paths.data).values != manifest:
+        raise edited(paths)
+
+
+def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Station | None) -> Station:
+    """The station the run was begun on, for what it asks; or the one that is `given` in its place.
+
+    The first is nothing to open: whoever wrote the manifest wrote its addresses, its limits and its arm.
+
+    Raises:
+        SettingsChanged: `given` differs in more than `MAY_CHANGE`.
         RunError: the manifest does not say, or not in words that this version of labctl and its drivers know.
     """
     try:
-        begun = Station.model_validate(manifest["station"])
+        begun = Station.model_validate(_without_files(manifest["station"]))
     except KeyError:
         raise RunError(f"{directory}: the manifest does not name the station: begin a new run") from None
     except ValidationError as error:
@@ -79,9 +97,53 @@ def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Sta
         raise RunError(f"{directory}: station in the manifest: {error}") from None
     if given is None:
         return begun
-    then, now = (station.model_dump(mode="json") for station in (begun, given))
-    _refuse(directory, differences(then, now, of="station", ignored=MAY_CHANGE))
+    _refuse(directory, _differences(begun, given, MAY_CHANGE))
     return given
+
+
+def own_station(directory: Path, begun: Station) -> Station:
+    """This bench's own station for a run that was `begun` on one, where nobody names it.
+
+    A run that was wholly simulated needs none. For any other it is the file that the run names, if it still says what
+    it said then, and if a run was begun with it here: a stranger's run may come with a stranger's station.
+
+    Raises:
+        StationError: there is none, and it is to be named.
+    """
+    if begun.wholly_simulated:
+        return begun
+    file = Path(begun.source)
+    if not is_own(file):
+        raise StationError(
+            f"{directory}: no run was begun here with the station file {begun.source!r} as it is now: name the station "
+            f"of this bench by --station"
+        )
+    found = read_station(file)
+    if changed := _differences(begun, found, FILES):
+        raise StationError(
+            f"{directory}: {begun.source} does not say what it said when the run was begun ({changed[0].setting} was "
+            f"{changed[0].then} and is {changed[0].now}): name the station of this bench by --station"
+        )
+    return found
+
+
+def _differences(begun: Station, found: Station, ignored: tuple[str, ...]) -> tuple[Difference, ...]:
+    then, now = (station.model_dump(mode="json") for station in (begun, found))
+    return differences(then, now, of="station", ignored=ignored)
+
+
+def _without_files(station: object) -> object:
+    """A station of a manifest without the files that its sections name; what is no station is left to its model."""
+    if not isinstance(station, Mapping):
+        return station
+    return {
+        role: {
+            key: value for key, value in section.items() if not any(fnmatchcase(f"{role}.{key}", one) for one in FILES)
+        }
+        if isinstance(section, Mapping)
+        else section
+        for role, section in station.items()
+    }
 
 
 def refuse_other_inputs(directory: Path, manifest: Mapping[str, Any], inputs: Inputs) -> None:

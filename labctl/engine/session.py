@@ -10,6 +10,7 @@ from instruments.bench import Observer, Observers
 from labctl.bench.calibration import newest, warnings
 from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import Access, OpenBench, opened
+from labctl.bench.own_stations import remember
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
@@ -17,7 +18,13 @@ from labctl.engine.engine import Outcome, carry_out, go_on
 from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, durability_of
 from labctl.engine.profile import Profile
-from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs, station_of_manifest
+from labctl.engine.resume import (
+    own_station,
+    protocol_of_manifest,
+    refuse_edited,
+    refuse_other_inputs,
+    station_of_manifest,
+)
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.logs import CommandLog, EventLog
@@ -69,6 +76,7 @@ def acquire(
         calibrated = newest(station)
         reference = None if calibrated is None else calibrated.reference()
         _warn(warnings(reference, station), observers)
+        remember(Path(station.source))
         request = Request(protocol, inputs, station, reference)
         outcome = carry_out(request, open_bench.bench, interruption or Interruption(), acquisition.directory)
         return Acquired(outcome, profile.budget(outcome.shots) if acquisition.profile else {})
@@ -76,7 +84,7 @@ def acquire(
 
 @dataclass(frozen=True)
 class Resumption:
-    """Which run to go on with; its station anew, where addresses have changed, and where its data sets lie."""
+    """Which run to go on with, the station of this bench if somebody names it, and where the data sets lie."""
 
     directory: Path
     station: Station | None = None
@@ -87,20 +95,25 @@ class Resumption:
 def resume(
     resumption: Resumption, *, observer: Observer | None = None, interruption: Interruption | None = None
 ) -> Outcome:
-    """Measure what a run still lacks, with the protocol, the seeds and the station of its manifest.
+    """Measure what a run still lacks, with the protocol and the seeds of its manifest, on this bench's own station.
 
     Concerns about the calibration that the run refers to are warnings, before light is switched on. A run that
     lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
 
     Raises:
-        RunError: no run, one that another process is writing, or one that cannot go on as it was begun.
-        DatasetError, StationError, ProtocolError: what the manifest asks for is not there any more.
+        RunError: no run, one that another process is writing, one whose manifest was edited, or one that cannot go on
+            as it was begun.
+        DatasetError, StationError, ProtocolError: what the manifest asks for is not there any more; or nobody names the
+            station of this bench.
         InstrumentError: an instrument failed, or the light is not what it was; finished shots are kept.
     """
     directory = resumption.directory
-    manifest = Manifest.read(RunPaths(directory))
+    paths = RunPaths(directory)
+    manifest = Manifest.read(paths)
+    refuse_edited(paths, manifest.values)
     protocol = protocol_of_manifest(directory, manifest.values)
-    station = station_of_manifest(directory, manifest.values, resumption.station)
+    begun = station_of_manifest(directory, manifest.values, resumption.station)
+    station = own_station(directory, begun) if resumption.station is None else begun
     durability = None if resumption.station is None else durability_of(station)
     observers = Observers()  # the session adds to them, long before there is anything to warn of
     with ExitStack() as stack:

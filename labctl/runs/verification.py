@@ -18,7 +18,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.own_files import own_file, place_of, read_own, require_own_files
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
-from labctl.runs.format.plan import read_drive, read_plan
+from labctl.runs.format.plan import names_its_manifest, read_drive, read_plan
 from labctl.runs.format.shard import MOST_BYTES as MOST_OF_A_SHARD
 from labctl.runs.format.shards import Shards
 from labctl.runs.read.data_file import MOST_BYTES, damaged
@@ -104,6 +104,8 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         manifest = Manifest.read(paths)
         at = paths.plan
         plan, drive = read_plan(paths, manifest.values["plan_sha256"])
+        at = paths.manifest
+        names_its_manifest(paths, manifest.values)
         at = paths.journal
         journal = read_journal(paths.journal)
         named = Shards(paths, manifest.shape, plan, journal.entries)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from shutil import copytree, rmtree
 from typing import Any
 
 import pytest
@@ -12,8 +13,10 @@ pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
 from playwright.sync_api import Browser, Page, expect
 
+from instruments.safe_state import UnsafeBench
 from labctl.bench.station import Station
 from labctl.engine.session import Acquisition, acquire
+from labctl.runs.live.logs import EventLog
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
 from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, enter, fits, narrow, opened
@@ -128,6 +131,31 @@ def test_stop_now_brings_the_safe_state(page: Page, unarmed: Path, emitting: Cal
     says(page, ".emission-region", "LASER OFF")
     says(page, ".log-region", "stopped at once.*safe state reached")
     assert not emitting()
+
+
+def test_a_laser_that_did_not_go_dark_is_said_on_every_page_until_somebody_has_seen_it_dark(
+    page: Page, runs: Path
+) -> None:
+    run = copytree(runs / "past-one", runs / "past-alarm")
+    try:
+        with EventLog() as events:
+            events.stored_in(run)
+            events.emission(on=True)
+            events.safe_state(UnsafeBench("the laser may still emit", ["laser"]))
+        banner = page.get_by_role("alert")
+        expect(banner).to_contain_text("LASER MAY STILL EMIT")
+        expect(banner).to_have_css("background-color", "rgb(196, 0, 26)")
+        banner.click()
+        page.wait_for_url("**/run/past-alarm")
+        connected(page)
+        says(page, ".emission-region", "LASER MAY STILL EMIT")
+        page.get_by_role("button", name="I have seen that the laser is dark").click()
+        says(page, ".emission-region", "LASER OFF")
+        page.get_by_role("link", name="labctl").click()
+        expect(page.locator(".all-region")).to_contain_text("past-alarm")
+        expect(banner).to_have_count(0)
+    finally:
+        rmtree(run)
 
 
 def test_runs_are_listed_filtered_and_compared(page: Page) -> None:

@@ -1,5 +1,6 @@
 """manifest.json: what was requested and with what, written before the first shot."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +15,16 @@ from labctl.runs.format.shape import RunShape
 from labctl.runs.format.version import check_version
 
 LARGEST_MANIFEST = 1 << 23  # bytes: that of a scan of 5000 wavelengths has some 0.5 MB
+
+
+WRITTEN_AFTER_THE_PLAN = ("plan_sha256",)
+"""Keys that the digest in plan.h5 cannot know."""
+
+
+def manifest_digest(values: Mapping[str, Any]) -> str:
+    """SHA-256 of what a manifest says, in whatever order: plan.h5 keeps it, so that an edited manifest is known."""
+    kept = {key: value for key, value in values.items() if key not in WRITTEN_AFTER_THE_PLAN}
+    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)

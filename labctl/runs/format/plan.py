@@ -5,6 +5,7 @@ It is kept apart from the manifest because it grows with the run: a million shot
 
 import hashlib
 import math
+from collections.abc import Mapping
 from io import BytesIO
 from typing import Any
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from instruments.values import Drive
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import manifest_digest
 from labctl.runs.format.own_files import own_file
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, attribute, check_plain, set_text, walked
 from labctl.runs.format.version import FORMAT_VERSION, check_version
@@ -22,11 +24,13 @@ from labctl.runs.format.version import FORMAT_VERSION, check_version
 MOST_BYTES = 1 << 32  # unpacked: a night's shots and the longest drive have 1 GiB each
 
 
-def encode_plan(shots: NDArray[Any], drive: Drive | None) -> bytes:
-    """The bytes of plan.h5; the same plan gives the same bytes."""
+def encode_plan(shots: NDArray[Any], drive: Drive | None, manifest_sha256: str = "") -> bytes:
+    """The bytes of plan.h5; the same plan gives the same bytes. `manifest_sha256` is the digest of its manifest."""
     image = BytesIO()
     with h5py.File(image, "w", libver=LIBVER) as file:
         set_text(file, "format_version", FORMAT_VERSION)
+        if manifest_sha256:
+            set_text(file, "manifest_sha256", manifest_sha256)
         file.create_dataset("shots", data=shots)
         write_drive(file, drive)
     return image.getvalue()
@@ -52,6 +56,27 @@ def read_plan(paths: RunPaths, sha256: str) -> tuple[NDArray[Any], Drive | None]
                 return file["shots"][:], read_drive(file)
     except HDF5_ERRORS as error:
         raise RunError(f"{paths.plan}: cannot be read ({error}); restore it from a copy of the run") from error
+
+
+def names_its_manifest(paths: RunPaths, manifest: Mapping[str, Any]) -> bool:
+    """Whether plan.h5 says which manifest it was written with; those of older runs do not.
+
+    Raises:
+        RunError: it is another one than `manifest`, or plan.h5 cannot be read.
+    """
+    try:
+        with walked(paths.plan) as file:
+            named = str(attribute(file, "manifest_sha256")) if "manifest_sha256" in file.attrs else ""
+    except HDF5_ERRORS as error:
+        raise RunError(f"{paths.plan}: cannot be read ({error}); restore it from a copy of the run") from error
+    if named and named != manifest_digest(manifest):
+        raise edited(paths)
+    return bool(named)
+
+
+def edited(paths: RunPaths) -> RunError:
+    """The one line for a manifest that is not what the run was begun with."""
+    return RunError(f"{paths.manifest}: edited since the run was begun: restore it from a copy of the run")
 
 
 def write_drive(file: h5py.File, drive: Drive | None) -> None:

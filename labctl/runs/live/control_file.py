@@ -11,20 +11,34 @@ from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 
+from labctl.runs.format.own_files import own_file
+
 CONTROL = "control"
 """Name of the file in a run directory."""
+LONGEST_WORD = 32
 
 
 class Word(StrEnum):
     """What can be requested.
 
     PAUSE: go dark after this record and wait. GO_ON: the end of a pause. STOP: end after this record. STOP_NOW: end.
+    DARK: somebody has seen that the laser is dark; for the supervisor of a run that has ended.
     """
 
     PAUSE = "pause"
     GO_ON = "go on"
     STOP = "stop"
     STOP_NOW = "stop now"
+    DARK = "dark"
+
+
+def word_in(directory: Path) -> Word | None:
+    """What is asked of the run in `directory`; None for nothing, or nothing that a run knows."""
+    try:
+        with own_file(directory / CONTROL) as file:
+            return Word(file.read(LONGEST_WORD).decode().strip())
+    except (OSError, ValueError):
+        return None
 
 
 def ask(directory: Path, word: Word) -> None:

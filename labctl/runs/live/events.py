@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,14 @@ class Event:
 class EventReader:
     """Reads a file of events as it grows; memory is that of what one call reads."""
 
-    def __init__(self, path: Path) -> None:
-        """Begin at the start of `path`, which need not be there yet."""
+    def __init__(self, path: Path, *, last_bytes: int | None = None) -> None:
+        """Begin at the start of `path`, which need not be there yet; or so many bytes before its end."""
         self._path = path
         self._offset = 0
         self._torn = b""
+        if last_bytes is not None:
+            with suppress(OSError):
+                self._offset = max(path.stat().st_size - last_bytes, 0)
 
     def read(self) -> list[Event]:
         """The events that came since the last call, at most 1 MB of them; call again until there are none.

@@ -181,7 +181,8 @@ class EventLog(Observer):
 
     def safe_state(self, error: UnsafeBench | None) -> None:
         """An event."""
-        self.event("safe state", reached=error is None, **({} if error is None else {"text": str(error)}))
+        failed = {} if error is None else {"disobeyed": sorted(error.disobeyed), "text": str(error)}
+        self.event("safe state", reached=error is None, **failed)
 
     def warning(self, text: str) -> None:
         """An event."""

@@ -26,9 +26,22 @@ def evidence_in(path: Path) -> str:
     Raises:
         RunError: the file is damaged.
     """
+    return _attribute(path, "evidence")
+
+
+def manifest_in(path: Path) -> Manifest:
+    """The manifest of the run that a data file was made of.
+
+    Raises:
+        RunError: the file is damaged.
+    """
+    return Manifest.parse(_attribute(path, "manifest"), path)
+
+
+def _attribute(path: Path, name: str) -> str:
     try:
         with walked(path) as file:
-            return str(attribute(file, "evidence"))
+            return str(attribute(file, name))
     except HDF5_ERRORS as error:
         raise damaged(path, error) from error
 

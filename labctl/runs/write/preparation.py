@@ -12,7 +12,7 @@ from instruments.values import Drive
 from labctl.errors import RunExists
 from labctl.runs.format.durable import make_folder, not_written, replace_file, sync_folder
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.manifest import Manifest, manifest_digest
 from labctl.runs.format.plan import encode_plan
 from labctl.runs.format.shape import RunShape
 from labctl.runs.format.version import FORMAT_VERSION
@@ -40,19 +40,14 @@ def prepare(
     """
     if len(plan) != shape.shots:
         raise ValueError(f"the plan has {len(plan)} shots, the shape {shape.shots}")
-    image = encode_plan(plan, drive)
-    text = json.dumps(
+    asked = (
         {"format_version": FORMAT_VERSION}
         | dict(manifest)
-        | {
-            "format_version": FORMAT_VERSION,
-            "shape": shape.to_json(),
-            "durability": asdict(durability),
-            "plan_sha256": hashlib.sha256(image).hexdigest(),
-        },
-        indent=2,
-        allow_nan=False,
+        | {"format_version": FORMAT_VERSION, "shape": shape.to_json(), "durability": asdict(durability)}
     )
+    read_back = json.loads(json.dumps(asked, allow_nan=False))
+    image = encode_plan(plan, drive, manifest_digest(read_back))
+    text = json.dumps(asked | {"plan_sha256": hashlib.sha256(image).hexdigest()}, indent=2, allow_nan=False)
     require(paths.directory, needed(shape, drive, durability, seconds_a_shot))
     _claim(paths)
     replace_file(paths.plan, image)

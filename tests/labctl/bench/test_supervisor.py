@@ -2,12 +2,14 @@
 
 import io
 import json
+import os
+import re
 import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -18,8 +20,19 @@ from labctl.bench.opening import opened
 from labctl.bench.recording.wire import Wire
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import SIMULATED_STATION, Station
-from labctl.bench.supervision import supervised
-from labctl.bench.supervisor import AGAIN_S, ATTEMPTS, READY, TRYING, Task, supervise, within_reach
+from labctl.bench.supervision import COMMAND, supervised
+from labctl.bench.supervisor import (
+    AGAIN_S,
+    AT_ONCE_S,
+    ATTEMPTS,
+    READY,
+    TELL_EVERY,
+    TRYING,
+    Task,
+    supervise,
+    within_reach,
+)
+from labctl.runs.live.alarm import SEEN_DARK, may_emit, say_dark
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.logs import CommandLog
 from sim_backends.bench import SimulatedBench
@@ -105,6 +118,50 @@ def test_a_laser_that_cannot_be_reached_is_tried_until_it_can(
     assert last == "labctl: the run ended without making the bench safe, the supervisor did at last: laser off"
 
 
+def test_people_are_told_of_a_laser_that_goes_on_emitting_until_somebody_has_seen_it_dark(
+    station: Station, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pauses: list[float] = []
+    (tmp_path / "events.jsonl").touch()
+
+    def see(seconds: float) -> None:
+        pauses.append(seconds)
+        if len(pauses) == 3 * TELL_EVERY + 1:
+            assert may_emit(tmp_path)
+            say_dark(tmp_path)
+
+    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
+    away = station.model_copy(update={"laser": nobody})
+    supervise(orders(away, str(tmp_path / "commands.log")), ignored, see)
+    assert len(pauses) == 3 * TELL_EVERY + 1
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 4
+    assert all("the laser may still emit, switch it off by its key switch" in line for line in lines)
+    told = EventReader(tmp_path / "events.jsonl").read()
+    assert [(one.name, one.fields.get("disobeyed")) for one in told] == [("safe state", ["laser"])] * 4 + [
+        (SEEN_DARK, None)
+    ]
+    assert not may_emit(tmp_path)
+
+
+def test_where_standard_error_is_a_terminal_it_is_told_in_red(station: Station) -> None:
+    """And what is captured is let go of; a terminal is not waited for."""
+    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
+    task = Task(station=station.model_copy(update={"laser": nobody}), log_started=time.monotonic())
+    ours, theirs = os.openpty()
+    with subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=theirs) as process:
+        os.close(theirs)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(f"{task.model_dump_json()}\n".encode())
+        process.stdin.close()
+        assert (process.stdout.readline(), process.stdout.readline()) == (READY, TRYING)
+        told = os.read(ours, 10_000).decode()
+        process.kill()
+    os.close(ours)
+    assert re.match(r"\a\x1b\[1;31mlabctl: the run ended without .* the laser may still emit.*\x1b\[0m", told)
+
+
 def test_a_laser_that_is_never_reached_is_left_to_its_key_switch(
     station: Station, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -116,27 +173,54 @@ def test_a_laser_that_is_never_reached_is_left_to_its_key_switch(
     assert told.endswith("the laser could not be reached, switch it off by its key switch")
 
 
+def test_a_laser_that_answers_and_drops_the_command_is_told_again(
+    station: Station, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """At once, as it may have heard the last command of a killed run after that; and then again and again."""
+    drops: list[int] = []
+
+    def hears_some(data: bytes) -> bytes:
+        if b"OUTPUT OFF" in data and len(drops) < 2 * (len(AT_ONCE_S) + 1):
+            drops.append(1)
+            return data.replace(b"OUTPUT OFF\n", b"")
+        return data
+
+    said: list[bytes] = []
+    with CommandLog() as log, opened(station, log) as found, socket.create_server(("127.0.0.1", 0)) as free:
+        found.bench.laser.emit()
+        port = free.getsockname()[1]
+        free.close()
+        deaf = station.laser.model_copy(update={"address": f"TCPIP0::127.0.0.1::{port}::SOCKET"})
+        with forwarded(port, station.laser.address, hears_some):
+            supervise(orders(station.model_copy(update={"laser": deaf})), said.append, lambda _seconds: None)
+        assert found.bench.laser.settings()["emitting"] == 0
+    assert said == [READY, TRYING]
+    first, last = capfd.readouterr().err.splitlines()
+    assert "laser: still emits after output_off" in first
+    assert last.endswith("the supervisor did at last: laser off")
+
+
 @contextmanager
-def forwarded(port: int, address: str) -> Iterator[None]:
-    """What comes to `port` goes to the instrument at `address`, and back."""
+def forwarded(port: int, address: str, heard: Callable[[bytes], bytes] = bytes) -> Iterator[None]:
+    """What comes to `port` goes to the instrument at `address`, as it is `heard`, and back."""
     with socket.create_server(("127.0.0.1", port)) as listener:
-        threading.Thread(target=_forward, args=(listener, int(address.split("::")[2])), daemon=True).start()
+        threading.Thread(target=_forward, args=(listener, int(address.split("::")[2]), heard), daemon=True).start()
         yield
 
 
-def _forward(listener: socket.socket, port: int) -> None:
+def _forward(listener: socket.socket, port: int, heard: Callable[[bytes], bytes]) -> None:
     with suppress(OSError):
         while True:
             client, _ = listener.accept()
             instrument = socket.create_connection(("127.0.0.1", port))
-            for source, target in ((client, instrument), (instrument, client)):
-                threading.Thread(target=_carry, args=(source, target), daemon=True).start()
+            for source, target, passed in ((client, instrument, heard), (instrument, client, bytes)):
+                threading.Thread(target=_carry, args=(source, target, passed), daemon=True).start()
 
 
-def _carry(source: socket.socket, target: socket.socket) -> None:
+def _carry(source: socket.socket, target: socket.socket, passed: Callable[[bytes], bytes]) -> None:
     with source, suppress(OSError):
         while data := source.recv(65536):
-            target.sendall(data)
+            target.sendall(passed(data))
         target.shutdown(socket.SHUT_RDWR)
 
 

@@ -1,6 +1,7 @@
 """Commands as they are typed: what comes out, and how they end."""
 
 import json
+import shutil
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -11,9 +12,11 @@ import pytest
 
 from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import InstrumentError
+from instruments.safe_state import UnsafeBench
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from labctl.bench.signals import StoppedBySignal
 from labctl.commands.main import main
+from labctl.runs.live.logs import EventLog
 from labctl.studies.paper.experiments import FOLDER, experiments
 from tests.command_line import as_json, labctl
 
@@ -51,6 +54,21 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         "sim",
     ):
         assert f"  {command}" in out
+
+
+def test_who_has_seen_the_laser_dark_says_so_once(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    directory = shutil.copytree(run, tmp_path / "run")
+    with EventLog() as events:
+        events.stored_in(directory)
+        events.safe_state(UnsafeBench("the laser may still emit", ["laser"]))
+    assert labctl(capsys, "dark", directory)[:2] == (0, f"{directory}: the laser is taken for dark\n")
+    status, _, told = labctl(capsys, "dark", directory)
+    assert (status, told) == (
+        2,
+        f"labctl: {directory}: nothing says that its laser may still emit: nothing to confirm\n",
+    )
 
 
 class TestWrongUse:

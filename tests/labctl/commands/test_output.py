@@ -5,6 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
+from instruments.safe_state import UnsafeBench
 from labctl.commands import output
 from labctl.commands.output import progress_bar
 
@@ -39,3 +40,11 @@ def test_nothing_where_nobody_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
         line.progress(1, 2)
         line.refresh()
     assert not seen.getvalue()
+
+
+def test_a_laser_that_did_not_go_dark_is_said_in_red(terminal: io.StringIO) -> None:
+    with progress_bar("image-readout") as line:
+        line.safe_state(UnsafeBench("the scope did not stop", ["scope"]))
+        line.safe_state(UnsafeBench("the laser may still emit", ["laser"]))
+    assert "\x1b[1;31mlabctl: the laser may still emit" in terminal.getvalue()
+    assert "the scope did not stop" not in terminal.getvalue()

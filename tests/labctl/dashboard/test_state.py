@@ -54,11 +54,31 @@ def test_a_killed_run_is_dark_only_if_somebody_says_so() -> None:
     assert after(STARTED, ("finished", {})).without_writer().phase is Phase.FINISHED
 
 
+def test_a_laser_that_did_not_go_dark_is_an_alarm_until_it_is_seen_to() -> None:
+    disobeyed = ("safe state", {"reached": False, "disobeyed": ["laser"], "text": "the laser"})
+    alarmed = (STARTED, LIT, disobeyed, ("failed", {"error": "no"}))
+    assert after(*alarmed).alarm
+    assert "LASER MAY STILL EMIT" in wording.emission(after(*alarmed).without_writer())
+    assert 'class="emission on"' in wording.emission(after(*alarmed))
+    assert after(*alarmed, ("run resumed", {})).alarm, "a run that is begun again has not seen to it yet"
+    for end in (("safe state", {"reached": True}), ("seen dark", {}), ("emission", {"on": False})):
+        state = after(*alarmed, end)
+        assert (state.alarm, state.emission) == (False, Emission.OFF)
+    assert not after(STARTED, ("safe state", {"reached": False, "disobeyed": ["awg"]})).alarm
+
+
 @pytest.mark.parametrize("value", [None, "x", -1, 1e300, float("nan"), True, [], {}, HOSTILE])
 def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
     names = ("done", "total", "rate_per_s", "remaining_s", "shot", "kind", "label", "dataset_index", "image", "pass")
-    every = dict.fromkeys(names, value) | {"ports": value, "sample_rate": value, "samples": value, "text": value}
+    every = dict.fromkeys(names, value) | {
+        "ports": value,
+        "sample_rate": value,
+        "samples": value,
+        "text": value,
+        "disobeyed": value,
+    }
     every |= {"wavelength_nm": value, "power_w": value, "on": value, "reached": value, "what": value, "error": value}
+    every["disobeyed"] = value
     kinds = (
         "run started",
         "uploading",

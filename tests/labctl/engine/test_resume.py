@@ -11,13 +11,14 @@ import pytest
 from labctl.bench.station import Station
 from labctl.engine.resume import (
     SettingsChanged,
+    own_station,
     protocol_of_manifest,
     refuse_changed_instruments,
     refuse_other_inputs,
     station_of_manifest,
 )
 from labctl.engine.session import Resumption, resume
-from labctl.errors import RunError
+from labctl.errors import RunError, StationError
 from protocols.base import Images
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
@@ -53,7 +54,7 @@ def test_every_protocol_comes_back_from_a_manifest(protocol: Any) -> None:
         protocol_of_manifest(HERE, {"protocol": "image-readout"})
 
 
-def test_a_station_comes_back_and_may_change_its_addresses_durability_and_arm() -> None:
+def test_a_station_comes_back_and_may_change_what_is_the_benchs_own() -> None:
     begun = Station.model_validate({"scope": {"channels": [1, 2]}, "sim": {"parameters": {"enob": 6.0}}})
     manifest = through_json({"station": begun.model_dump(mode="json")})
     assert station_of_manifest(HERE, manifest, None) == begun
@@ -63,6 +64,7 @@ def test_a_station_comes_back_and_may_change_its_addresses_durability_and_arm() 
             "awg": begun.awg.model_copy(update={"address": "TCPIP0::1.2.3.4::INSTR"}),
             "laser": begun.laser.model_copy(update={"armed": True}),
             "durability": begun.durability.model_copy(update={"shots": 1}),
+            "limits": begun.limits.model_copy(update={"detector": 0.3}),
         }
     )
     assert station_of_manifest(HERE, manifest, moved) == moved
@@ -74,6 +76,22 @@ def test_a_station_comes_back_and_may_change_its_addresses_durability_and_arm() 
         station_of_manifest(HERE, {}, None)
     with pytest.raises(RunError, match=r"awg\.colour = 'red': unknown key"):
         station_of_manifest(HERE, {"station": {"awg": {"colour": "red"}}}, None)
+
+
+def test_a_run_names_no_file_to_load() -> None:
+    begun = {"laser": {"commands": "/dev/zero"}, "dmd": {"library": "/home/theirs"}}
+    assert station_of_manifest(HERE, {"station": begun}, None) == Station()
+    own = Station.model_validate({"laser": {"commands": "/etc/labctl/laser.toml"}})
+    assert station_of_manifest(HERE, {"station": begun}, own) == own
+
+
+def test_only_a_wholly_simulated_run_has_its_bench_with_it() -> None:
+    assert own_station(HERE, Station()) == Station()
+    elsewhere = Station.model_validate({"laser": {"address": "TCPIP0::192.0.2.1::5025::SOCKET"}})
+    with pytest.raises(
+        StationError, match=r"run: no run was begun here with the station file 'built-in station' as it"
+    ):
+        own_station(HERE, elsewhere)
 
 
 def test_a_station_comes_back_from_a_manifest_of_when_all_drivers_of_a_role_had_the_same_keys() -> None:
