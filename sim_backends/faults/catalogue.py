@@ -220,7 +220,7 @@ TRACE_LIES: dict[str, Fault] = {
         "the preambles of channels 1 and 2 have changed places", happens=lies.preamble_of(lambda number: 3 - number)
     ),
     "odd number": Fault(
-        "numbers have an underscore",
+        "YMUlt and XZEro, asked for alone, are `1_0`",
         answers={"WFMOutpre:XZEro?": distortions.underscored, "WFMOutpre:YMUlt?": distortions.underscored},
     ),
 }

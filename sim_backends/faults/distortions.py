@@ -9,7 +9,7 @@ BUFFER = 20 * 1024
 """Bytes that VISA clients commonly ask for at once."""
 GARBAGE = b"\x00\x80\xfe\xff#\x07;:garbage,\xc3\x28"
 SURPLUS = b"\x01\x02\x03"
-_FIRST_NUMBER = re.compile(rb"\d+")
+_NUMBER = re.compile(rb"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 
 
 Distortion = Callable[[bytes], Disturbed]
@@ -142,8 +142,8 @@ def stamps_swapped(reply: bytes) -> Disturbed:
 
 
 def underscored(reply: bytes) -> Disturbed:
-    """The first number of a text has an underscore between its digits, as no instrument writes it."""
-    return Disturbed(reply if reply.startswith(b"#") else _FIRST_NUMBER.sub(rb"\g<0>_0", reply, count=1))
+    """In place of the first number of a text comes one with an underscore, as no instrument writes it."""
+    return Disturbed(reply if reply.startswith(b"#") else _NUMBER.sub(b"1_0", reply, count=1))
 
 
 def wrong_number(reply: bytes) -> Disturbed:

@@ -124,7 +124,7 @@ def mirrors_stuck(liar: VirtualInstrument) -> None:
     kept: list[NDArray[np.uint16]] = []
 
     def turned(counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        kept.append(honest(counts)[:1])
+        kept.append(honest(counts)[:1].copy())
         del kept[1:]
         return np.repeat(kept[0], len(counts), axis=0)
 
