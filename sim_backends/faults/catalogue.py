@@ -7,6 +7,8 @@ from enum import Enum, auto
 from sim_backends.faults import distortions, lies
 from sim_backends.faults.distortions import Distortion, instead, intact, lost_after, lost_before, silent
 from sim_backends.scpi.status import QUEUE_LENGTH, ScpiError
+from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
+from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
 from sim_backends.virtual.instrument import VirtualInstrument
 
 DEVICE_ERROR, ILLEGAL_PARAMETER = -300, -224
@@ -200,6 +202,12 @@ IDENTITY: dict[str, Fault] = {
     "another maker": Fault("`*IDN?` names another maker", answers={"*IDN?": instead(b"ACME,4711,SN1,1.0")}),
     "another instrument": Fault(
         "`*IDN?` names a multimeter", answers={"*IDN?": instead(b"KEITHLEY INSTRUMENTS INC.,MODEL 2000,1,A1")}
+    ),
+    "the generator": Fault(
+        "`*IDN?` names the bench's generator", answers={"*IDN?": instead(VirtualAwg70002a.IDENTITY.encode())}
+    ),
+    "the oscilloscope": Fault(
+        "`*IDN?` names the bench's oscilloscope", answers={"*IDN?": instead(VirtualDpo72504dx.IDENTITY.encode())}
     ),
 }
 """What may befall the first question to every instrument that is asked who it is."""

@@ -18,6 +18,7 @@ from tests.knobs.table import (
     MARKED,
     MENDED,
     MODES,
+    NAMED,
     REFUSED,
     RIGHT,
     WRONG,
@@ -46,6 +47,7 @@ the change comes at one moment of the run, and stays.
 | {MENDED} | So it does, after records were measured again. |
 | {MARKED} | The run ends well, and every record that differs is marked `suspect`. |
 | {ENDED} | Exit status 1 and one line. The kept records are right or marked, also after `labctl resume`. |
+| {NAMED} | So it does, and the line names the setting. |
 | {REFUSED} | So it does before anything was measured. |
 
 The moments: {BEFORE}; *ranging*: at the first acquisition; *between records*: before an acquisition in the middle of

@@ -42,6 +42,7 @@ LIES = (
         Lie(role, name, fault, Moment("*IDN?", 1, ALWAYS), BEFORE, BEFORE)
         for role in ("scope", "awg", "laser", "patch_panel")
         for name, fault in IDENTITY.items()
+        if (role, name) not in (("scope", "the oscilloscope"), ("awg", "the generator"))
     ),
     *(Lie("scope", name, fault, Moment()) for name, fault in TRACE_LIES.items()),
     *(

@@ -68,8 +68,8 @@ def _other_waveform(*, with_marker: bool) -> bytes:
 
 KNOBS = (
     _scope("vertical scale twice as large", "CH1:SCAle", "scale", 2.0),
-    _scope("vertical scale half as large", "CH1:SCAle", "scale", 0.5),
-    _scope("vertical scale of the last channel", "CH2:SCAle", "scale", 1.3),
+    _scope("vertical scale half as large", "CH2:SCAle", "scale", 0.5),
+    _scope("vertical scale a little larger", "CH2:SCAle", "scale", 1.3),
     _scope("vertical offset", "CH1:OFFSet 0.05", "offset"),
     _scope("vertical position", "CH1:POSition 2", "position"),
     _scope("invert", "CH1:INVert ON", "invert"),

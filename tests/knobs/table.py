@@ -43,7 +43,7 @@ WHEN: dict[str, tuple[str, ...]] = {
 INSIDE_A_RECORD = ("between channels",)
 """Moments at which the light of the record is taken already: what only light depends on need not be tried."""
 
-RIGHT, MENDED, MARKED, ENDED, REFUSED = "right", "mended", "marked", "ends", "refused"
+RIGHT, MENDED, MARKED, ENDED, NAMED, REFUSED = "right", "mended", "marked", "ends", "ends, named", "refused"
 WRONG = "WRONG, UNMARKED"
 
 
@@ -133,7 +133,9 @@ def outcome(case: Case, ended: Ended, undisturbed_: Mapping[str, Ended]) -> str:
     unmarked = ~ended.marked & (wrong if again else ~equal)
     assert not unmarked.any(), f"{WRONG}: {int(unmarked.sum())} of {unmarked.size} records; told: {ended.told!r}"
     if ended.status:
-        return ENDED if ended.resumed else REFUSED
+        if not ended.resumed:
+            return REFUSED
+        return NAMED if isinstance(case.cause, Knob) and case.cause.word in ended.told.lower() else ENDED
     if ended.marked.any():
         return MARKED
     return RIGHT if ended.overheard.arms() == expected.overheard.arms() else MENDED
