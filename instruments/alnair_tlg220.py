@@ -15,7 +15,7 @@ from instruments.laser_table import DEFAULT_TABLE, UNKNOWN, Command, CommandTabl
 from instruments.readback import confirm
 from instruments.sections import File, LaserSection
 from instruments.transcripts import Transcript
-from instruments.values import Examination, Identity
+from instruments.values import Change, Examination, Identity
 from instruments.visa import MAX_ERRORS_READ, VisaLink
 
 
@@ -42,6 +42,8 @@ DRIVER = Driver(
 
 WAVELENGTH_TOLERANCE_NM = 0.01
 POWER_TOLERANCE_DB = 0.2
+WANDERING = {"get_wavelength": 0.002, "get_power": 0.05}
+"""How far the answers of a laser that nobody sets may lie from those at first, nm and dBm."""
 LONGEST_ANSWER = 300
 """Characters of an answer that a table's expression is held against."""
 
@@ -54,6 +56,7 @@ class Tlg220(TunableLaser):
     def __init__(self, resource: str, table: CommandTable, transcript: Transcript) -> None:
         """Drive the laser at the VISA address `resource` with the commands of `table`."""
         self._table = table
+        self._settled: dict[str, float] = {}
         self._link = VisaLink(
             resource,
             name="laser",
@@ -82,7 +85,7 @@ class Tlg220(TunableLaser):
         """Set the wavelength, wait until settled, and compare with the read-back (tolerance 10 pm)."""
         self._set("wavelength", wavelength_nm)
         self._settle()
-        return confirm(
+        self._settled["get_wavelength"] = settled = confirm(
             "laser: wavelength",
             wavelength_nm,
             self._number("get_wavelength"),
@@ -90,12 +93,13 @@ class Tlg220(TunableLaser):
             unit="nm",
             remedy="check its tuning range",
         )
+        return settled
 
     def set_power(self, power_w: float) -> float:
         """Set the output power and compare with the read-back (tolerance 0.2 dB)."""
         power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
         self._set("power", power_dbm)
-        settled_dbm = confirm(
+        self._settled["get_power"] = settled_dbm = confirm(
             "laser: power",
             power_dbm,
             self._number("get_power"),
@@ -128,6 +132,15 @@ class Tlg220(TunableLaser):
         if self._number("get_output") != 0:
             raise InstrumentError("laser: still emits after output_off: use its key switch")
 
+    def changes(self) -> tuple[Change, ...]:
+        """Wavelength and power, as far as they are not what they wander by."""
+        found = []
+        for question, then in self._settled.items():
+            now = self._number(question)
+            if abs(now - then) > WANDERING[question]:
+                found.append(Change(question.removeprefix("get_"), f"{then:g}", f"{now:g}"))
+        return tuple(found)
+
     def settings(self) -> dict[str, str | float]:
         """Wavelength, power and whether it emits."""
         return {
@@ -140,6 +153,7 @@ class Tlg220(TunableLaser):
 
     def make_safe(self) -> None:
         """Emission off, sent even to a laser that no longer answers; earlier errors do not count."""
+        self._settled.clear()
         self._link.write(self._command("output_off").write)
         self._link.errors()
         self.darken()

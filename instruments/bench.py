@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.errors import NotConfigured, OutOfRange
+from instruments.errors import NotConfigured, OutOfRange, SettingChanged
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
 from instruments.limits import Levels, Limits
 from instruments.safe_state import UnsafeBench, ending_with, safe_state
@@ -284,6 +284,24 @@ class Bench:
                 raise
             self.lit = False
             self.observer.safe_state(None)
+
+    # --- what somebody else may do meanwhile
+
+    def require_unchanged(self) -> None:
+        """Compare the optical power with its limit, and every instrument with what it was set to.
+
+        Raises:
+            OverLimit: the laser gives more than the limit.
+            SettingChanged: something was changed from elsewhere; the message has its old and its new value.
+            LinkError: an instrument does not answer.
+        """
+        self.limits.check_power(self.laser.power())
+        for name, instrument in self.instruments.items():
+            for change in instrument.changes():
+                raise SettingChanged(
+                    f"{name}: {change.setting} was {change.then} and is {change.now}: it was changed from elsewhere, "
+                    f"leave the bench to this run"
+                )
 
     # --- drive
 

@@ -31,6 +31,10 @@ class LinkError(InstrumentError):
     """The instrument cannot be reached, or did not answer in time."""
 
 
+class SettingChanged(InstrumentError):
+    """A setting is no longer what it was set to: somebody else changed it, by another program or at the front panel."""
+
+
 class NoTrigger(InstrumentError):
     """The oscilloscope answers and is armed, but its trigger does not come: measuring again would not help."""
 

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from instruments.driver import Driver
 from instruments.errors import InstrumentError, OutOfRange, excerpt
 from instruments.interfaces import PatchPanel
+from instruments.readback import SettingsKept
 from instruments.sections import PatchPanelSection, Timeout
-from instruments.values import Examination, Identity
+from instruments.values import Change, Examination, Identity
 from instruments.visa import VisaLink
 
 
@@ -34,6 +35,7 @@ class ScpiFibreSwitch(PatchPanel):
     def __init__(self, link: VisaLink, *, ports: tuple[int, ...]) -> None:
         """Drive the switch behind `link`, which carries `ports`."""
         self._link = link
+        self._kept = SettingsKept(link)
         self.ports = ports
 
     def identify(self) -> Identity:
@@ -60,9 +62,13 @@ class ScpiFibreSwitch(PatchPanel):
                 self._link.write(f"ROUTe:CLOSe (@{channel}!{port})")
             self._link.query("*OPC?")
         wanted = ",".join(f"{channel}!{port}" for channel, port in sorted(patching.items()))
-        routed = self._link.query("ROUTe:CLOSe?")
+        (routed,) = self._kept.keep(["ROUTe:CLOSe?"])
         if routed != f"(@{wanted})":
             raise InstrumentError(f"patch_panel: routes are {excerpt(routed)}, wanted (@{wanted}): check the switch")
+
+    def changes(self) -> tuple[Change, ...]:
+        """The closed routes."""
+        return self._kept.changes()
 
     def settings(self) -> dict[str, str | float]:
         """The closed routes."""

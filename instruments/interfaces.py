@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.values import (
+    Change,
     Drive,
     EdgeTrigger,
     Examination,
@@ -58,6 +59,14 @@ class Instrument(ABC):
     @abstractmethod
     def settings(self) -> dict[str, str | float]:
         """What the instrument reports of its own state, for the run's manifest."""
+
+    def changes(self) -> tuple[Change, ...]:
+        """What is no longer as this program set it: somebody else did, by another program or at the front panel.
+
+        Raises:
+            LinkError: it does not answer.
+        """
+        return ()
 
     @abstractmethod
     def make_safe(self) -> None:

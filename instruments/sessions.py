@@ -41,6 +41,8 @@ LEAST_RATE = 100_000
 """Bytes per second, less than any network carries: a piece has the session's timeout and the time it takes at this."""
 LONGEST_BLOCK = 1 << 32
 """Bytes: four times the longest record of an oscilloscope."""
+LONGEST_ANSWERS = 1 << 10
+"""Bytes of answers before a block."""
 
 Take = Callable[[memoryview, "Digest | None"], None]
 """Fills a buffer with the bytes that come next, by the shortest way there is, and adds them to a digest."""
@@ -67,7 +69,7 @@ class Digest:
 class Block(NamedTuple):
     """A definite-length block as it came: `#N`, the length in digits, the data, the terminator; and its digest.
 
-    Source: IEEE 488.2, 8.7.9.
+    Answers that come before the block in the same message are part of `head`. Source: IEEE 488.2, 8.7.9.
     """
 
     head: bytes
@@ -153,8 +155,10 @@ class Session:
                 self._send(link, payload, digest)
                 link.sendall(tail)
 
-    def ask_block(self, message: str, room: memoryview) -> Block:
+    def ask_block(self, message: str, room: memoryview, before: int = 0) -> Block:
         """`write`, then receive the definite-length block that answers: into `room` if that is its size.
+
+        `before`: how many answers without quotation marks come before it, each with a semicolon behind it.
 
         Raises:
             ValueError: the answer is no such block, or goes on behind it.
@@ -162,9 +166,12 @@ class Session:
         self.write(message)
         digest = Digest()
         with self._receiving() as take:
-            head = bytearray(2)
-            take(memoryview(head), None)
-            length = bytearray(length_digits(head))
+            head = bytearray()
+            while missing := _at_least_missing(head, before):
+                piece = bytearray(missing)
+                take(memoryview(piece), None)
+                head += piece
+            length = bytearray(length_digits(head[-2:]))
             take(memoryview(length), None)
             count = int(length)
             if count > LONGEST_BLOCK:
@@ -328,6 +335,20 @@ def length_digits(head: bytes | bytearray) -> int:
     if head[:1] != b"#" or head[1:] not in b"123456789ABCDEFabcdef":
         raise ValueError(f"the reply starts with {bytes(head)!r}, not with a block")
     return int(head[1:], 16)
+
+
+def _at_least_missing(head: bytearray, before: int) -> int:
+    """How many bytes must still come before the length of a block: of answers, each one byte or more, and of `#N`.
+
+    Raises:
+        ValueError: the answers are longer than any.
+    """
+    if len(head) > LONGEST_ANSWERS:
+        raise ValueError(f"{excerpt(head)} goes on without a block")
+    *answers, begun = head.split(b";")
+    if (outstanding := before - len(answers)) == 0:
+        return 2 - len(begun)
+    return 2 * outstanding - bool(begun) + 2
 
 
 def _left_s(deadline: float) -> float:

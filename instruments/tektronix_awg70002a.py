@@ -16,9 +16,9 @@ from pydantic import Field
 from instruments.driver import Driver
 from instruments.errors import InstrumentError, excerpt
 from instruments.interfaces import Awg
-from instruments.readback import confirm
+from instruments.readback import Setting, SettingsKept
 from instruments.sections import AwgSection, Timeout
-from instruments.values import Drive, Examination, Identity, Loaded, Progress, Range
+from instruments.values import Change, Drive, Examination, Identity, Loaded, Progress, Range
 from instruments.visa import VisaLink
 
 
@@ -36,9 +36,23 @@ DRIVER = Driver(
         channel=section.channel,
     ),
     identity=re.compile(r"TEKTRONIX AWG70\d{3}", re.IGNORECASE),
-    sent_anew=("sample_rate", "amplitude_vpp", "dac_bits", "waveform", "run_mode", "output"),
+    sent_anew=(
+        "sample_rate",
+        "amplitude_vpp",
+        "dac_bits",
+        "waveform",
+        "run_mode",
+        "skew_s",
+        "marker_delay_s",
+        "output",
+    ),
 )
 
+RUN_STATE = "AWGControl:RSTate?"
+RATE_TOLERANCE = 1e-6  # of the rate: by so much two windows of a drive may drift apart unseen
+AMPLITUDE_TOLERANCE_V = 2e-3
+MARKER_TOLERANCE_V = 0.05
+TRIGGER_TOLERANCE_V = 0.05
 SLOW_S = 30.0
 """Bound on the commands that the manual calls overlapping: clock, assignment, run and stop."""
 
@@ -73,9 +87,6 @@ class Awg70002a(Awg):
     MARKER_HIGH_V, MARKER_LOW_V = 1.0, 0.0
     MARKER_1 = 0x40
     MARKER_RESOLUTION_BITS = 9  # 10 bits would take the marker's place
-    RATE_TOLERANCE = 1e-6  # of the rate: by so much two windows of a drive may drift apart unseen
-    AMPLITUDE_TOLERANCE_V = 2e-3
-    MARKER_TOLERANCE_V = 0.05
     TRIGGER_LEVEL_V = 1.4  # half of a TTL pulse
     WAITING, RUNNING = "1", "2"
     DIRECT = ("DIR", "DIRECT")
@@ -84,6 +95,10 @@ class Awg70002a(Awg):
         """Drive `channel` of the instrument behind `link`."""
         self._link = link
         self._channel = channel
+        self._outputs = (f"OUTPut{channel}:STATe?", "OUTPut:OFF?")
+        self._kept = SettingsKept(link)
+        self._loaded: tuple[Drive, int, bool] | None = None  # with its length in memory, and whether marked once
+        self._compared = 0
 
     def identify(self) -> Identity:
         """`*IDN?`."""
@@ -122,6 +137,8 @@ class Awg70002a(Awg):
         periods = periods_per_trigger if periods_per_trigger not in (None, math.inf) else 1
         length = drive.repeated_length(max(shortest, int(periods) * drive.samples.size))
         Range(1, longest, "samples").check("drive length", length)
+        self._kept.forget()
+        self._loaded = None
         with self._link.checked():
             self._link.write("AWGControl:ARSettings 0")
             self._link.write(f'WLISt:WAVeform:DELete "{drive.name}"')
@@ -135,58 +152,88 @@ class Awg70002a(Awg):
             with self._link.checked():
                 self._link.write_block(f"WLISt:WAVeform:DATA {span}", samples.astype("<f4", copy=False))
                 self._link.write_block(f"WLISt:WAVeform:MARKer:DATA {span}", marker * np.uint8(self.MARKER_1))
-            self._confirm_upload(drive.name, first, samples[: self.READ_BACK_SAMPLES])
+            begun = f'"{drive.name}",{first},{min(count, self.READ_BACK_SAMPLES)}'
+            if not self._holds(begun, samples[: self.READ_BACK_SAMPLES]):  # a chunk that got lost leaves what was there
+                raise InstrumentError(
+                    f"{self._link.name} at {self._link.resource}: the samples of {begun} are not those that were sent: "
+                    f"repeat the upload"
+                )
             if progress is not None:
                 progress(first + count, length)
-        self._set(drive, mode)
-        return self._read_back(drive)
+        loaded = self._set(drive, mode)
+        self._loaded = drive, length, mode is RunMode.TRIGGERED
+        return loaded
 
-    def _confirm_upload(self, name: str, first: int, samples: NDArray[np.float32]) -> None:
-        """Compare the beginning of a chunk with what is in memory: a chunk that got lost leaves there what was."""
-        span = f'"{name}",{first},{samples.size}'
+    def _holds(self, span: str, samples: NDArray[np.float32]) -> bool:
+        """Whether a span of a waveform in memory is what was sent."""
         found = self._link.read_block(f"WLISt:WAVeform:DATA? {span}", np.empty(samples.shape, "<f4"))
-        if not np.allclose(found, samples, rtol=0, atol=self.SAMPLE_TOLERANCE):
-            raise InstrumentError(
-                f"{self._link.name} at {self._link.resource}: the samples of {span} are not those that were sent: "
-                f"repeat the upload"
-            )
+        return np.allclose(found, samples, rtol=0, atol=self.SAMPLE_TOLERANCE)
 
-    def _set(self, drive: Drive, mode: RunMode) -> None:
-        source = f"SOURce{self._channel}"
+    def _holds_marker(self, span: str, marker: NDArray[np.bool_]) -> bool:
+        found = self._link.read_block(f"WLISt:WAVeform:MARKer:DATA? {span}", np.empty(marker.shape, np.uint8))
+        return np.array_equal(found & self.MARKER_1 != 0, marker)
+
+    def _set(self, drive: Drive, mode: RunMode) -> Loaded:
+        """Send every setting, and compare what became of it, and the way that the signal takes to its output."""
+        source, path = f"SOURce{self._channel}", f"OUTPut{self._channel}:PATH?"
+        rate_tolerance = RATE_TOLERANCE * drive.sample_rate
+        settings = [
+            Setting(f"{source}:DAC:RESolution", str(self.MARKER_RESOLUTION_BITS), unit="bits", name="DAC resolution"),
+            self._marker_level("HIGH", self.MARKER_HIGH_V),
+            self._marker_level("LOW", self.MARKER_LOW_V),
+            Setting(f"{source}:MARKer1:DELay", "0", unit="s", name="marker delay"),
+            Setting(f"{source}:SKEW", "0", unit="s", name="skew"),
+            Setting(f"{source}:RMODe", mode),
+            Setting(f"{source}:VOLTage", f"{drive.amplitude_vpp:.4f}", AMPLITUDE_TOLERANCE_V, "Vpp", "amplitude"),
+            Setting("CLOCk:SRATe", f"{drive.sample_rate:.9E}", rate_tolerance, "S/s", "sample rate"),
+        ]
+        if mode is not RunMode.CONTINUOUS:
+            settings += [
+                Setting(f"{source}:TINPut", "ATRigger"),
+                Setting("TRIGger:LEVel", str(self.TRIGGER_LEVEL_V), TRIGGER_TOLERANCE_V, "V", target="ATRigger"),
+                Setting("TRIGger:SLOPe", "NEGative", target="ATRigger"),
+            ]
         with self._link.checked():
-            self._link.write(f"{source}:DAC:RESolution {self.MARKER_RESOLUTION_BITS}")
-            self._link.write(f"{source}:MARKer1:VOLTage:HIGH {self.MARKER_HIGH_V}")
-            self._link.write(f"{source}:MARKer1:VOLTage:LOW {self.MARKER_LOW_V}")
-            self._link.write(f"{source}:VOLTage {drive.amplitude_vpp:.4f}")
-            if mode is not RunMode.CONTINUOUS:
-                self._link.write(f"{source}:TINPut ATRigger")
-                self._link.write(f"TRIGger:LEVel {self.TRIGGER_LEVEL_V},ATRigger")
-                self._link.write("TRIGger:SLOPe NEGative,ATRigger")
-            self._link.write(f"{source}:RMODe {mode}")
+            for setting in settings:
+                self._link.write(setting.message)
             self._link.write(f'{source}:CASSet:WAVeform "{drive.name}"')
-            self._link.write(f"CLOCk:SRATe {drive.sample_rate:.9E}")
             self._finish()
-
-    def _read_back(self, drive: Drive) -> Loaded:
-        """Compare what the instrument may have rounded, and the way the signal takes to its output."""
-        source, path = f"SOURce{self._channel}", f"OUTPut{self._channel}:PATH"
-        if (found := self._link.query(f"{path}?")).upper() not in self.DIRECT:
+        *_, amplitude, rate = self._kept.confirm(settings)[:8]
+        (found, *_) = self._kept.keep(
+            [
+                path,
+                "CLOCk:SOURce?",
+                f"{source}:CASSet?",
+                f'WLISt:WAVeform:LENGth? "{drive.name}"',
+                f'WLISt:WAVeform:TSTamp? "{drive.name}"',
+            ]
+        )
+        if found.upper() not in self.DIRECT:
             raise InstrumentError(
-                f"{self._link.name}: {path} is {excerpt(found)}: amplitudes hold for the direct path only: set it to "
-                f"DIRect"
+                f"{self._link.name}: {path.rstrip('?')} is {excerpt(found)}: amplitudes hold for the direct path only: "
+                f"set it to DIRect"
             )
-        settled = []
-        for query, setting, asked, tolerance, unit in (
-            (f"{source}:DAC:RESolution?", "DAC resolution", self.MARKER_RESOLUTION_BITS, 0, "bits"),
-            (f"{source}:MARKer1:VOLTage:HIGH?", "marker high level", self.MARKER_HIGH_V, self.MARKER_TOLERANCE_V, "V"),
-            (f"{source}:MARKer1:VOLTage:LOW?", "marker low level", self.MARKER_LOW_V, self.MARKER_TOLERANCE_V, "V"),
-            (f"{source}:VOLTage?", "amplitude", drive.amplitude_vpp, self.AMPLITUDE_TOLERANCE_V, "Vpp"),
-            ("CLOCk:SRATe?", "sample rate", drive.sample_rate, self.RATE_TOLERANCE * drive.sample_rate, "S/s"),
-        ):
-            got = self._link.number(query)
-            settled.append(confirm(f"{self._link.name}: {setting}", asked, got, tolerance, unit=unit))
-        *_, amplitude, rate = settled
-        return Loaded(rate, amplitude)
+        return Loaded(float(rate), float(amplitude))
+
+    def _marker_level(self, which: str, level_v: float) -> Setting:
+        command = f"SOURce{self._channel}:MARKer1:VOLTage:{which}"
+        return Setting(command, str(level_v), MARKER_TOLERANCE_V, "V", f"marker {which.lower()} level")
+
+    def changes(self) -> tuple[Change, ...]:
+        """All settings that were sent, in one question, and a piece of the waveform, each time another one."""
+        if found := self._kept.changes():
+            return found
+        if self._loaded is None:
+            return ()
+        drive, length, marked_once = self._loaded
+        count = min(length, self.READ_BACK_SAMPLES)
+        first = self._compared % (length - count + 1)
+        self._compared += count
+        samples, marker = drive.excerpt(first, count, marked_once=marked_once)
+        span = f'"{drive.name}",{first},{count}'
+        if not (self._holds(span, samples) and self._holds_marker(span, marker)):
+            return (Change(f"waveform {span}", "the samples that were sent", "others"),)
+        return ()
 
     def play(self) -> None:
         """Run, then let it out: `AWGControl:RUN`, all-outputs-off released, output on."""
@@ -195,14 +242,17 @@ class Awg70002a(Awg):
             self._finish()
             self._link.write("OUTPut:OFF 0")
             self._link.write(f"OUTPut{self._channel}:STATe 1")
-        state = self._link.query("AWGControl:RSTate?")
+        state, *_ = self._kept.keep([RUN_STATE, *self._outputs])
         if state not in (self.WAITING, self.RUNNING):
             raise InstrumentError(
-                f"{self._link.name}: does not run (AWGControl:RSTate? answers {excerpt(state)}): load a drive first"
+                f"{self._link.name}: does not run ({RUN_STATE} answers {excerpt(state)}): load a drive first"
             )
+        if state == self.WAITING:
+            self._kept.forget([RUN_STATE])  # it runs from each trigger on for a while
 
     def stop(self) -> None:
         """All outputs off at once, then stop."""
+        self._kept.forget([RUN_STATE, *self._outputs])
         with self._link.checked():
             self._link.write("OUTPut:OFF 1")
             self._link.write(f"OUTPut{self._channel}:STATe 0")
@@ -219,6 +269,8 @@ class Awg70002a(Awg):
             "dac_bits": int(self._link.number(f"{source}:DAC:RESolution?")),
             "waveform": self._link.query(f"{source}:WAVeform?").strip('"'),
             "run_mode": self._link.query(f"{source}:RMODe?"),
+            "skew_s": self._link.number(f"{source}:SKEW?"),
+            "marker_delay_s": self._link.number(f"{source}:MARKer1:DELay?"),
             "output": int(self._link.number(f"OUTPut{self._channel}?")),
         }
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.driver import Driver
-from instruments.errors import InstrumentError, NoTrigger
+from instruments.errors import InstrumentError, LinkError, NoTrigger, excerpt
 from instruments.interfaces import Oscilloscope
-from instruments.readback import confirm
+from instruments.readback import Setting, SettingsKept, confirm
 from instruments.sections import ScopeSection, Timeout
 from instruments.values import (
+    Change,
     EdgeTrigger,
     Examination,
     Frames,
@@ -28,7 +29,7 @@ from instruments.values import (
     Timebase,
     Vertical,
 )
-from instruments.visa import NoAnswer, VisaLink, tektronix_event_queue
+from instruments.visa import NoAnswer, VisaLink, number_in, tektronix_event_queue
 
 
 class Dpo72504dxSection(ScopeSection):
@@ -49,14 +50,7 @@ DRIVER = Driver(
         )
     ),
     identity=re.compile(r"TEKTRONIX (DPO|DSA|MSO)7\d{4}", re.IGNORECASE),
-    sent_anew=(
-        "sample_rate",
-        "record_length",
-        "acquisition_mode",
-        "trigger_source",
-        "ch?_scale_v_per_div",
-        "ch?_offset_v",
-    ),
+    sent_anew=("*",),
 )
 
 SELF_TEST_S = 60.0
@@ -71,6 +65,32 @@ LEVEL_TOLERANCE_V = 0.02
 SCALE_TOLERANCE = 0.02
 OFFSET_TOLERANCE_DIV = 0.1
 CODES_PER_DIVISION = 25
+FULL_BANDWIDTH_HZ = 25e9
+LARGEST_OFFSET = 2.0
+"""Samples that the trigger may lie beside the sample grid: one, and what its position is uncertain by."""
+ELSEWHERE = "its settings were changed from elsewhere, leave it to this program"
+PREAMBLE = tuple(f"WFMOutpre:{field}?" for field in ("YMUlt", "YZEro", "YOFf", "XZEro"))
+REPORTED = {
+    "sample_rate": "HORizontal:MODE:SAMPLERate?",
+    "record_length": "HORizontal:MODE:RECOrdlength?",
+    "acquisition_mode": "ACQuire:MODe?",
+    "trigger_source": "TRIGger:A:EDGE:SOUrce?",
+    "trigger_coupling": "TRIGger:A:EDGE:COUPling?",
+    "trigger_holdoff": "TRIGger:A:HOLDoff:BY?",
+}
+"""What the manifest has of the instrument."""
+REPORTED_OF_CHANNEL = {
+    "scale_v_per_div": "SCAle?",
+    "offset_v": "OFFSet?",
+    "position_div": "POSition?",
+    "bandwidth_hz": "BANdwidth?",
+    "coupling": "COUPling?",
+    "inverted": "INVert?",
+    "deskew_s": "DESKew?",
+    "external_attenuation": "PROBEFunc:EXTAtten?",
+    "termination_ohm": "TERmination?",
+}
+"""What the manifest has of each of its inputs."""
 
 
 class Dpo72504dx(Oscilloscope):
@@ -87,7 +107,10 @@ class Dpo72504dx(Oscilloscope):
         """Drive the instrument behind `link`."""
         self._link = link
         self.channels = ()
-        self._samples = 0
+        self._kept = SettingsKept(link)
+        self._timebase = Timebase(1.0, 0)
+        self._verticals: dict[int, Vertical] = {}
+        self._scalings: dict[int, Scaling] = {}
         self._frames = 0
         self._dtype: np.dtype[np.int8] | np.dtype[np.int16] = np.dtype(np.int8)
 
@@ -111,44 +134,45 @@ class Dpo72504dx(Oscilloscope):
     def configure(self, timebase: Timebase, trigger: EdgeTrigger, channels: tuple[int, ...], averages: int) -> None:
         """Manual horizontal mode, edge trigger in normal mode, the channels, sample or average acquisition.
 
-        `DATa:STOP` is set with every record length: the instrument does not move it by itself.
+        Whatever else changes volts or time is set as well, as a former user may have left it otherwise: polarity,
+        coupling, bandwidth, deskew and attenuation of the channels, coupling and holdoff of the trigger. The front
+        panel is locked. `DATa:STOP` is set with every record length: the instrument does not move it by itself.
         """
         record_length = max(timebase.samples, self.SHORTEST_RECORD)
         self.SAMPLE_RATE.check("scope sample rate", timebase.sample_rate)
         self.AVERAGES.check("averages", averages)
+        settings = (
+            Setting("HEADer", "OFF"),
+            Setting("VERBose", "ON"),
+            Setting("FASTAcq:STATE", "OFF"),
+            Setting("HORizontal:FASTframe:STATE", "OFF"),
+            Setting("ACQuire:SAMPlingmode", "RT"),
+            Setting("ACQuire:STOPAfter", "SEQuence"),
+            *self._acquisition(averages),
+            *(Setting(f"SELect:CH{channel}", str(int(channel in channels))) for channel in self.INPUTS),
+            Setting("HORizontal:MODE", "MANual"),
+            Setting(
+                "HORizontal:MODE:SAMPLERate",
+                f"{timebase.sample_rate:.6E}",
+                RATE_TOLERANCE * timebase.sample_rate,
+                "S/s",
+            ),
+            Setting("HORizontal:MODE:RECOrdlength", str(record_length), unit="samples"),
+            *self._delay(timebase),
+            *(setting for channel in channels for setting in self._input(channel)),
+            *self._trigger(trigger),
+            Setting("DATa:STARt", "1"),
+            Setting("DATa:STOP", str(timebase.samples)),
+            Setting("DATa:ENCdg", "SRIbinary"),
+            Setting("WFMOutpre:BYT_Nr", "1" if averages == 1 else "2"),
+        )
+        self._kept.forget()
         with self._link.checked():
-            for setting in (
-                "ACQuire:STATE STOP",
-                "*CLS",
-                "HEADer OFF",
-                "VERBose ON",
-                "FASTAcq:STATE OFF",
-                "HORizontal:FASTframe:STATE OFF",
-                "ACQuire:SAMPlingmode RT",
-                "ACQuire:STOPAfter SEQuence",
-                *self._acquisition(averages),
-                "HORizontal:MODE MANual",
-                f"HORizontal:MODE:SAMPLERate {timebase.sample_rate:.6E}",
-                f"HORizontal:MODE:RECOrdlength {record_length}",
-                *self._delay(timebase.delay_s),
-                *(f"SELect:CH{channel} {int(channel in channels)}" for channel in self.INPUTS),
-                *self._trigger(trigger),
-                "DATa:STARt 1",
-                f"DATa:STOP {timebase.samples}",
-                "DATa:ENCdg SRIbinary",
-                f"WFMOutpre:BYT_Nr {1 if averages == 1 else 2}",
-            ):
-                self._link.write(setting)
-        self._confirm("HORizontal:MODE:SAMPLERate", timebase.sample_rate, RATE_TOLERANCE * timebase.sample_rate, "S/s")
-        self._confirm("HORizontal:MODE:RECOrdlength", record_length, 0, "samples")
-        if averages > 1:
-            self._confirm("ACQuire:NUMAVg", averages, 0)
-        if timebase.delay_s != 0:
-            self._confirm("HORizontal:MAIn:DELay:TIMe", timebase.delay_s, 1 / timebase.sample_rate, "s")
-        level = "TRIGger:AUXLevel" if trigger.source == "AUX" else f"TRIGger:A:LEVel:CH{trigger.source}"
-        self._confirm(level, trigger.level_v, LEVEL_TOLERANCE_V, "V")
+            for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL", *(setting.message for setting in settings)):
+                self._link.write(message)
+        self._kept.confirm(settings)
         self.channels = channels
-        self._samples = timebase.samples
+        self._timebase = timebase
         self._frames = 0
         self._dtype = np.dtype("<i1") if averages == 1 else np.dtype("<i2")
 
@@ -157,27 +181,23 @@ class Dpo72504dx(Oscilloscope):
 
         Four digits, because replies carry five: a range can then be set again from what its preamble said, exactly.
         """
-        self.vertical_scale.check(f"CH{channel} scale", vertical.scale_v_per_div)
-        with self._link.checked():
-            self._link.write(f"CH{channel}:SCAle {vertical.scale_v_per_div:.3E}")
-            self._link.write(f"CH{channel}:POSition 0")
-            self._link.write(f"CH{channel}:OFFSet {vertical.offset_v:.3E}")
         scale = vertical.scale_v_per_div
-        return Vertical(
-            self._confirm(f"CH{channel}:SCAle", scale, SCALE_TOLERANCE * scale, "V/div"),
-            self._confirm(f"CH{channel}:OFFSet", vertical.offset_v, OFFSET_TOLERANCE_DIV * scale, "V"),
+        self.vertical_scale.check(f"CH{channel} scale", scale)
+        settings = (
+            Setting(f"CH{channel}:SCAle", f"{scale:.3E}", SCALE_TOLERANCE * scale, "V/div"),
+            Setting(f"CH{channel}:POSition", "0"),
+            Setting(f"CH{channel}:OFFSet", f"{vertical.offset_v:.3E}", OFFSET_TOLERANCE_DIV * scale, "V"),
         )
+        with self._link.checked():
+            for setting in settings:
+                self._link.write(setting.message)
+        settled, _, offset = map(float, self._kept.confirm(settings))
+        self._verticals[channel] = Vertical(settled, offset)
+        return self._verticals[channel]
 
     def scalings(self) -> tuple[Scaling, ...]:
         """YMUlt, YZEro and YOFf of each channel: the preamble belongs to the waveform, not to the knobs."""
-        found = []
-        for channel in self.channels:
-            self._link.write(f"DATa:SOUrce CH{channel}")
-            multiplier, zero, offset = (
-                self._link.number(f"WFMOutpre:{field}?") for field in ("YMUlt", "YZEro", "YOFf")
-            )
-            found.append(Scaling(scale_v=multiplier, offset_v=zero - offset * multiplier))
-        return tuple(found)
+        return tuple(self._scalings[channel] for channel in self.channels)
 
     def vertical_for(self, scaling: Scaling) -> Vertical:
         """25 codes a division, two bytes a point 256 times finer."""
@@ -193,12 +213,10 @@ class Dpo72504dx(Oscilloscope):
         self._completed(TRIGGER_WAIT_S)
 
     def read(self) -> Frames:
-        """The sub-sample trigger time of every channel in one question, then one `CURVe?` per channel."""
-        question = ";:".join(f"DATa:SOUrce CH{channel};:WFMOutpre:XZEro?" for channel in self.channels)
-        offsets = np.array([self._link.numbers(question, len(self.channels))])
-        codes = np.empty((1, len(self.channels), self._samples), self._dtype)
-        for place, channel in enumerate(self.channels):
-            self._curve(channel, codes[0, place])
+        """One question a channel: preamble, sub-sample trigger time and the codes they belong to."""
+        codes = np.empty((1, len(self.channels), self._timebase.samples), self._dtype)
+        offsets = np.array([[self._curve(channel, codes[0, place]) for place, channel in enumerate(self.channels)]])
+        self._check_offsets(offsets)
         return Frames(codes, offsets, np.zeros(1), self._clipped(codes))
 
     def most_frames(self) -> int:
@@ -208,17 +226,18 @@ class Dpo72504dx(Oscilloscope):
     def arm_burst(self, frames: int) -> None:
         """FastFrame of `frames` frames, started; ready for triggers 400 ms later, as `TRIGger:A:READY?` confirms."""
         if frames != self._frames:
+            settings = (
+                Setting("HORizontal:FASTframe:STATE", "ON"),
+                Setting("HORizontal:FASTframe:COUNt", str(frames), unit="frames"),
+                Setting("HORizontal:FASTframe:SEQuence", "FIRst"),
+                Setting("HORizontal:FASTframe:SUMFrame", "NONe"),
+                Setting("DATa:FRAMESTARt", "1"),
+                Setting("DATa:FRAMESTOP", str(frames)),
+            )
             with self._link.checked():
-                for setting in (
-                    "HORizontal:FASTframe:STATE ON",
-                    f"HORizontal:FASTframe:COUNt {frames}",
-                    "HORizontal:FASTframe:SEQuence FIRst",
-                    "HORizontal:FASTframe:SUMFrame NONe",
-                    "DATa:FRAMESTARt 1",
-                    f"DATa:FRAMESTOP {frames}",
-                ):
-                    self._link.write(setting)
-            self._confirm("HORizontal:FASTframe:COUNt", frames, 0, "frames")
+                for setting in settings:
+                    self._link.write(setting.message)
+            self._kept.confirm(settings)
             self._frames = frames
         self._link.write("ACQuire:STATE RUN")
         deadline = time.monotonic() + TRIGGER_WAIT_S
@@ -234,33 +253,42 @@ class Dpo72504dx(Oscilloscope):
         self._completed(BURST_WAIT_S)
         offsets = []
         span = f"1,{self._frames}"
-        codes = np.empty((len(self.channels), self._frames, self._samples), self._dtype)
+        codes = np.empty((len(self.channels), self._frames, self._timebase.samples), self._dtype)
         for place, channel in enumerate(self.channels):
             self._curve(channel, codes[place])
-            offsets.append(self._of_each_frame(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}", _numbers))
+            found = self._of_each_frame(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}", _numbers)
+            self._check_offsets(found)
+            offsets.append(found)
         stamps = self._of_each_frame(f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}? {span}", _times)
         codes = codes.swapaxes(0, 1)
         return Frames(codes, np.stack(offsets, axis=1), stamps, self._clipped(codes))
 
     def settings(self) -> dict[str, str | float]:
-        """Timebase, acquisition, trigger and the vertical range of every channel that is on."""
-        report: dict[str, str | float] = {
-            "sample_rate": self._link.number("HORizontal:MODE:SAMPLERate?"),
-            "record_length": self._link.number("HORizontal:MODE:RECOrdlength?"),
-            "acquisition_mode": self._link.query("ACQuire:MODe?"),
-            "trigger_source": self._link.query("TRIGger:A:EDGE:SOUrce?"),
+        """Timebase, acquisition, trigger, and how every channel is set, as a former user may have left it."""
+        names = {question: name for name, question in REPORTED.items()}
+        for channel in self.INPUTS:
+            names |= {
+                f"CH{channel}:{question}": f"ch{channel}_{name}" for name, question in REPORTED_OF_CHANNEL.items()
+            }
+        answers = self._link.query(";:".join(names)).split(";")
+        if len(answers) != len(names):
+            raise InstrumentError(f"{self._link.name} at {self._link.resource}: does not say how it is set: repeat")
+        return {
+            name: answer if (number := number_in(answer)) is None else number
+            for name, answer in zip(names.values(), answers, strict=True)
         }
-        for channel in self.channels:
-            report[f"ch{channel}_scale_v_per_div"] = self._link.number(f"CH{channel}:SCAle?")
-            report[f"ch{channel}_offset_v"] = self._link.number(f"CH{channel}:OFFSet?")
-            report[f"ch{channel}_bandwidth_hz"] = self._link.number(f"CH{channel}:BANdwidth?")
-        return report
+
+    def changes(self) -> tuple[Change, ...]:
+        """All settings that were sent, in one question."""
+        return self._kept.changes()
 
     def make_safe(self) -> None:
-        """Stop acquiring; errors of what went before are not held against it."""
+        """Stop acquiring and unlock the front panel; errors of what went before are not held against it."""
+        self._kept.forget()
         self._link.errors()
         with self._link.checked():
             self._link.write("ACQuire:STATE STOP")
+            self._link.write("LOCk NONe")
 
     def close(self) -> None:
         """Close the link."""
@@ -293,14 +321,60 @@ class Dpo72504dx(Oscilloscope):
                 )
             time.sleep(POLL_S)
 
-    def _curve(self, channel: int, codes: NDArray[Any]) -> None:
-        """`CURVe?` of a channel into `codes`; where it refuses, it says nothing but puts the reason in its queue."""
+    def _curve(self, channel: int, codes: NDArray[Any]) -> float:
+        """`CURVe?` of a channel into `codes`, in one message with what they are; returns their trigger offset, s.
+
+        Where the instrument refuses, it says nothing but puts the reason in its queue.
+
+        Raises:
+            InstrumentError: the preamble is not that of this channel as it was set.
+        """
+        questions = (f"DATa:SOUrce CH{channel}", "DATa:SOUrce?", *PREAMBLE, "CURVe?")
         try:
-            self._link.read_block(f"DATa:SOUrce CH{channel};:CURVe?", codes)
-        except NoAnswer:
+            source, *preamble = self._link.read_described_block(questions, codes)
+        except LinkError:
             with self._link.checked():
                 pass
             raise
+        if source.upper() != f"CH{channel}":
+            raise InstrumentError(f"{self._link.name}: asked for CH{channel}, got {excerpt(source)}: {ELSEWHERE}")
+        numbers = [number for answer in preamble if (number := number_in(answer)) is not None]
+        if len(numbers) < len(PREAMBLE):
+            raise InstrumentError(f"{self._link.name}: CH{channel} is described by {preamble}, no numbers: {ELSEWHERE}")
+        multiplier, zero, offset, trigger_offset_s = numbers
+        self._scalings[channel] = found = Scaling(scale_v=multiplier, offset_v=zero - offset * multiplier)
+        self._check_scaling(channel, found)
+        return trigger_offset_s
+
+    def _check_scaling(self, channel: int, found: Scaling) -> None:
+        """Compare what a preamble says with the range that the channel was set to.
+
+        Raises:
+            InstrumentError: it belongs to another range.
+        """
+        if (wanted := self._verticals.get(channel)) is None:
+            return
+        name, scale = f"{self._link.name}: range of CH{channel} by its preamble", wanted.scale_v_per_div
+        described = self.vertical_for(found)
+        confirm(name, scale, described.scale_v_per_div, SCALE_TOLERANCE * scale, unit="V/div", remedy=ELSEWHERE)
+        confirm(
+            f"{name}, offset",
+            wanted.offset_v,
+            described.offset_v,
+            OFFSET_TOLERANCE_DIV * scale,
+            unit="V",
+            remedy=ELSEWHERE,
+        )
+
+    def _check_offsets(self, offsets_s: NDArray[np.float64]) -> None:
+        """Compare sub-sample trigger times with the sample interval.
+
+        Raises:
+            InstrumentError: one is longer than any can be.
+        """
+        interval = 1 / self._timebase.sample_rate
+        worst = float(np.abs(offsets_s).max())
+        confirm(f"{self._link.name}: trigger offset", 0.0, worst, LARGEST_OFFSET * interval, unit="s", remedy=ELSEWHERE)
 
     def _of_each_frame(self, query: str, read: Callable[[str], NDArray[np.float64]]) -> NDArray[np.float64]:
         """A list with a number for each frame of the burst, shape (frames,)."""
@@ -323,39 +397,41 @@ class Dpo72504dx(Oscilloscope):
         clipped: NDArray[np.bool_] = (low <= self.CLIP_LOW * step) | (high >= self.CLIP_HIGH * step)
         return clipped
 
-    def _delay(self, delay_s: float) -> tuple[str, ...]:
-        if delay_s == 0:
-            return ("HORizontal:MAIn:DELay:MODe OFF", "HORizontal:POSition 0")
+    def _delay(self, timebase: Timebase) -> tuple[Setting, ...]:
+        if timebase.delay_s == 0:
+            return (Setting("HORizontal:MAIn:DELay:MODe", "OFF"), Setting("HORizontal:POSition", "0"))
         return (
-            "HORizontal:MAIn:DELay:MODe ON",
-            "HORizontal:MAIn:DELay:POSition 0",
-            f"HORizontal:MAIn:DELay:TIMe {delay_s:.6E}",
+            Setting("HORizontal:MAIn:DELay:MODe", "ON"),
+            Setting("HORizontal:MAIn:DELay:POSition", "0"),
+            Setting("HORizontal:MAIn:DELay:TIMe", f"{timebase.delay_s:.6E}", 1 / timebase.sample_rate, "s"),
         )
 
-    def _acquisition(self, averages: int) -> tuple[str, ...]:
-        return ("ACQuire:MODe SAMple",) if averages == 1 else ("ACQuire:MODe AVErage", f"ACQuire:NUMAVg {averages}")
+    def _acquisition(self, averages: int) -> tuple[Setting, ...]:
+        if averages == 1:
+            return (Setting("ACQuire:MODe", "SAMple"),)
+        return (Setting("ACQuire:MODe", "AVErage"), Setting("ACQuire:NUMAVg", str(averages)))
 
-    def _trigger(self, trigger: EdgeTrigger) -> tuple[str, ...]:
-        slope = "RISe" if trigger.rising else "FALL"
-        common = ("TRIGger:A:TYPe EDGE", "TRIGger:A:MODe NORMal")
-        if trigger.source == "AUX":
-            return (
-                *common,
-                "TRIGger:A:EDGE:SOUrce AUXiliary",
-                f"TRIGger:A:EDGE:SLOpe:AUX {slope}",
-                f"TRIGger:AUXLevel {trigger.level_v:.4f}",
-            )
-        source = f"CH{trigger.source}"
+    def _input(self, channel: int) -> tuple[Setting, ...]:
         return (
-            *common,
-            f"TRIGger:A:EDGE:SOUrce {source}",
-            f"TRIGger:A:EDGE:SLOpe:{source} {slope}",
-            f"TRIGger:A:LEVel:{source} {trigger.level_v:.4f}",
+            Setting(f"CH{channel}:INVert", "OFF"),
+            Setting(f"CH{channel}:COUPling", "DC"),
+            Setting(f"CH{channel}:BANdwidth", f"{FULL_BANDWIDTH_HZ:.1E}", FULL_BANDWIDTH_HZ / 2, "Hz"),
+            Setting(f"CH{channel}:DESKew", "0"),
+            Setting(f"CH{channel}:PROBEFunc:EXTAtten", "1"),
         )
 
-    def _confirm(self, command: str, asked: float, tolerance: float, unit: str = "") -> float:
-        """Read a setting back; returns what the instrument settled on."""
-        return confirm(f"{self._link.name}: {command}", asked, self._link.number(f"{command}?"), tolerance, unit=unit)
+    def _trigger(self, trigger: EdgeTrigger) -> tuple[Setting, ...]:
+        source, suffix = ("AUXiliary", "AUX") if trigger.source == "AUX" else (f"CH{trigger.source}",) * 2
+        level = "TRIGger:AUXLevel" if trigger.source == "AUX" else f"TRIGger:A:LEVel:{source}"
+        return (
+            Setting("TRIGger:A:TYPe", "EDGE"),
+            Setting("TRIGger:A:MODe", "NORMal"),
+            Setting("TRIGger:A:HOLDoff:BY", "DEFAult"),
+            Setting("TRIGger:A:EDGE:COUPling", "DC"),
+            Setting("TRIGger:A:EDGE:SOUrce", source),
+            Setting(f"TRIGger:A:EDGE:SLOpe:{suffix}", "RISe" if trigger.rising else "FALL"),
+            Setting(level, f"{trigger.level_v:.4f}", LEVEL_TOLERANCE_V, "V"),
+        )
 
 
 _STAMP = re.compile(r"(\d{2} \w{3} \d{4} \d{2}:\d{2}:\d{2})\.(\d{3} \d{3} \d{3} \d{3})")

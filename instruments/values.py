@@ -74,6 +74,15 @@ class Examination:
 
 
 @dataclass(frozen=True)
+class Change:
+    """A setting that is not what it was set to: its name at the instrument, what it was and what it is."""
+
+    setting: str
+    then: str
+    now: str
+
+
+@dataclass(frozen=True)
 class Drive:
     """The phase sequence the AWG plays for ever: `samples` in -1..1, shape (n,), float32, one period."""
 

@@ -3,7 +3,7 @@
 import contextlib
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,6 +26,22 @@ LONGEST_ERROR = 300
 """Characters of an error that are kept: Tektronix quotes the whole command in it."""
 TEXT = re.compile(r'(?:[\t\r\n !#-~]++|"[^"]*+")++')
 """What a reply consists of: printable ASCII, and anything between quotation marks; it is never empty."""
+NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
+"""A number of a reply (IEEE 488.2, 8.7.2 to 8.7.4)."""
+NOT_A_NUMBER = 9.9e37
+"""Infinity where a number is expected, and 9.91E37 what is no number (SCPI-99, 7.2.1.4 and 7.2.1.5)."""
+
+
+def number_in(text: str) -> float | None:
+    """The number that a reply is; None for what is none, or no measured one.
+
+    Example:
+        >>> from instruments.visa import number_in
+        >>> number_in("+2.5E-3"), number_in("1_0"), number_in("9.91E37"), number_in("ON")
+        (0.0025, None, None, None)
+    """
+    number = float(text) if NUMBER.fullmatch(text) else math.inf
+    return number if abs(number) < NOT_A_NUMBER else None
 
 
 def scpi_error_queue(link: "VisaLink") -> list[str]:
@@ -128,10 +144,9 @@ class VisaLink:
             InstrumentError: the reply has another number of parts, or one of them is no number.
         """
         reply = self.query(command, timeout_s=timeout_s)
-        with contextlib.suppress(ValueError):
-            found = tuple(map(float, reply.split(";")))
-            if len(found) == count and all(map(math.isfinite, found)):
-                return found
+        found = tuple(number for part in reply.split(";") if (number := number_in(part)) is not None)
+        if len(found) == count == reply.count(";") + 1:
+            return found
         raise InstrumentError(
             f"{self.name} at {self.resource}: {command!r} was answered {excerpt(reply)}, not with "
             f"{'a number' if count == 1 else f'{count} numbers'}: check that the driver fits the instrument"
@@ -160,25 +175,39 @@ class VisaLink:
         """Send a query whose reply is one definite-length block; returns `block`, contiguous, with what came in it.
 
         Raises:
+            LinkError, InstrumentError: as `read_described_block`.
+        """
+        self.read_described_block((command,), block)
+        return block
+
+    def read_described_block(self, questions: Sequence[str], block: NDArray[Any]) -> tuple[str, ...]:
+        """Ask several questions in one message, the last of which is answered with a definite-length block.
+
+        It comes into the contiguous `block`; returns the answers before it, numbers or words.
+
+        Raises:
             LinkError: no reply in time, or none that is such a block.
             InstrumentError: it has another length.
         """
         room = block.reshape(-1).view(np.uint8).data
+        command, before = ";:".join(questions), len([one for one in questions[:-1] if one.endswith("?")])
 
-        def exchange(session: Session) -> int:
+        def exchange(session: Session) -> tuple[int, list[str]]:
             self._log(">", command)
-            found = session.ask_block(command, room)
-            self._transcript(self.name, "<", found.digest)
+            found = session.ask_block(command, room, before)
+            answers = found.head[:-2].decode(ENCODING)
+            self._transcript(self.name, "<", answers + found.digest)
             if self._tap is not None:
                 self._tap.heard("<", found[:4])
-            return len(found.data)
+            return len(found.data), answers.split(";")[:before]
 
-        if (length := self._converse(command, exchange)) != len(room):
+        length, answers = self._converse(command, exchange)
+        if length != len(room):
             raise InstrumentError(
-                f"{self.name} at {self.resource}: {command} gave {length} bytes, not {len(room)}: its settings were "
-                f"changed meanwhile; leave it to this program"
+                f"{self.name} at {self.resource}: {questions[-1]} gave {length} bytes, not {len(room)}: its settings "
+                f"were changed meanwhile; leave it to this program"
             )
-        return block
+        return tuple(answers)
 
     @contextlib.contextmanager
     def checked(self) -> Iterator[None]:

@@ -62,6 +62,7 @@ def _described(path: Path, run: Run) -> dict[str, Any]:
         "complete": run.complete,
         "shots": len(run.frames),
         "planned": run.shape.shots,
+        "suspect": run.suspect,
         "kinds": {str(kind): int(count) for kind, count in zip(kinds, counts, strict=True)},
         "ports": list(run.ports),
         "samples": run.shape.samples,

@@ -153,8 +153,7 @@ class _Measurement:
             Storage(writer, bench.observer) as storage,
         ):
             recorder = Recorder(bench, self._request.inputs, self._whole, writer, storage, control)
-            self._measure(recorder, storage, control)
-        writer.sync()
+            self._measure(recorder, control)
         seconds, bench_seconds = time.perf_counter() - clock[0], bench.now() - clock[1]
         outcome = Outcome(
             directory=writer.paths.directory,
@@ -174,11 +173,12 @@ class _Measurement:
             bench.observer.event("stopped", at_once=False, **counts, seconds=seconds)
         return outcome
 
-    def _measure(self, recorder: Recorder, storage: Storage, control: Control) -> None:
+    def _measure(self, recorder: Recorder, control: Control) -> None:
         """Store every missing record until there is none, or until stopped.
 
-        A lost link ends the light; once the bench is back, the records that are still missing are measured in the
-        vertical ranges that their passes have already. A pause is such a loss that somebody asked for. When a run goes
+        A lost link ends the light, and so does a setting that somebody else has changed; once the bench is back, the
+        records that are still missing or in doubt are measured in the vertical ranges that their passes have already.
+        A pause is such a loss that somebody asked for. When a run goes
         on, by itself or because it is resumed, a reference image that it has on disk is measured first and compared.
 
         Raises:
@@ -194,10 +194,9 @@ class _Measurement:
             try:
                 if not self._record(missing, recorder):
                     return
-                self._sync(storage)
             except InstrumentError as error:
                 try:
-                    self._sync(storage)
+                    recorder.doubt(str(error))
                 except RunError as failure:  # nothing more can be kept: no reason to light the bench again
                     error.add_note(str(failure))
                     raise error from None
@@ -216,11 +215,6 @@ class _Measurement:
             if known is not None:
                 self._compare(events, known)
             return recorder.record(events)
-
-    def _sync(self, storage: Storage) -> None:
-        """Return when everything that was measured so far is on disk."""
-        storage.wait()
-        self._writer.sync()
 
     def _darken(self) -> None:
         """A protocol that keeps hold of another one's generator may have left it, and the light, as they were."""

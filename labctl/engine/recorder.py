@@ -1,19 +1,29 @@
-"""Recording what a protocol yields: every record is checked, stored and reported before the next one is asked for."""
+"""Recording what a protocol yields: every record is checked, stored and reported before the next one is asked for.
 
+Between records the settings of the bench are compared with what they were set to. What was measured since they were
+found unchanged for the last time is in doubt until they are compared again.
+"""
+
+import math
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from instruments.bench import Bench
 from instruments.errors import InstrumentError
-from instruments.values import Codes, Scaling
+from instruments.values import Frames, Scaling
 from labctl.engine.control import Control
+from labctl.engine.likeness import Likeness, alike_by
 from labctl.engine.storage import Storage
 from labctl.engine.thumbnail import shown_images
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Events, Inputs, Part, PassStarted, Record
+
+COST = 0.02
+"""Part of the time that comparing settings may take, but for the ends of a stretch of light."""
 
 
 class Recorder:
@@ -54,19 +64,28 @@ class Recorder:
         self._began = bench.now() - time_s
         first = next((part.pass_.index for part in whole if writer.missing(part.pass_.index).size), 0)
         self._epochs = epoch + 1 - first
+        self._compared_s, self._comparing_s = -math.inf, 0.0  # when that was done last, and how long it took
+        self._unsure_from: tuple[int, int] | None = None  # pass and first shot of what was measured since
+        self._ends: frozenset[int] = frozenset()  # shots of the pass behind which nothing is missing
+        self._alike = alike_by(inputs)
+        self._likeness = Likeness((), self._alike)
+        self._unexamined: list[Record] = []
         self._scalings: tuple[Scaling, ...] = ()
         self._lowest = self._highest = np.empty(0)
-        self._previous: Codes | None = None
 
     def darkened(self) -> None:
-        """Light was off: what follows is another epoch."""
+        """Light was off: what follows is another epoch, and what was in doubt is measured again."""
         self._epochs += 1
+        self._writer.discard_suspect()
+        self.done = sum(self._writer.done)
+        self._begun_with = self.done - self._single - self._storage.kept
 
     def record(self, events: Events) -> bool:
         """Record all that comes; True if that ended early because the operator wants it.
 
         Raises:
-            InstrumentError: an instrument failed, or gave the same trace twice.
+            SettingChanged: somebody else changed a setting.
+            InstrumentError: an instrument failed, or records are not those of their shots.
             RunError: the disk is full or refuses.
         """
         held = False
@@ -80,8 +99,23 @@ class Recorder:
             if held := asked and self._control.holds:
                 break
         self._storage.wait()
+        if held:
+            self._compare()
+        self._writer.sync()
         self.report()
         return held
+
+    def doubt(self, reason: str) -> None:
+        """What was measured since the settings were compared may be wrong for a reason; it is on disk from now on.
+
+        Raises:
+            RunError: the disk is full or refuses.
+        """
+        self._storage.wait()
+        if self._unsure_from is None:
+            self._writer.sync()
+        else:
+            self._writer.doubt(reason, *self._unsure_from)
 
     def report(self) -> None:
         """Tell the observer of records that have become done."""
@@ -104,7 +138,11 @@ class Recorder:
         else:
             self._bench.dmd.blank()  # the picture that was probed may be the one to be measured: it is to be shown anew
         self._storage.wait()
-        self._scalings, self._previous = scalings, None
+        self._compare()  # finding the ranges takes long
+        self._scalings = scalings
+        self._likeness, self._unexamined = Likeness(self._whole[index].shots, self._alike), []
+        missing = self._writer.missing(index)
+        self._ends = frozenset(missing[np.append(np.diff(missing) > 1, True)].tolist())
         self._lowest, self._highest = self._bench.limits.detector_codes(scalings)
 
     def _take(self, record: Record) -> None:
@@ -112,35 +150,69 @@ class Recorder:
         now_s = self._bench.now() - self._began
         times = record.frames.time_s
         frames = replace(record.frames, time_s=now_s + times - times[-1])
-        self._refuse_stale(record.first, frames.codes)
         if (frames.codes.min(axis=(0, 2)) < self._lowest).any() or (
             frames.codes.max(axis=(0, 2)) > self._highest
         ).any():
             self._bench.limits.check_traces(tuple(record.pass_.patching), frames.codes, self._scalings)
         where = record.pass_.index, record.first
         epoch = self._epochs + record.pass_.index  # light that was off and on again is another one, as is another pass
+        if self._unsure_from is None:
+            self._unsure_from = where
+        self._unexamined.append(record)
+        sure = self._compare if record.first + len(frames.codes) - 1 in self._ends else self._compare_if_cheap
         if len(frames.codes) == 1:
             with self._observer.step("storage"):
-                self._writer.append(*where, frames, epoch)
+                self._writer.append(*where, frames, epoch, sure=sure)
             self._single += 1
         else:
-            self._storage.keep(*where, frames, epoch)
-        self._previous, self._last = frames.codes[-1], record
+            self._keep(where, frames, epoch, sure)
+        self._last = record
         clipped = int(np.count_nonzero(frames.clipped.any(axis=1)))
         if clipped and not self.clipped:
             self._observer.warning("records touch the end of the vertical range: their peaks are cut off")
         self.clipped += clipped
 
-    def _refuse_stale(self, shot: int, codes: Codes) -> None:
-        """Noise makes two traces differ: equal ones mean that the oscilloscope gave the same acquisition again."""
-        first = self._previous is not None and np.array_equal(self._previous, codes[0])
-        repeated: NDArray[np.intp] = np.flatnonzero((codes[1:] == codes[:-1]).all(axis=(1, 2)))
-        if first or repeated.size:
-            shot += 0 if first else int(repeated[0]) + 1
-            raise InstrumentError(
-                f"scope: shot {shot} and the one before gave byte-identical traces: it did not acquire anew; "
-                f"check its trigger"
-            )
+    def _keep(self, where: tuple[int, int], frames: Frames, epoch: int, sure: Callable[[], bool]) -> None:
+        """Store a burst, whether or not the settings were changed meanwhile."""
+        unchanged = False
+        try:
+            unchanged = sure()
+        finally:
+            self._storage.keep(*where, frames, epoch, sure=unchanged)
+
+    def _compare_if_cheap(self) -> bool:
+        """`_compare`, unless that would take too much of the time; whether nothing is known to be wrong."""
+        if time.monotonic() >= self._compared_s + self._comparing_s / COST:
+            return self._compare()
+        self._examine()
+        return False
+
+    def _compare(self) -> bool:
+        """Compare the settings with what they were set to, and the records with one another; nothing is wrong.
+
+        Raises:
+            SettingChanged: a setting is another one.
+            InstrumentError: records are not those of their shots.
+        """
+        began = time.monotonic()
+        self._bench.require_unchanged()
+        self._compared_s = time.monotonic()
+        self._comparing_s = self._compared_s - began
+        self._examine()
+        self._unsure_from = None
+        return True
+
+    def _examine(self) -> None:
+        records, self._unexamined = self._unexamined, []
+        if not records:
+            return
+        codes = (
+            np.concatenate([record.frames.codes for record in records]) if len(records) > 1 else records[0].frames.codes
+        )
+        finding = self._likeness.examine(records[0].first, codes)
+        if finding is not None:
+            self._unsure_from = records[0].pass_.index, min(finding.first, records[0].first)
+            raise InstrumentError(finding.text)
 
     def _last_shot(self) -> dict[str, Any]:
         """What is known of the shot that was measured last, with the image that the DMD shows."""

@@ -1,13 +1,14 @@
-"""Going on after a lost link: every instrument is reached again and the bench is safe before anything is measured anew.
+"""Going on after a mishap: every instrument is reached again and the bench is safe before anything is measured anew.
 
 The light stays off meanwhile: only a protocol switches it on, by `Bench.emitting`.
 """
 
 import logging
 import time
+from typing import NamedTuple
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError, LinkError
+from instruments.errors import InstrumentError, LinkError, SettingChanged
 from instruments.safe_state import UnsafeBench
 
 ATTEMPTS = 3
@@ -15,11 +16,26 @@ ATTEMPTS = 3
 PAUSE_S = 1.0
 """What a network or an instrument gets to come back before each attempt."""
 
+
+class Mishap(NamedTuple):
+    """What a run can go on after: its error, its word in messages, and its events in the run's log."""
+
+    error: type[InstrumentError]
+    what: str
+    event: str
+    mended: str
+
+
+MISHAPS = (
+    Mishap(LinkError, "lost link", "link lost", "link recovered"),
+    Mishap(SettingChanged, "setting changed from elsewhere", "setting changed", "settings mended"),
+)
+
 _logger = logging.getLogger(__name__)
 
 
 class Recovery:
-    """Brings a bench back after a lost link, and reports to its observer every attempt and its outcome.
+    """Brings a bench back after a mishap, and reports to its observer every attempt and its outcome.
 
     Attributes:
         count: how often that was needed.
@@ -36,18 +52,19 @@ class Recovery:
         """Return when the bench is reached again and in the safe state; `records` have been stored so far.
 
         Raises:
-            InstrumentError: `error` itself, if it was no lost link, came too often without a new record, or the bench
-                does not come back; a note to it then says how the bench is left.
+            InstrumentError: `error` itself, if it is none of `MISHAPS`, came too often without a new record, or the
+                bench does not come back; a note to it then says how the bench is left.
         """
-        if not isinstance(error, LinkError):
+        mishap = next((mishap for mishap in MISHAPS if isinstance(error, mishap.error)), None)
+        if mishap is None:
             raise error
         if records > self._records:
             self._attempts, self._records = 0, records
         while self._attempts < ATTEMPTS:
             self._attempts += 1
             self._tell(
-                "link lost",
-                f"lost link after {records} records, attempt {self._attempts} of {ATTEMPTS} to go on: {error}",
+                mishap.event,
+                f"{mishap.what} after {records} records, attempt {self._attempts} of {ATTEMPTS} to go on: {error}",
             )
             time.sleep(PAUSE_S)
             try:
@@ -56,7 +73,7 @@ class Recovery:
                 error.__notes__ = [str(failure)]  # what was noted when the link broke is no longer how things stand
             else:
                 self._tell(
-                    "link recovered",
+                    mishap.mended,
                     "all instruments answer and the bench is in the safe state: measuring what is missing",
                 )
                 self.count += 1

@@ -26,10 +26,10 @@ class Storage:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="storage")
         self._stored: Future[int] | None = None
 
-    def keep(self, pass_index: int, first: int, frames: Frames, epoch: int) -> None:
-        """Wait until the last burst is stored and begin with this one."""
+    def keep(self, pass_index: int, first: int, frames: Frames, epoch: int, *, sure: bool) -> None:
+        """Wait until the last burst is stored and begin with this one, suspect unless somebody is `sure` of it."""
         self.wait()
-        self._stored = self._thread.submit(self._store, pass_index, first, frames, epoch)
+        self._stored = self._thread.submit(self._store, pass_index, first, frames, epoch, sure)
 
     def wait(self) -> None:
         """Return when the burst that is being stored, if there is one, is on disk.
@@ -53,7 +53,7 @@ class Storage:
         finally:
             self._thread.shutdown()
 
-    def _store(self, pass_index: int, first: int, frames: Frames, epoch: int) -> int:
+    def _store(self, pass_index: int, first: int, frames: Frames, epoch: int, sure: bool) -> int:
         with self._observer.step(STORAGE_BESIDE):
-            self._writer.append(pass_index, first, frames, epoch)
+            self._writer.append(pass_index, first, frames, epoch, sure=lambda: sure)
         return len(frames.codes)

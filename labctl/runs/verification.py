@@ -50,7 +50,8 @@ class RunReport:
     Attributes:
         path: the run directory.
         complete: every planned shot is there and intact.
-        shots: how many shots are intact on all passes.
+        shots: how many shots are intact on all passes, and not in doubt.
+        suspect: how many are intact, but in doubt.
         planned: how many were planned.
         passes: how many intact shots each pass has.
         shards: how many shards are intact.
@@ -63,6 +64,7 @@ class RunReport:
     path: str
     complete: bool = False
     shots: int = 0
+    suspect: int = 0
     planned: int = 0
     passes: tuple[int, ...] = ()
     shards: int = 0
@@ -122,13 +124,14 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
     elif rebuild:
         write_data_file(intact, manifest, drive)
     state, differences = _data_file(paths, manifest, drive, named, intact)
-    if state == "stale" or (state == "missing" and intact.completed):
+    if state == "stale" or (state == "missing" and intact.complete.size):
         notes.append(f"data.h5 is {state}: `labctl verify --rebuild` makes it from the shards")
-    shots = len(intact.complete)
+    notes += [f"{count} records are suspect: {reason}" for reason, count in intact.suspect.items()]
     return RunReport(
         path=str(path),
-        complete=shots == manifest.shape.shots,
-        shots=shots,
+        complete=intact.completed == manifest.shape.shots,
+        shots=intact.completed,
+        suspect=len(intact.complete) - intact.completed,
         planned=manifest.shape.shots,
         passes=intact.done,
         shards=len(intact.entries),
@@ -154,6 +157,7 @@ def _traces(shards: Shards, *, torn: bool) -> list[str]:
     notes = ["the last line of journal.jsonl is torn: a crash; `labctl resume` mends it"] if torn else []
     notes += [f"{found.name}: half-written, of no use" for found in sorted(folder.glob("*.tmp"))]
     notes += [f"{found.name}: set aside as damaged by a resume" for found in sorted(folder.glob("*.damaged"))]
+    notes += [f"{found.name}: set aside as suspect, measured again" for found in sorted(folder.glob("*.suspect"))]
     known = {shards.paths.shard(number) for number in shards.entries}
     unknown = sorted(set(folder.glob("*.h5")) - known)
     return notes + [f"{found.name}: not in the journal; `labctl resume` takes it in" for found in unknown]

@@ -70,8 +70,10 @@ class Stubborn:
                 if words and words[0] == "WLISt:WAVeform:DATA?":
                     block = self._samples[: 4 * int(words[1].split(",")[-1])]
                     client.sendall(b"#4%04d%b\n" % (len(block), block))
-                elif words and words[0].endswith("?"):
-                    client.sendall(self._answer(words[0].removesuffix("?")).encode() + b"\n")
+                elif words and "?" in words[0]:
+                    questions = " ".join(words).split(";:")
+                    answers = [self._answer(question.partition("?")[0]) for question in questions]
+                    client.sendall(";".join(answers).encode() + b"\n")
                 elif len(words) == 2:
                     self.settings[words[0]] = words[1]
 
@@ -207,9 +209,7 @@ def test_the_longest_waveform_needs_no_memory_beside_it(opened: Opened) -> None:
 
 
 def test_a_reply_that_is_no_number(opened: Opened) -> None:
-    with pytest.raises(
-        InstrumentError, match=r"awg at .*'CLOCk:SRATe\?' was answered 'FAST', not with a number: check"
-    ):
+    with pytest.raises(InstrumentError, match=r"awg: sample rate: asked for 2.5\d*E\+10, got 'FAST': choose"):
         opened("awg", **LIMITS, CLOCk_SRATe="FAST").load(drive())
 
 

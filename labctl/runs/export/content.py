@@ -62,6 +62,7 @@ class Content:
                 "manifest": json.dumps(run.manifest),
                 "complete": int(run.complete),
                 "shots_planned": run.shape.shots,
+                "suspect_left_out": run.suspect,
             },
             progress,
         )

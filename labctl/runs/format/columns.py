@@ -30,6 +30,7 @@ class Column:
         unit: of its values, empty for none.
         axes: what each of its dimensions counts: shot, port, sample, pass or drive_sample.
         planned: whether the plan fixes it; otherwise it is known when the shot has been measured.
+        journalled: whether the journal says it, and not the shard: it may become known later.
         since: the first version of the format that has it.
         absent: its value where a file of an earlier version, or a plan, does not give it.
     """
@@ -40,6 +41,7 @@ class Column:
     unit: str = ""
     axes: tuple[str, ...] = ("shot",)
     planned: bool = True
+    journalled: bool = False
     since: str = FIRST_VERSION
     absent: float = -1
 
@@ -63,6 +65,15 @@ SHOTS = (
         since="1.1",
     ),
     Column("next_label", "<i8", "class of what a scene's image changes to, -1 for other shots", since="1.1"),
+    Column(
+        "suspect",
+        "|i1",
+        "1 where a setting was, or may have been, changed from elsewhere while the shot was measured",
+        planned=False,
+        journalled=True,
+        since="1.3",
+        absent=0,
+    ),
 )
 """The columns of `/shots`."""
 ARRAYS = (
@@ -104,7 +115,7 @@ ARRAYS = (
 )
 """The data sets of data.h5 other than `/shots`."""
 PLANNED = tuple(column for column in SHOTS if column.planned)
-MEASURED = tuple(column for column in SHOTS if not column.planned)
+MEASURED = tuple(column for column in SHOTS if not (column.planned or column.journalled))
 OF_A_SHOT = tuple(column for column in ARRAYS if column.axes[0] == "shot" and not column.planned)
 """The arrays that are measured with each shot."""
 

@@ -7,7 +7,8 @@ A line is a JSON object such as
 `count` shots from `first` on were measured in `pass`; `shots` of them are thereby complete on all passes (0 before the
 last pass). `crc` is always the last key: the CRC-32 (as in zip), 8 hex digits, of the line without it, that is of
 `{"shard": ..., "sha256": "9f..."}`. A line with `discarded` takes back the shots of a shard that was found damaged: its
-`shots` is negative or 0, so that the sum over all lines remains the number of complete shots.
+`shots` is negative or 0, so that the sum over all lines remains the number of complete shots. A line with `suspect`
+says why the shots of the shard may be wrong: they complete nothing. Of several lines of a shard the last one counts.
 """
 
 import json
@@ -29,7 +30,7 @@ _LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}')
 
 @dataclass(frozen=True)
 class Entry:
-    """One line: see the module's description. `discarded` is the reason for taking the shard back, or empty."""
+    """One line: see the module's description. `discarded` and `suspect` are reasons, empty where there is none."""
 
     shard: int
     pass_index: int
@@ -39,6 +40,7 @@ class Entry:
     count: int
     sha256: str
     discarded: str = ""
+    suspect: str = ""
 
     def encode(self) -> bytes:
         """The line, with its checksum and newline."""
@@ -53,6 +55,8 @@ class Entry:
         }
         if self.discarded:
             values["discarded"] = self.discarded
+        if self.suspect:
+            values["suspect"] = self.suspect
         body = json.dumps(values).encode()
         return body[:-1] + f', "crc": "{zlib.crc32(body):08x}"}}\n'.encode()
 
@@ -80,6 +84,7 @@ class Entry:
                 count=int(values["count"]),
                 sha256=str(values["sha256"]),
                 discarded=str(values.get("discarded", "")),
+                suspect=str(values.get("suspect", "")),
             )
         except (KeyError, TypeError, OverflowError, RecursionError) as error:
             raise ValueError(f"lacks {error}") from error

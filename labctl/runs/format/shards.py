@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,8 +51,9 @@ class Shards:
         self.entries: dict[int, Entry] = {}
         self._held: dict[int, tuple[int, Shard]] = {}
         self._owner = np.full((len(shape.passes), shape.shots), -1, np.int64)
+        self._sound = np.zeros(self._owner.shape, np.bool_)
         self._done = np.zeros(len(shape.passes), np.int64)
-        self.completed = 0  # how many shots all passes have
+        self.completed = 0  # how many shots all passes have, and none of them in doubt
         for entry in entries:
             self.add(entry)
 
@@ -68,16 +70,21 @@ class Shards:
             and 0 <= entry.shard < MOST_SHARDS
         ):
             raise RunError(f"{self.paths.journal}: the line of shard {entry.shard} is not of this run; restore a copy")
-        window = self._owner[:, entry.first : last]
-        before = np.count_nonzero(window >= 0, axis=1), np.count_nonzero((window >= 0).all(axis=0))
+        window, sound = self._owner[:, entry.first : last], self._sound[:, entry.first : last]
+        before = np.count_nonzero(sound, axis=1), np.count_nonzero(sound.all(axis=0))
+        of_pass = window[entry.pass_index]
         if entry.discarded:
             self.entries.pop(entry.shard, None)
-            window[entry.pass_index][window[entry.pass_index] == entry.shard] = -1
         else:
+            if entry.shard not in self.entries:
+                of_pass[:] = entry.shard
             self.entries[entry.shard] = entry
-            window[entry.pass_index] = entry.shard
-        change = int(np.count_nonzero((window >= 0).all(axis=0)) - before[1])
-        self._done += np.count_nonzero(window >= 0, axis=1) - before[0]
+        own = of_pass == entry.shard
+        sound[entry.pass_index][own] = not (entry.discarded or entry.suspect)
+        if entry.discarded:
+            of_pass[own] = -1
+        change = int(np.count_nonzero(sound.all(axis=0)) - before[1])
+        self._done += np.count_nonzero(sound, axis=1) - before[0]
         self.completed += change
         return change
 
@@ -87,39 +94,60 @@ class Shards:
 
     @property
     def taken(self) -> NDArray[np.bool_]:
-        """Which shots each pass has, shape (passes, shots)."""
+        """Which shots each pass has, in doubt or not, shape (passes, shots)."""
         return self._owner >= 0
 
-    def entry(self, number: int, pass_index: int, first: int, count: int, image: bytes | memoryview) -> Entry:
+    def entry(
+        self, number: int, pass_index: int, first: int, count: int, image: bytes | memoryview, suspect: str = ""
+    ) -> Entry:
         """The line of the journal for a shard with the bytes `image`: `count` shots of a pass from `first` on."""
-        others = np.delete(self._owner[:, first : first + count] >= 0, pass_index, axis=0)
-        completed = int(np.count_nonzero(others.all(axis=0)))
+        others = np.delete(self._sound[:, first : first + count], pass_index, axis=0)
+        completed = 0 if suspect else int(np.count_nonzero(others.all(axis=0)))
         digest = hashlib.sha256(image).hexdigest()
-        return Entry(number, pass_index, len(self.shape.passes), first, completed, count, digest)
+        return Entry(number, pass_index, len(self.shape.passes), first, completed, count, digest, suspect=suspect)
+
+    def entered_again(self, entry: Entry, suspect: str) -> Entry:
+        """The line by which the shots of a shard become suspect for a reason, or no longer are; it is taken in."""
+        line = replace(entry, suspect=suspect, shots=0)
+        return replace(line, shots=self.add(line))
 
     @property
     def done(self) -> tuple[int, ...]:
-        """How many shots each pass has."""
+        """How many shots each pass has that are not in doubt."""
         return tuple(int(count) for count in self._done)
 
     @property
     def complete(self) -> NDArray[np.int64]:
-        """Indices of the shots that all passes have, ascending."""
+        """Indices of the shots that all passes have, in doubt or not, ascending: the rows of data.h5."""
         return np.flatnonzero((self._owner >= 0).all(axis=0)).astype(np.int64)
 
     @property
+    def sound(self) -> NDArray[np.int64]:
+        """Indices of the shots that all passes have and that are in doubt on none, ascending: what readers give."""
+        return np.flatnonzero(self._sound.all(axis=0)).astype(np.int64)
+
+    @property
+    def suspect(self) -> dict[str, int]:
+        """Why shots are in doubt, and how many for each reason."""
+        reasons: dict[str, int] = {}
+        for entry in self.entries.values():
+            if entry.suspect:
+                reasons[entry.suspect] = reasons.get(entry.suspect, 0) + entry.count
+        return reasons
+
+    @property
     def planned(self) -> NDArray[Any]:
-        """`/shots` of the complete shots as the plan has them; epoch, time and flags are still zero."""
-        planned: NDArray[Any] = self._plan[self.complete]
+        """`/shots` of the `sound` shots as the plan has them; epoch, time and flags are still zero."""
+        planned: NDArray[Any] = self._plan[self.sound]
         return planned
 
     def missing(self, pass_index: int) -> NDArray[np.int64]:
-        """Indices of the shots that a pass lacks, ascending."""
-        return np.flatnonzero(self._owner[pass_index] < 0).astype(np.int64)
+        """Indices of the shots that a pass lacks or that are in doubt on it, ascending."""
+        return np.flatnonzero(~self._sound[pass_index]).astype(np.int64)
 
     def stored(self, pass_index: int) -> NDArray[np.int64]:
-        """Indices of the shots that a pass has, ascending."""
-        return np.flatnonzero(self._owner[pass_index] >= 0).astype(np.int64)
+        """Indices of the shots that a pass has and that are in doubt on none, ascending."""
+        return np.flatnonzero(self._sound[pass_index]).astype(np.int64)
 
     def codes(self, pass_index: int, shot: int) -> NDArray[Any]:
         """Codes of a shot that a pass has, shape (ports of the pass, samples).
@@ -145,7 +173,10 @@ class Shards:
     @property
     def evidence(self) -> str:
         """A digest that names exactly this set of shards: data.h5 carries that of the shards it was made from."""
-        lines = [f"{number} {entry.sha256}\n" for number, entry in sorted(self.entries.items())]
+        lines = [
+            f"{number} {entry.sha256}{' suspect' if entry.suspect else ''}\n"
+            for number, entry in sorted(self.entries.items())
+        ]
         return hashlib.sha256("".join(lines).encode()).hexdigest()
 
     @property
@@ -232,6 +263,7 @@ class Shards:
             for measured in MEASURED:
                 shots[measured.name][here] = shard.rows[measured.name][there]
             shots["flags"][here] = flags
+        shots["suspect"] = ~self._sound[:, indices].all(axis=0)
         return block | ({"shots": shots} if "shots" in names else {})
 
     def _parts(self, indices: NDArray[np.int64]) -> Iterator[tuple[int, Rows, Rows, Shard]]:

@@ -43,6 +43,7 @@ class DataFile:
     Attributes:
         manifest: what manifest.json holds.
         frames: `/frames`, read when it is indexed.
+        suspect: how many shots are left out because they are in doubt.
     """
 
     def __init__(self, path: Path) -> None:
@@ -64,7 +65,13 @@ class DataFile:
                 # Without a cache of chunks HDF5 reads codes straight into the array that is returned.
                 cache_bytes = 0 if found.compression is None else None
                 self._file = stack.enter_context(h5py.File(path, "r", rdcc_nbytes=cache_bytes))
-                self.frames = StoredFrames(path, self._file["frames"])
+                marked = "suspect" in self._described.attrs
+                self.suspect = int(attribute(self._described, "suspect")) if marked else 0
+                self._rows: slice | NDArray[np.intp] = slice(None)
+                self.frames: StoredFrames | SoundFrames = StoredFrames(path, self._file["frames"])
+                if self.suspect:
+                    self._rows = np.flatnonzero(self._file["shots"]["suspect"] == 0)
+                    self.frames = SoundFrames(self.frames, self._rows)
             except (*HDF5_ERRORS, AttributeError) as error:
                 raise damaged(path, error) from error
             self._open = stack.pop_all()
@@ -82,15 +89,12 @@ class DataFile:
             raise damaged(self._path, error) from error
 
     def column(self, name: str) -> NDArray[Any]:
-        """A whole data set other than the frames.
+        """A data set with a value for each shot, other than the frames.
 
         Raises:
             RunError: it is damaged.
         """
-        try:
-            return np.asarray(self._file[name][:])
-        except HDF5_ERRORS as error:
-            raise damaged(self._path, error) from error
+        return self._whole(name)[self._rows]
 
     def planned(self) -> NDArray[Any]:
         """The table `/shots`."""
@@ -98,11 +102,17 @@ class DataFile:
 
     def scales(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Scale and offset per port."""
-        return self.column("scale"), self.column("offset")
+        return self._whole("scale"), self._whole("offset")
 
     def close(self) -> None:
         """Let go of the file."""
         self._open.close()
+
+    def _whole(self, name: str) -> NDArray[Any]:
+        try:
+            return np.asarray(self._file[name][:])
+        except HDF5_ERRORS as error:
+            raise damaged(self._path, error) from error
 
 
 class StoredFrames:
@@ -120,6 +130,26 @@ class StoredFrames:
             return self._stored[key]
         except OSError as error:
             raise damaged(self._path, error) from error
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+
+class SoundFrames:
+    """The rows of `/frames` that are not in doubt."""
+
+    def __init__(self, stored: StoredFrames, rows: NDArray[np.intp]) -> None:
+        """The ascending `rows` of what is `stored`."""
+        self._stored = stored
+        self._rows = rows
+        self.shape: tuple[int, ...] = (len(rows), *stored.shape[1:])
+        self.dtype = stored.dtype
+
+    def __getitem__(self, key: Any) -> Any:
+        chosen, *rest = key if isinstance(key, tuple) else (key,)
+        if chosen is Ellipsis:
+            return self._stored[(self._rows, Ellipsis, *rest)]
+        return self._stored[(self._rows[chosen], *rest)]
 
     def __len__(self) -> int:
         return self.shape[0]

@@ -1,6 +1,7 @@
 """Reading a run, be it finished, running or cut short by a crash."""
 
 import hashlib
+import logging
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +21,8 @@ from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shards import Shards
 from labctl.runs.read.data_file import DataFile, damaged, evidence_in
 from labctl.runs.read.shard_files import ShardFiles
+
+_logger = logging.getLogger(__name__)
 
 
 class Frames(Protocol):
@@ -51,6 +54,10 @@ class Source(Protocol):
     def frames(self) -> Frames:
         """The codes."""
 
+    @property
+    def suspect(self) -> int:
+        """How many shots are left out because they are in doubt."""
+
     def column(self, name: str) -> NDArray[Any]:
         """A whole column of `/shots` length: trigger_offset_s, clipped, epoch, measured_at_s or shots."""
 
@@ -67,7 +74,9 @@ class Source(Protocol):
 class Run:
     """The shots of a run that are complete on all passes, and what was requested.
 
-    A context manager; `close` it otherwise. Everything is read on demand, `frames` only as far as indexed.
+    Shots that are in doubt, because a setting was changed from elsewhere while they were measured, are left out:
+    `suspect` says how many. A context manager; `close` it otherwise. Everything is read on demand, `frames` only as
+    far as indexed.
 
     Attributes:
         path: the run directory, or the data file that was opened by itself.
@@ -94,6 +103,11 @@ class Run:
     def frames(self) -> Frames:
         """Digitiser codes, (shots, ports, samples), lazily: index it to read."""
         return self.source.frames
+
+    @property
+    def suspect(self) -> int:
+        """How many shots are left out because they are in doubt."""
+        return self.source.suspect
 
     @property
     def complete(self) -> bool:
@@ -232,7 +246,13 @@ def open_run(path: Path | str) -> Run:
         ...     run.complete, run.ports, run.frames.shape, run.frames.dtype
         (True, (2, 3, 4, 5, 6), (220, 5, 50), dtype('int8'))
     """
-    path = Path(path)
+    run = _opened(Path(path))
+    if run.suspect:
+        _logger.warning("%s: %s shots are suspect and left out: `labctl resume` measures them again", path, run.suspect)
+    return run
+
+
+def _opened(path: Path) -> Run:
     if path.is_file():
         return _of_data_file(path, path, None)
     paths = RunPaths(path)

@@ -17,12 +17,14 @@ class ShardFiles:
     Attributes:
         drive: what the AWG played, None if nothing.
         frames: `/frames`, read from the shards that an index needs.
+        suspect: how many shots are left out because they are in doubt.
     """
 
     def __init__(self, shards: Shards, drive: Drive | None) -> None:
-        """Of the shots that are complete on all passes of `shards`."""
+        """Of the sound shots of `shards`."""
         self.drive = drive
         self.frames = ShardFrames(shards)
+        self.suspect = len(shards.complete) - len(self.frames)
         self._shards = shards
         self._columns: Block | None = None
 
@@ -33,7 +35,7 @@ class ShardFiles:
             RunError: a shard is missing or damaged.
         """
         if self._columns is None:
-            self._columns = self._shards.block(self._shards.complete, [one for one in NAMES if one != "frames"])
+            self._columns = self._shards.block(self._shards.sound, [one for one in NAMES if one != "frames"])
         return self._columns[name]
 
     def planned(self) -> NDArray[Any]:
@@ -49,23 +51,23 @@ class ShardFiles:
 
 
 class ShardFrames:
-    """`/frames` as it would be in data.h5."""
+    """`/frames` as it would be in data.h5, without what is in doubt."""
 
     def __init__(self, shards: Shards) -> None:
-        """Of the shots that are complete on all passes of `shards`."""
+        """Of the sound shots of `shards`."""
         self._shards = shards
-        self._complete = shards.complete
-        self.shape = (len(self._complete), len(shards.shape.ports), shards.shape.samples)
+        self._sound = shards.sound
+        self.shape = (len(self._sound), len(shards.shape.ports), shards.shape.samples)
         self.dtype = shards.shape.dtype
 
     def __len__(self) -> int:
-        return len(self._complete)
+        return len(self._sound)
 
     def __getitem__(self, key: Any) -> NDArray[Any]:
         chosen, *rest = key if isinstance(key, tuple) else (key,)
         if chosen is Ellipsis:
             chosen, rest = slice(None), [Ellipsis, *rest]
-        indices = self._complete[chosen]
+        indices = self._sound[chosen]
         if np.ndim(indices) == 0:
             return np.asarray(self._read(np.atleast_1d(indices), tuple(rest))[0])
         return self._read(indices, tuple(rest))

@@ -54,7 +54,8 @@ def write_data_file(shards: Shards, manifest: Manifest, drive: Drive | None, *, 
                 set_text(file, "format_version", FORMAT_VERSION)
                 set_text(file, "manifest", json.dumps(dict(manifest.values)))
                 set_text(file, "evidence", shards.evidence)
-                file.attrs["complete"] = count == shards.shape.shots
+                file.attrs["complete"] = shards.completed == shards.shape.shots
+                file.attrs["suspect"] = np.int64(count - shards.completed)
                 file.attrs["shots_planned"] = np.int64(shards.shape.shots)
                 for start, block in shards.blocks():
                     for name, values in block.items():

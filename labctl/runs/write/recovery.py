@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labctl.errors import RunError
 from labctl.runs.format.durable import not_written, sync_folder
-from labctl.runs.format.journal import JournalFile
+from labctl.runs.format.journal import Entry, JournalFile
 from labctl.runs.format.shard import Shard
 from labctl.runs.format.shards import Shards
 
@@ -15,8 +15,9 @@ def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]
     """Make disk and journal agree; returns what was found, a line each, and the number of the next shard.
 
     A shard that the journal names but that is missing or damaged is set aside as `.damaged` and discarded in the
-    journal: its shots are to be measured again. A whole shard that the journal does not name, because the process died
-    between renaming it and writing the line, is taken in. Half-written files go.
+    journal: its shots are to be measured again. So is one that is in doubt, as `.suspect`. A whole shard that the
+    journal does not name, because the process died between renaming it and writing the line, is taken in. Half-written
+    files go.
 
     Raises:
         RunError: the disk is full or refuses.
@@ -24,7 +25,11 @@ def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]
     folder = shards.paths.shards
     for renamed_in in (shards.paths.directory, folder):
         _keep_names(renamed_in)
-    found = [*_discard_damaged(shards, journal), *_adopt_unnamed(shards, journal)]
+    found = [
+        *_discard_damaged(shards, journal),
+        *discard_suspect(shards, journal),
+        *_adopt_unnamed(shards, journal),
+    ]
     for half_written in [*folder.glob("*.tmp"), *shards.paths.directory.glob("*.tmp")]:
         half_written.unlink()
         found.append(f"{half_written.name}: half-written, removed")
@@ -39,23 +44,41 @@ def _keep_names(folder: Path) -> None:
         raise not_written(folder, error) from error
 
 
+def discard_suspect(shards: Shards, journal: JournalFile) -> list[str]:
+    """Set aside what is in doubt, so that it is measured again; returns what was found, a line each.
+
+    Raises:
+        RunError: the disk is full or refuses.
+    """
+    found = []
+    for entry in [entry for entry in shards.entries.values() if entry.suspect]:
+        _set_aside(shards, journal, entry, "suspect", entry.suspect)
+        found.append(f"{entry.count} shots are suspect ({entry.suspect}): they will be measured again")
+    return found
+
+
 def _discard_damaged(shards: Shards, journal: JournalFile) -> list[str]:
     found = []
     for number, entry in sorted(shards.entries.items()):
         try:
             shards.image(number)
         except RunError as error:
-            path = shards.paths.shard(number)
-            try:
-                if path.exists():
-                    path.replace(path.with_suffix(".h5.damaged"))
-                    sync_folder(path.parent)
-            except OSError as failure:
-                raise not_written(path, failure) from failure
-            line = replace(entry, discarded=str(error), shots=0)
-            journal.append(replace(line, shots=shards.add(line)))
+            _set_aside(shards, journal, entry, "damaged", str(error))
             found.append(f"{error}; its {entry.count} shots will be measured again")
     return found
+
+
+def _set_aside(shards: Shards, journal: JournalFile, entry: Entry, state: str, reason: str) -> None:
+    """Take a shard back in the journal, and rename its file if there is one: what was measured is not thrown away."""
+    path = shards.paths.shard(entry.shard)
+    try:
+        if path.exists():
+            path.replace(path.with_suffix(f".h5.{state}"))
+            sync_folder(path.parent)
+    except OSError as failure:
+        raise not_written(path, failure) from failure
+    line = replace(entry, discarded=reason, suspect="", shots=0)
+    journal.append(replace(line, shots=shards.add(line)))
 
 
 def _adopt_unnamed(shards: Shards, journal: JournalFile) -> list[str]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from instruments.values import Drive, Frames
 from labctl.errors import RunError, noted_on
 from labctl.runs.format.durable import replace_file, sync_folder
-from labctl.runs.format.journal import JournalFile, read_journal
+from labctl.runs.format.journal import Entry, JournalFile, read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plan import read_plan
@@ -23,7 +23,7 @@ from labctl.runs.read.data_file import evidence_in
 from labctl.runs.write.data_file import write_data_file
 from labctl.runs.write.durability import Durability
 from labctl.runs.write.preparation import prepare
-from labctl.runs.write.recovery import recover
+from labctl.runs.write.recovery import discard_suspect, recover
 from labctl.runs.write.room import Room, require, shots_a_shard
 
 Warn = Callable[[str], object]
@@ -41,6 +41,15 @@ class Timer(Protocol):
 
 
 TimerFactory = Callable[[float, Callable[[], None]], Timer]
+
+
+NOT_COMPARED = "not compared with the settings afterwards"
+"""Why shots are suspect that were closed before anybody was sure of them."""
+
+
+def _certain() -> bool:
+    """Nothing else can change the settings."""
+    return True
 
 
 def _nobody(_line: str) -> None:
@@ -95,6 +104,7 @@ class RunWriter:
         self._open_epochs: list[int] = []
         self._open_pass = self._open_first = 0
         self._taken = shards.taken
+        self._unsure: list[Entry] = []  # suspect only because nobody was sure yet
         self._failure: RunError | None = None
         self._closed = False
         self._scales = {
@@ -259,11 +269,15 @@ class RunWriter:
                 "set the oscilloscope to the locked range"
             )
 
-    def append(self, pass_index: int, first: int, frames: Frames, epoch: int = 0) -> None:
+    def append(
+        self, pass_index: int, first: int, frames: Frames, epoch: int = 0, *, sure: Callable[[], bool] = _certain
+    ) -> None:
         """Take the shots of a pass from `first` on, `time_s` since the run began; the arrays are not copied.
 
         A single shot is on disk after at most the configured shots or seconds. Several that come together are on disk
-        when this returns.
+        when this returns. Before a shard is closed here, `sure` is asked whether the settings are still those that all
+        its shots are to be measured with. Where it is not, or where a shard was closed because it got old, the shots
+        are entered as suspect until somebody is sure. What `sure` raises is passed on, and nothing is closed.
 
         Raises:
             RunError: the disk is full or refuses; from then on the writer takes nothing more.
@@ -276,8 +290,8 @@ class RunWriter:
             self._raise_failure()
             follows = (pass_index, first) == (self._open_pass, self._open_first + len(self._open))
             full = bool(self._open) and (len(self._open) + 1) * frames.codes.nbytes > self._durability.shard_bytes
-            if together or not follows or full:
-                self._close_shard()
+            if (together or not follows or full) and self._open:
+                self._close_shard(sure())
             taken = self._taken[pass_index]
             if taken[first:last].any():
                 raise ValueError(f"shots {first}..{last - 1} of pass {pass_index} are in the run already")
@@ -287,20 +301,50 @@ class RunWriter:
             self._open.append(frames)
             self._open_epochs.append(epoch)
             if together or len(self._open) >= self._durability.shots or taken[last : last + 1].all():
-                self._close_shard()  # what comes next is there already, or the plan ends here
-            elif self._timer is None:
+                self._close_shard(sure())  # what comes next is there already, or the plan ends here
+                return
+            if self._unsure and sure():
+                self._trust()
+            if self._timer is None:
                 self._timer = self._new_timer(self._durability.seconds, self._close_aged)
                 self._timer.start()
 
     def sync(self) -> None:
-        """Close the open shard: every shot appended so far is then on disk.
+        """Close the open shard: every shot appended so far is then on disk, and none of them suspect any more.
 
         Raises:
             RunError: the disk is full or refuses.
         """
         with self._guard:
             self._raise_failure()
-            self._close_shard()
+            self._close_shard(sure=True)
+
+    def doubt(self, reason: str, pass_index: int, first: int) -> None:
+        """Close the open shard; whatever the pass has from shot `first` on is suspect.
+
+        Raises:
+            RunError: the disk is full or refuses.
+        """
+        with self._guard:
+            self._raise_failure()
+            self._close_shard(sure=False, reason=reason)
+            self._unsure.clear()
+            for entry in [*self._shards.entries.values()]:
+                concerned = entry.pass_index == pass_index and entry.first + entry.count > first
+                if concerned and entry.suspect in ("", NOT_COMPARED):
+                    self._journal.append(self._shards.entered_again(entry, reason))
+
+    def discard_suspect(self) -> tuple[str, ...]:
+        """Set aside what is suspect: it is missing from then on, so that it is measured again; a line for each shard.
+
+        Raises:
+            RunError: the disk is full or refuses.
+        """
+        with self._guard:
+            self._raise_failure()
+            lines = discard_suspect(self._shards, self._journal)
+            self._taken = self._shards.taken
+            return tuple(lines)
 
     def finish(self, *, compression: str | None = None) -> bool:
         """Close the last shard, make data.h5 of the complete shots, let go of the run; True if no shot is missing.
@@ -334,6 +378,10 @@ class RunWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with noted_on(error):
+            if error is not None and not self._closed:
+                with self._guard:
+                    self._close_shard(sure=False)
+                    self._unsure.clear()
             self.finish()
 
     def _has_data_file(self) -> bool:
@@ -371,36 +419,47 @@ class RunWriter:
             self._timer = None
             if not self._closed and self._failure is None:
                 try:
-                    self._close_shard()
+                    self._close_shard(sure=False)
                 except RunError as error:
                     self._failure = error  # this thread has no caller: the next call on the writer raises it
 
-    def _close_shard(self) -> None:
+    def _close_shard(self, sure: bool, reason: str = NOT_COMPARED) -> None:
+        """Write what is open, suspect for a `reason` unless somebody is sure, also of what was not sure before."""
         self._stop_timer()
-        if not self._open:
-            return
-        epochs = np.repeat(self._open_epochs, [len(frames.codes) for frames in self._open])
-        most = max(1, self._durability.shard_bytes // self._open[0].codes[0].nbytes)
-        try:
-            for start in range(0, epochs.size, most):  # more than one round for a large burst alone
-                parts = self._open if epochs.size <= most else [self._open[0].part(start, start + most)]
-                self._store(self._open_first + start, parts, epochs[start : start + most])
-        except RunError as error:
-            self._failure = error
-            raise
-        finally:
-            self._open.clear()
-            self._open_epochs.clear()
+        if self._open:
+            suspect = "" if sure else reason
+            epochs = np.repeat(self._open_epochs, [len(frames.codes) for frames in self._open])
+            most = max(1, self._durability.shard_bytes // self._open[0].codes[0].nbytes)
+            try:
+                for start in range(0, epochs.size, most):  # more than one round for a large burst alone
+                    parts = self._open if epochs.size <= most else [self._open[0].part(start, start + most)]
+                    self._store(self._open_first + start, parts, epochs[start : start + most], suspect)
+            except RunError as error:
+                self._failure = error
+                raise
+            finally:
+                self._open.clear()
+                self._open_epochs.clear()
+        if sure:
+            self._trust()
 
-    def _store(self, first: int, parts: list[Frames], epochs: NDArray[np.int64]) -> None:
+    def _trust(self) -> None:
+        """Enter again, as not suspect, what was closed before anybody was sure."""
+        while self._unsure:
+            self._journal.append(self._shards.entered_again(self._unsure[0], ""))
+            del self._unsure[0]
+
+    def _store(self, first: int, parts: list[Frames], epochs: NDArray[np.int64], suspect: str) -> None:
         """Write a shard of the open pass, fsync it, rename it, and enter it in the journal."""
         pass_index, path = self._open_pass, self._shards.paths.shard(self._next_shard)
         image = encode(self._shape, pass_index, first, parts, epochs, *self._scales[pass_index])
         self._room.before(path, len(image), self._shards)
         replace_file(path, image)
-        entry = self._shards.entry(self._next_shard, pass_index, first, epochs.size, image)
+        entry = self._shards.entry(self._next_shard, pass_index, first, epochs.size, image, suspect)
         self._journal.append(entry)
         self._shards.add(entry)
+        if suspect:
+            self._unsure.append(entry)
         self._next_shard += 1
 
     def _stop_timer(self) -> None:

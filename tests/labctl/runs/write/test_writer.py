@@ -18,7 +18,7 @@ from labctl.runs.format.columns import ShotFlag
 from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.write.durability import Durability
-from labctl.runs.write.writer import RunWriter, wall_timer
+from labctl.runs.write.writer import NOT_COMPARED, RunWriter, wall_timer
 
 Begin = Callable[..., RunWriter]
 Measure = Callable[[RunShape, int, int], Frames]
@@ -161,9 +161,11 @@ def test_old_shots_reach_the_disk_though_no_new_one_comes(
         assert writer.done == (0, 0)
         assert [timer.seconds for timer in timers if timer.running] == [3600]  # one, begun by the oldest shot
         timers[0].fire()
-        assert writer.done == (2, 0)
+        assert [line.get("suspect") for line in journal(tmp_path / "run")] == [NOT_COMPARED]
         writer.append(0, 2, measure(small, 0, 2), 1)
         assert len(timers) == 2
+        assert writer.done == (2, 0)
+        assert [(line["shard"], line["shots"]) for line in journal(tmp_path / "run")] == [(0, 0), (0, 0)]
 
 
 def test_a_disk_that_fails_while_nobody_waits_is_reported_by_the_next_call(
@@ -279,9 +281,9 @@ def test_an_interrupted_run_keeps_what_is_complete(
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     with open_run(tmp_path / "run" / "data.h5") as data:
-        assert (len(data.frames), data.complete) == (5, False)
+        assert (len(data.frames), data.suspect, data.complete) == (3, 2, False)
     with open_run(tmp_path / "run") as run:
-        assert (len(run.frames), run.complete, run.done) == (5, False, (7, 5))
+        assert (len(run.frames), run.suspect, run.complete, run.done) == (3, 2, False, (7, 3))
     with RunWriter.resume(tmp_path / "run") as writer:
         measure_missing(writer)
     with open_run(tmp_path / "run") as run:

@@ -1,0 +1,209 @@
+"""Are records those of their shots? Told from the records of a pass alone, where no setting of an instrument shows it.
+
+A channel of noisy codes never repeats itself; two records of one picture differ by noise, two of different pictures by
+much more, and a dark record is flat. How much is noise, two dark records tell: whatever was shown, it was the same both
+times. Where noise hides the pictures nothing is said.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.values import Codes
+from protocols.base import Images, Inputs, Shot, ShotKind
+
+UNLIKELY = 1e-9
+"""How improbable it must be that a channel repeats itself by chance."""
+CONTRAST = 6.0
+"""Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
+SURE = 4.0
+"""Standard deviations by which two records of one picture may differ more than noise has it."""
+FEWEST_VALUES = 80
+"""Of a record, below which noise is not known well enough to tell two pictures apart shot by shot."""
+OTHER = 0.4
+"""Part of what different pictures differ by, beyond which two records are not of one picture."""
+FLAT = 3.0
+"""Times that a record with light varies more from sample to sample than a dark one."""
+NEARLY = 0.25
+"""Part of the lit pixels by which two images must differ for their records to be told apart for sure."""
+LEAST_NOISE = 0.5
+"""Codes that quantisation alone makes two records differ by."""
+MOST_VALUES = 256
+"""Of each channel and record, which are looked at: enough to tell pictures apart, however long the record."""
+REMEMBERED = 256
+"""Differences between pictures that what is usual is taken from."""
+LIT = (ShotKind.IMAGE, ShotKind.REFERENCE)
+LATE = "bench: {}: pictures or records come late; switch oscilloscope and DMD off and on"
+NOT_SHOWN = "dmd: shot {}: its record {}, within noise: its picture was not shown; switch the DMD off and on"
+
+Alike = Callable[[Shot, Shot], bool]
+"""Whether two shots show nearly the same."""
+
+
+class Finding(NamedTuple):
+    """What is wrong, and from which shot on it may have been."""
+
+    first: int
+    text: str
+
+
+class Likeness:
+    """Holds the records of a pass, as they come, against one another."""
+
+    def __init__(self, shots: Sequence[Shot], alike: Alike) -> None:
+        """Of a pass that measures `shots`."""
+        self._shots = shots
+        self._alike = alike
+        self._dark = np.array([shot.kind is ShotKind.DARK for shot in shots], np.bool_)
+        self._lit = np.array([shot.kind in LIT for shot in shots], np.bool_)
+        self._picture = np.array([shot.dataset_index for shot in shots], np.int64)
+        references = [shot.dataset_index for shot in shots if shot.kind is ShotKind.REFERENCE]
+        self._repeated = self._lit & np.isin(self._picture, references[:1])
+        self._last: tuple[int, Codes] | None = None
+        self._frozen = np.empty(0, np.int64)  # records in a row that each channel repeated itself
+        self._equal, self._compared = 1.0, 2.0  # samples that repeated themselves, of how many
+        self._reference_record: tuple[int, NDArray[np.float32]] | None = None
+        self._dark_record: NDArray[np.float32] | None = None
+        self._noise = self._most_noise = math.nan  # of the difference of two dark records, as they say, and at most
+        self._noise_of_light = 0.0  # variance that a code of light adds to that of the difference of two records
+        self._usual = np.empty(0)  # by how much records of different pictures differ
+        self._unjudged = np.empty((0, 3))  # shots, by how much they differ from the one before, and mean codes of both
+
+    def examine(self, first: int, codes: Codes) -> Finding | None:
+        """Take the records of the shots from `first` on, shape (shots, channels, samples); what is wrong with them."""
+        follows = self._last is not None and self._last[0] == first - 1
+        if self._last is not None and follows:
+            codes = np.concatenate([self._last[1][np.newaxis], codes])
+        begin = first - int(follows)
+        self._last = begin + len(codes) - 1, codes[-1]
+        part = codes[:, :, :: max(1, codes.shape[2] // MOST_VALUES)]
+        return self._repetition(begin, part) or self._pictures(begin, part.astype(np.float32), new=first - begin)
+
+    def _repetition(self, begin: int, codes: Codes) -> Finding | None:
+        """A channel that gives the same codes again and again, more often than noise would."""
+        equal = codes[1:] == codes[:-1]
+        whole = equal.all(axis=2)
+        fresh = equal[~whole] if whole.any() else equal
+        self._equal += float(np.count_nonzero(fresh))
+        self._compared += fresh.size
+        if self._frozen.size != codes.shape[1] or not whole.any():
+            self._frozen = np.zeros(codes.shape[1], np.int64)
+        likely = codes.shape[2] * math.log(self._equal / self._compared)
+        for place in np.flatnonzero(whole.any(axis=1)) if whole.any() else ():
+            self._frozen = np.where(whole[place], self._frozen + 1, 0)
+            stuck = np.flatnonzero(self._frozen * likely < math.log(UNLIKELY))
+            if stuck.size:
+                shot = begin + int(place) + 1
+                since = shot - int(self._frozen[stuck[0]])
+                which = "all channels" if stuck.size == codes.shape[1] else f"channel {stuck[0] + 1} of the pass"
+                return Finding(
+                    since + 1,
+                    f"scope: {which} gave byte-identical traces at shots {since} to {shot}: it did not acquire anew; "
+                    f"check its trigger",
+                )
+        return None
+
+    def _pictures(self, begin: int, values: NDArray[np.float32], *, new: int) -> Finding | None:
+        """Records that come late, or whose picture was not shown; the first `new` of them was taken before."""
+        end = begin + len(values)
+        lit, dark = self._lit[begin:end], self._dark[begin:end]
+        for place in np.flatnonzero(dark[:-1] & lit[1:]):
+            flat, other = (float(values[one].std(axis=1).mean()) for one in (place, place + 1))
+            if flat > FLAT * other > 0:
+                return Finding(
+                    self._sound_until(begin), LATE.format(f"dark shot {begin + place} is lit and the next is not")
+                )
+        differences = _rms(np.diff(values, axis=0))
+        pictures = np.where(dark, -1, self._picture[begin:end])
+        other = (lit | dark)[1:] & (lit | dark)[:-1] & (pictures[1:] != pictures[:-1])
+        self._usual = np.append(self._usual, differences[other & lit[1:] & lit[:-1]])[-REMEMBERED:]
+        shots, levels = begin + 1 + np.flatnonzero(other), values.mean(axis=(1, 2))
+        judge = np.column_stack([shots, differences[other], ((levels[1:] + levels[:-1]) / 2)[other]])
+        self._unjudged = np.append(self._unjudged, judge, axis=0)
+        for place in new + np.flatnonzero((dark | self._repeated[begin:end])[new:]):
+            if dark[place]:
+                self._learn_noise(values[place])
+            elif (finding := self._of_reference(begin + int(place), values[place])) is not None:
+                return finding
+        return self._not_shown(begin, values)
+
+    def _learn_noise(self, dark: NDArray[np.float32]) -> None:
+        """Two dark records differ by noise; each varies by it from sample to sample, if it is dark."""
+        varies = math.sqrt(2) * float(dark.std(axis=1).mean())
+        pair = varies if self._dark_record is None else float(_rms(dark - self._dark_record))
+        self._noise, self._most_noise = max(min(pair, varies), LEAST_NOISE), max(pair, varies, LEAST_NOISE)
+        self._dark_record = dark
+
+    def _of_reference(self, shot: int, values: NDArray[np.float32]) -> Finding | None:
+        """A record of the reference picture that is of another one."""
+        known, self._reference_record = self._reference_record, (shot, values)
+        if known is None or self._dark_record is None or not self._tells_apart(self._noise):
+            return None
+        difference = float(_rms(values - known[1]))
+        if difference > OTHER * float(np.median(self._usual)):
+            what = (
+                f"shots {known[0]} and {shot} have one picture and differ by {difference:.1f} codes rms, as others do"
+            )
+            return Finding(known[0], LATE.format(what))
+        if (light := float(values.mean() - self._dark_record.mean())) > 0:
+            self._noise_of_light = max(0.0, difference**2 - self._noise**2) / light
+        return None
+
+    def _not_shown(self, begin: int, values: NDArray[np.float32]) -> Finding | None:
+        """A record that is of the picture before its own, or of none."""
+        if self._dark_record is None or not self._usual.size:
+            return None
+        unjudged, self._unjudged = self._unjudged, np.empty((0, 3))
+        if values[0].size < FEWEST_VALUES or not self._tells_apart(self._most_noise):
+            return None
+        allowed = 1 + SURE / math.sqrt(values[0].size)
+        shots, differences, levels = unjudged.T
+        light = np.maximum(levels - self._dark_record.mean(), 0)
+        noise = np.sqrt(self._most_noise**2 + self._noise_of_light * light)
+        for shot in shots[differences <= allowed * noise].astype(int):
+            if not self._alike(self._shots[shot - 1], self._shots[shot]):
+                return Finding(int(shot), NOT_SHOWN.format(shot, "is that of the shot before"))
+        lit = np.flatnonzero(self._lit[begin : begin + len(values)])
+        for shot in begin + lit[_rms(values[lit] - self._dark_record) <= allowed * self._most_noise]:
+            if not self._alike(replace(self._shots[shot], kind=ShotKind.DARK), self._shots[shot]):
+                return Finding(int(shot), NOT_SHOWN.format(shot, "is dark"))
+        return None
+
+    def _tells_apart(self, noise: float) -> bool:
+        """Whether records of different pictures differ by more than noise; False as long as that is not known."""
+        return self._usual.size > 2 and float(np.median(self._usual)) >= CONTRAST * noise
+
+    def _sound_until(self, shot: int) -> int:
+        """The last record of the reference before a shot: what came after it may be wrong if that shot is."""
+        return shot if self._reference_record is None else min(self._reference_record[0], shot)
+
+
+def alike_by(inputs: Inputs) -> Alike:
+    """Whether two shots show nearly the same: by their images, where there are any; otherwise all may be alike."""
+    if not isinstance(inputs, Images):
+        return lambda _one, _other: True
+    places = {int(index): place for place, index in enumerate(inputs.indices)}
+
+    def pixels(shot: Shot) -> NDArray[np.bool_] | None:
+        if shot.kind is ShotKind.DARK:
+            return np.zeros(inputs.images.shape[1:], np.bool_)
+        return inputs.images[places[shot.dataset_index]] if shot.kind in LIT and shot.dataset_index in places else None
+
+    def alike(one: Shot, other: Shot) -> bool:
+        shown = pixels(one), pixels(other)
+        if shown[0] is None or shown[1] is None:
+            return True
+        different, lit = np.count_nonzero(shown[0] ^ shown[1]), max(map(np.count_nonzero, (shown[0], shown[1])))
+        return bool(different <= NEARLY * lit)
+
+    return alike
+
+
+def _rms(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Over the channels and samples of each record."""
+    count = values.shape[-1] * values.shape[-2]
+    return np.asarray(np.sqrt(np.einsum("...ij,...ij->...", values, values) / count), np.float64)
