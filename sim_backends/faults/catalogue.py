@@ -4,9 +4,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
-from sim_backends.faults import distortions
+from sim_backends.faults import distortions, lies
 from sim_backends.faults.distortions import Distortion, instead, intact, lost_after, lost_before, silent
 from sim_backends.scpi.status import QUEUE_LENGTH, ScpiError
+from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
+from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
 from sim_backends.virtual.instrument import VirtualInstrument
 
 DEVICE_ERROR, ILLEGAL_PARAMETER = -300, -224
@@ -19,6 +21,8 @@ class Arrival(Enum):
     CUT = auto()
     """It never reaches the instrument, since the link ends inside its block."""
 
+    FEIGNED = auto()
+    """It never reaches the instrument, which answers as if it had."""
     HEARD = auto()
     """It is executed."""
     IGNORED = auto()
@@ -46,7 +50,7 @@ class Fault:
     told: for people. arrives: what becomes of the message it strikes. reply: what becomes of its reply. answers: what
     becomes from then on of the replies to some queries, by their headers. happens: in the instrument or the world, when
     the message comes. lasting: the reply to every later message as well, and what happens, before each reply. refuses:
-    there are no new connections.
+    there are no new connections. deaf_to: the commands of this header that it does not hear in the message it strikes.
     """
 
     told: str
@@ -56,6 +60,7 @@ class Fault:
     happens: Callable[[VirtualInstrument], None] | None = None
     lasting: bool = False
     refuses: bool = False
+    deaf_to: str = ""
 
 
 def _queue(*codes: int) -> Callable[[VirtualInstrument], None]:
@@ -193,6 +198,54 @@ DMD: dict[str, Fault] = {
     "USB blinks": Fault("1012 once", reply=instead(DEVICE_REMOVED)),
 }
 
+IDENTITY: dict[str, Fault] = {
+    "another maker": Fault("`*IDN?` names another maker", answers={"*IDN?": instead(b"ACME,4711,SN1,1.0")}),
+    "another instrument": Fault(
+        "`*IDN?` names a multimeter", answers={"*IDN?": instead(b"KEITHLEY INSTRUMENTS INC.,MODEL 2000,1,A1")}
+    ),
+    "the generator": Fault(
+        "`*IDN?` names the bench's generator", answers={"*IDN?": instead(VirtualAwg70002a.IDENTITY.encode())}
+    ),
+    "the oscilloscope": Fault(
+        "`*IDN?` names the bench's oscilloscope", answers={"*IDN?": instead(VirtualDpo72504dx.IDENTITY.encode())}
+    ),
+}
+"""What may befall the first question to every instrument that is asked who it is."""
+
+TRACE_LIES: dict[str, Fault] = {
+    "one channel frozen": Fault("channel 1 gives one trace for ever", happens=lies.trace_of(1, lies.frozen)),
+    "one channel zero": Fault("every code of channel 1 is 0", happens=lies.trace_of(1, lambda: lies.flat(0))),
+    "one channel constant": Fault("every code of channel 2 is 40", happens=lies.trace_of(2, lambda: lies.flat(40))),
+    "all frozen": Fault("every channel gives one trace for ever", happens=lies.trace_of(None, lies.frozen)),
+    "one behind": Fault("every channel gives the acquisition before", happens=lies.trace_of(None, lies.lagging)),
+    "one channel behind": Fault("channel 2 gives the acquisition before", happens=lies.trace_of(2, lies.lagging)),
+    "scale zero": Fault("YMUlt is 0", happens=lies.trace_of(None, lambda: lies.scaled(0.0))),
+    "scale doubled": Fault("YMUlt is twice what it is", happens=lies.trace_of(None, lambda: lies.scaled(2.0))),
+    "scale not a number": Fault("YMUlt is 9.91E37", happens=lies.trace_of(1, lambda: lies.scaled(9.91e37))),
+    "offset not a number": Fault("XZEro is 9.91E37", happens=lies.trace_of(None, lambda: lies.late(9.91e37))),
+    "offset of a millisecond": Fault("XZEro is 1E-3", happens=lies.trace_of(None, lambda: lies.late(1e-3))),
+    "preamble of the other": Fault(
+        "the preambles of channels 1 and 2 have changed places", happens=lies.preamble_of(lambda number: 3 - number)
+    ),
+    "odd number": Fault(
+        "YMUlt and XZEro, asked for alone, are `1_0`",
+        answers={"WFMOutpre:XZEro?": distortions.underscored, "WFMOutpre:YMUlt?": distortions.underscored},
+    ),
+}
+"""What an oscilloscope may give, from one acquisition on, without a word."""
+
+SOURCE_LIES: dict[str, Fault] = {
+    "source unheard": Fault("`DATa:SOUrce` is not heard: the channel before comes again", deaf_to="DATa:SOUrce"),
+}
+"""What an oscilloscope may not hear of a question for points."""
+
+PICTURE_LIES: dict[str, Fault] = {
+    "picture not shown": Fault("a picture is taken and not shown", arrives=Arrival.FEIGNED, reply=instead(b"0")),
+    "picture before": Fault("each picture is shown when the next one should be", happens=lies.shows_the_picture_before),
+    "mirrors stuck": Fault("one picture stays on the mirrors", happens=lies.mirrors_stuck),
+}
+"""What a DMD may do with a picture without a word."""
+
 FRAMES: dict[str, Fault] = {
     "number of before": Fault(
         "HiSLIP, VXI-11: the answer has the number of an earlier message", reply=distortions.wrong_number
@@ -227,6 +280,7 @@ VXI11: dict[str, Fault] = {
 _EVERY: tuple[tuple[Mapping[str, Fault], Moment], ...] = (
     (START, Moment("", 0)),
     (WIRE | FRAMES | HISLIP, Moment()),
+    (IDENTITY, Moment("*IDN?")),
 )
 _TEKTRONIX = (*_EVERY, (QUEUE | VXI11, Moment()))
 BEFALL: dict[str, tuple[tuple[Mapping[str, Fault], Moment], ...]] = {
@@ -236,9 +290,11 @@ BEFALL: dict[str, tuple[tuple[Mapping[str, Fault], Moment], ...]] = {
         (TRACE, Moment("CURVe?")),
         (SCOPE, Moment("ACQuire:STATE")),
         (BURST, Moment("HORizontal:FASTframe:COUNt")),
+        (TRACE_LIES, Moment("ACQuire:STATE")),
+        (SOURCE_LIES, Moment("DATa:SOUrce")),
     ),
     "laser": (*_EVERY, (QUEUE, Moment()), (LASER, Moment())),
-    "dmd": (*_EVERY, (DMD, Moment()), (UPLOAD, Moment("ALP:SEQPUT"))),
+    "dmd": (*_EVERY, (DMD, Moment()), (UPLOAD | PICTURE_LIES, Moment("ALP:SEQPUT"))),
     "patch_panel": (*_EVERY, (QUEUE, Moment())),
 }
 """What may befall which instrument, and when it strikes if nobody says otherwise."""

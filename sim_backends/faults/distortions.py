@@ -1,5 +1,6 @@
 """What becomes of a reply on its way: pure functions of its bytes, the line feed at its end included."""
 
+import re
 from collections.abc import Callable
 
 from sim_backends.servers.disturbed import Disturbed
@@ -8,6 +9,7 @@ BUFFER = 20 * 1024
 """Bytes that VISA clients commonly ask for at once."""
 GARBAGE = b"\x00\x80\xfe\xff#\x07;:garbage,\xc3\x28"
 SURPLUS = b"\x01\x02\x03"
+_NUMBER = re.compile(rb"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
 
 
 Distortion = Callable[[bytes], Disturbed]
@@ -137,6 +139,11 @@ def stamps_swapped(reply: bytes) -> Disturbed:
     if len(items) >= 6:
         items[3], items[5] = items[5], items[3]
     return Disturbed(b",".join(items) + b"\n")
+
+
+def underscored(reply: bytes) -> Disturbed:
+    """In place of the first number of a text comes one with an underscore, as no instrument writes it."""
+    return Disturbed(reply if reply.startswith(b"#") else _NUMBER.sub(b"1_0", reply, count=1))
 
 
 def wrong_number(reply: bytes) -> Disturbed:

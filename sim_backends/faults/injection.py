@@ -95,7 +95,8 @@ class Faulty:
         for injection in self._injections:
             distortion = injection.meets(message)
             if distortion is not None:
-                return (yield from self._disturbed(message, injection.fault.arrives, distortion))
+                heard = without(message, injection.fault.deaf_to)
+                return (yield from self._disturbed(heard, injection.fault.arrives, distortion))
         reply = yield from self._instrument.run(message)
         self._go_on()
         return reply
@@ -120,6 +121,8 @@ class Faulty:
     def _disturbed(self, message: Message, arrival: Arrival, distortion: Distortion) -> Execution:
         if arrival is Arrival.IGNORED:
             return []
+        if arrival is Arrival.FEIGNED:
+            return distortion(b"\n")
         if arrival is not Arrival.HEARD:
             return Disturbed(ends_after=0)
         reply = yield from self._instrument.run(message)
@@ -133,6 +136,13 @@ class Faulty:
     def _go_on(self) -> None:
         for injection in self._injections:
             injection.go_on()
+
+
+def without(message: Message, header: str) -> Message:
+    """`message` without the commands of this header; an empty one is none."""
+    if not header:
+        return message
+    return Message(tuple(unit for unit in message.units if not same_header(header_of(unit), header)))
 
 
 def header_of(unit: Unit) -> str:

@@ -61,7 +61,6 @@ class LightPath:
         self.optics = lru_cache(_KEPT_SETTINGS)(twin.optics)
         self._parameters = parameters
         self._basis = twin.basis
-        self._delay_s = parameters.light_delay_s
         self._masks: OrderedDict[tuple[bytes, float, float, int], NDArray[np.float32]] = OrderedDict()
 
     def amplitudes(self, on: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -156,7 +155,7 @@ class LightPath:
             return zero, zero
         points = sampling.points + (acquisition.samples - sampling.samples) * decimation
         first = acquisition.start_s - sampling.before * step
-        light_time = phase_s + first - self._delay_s
+        light_time = phase_s + first - optics.delay_s
         field = self._field(optics, amplitudes, light_time, step, points)
         if before is not None:
             moved = mirrors.moved_fraction(

@@ -30,6 +30,8 @@ class Playback:
         into segments of these lengths; each edge at the trigger input starts the next one, cyclically, and is ignored
         while one plays; in between the output idles at 0 V with the marker low.
     runs_on: the last segment, once reached, repeats for ever.
+    skew_s: how much later than its place in the period or the segment each of `volts` comes out; negative: sooner.
+    marker_delay_s: how much later than its place the marker comes out.
 
     Raises:
         ValueError: `volts` and `marker` are not equally long, or `lengths` do not add up to them.
@@ -42,6 +44,8 @@ class Playback:
     sample_rate: float
     lengths: tuple[int, ...] | None = None
     runs_on: bool = False
+    skew_s: float = 0.0
+    marker_delay_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.volts.ndim != 1 or self.volts.size == 0 or self.marker.shape != self.volts.shape:
@@ -72,6 +76,7 @@ class Playback:
     def digest(self) -> bytes:
         """Names the playback, computed once."""
         triggered: tuple[Purpose, ...] = () if self.lengths is None else ("triggered", *self.lengths, self.runs_on)
+        late = (self.skew_s, self.marker_delay_s) if self.skew_s or self.marker_delay_s else ()
         return digest(
             self.volts.astype("<f4").tobytes(),
             np.packbits(self.marker).tobytes(),
@@ -79,6 +84,7 @@ class Playback:
             float(self.marker_high_v),
             float(self.sample_rate),
             *triggered,
+            *late,
         )
 
 

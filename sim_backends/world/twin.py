@@ -51,6 +51,7 @@ class Optics:
 
     laws: (4, channels, 1) float32, rows of `receiver.NoiseLaw`: floor, linear, quadratic, offset.
     idle_s: light idles from this long before the segment's start, and at the end of the fields; None: it is periodic.
+    delay_s: from where a sample stands in the drive to its light at the detectors.
     """
 
     key: bytes
@@ -60,6 +61,7 @@ class Optics:
     laws: NDArray[np.float32]
     lit: bool
     idle_s: float | None
+    delay_s: float
 
 
 class Twin:
@@ -99,6 +101,7 @@ class Twin:
             np.array([[law.floor, law.linear, law.quadratic, law.offset_v] for law in laws], np.float32).T[:, :, None],
             setting.emission is not None,
             idle_s,
+            constants.light_delay_s + (setting.playback.skew_s if setting.playback else 0.0),
         )
 
     def _light(self, setting: Setting) -> tuple[chain.DriveLight, float | None]:

@@ -108,6 +108,7 @@ class World:
             self._edges = {
                 rising: np.concatenate([marker_edges(marker, rising=rising) for marker in markers])
                 / playback.sample_rate
+                + playback.marker_delay_s
                 for rising in (True, False)
             }
             self._marker_phases = np.unique(np.concatenate([[0.0], *self._edges.values()]))
@@ -211,11 +212,15 @@ class World:
         ):
             return None
         if self._starts is None:
-            phases = self._edges[condition.rising] if condition.source == AUX else self._crossings(condition)
+            if condition.source == AUX:
+                phases = np.sort(self._edges[condition.rising] % self._period)
+            else:
+                phases = self._crossings(condition)
             if phases.size:
                 times = upcoming(phases, self._period, after=after_s, count=count, holdoff=holdoff_s)
         elif condition.source == AUX:
-            times = _segment_edges(self._starts, condition.rising, count, after_s, holdoff_s)
+            late_s = playback.marker_delay_s
+            times = late_s + _segment_edges(self._starts, condition.rising, count, after_s - late_s, holdoff_s)
         self.physics_seconds += perf_counter() - began
         return times if times.size else None
 
@@ -342,7 +347,7 @@ class World:
         if playback.lengths is not None and playback.runs_on:
             period = playback.lengths[-1] / playback.sample_rate
             last = segments == len(playback.lengths) - 1
-            begins = phases + acquisition.start_s - self.parameters.light_delay_s
+            begins = phases + acquisition.start_s - self.parameters.light_delay_s - playback.skew_s
             ends = begins + acquisition.samples / acquisition.sample_rate + _ONSET_S
             covering = np.maximum(1, np.ceil(ends / period))
             onset = (begins < _ONSET_S) & (covering * playback.lengths[-1] < _LONGEST_ONSET)

@@ -54,6 +54,9 @@ instrument is told once more through a new connection. After a lost link the ben
 times in a row without a new record between, {PAUSE_S:g} s apart; `commands.log` has a line for each. Nothing is said to
 the patch panel at the end of a run.
 
+What an instrument says wrong without a word, and what somebody else changes, stands in [a table of its
+own](wrong-data.md).
+
 This document is generated: `python -m tests.faults.document`.
 """
 

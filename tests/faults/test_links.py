@@ -12,8 +12,19 @@ from numpy.typing import NDArray
 from instruments.errors import InstrumentError, LinkError
 from instruments.visa import VisaLink, tektronix_event_queue
 from sim_backends.faults.bench import Befalling, FaultyBench
-from sim_backends.faults.catalogue import FRAMES, QUEUE, START, TRACE, UPLOAD, WIRE, Fault, Moment
-from sim_backends.faults.distortions import Distortion
+from sim_backends.faults.catalogue import (
+    FRAMES,
+    QUEUE,
+    START,
+    TRACE,
+    TRACE_LIES,
+    UPLOAD,
+    WIRE,
+    Arrival,
+    Fault,
+    Moment,
+)
+from sim_backends.faults.distortions import Distortion, instead
 from sim_backends.servers.disturbed import Disturbed
 from tests.faults.matrix import SMALL
 
@@ -113,6 +124,39 @@ def test_the_end_of_a_connection_ends_the_wait_for_a_reply(through: Through) -> 
     link = through(WIRE["lost inside"], "*OPC?")
     with pytest.raises(LinkError, match="the instrument closed the connection"):
         link.query("*OPC?", timeout_s=200.0)
+
+
+def test_a_message_that_an_instrument_feigns_to_obey_changes_nothing(through: Through) -> None:
+    link = through(Fault("feigned", arrives=Arrival.FEIGNED, reply=instead(b"1")), "CLOCk:SRATe")
+    assert link.query("CLOCk:SRATe 1E9;*OPC?") == "1"
+    assert link.number("CLOCk:SRATe?") == 25e9
+
+
+def test_a_command_that_is_not_heard_leaves_the_rest_of_its_message(through: Through) -> None:
+    link = through(Fault("deaf", deaf_to="CLOCk:SRATe"), "CLOCk:SRATe")
+    assert link.query("CLOCk:SRATe 1E9;*OPC?") == "1"
+    assert link.number("CLOCk:SRATe?") == 25e9
+
+
+@pytest.mark.parametrize(
+    ("name", "answers"),
+    [
+        ("scale doubled", (2.0, 0.0)),
+        ("scale zero", (0.0, 0.0)),
+        ("offset of a millisecond", (1.0, 1e-3)),
+        ("offset not a number", (1.0, 9.91e37)),
+    ],
+)
+def test_a_scope_that_lies_answers_every_question_alike(
+    name: str, answers: tuple[float, float], through: Through
+) -> None:
+    link = through(TRACE_LIES[name], "ACQuire:STATE", "scope")
+    honest = link.number("WFMOutpre:YMUlt?")
+    link.query("HEADer OFF;:ACQuire:STOPAfter SEQuence;:ACQuire:STATE RUN;*OPC?")
+    found = [link.number(f"WFMOutpre:{field}?") for field in ("YMUlt", "XZEro")]
+    fields = link.query("WFMOutpre?").split(";")
+    assert found == pytest.approx([answers[0] * honest, answers[1]])
+    assert [float(fields[place]) for place in (14, 11)] == found
 
 
 def test_a_link_that_is_refused_says_so(through: Through) -> None:

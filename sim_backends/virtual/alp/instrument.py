@@ -237,7 +237,7 @@ class VirtualAlp(VirtualInstrument):
         self._ends_s = np.inf if loop or slave else now_s + sequence.frames * picture_time_s
         self.world.project(
             Projection(
-                self._turned(sequence.counts[controls[codes.FIRST_FRAME] : controls[codes.LAST_FRAME] + 1]),
+                self.turned(sequence.counts[controls[codes.FIRST_FRAME] : controls[codes.LAST_FRAME] + 1]),
                 now_s,
                 picture_time_s,
                 synch_delay_s=1e-6 * timing[codes.SYNCH_DELAY],
@@ -250,7 +250,8 @@ class VirtualAlp(VirtualInstrument):
         )
         self.world.clock.advance(SHOW_S)
 
-    def _turned(self, counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    def turned(self, counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """Mirrors on, as the projection's controls have the pictures of a sequence turned."""
         if self._projection[codes.UPSIDE_DOWN]:
             counts = mirrors.upside_down(counts)
         return mirrors.inverted(counts) if self._projection[codes.INVERSION] else counts

@@ -169,7 +169,7 @@ class VirtualAwg70002a(VirtualInstrument):
         if not (self.running and source.output) or self.outputs_off:
             return None
         if self.mode == "FGEN":
-            return self.functions[1].key()
+            return (*self.functions[1].key(), source.skew_s)
         if found is None:
             return None
         marker = source.markers[1]

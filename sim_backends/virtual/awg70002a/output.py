@@ -1,7 +1,4 @@
-"""What comes out of a channel of the virtual AWG: the playback that its schedule or its function makes.
-
-Skew and marker delay move the samples of a free-running playback by whole samples; a fraction of one is lost.
-"""
+"""What comes out of a channel of the virtual AWG: the playback that its schedule or its function makes."""
 
 from typing import TypeVar
 
@@ -37,9 +34,7 @@ def played_schedule(found: Schedule, source: Source, sample_rate: float, interva
     elif found.waits:
         spacing = max(1, min(LONGEST_INTERVAL, round(interval_s * sample_rate)))
         volts, marker = _spaced(volts, found.lengths(), spacing), _spaced(marker, found.lengths(), spacing)
-    skew, delay = round(source.skew_s * sample_rate), round(source.markers[1].delay_s * sample_rate)
-    volts = np.roll(volts, skew) if skew else volts
-    return _playback(volts, np.roll(marker, delay) if delay else marker, source, sample_rate)
+    return _playback(volts, marker, source, sample_rate)
 
 
 def _spaced(data: NDArray[Sample], lengths: tuple[int, ...], spacing: int) -> NDArray[Sample]:
@@ -57,5 +52,5 @@ def _playback(
     *,
     runs_on: bool = False,
 ) -> Playback:
-    levels = source.markers[1].low_v, source.markers[1].high_v
-    return Playback(volts, marker, *levels, sample_rate, lengths, runs_on)
+    out = source.markers[1]
+    return Playback(volts, marker, out.low_v, out.high_v, sample_rate, lengths, runs_on, source.skew_s, out.delay_s)

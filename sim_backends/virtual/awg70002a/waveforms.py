@@ -66,7 +66,7 @@ WAVEFORM_COMMANDS = (
     Query("WLISt:WAVeform:GRANularity?", "waveforms.granularity"),
     Query("WLISt:WAVeform:TYPE?", "waveforms.kind", quoted),
     ItemSetting("WLISt:WAVeform:SFORmat", "waveforms", "signal_format", keyword("REAL", "I", "Q", "IQ"), quoted),
-    Query("WLISt:WAVeform:TSTamp?", "waveforms.created", quoted),
+    Query("WLISt:WAVeform:TSTamp?", "waveforms.changed", quoted),
     Action("WLISt:WAVeform:DATA[:I]", "waveforms.write_samples", quoted, *_SPAN, block("<f4")),
     Query("WLISt:WAVeform:DATA[:I]?", "waveforms.read_samples", quoted, *_SPAN),
     Action("WLISt:WAVeform:DATA:Q", "waveforms.write_quadrature", quoted, *_SPAN, block("<f4")),
@@ -97,24 +97,29 @@ class Waveform:
     Attributes:
         samples: (n,) float32, as uploaded; the DAC clips to -1..1. Of an IQ waveform the I component.
         markers: (n,) marker bytes.
-        created_s: virtual time of its creation.
+        clock: virtual time, which dates its changes.
         quadrature: (n,) float32, the Q component of an IQ waveform, otherwise None.
         sample_rate: recommended rate (S/s); nan for none, as the two below.
         amplitude_v: recommended amplitude (Vpp).
         offset_v: recommended offset (V).
         version: counts changes.
+        changed_s: virtual time of the last change, or of the creation.
     """
 
     name: str
     samples: NDArray[np.float32]
     markers: NDArray[np.uint8]
-    created_s: float
+    clock: VirtualClock
     quadrature: NDArray[np.float32] | None = None
     sample_rate: float = nan
     amplitude_v: float = nan
     offset_v: float = nan
     signal_format: str = field(default="REAL")
     version: int = 0
+    changed_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.changed_s = self.clock.now
 
     @property
     def length(self) -> int:
@@ -122,8 +127,9 @@ class Waveform:
         return self.samples.size
 
     def modified(self) -> None:
-        """Count a change."""
+        """Count a change, and date it."""
         self.version += 1
+        self.changed_s = self.clock.now
 
     def component(self, name: str) -> NDArray[np.float32]:
         """The samples of I (or of a real waveform), or of Q; -221 where there is no Q."""
@@ -208,7 +214,7 @@ class WaveformList:
             quadrature = np.zeros(length, np.float32) if form == "IQ" else None
         except MemoryError:
             raise ScpiError(-225, f"{length} points") from None
-        waveform = Waveform(name, samples, markers, self._clock.now, quadrature, signal_format=form or "REAL")
+        waveform = Waveform(name, samples, markers, self._clock, quadrature, signal_format=form or "REAL")
         self._waveforms[name] = waveform
         self._changes += 1
 
@@ -216,8 +222,8 @@ class WaveformList:
         """Add the waveform of a file, or put it in the place of the one of that name; -224 for an empty name."""
         if not name:
             raise ScpiError(-224, "empty name")
-        waveform = self._waveforms.setdefault(name, Waveform(name, file.samples, file.markers, self._clock.now))
-        waveform.quadrature, waveform.created_s = None, self._clock.now
+        waveform = self._waveforms.setdefault(name, Waveform(name, file.samples, file.markers, self._clock))
+        waveform.quadrature = None
         waveform.sample_rate, waveform.amplitude_v = file.sample_rate, file.amplitude_v
         waveform.offset_v = file.offset_v
         waveform.replace(file.samples, file.markers)
@@ -325,9 +331,9 @@ class WaveformList:
         """REAL or IQ."""
         return "REAL" if self[name].quadrature is None else "IQ"
 
-    def created(self, name: str) -> str:
-        """Time stamp of a waveform."""
-        return f'"{calendar(self[name].created_s):%Y/%m/%d %H:%M:%S}"'
+    def changed(self, name: str) -> str:
+        """Time stamp of a waveform: when it was created or last changed."""
+        return f'"{calendar(self[name].changed_s):%Y/%m/%d %H:%M:%S}"'
 
     def shortest(self) -> int:
         """Points a waveform must have to be assigned."""

@@ -82,7 +82,7 @@ class Channel:
     bias_v: float = 0.0
     inverted: bool = False
     label: str = ""
-    attenuation: float = 1.0
+    _attenuation: float = 1.0
     _coupling: str = "DC"
     _deskew_s: float = 0.0
 
@@ -105,6 +105,18 @@ class Channel:
     @deskew_s.setter
     def deskew_s(self, seconds: float) -> None:
         self._deskew_s = round(seconds / DESKEW_STEP_S) * DESKEW_STEP_S
+
+    @property
+    def attenuation(self) -> float:
+        """The external attenuation. Scale and offset are volts in front of it: they follow, the input's gain stays."""
+        return self._attenuation
+
+    @attenuation.setter
+    def attenuation(self, factor: float) -> None:
+        change = factor / self._attenuation
+        self._attenuation = factor
+        self.scale_v *= change
+        self.offset_v *= change
 
     @property
     def attenuation_db(self) -> float:

@@ -1,5 +1,7 @@
 """The world in time: triggers, where records begin, how long they are, jitter."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 from sim_backends.world.signals import AUX, Acquisition, Playback, TriggerCondition
 from sim_backends.world.world import VirtualClock, upcoming
-from tests.sim_backends.world.light import MARKER, RATE, bench, coming, distance, playback, quiet, shoot
+from tests.sim_backends.world.light import MARKER, RATE, Array, bench, coming, distance, playback, quiet, shoot
 
 
 def test_triggers_come_with_the_marker_and_not_before_now() -> None:
@@ -53,6 +55,28 @@ def test_light_is_late_by_the_path_delay() -> None:
     late = bench(parameters=quiet(path_delay_s=98e-9 + 400e-12))
     one, other = shoot(here).volts[0], shoot(late).volts[0]
     np.testing.assert_allclose(other[:, 10:], one[:, :54], atol=1e-3 * one.max())
+
+
+@pytest.mark.parametrize("lengths", [None, (500,)], ids=["free-running", "triggered"])
+@pytest.mark.parametrize(("skew_s", "marker_delay_s"), [(0.0, 0.45e-9), (0.33e-9, 0.0), (-0.33e-9, 0.1e-9)])
+def test_skew_delays_the_light_and_marker_delay_the_trigger(
+    lengths: tuple[int, ...] | None, skew_s: float, marker_delay_s: float
+) -> None:
+    world = bench(parameters=quiet())
+    plain = replace(playback(), lengths=lengths)
+
+    def seen(played: Playback, start_s: float) -> Array:
+        world.play(played)
+        world.trigger_awg()
+        times = coming(world)
+        world.clock.advance(1e-3)
+        volts: Array = world.record(Acquisition((1,), RATE, 64, 98e-9 + start_s), times).volts[0, 0]
+        return volts
+
+    expected = seen(plain, 2e-9 + marker_delay_s - skew_s)
+    found = seen(replace(plain, skew_s=skew_s, marker_delay_s=marker_delay_s), 2e-9)
+    assert expected.std() > 0.1 * expected.max()
+    np.testing.assert_allclose(found, expected, atol=1e-3 * expected.max())
 
 
 def test_long_records_repeat_with_the_drive() -> None:

@@ -175,15 +175,13 @@ def test_internal_triggers(ask: Ask, awg: VirtualAwg70002a, world: Watched, sett
     assert errors(ask, awg) == "0"
 
 
-def test_marker_delay_and_skew(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
+@pytest.mark.parametrize("mode", ["CONT", "TRIG", "TCON"])
+def test_marker_delay_and_skew(mode: str, ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     start(ask, awg)
-    plain = world.played[-1]
-    ask(awg, "SOUR1:MARK1:DEL 8e-11;:SOUR1:SKEW 1.2e-10")
+    ask(awg, f"SOUR1:RMOD {mode};:SOUR1:MARK1:DEL 85e-12;:SOUR1:SKEW -12e-12")
     moved = world.played[-1]
-    assert plain is not None
     assert moved is not None
-    assert np.array_equal(moved.marker, np.roll(plain.marker, 2))
-    assert np.array_equal(moved.volts, np.roll(plain.volts, 3))
+    assert (moved.marker_delay_s, moved.skew_s) == (85e-12, -12e-12)
 
 
 def test_coupled_run_modes(ask: Ask, awg: VirtualAwg70002a) -> None:

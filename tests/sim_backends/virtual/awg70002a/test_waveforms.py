@@ -36,6 +36,29 @@ def test_the_list(ask: Ask, awg: VirtualAwg70002a) -> None:
     assert errors(ask, awg) == "0"
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        'WLIS:WAV:INV "m"',
+        'WLIS:WAV:ROT:POIN "m",5',
+        'WLIS:WAV:RES "m",5000',
+        'WLIS:WAV:SRAT "m",1e9',
+        b'WLIS:WAV:DATA "m",0,1,#14\0\0\0\0',
+        b'WLIS:WAV:MARK:DATA "m",1,2,#12\x40\xc0',
+    ],
+)
+def test_whatever_changes_a_waveform_dates_it(
+    change: str | bytes, ask: Ask, awg: VirtualAwg70002a, world: Watched
+) -> None:
+    upload(ask, awg, name="m")
+    world.clock.advance(3600)
+    assert ask(awg, 'WLIS:WAV:TST? "m"') == b'"2024/01/01 00:00:00"'
+    ask(awg, change)
+    world.clock.advance(60)
+    assert ask(awg, 'WLIS:WAV:TST? "m"') == b'"2024/01/01 01:00:00"'
+    assert errors(ask, awg) == "0"
+
+
 def test_normalise(ask: Ask, awg: VirtualAwg70002a) -> None:
     samples = np.linspace(0, 0.5, 2500, dtype=np.float32)
     upload(ask, awg, samples)

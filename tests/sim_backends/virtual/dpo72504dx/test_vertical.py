@@ -62,9 +62,12 @@ def test_a_grounded_input_shows_noise_about_zero(ask: Ask, scope: VirtualDpo7250
 def test_external_attenuation_scales_the_volts(ask: Ask, scope: VirtualDpo72504dx) -> None:
     ask(scope, "CH1:OFFSet 0;SCAle 0.02;:ACQuire:STATE RUN")
     plain = block(ask(scope, "CURVe?"))
-    ask(scope, "CH1:PROBEFunc:EXTDBatten 20;:CH1:SCAle 0.2;:ACQuire:STATE RUN")
+    multiplier = float(ask(scope, "WFMOutpre:YMUlt?"))
+    ask(scope, "CH1:PROBEFunc:EXTDBatten 20;:ACQuire:STATE RUN")
     assert float(ask(scope, "CH1:PROBEFunc:EXTAtten?")) == pytest.approx(10)
     assert float(ask(scope, "CH1:PROBEFunc:EXTDBatten?")) == pytest.approx(20)
+    assert float(ask(scope, "CH1:SCAle?")) == pytest.approx(0.2)
+    assert float(ask(scope, "WFMOutpre:YMUlt?")) == pytest.approx(10 * multiplier)
     assert np.abs(block(ask(scope, "CURVe?")) - plain).mean() < 5
 
 
