@@ -198,12 +198,13 @@ class _Measurement:
                 try:
                     recorder.conclude(error)
                 except RunError as failure:  # nothing more can be kept: no reason to light the bench again
-                    error.add_note(str(failure))
+                    if failure is not error:
+                        error.add_note(str(failure))
                     raise error from None
                 if not isinstance(error, InstrumentError):
                     raise
                 recorder.report()
-                self._recovery.after(error, recorder.done)
+                self._recovery.after(error, sum(self._writer.done))
             recorder.darkened()
             if control.stopped:
                 return

@@ -223,6 +223,11 @@ class Recorder:
         return True
 
     def _examine(self) -> None:
+        """Compare the records that came since with one another.
+
+        Raises:
+            SettingChanged, WrongRecord: they are not those of their shots.
+        """
         records, self._unexamined = self._unexamined, []
         unsure_from = self._unsure_from
         if not records or unsure_from is None:
@@ -230,6 +235,7 @@ class Recorder:
         finding = self._likeness.examine(records[0].first, np.concatenate([one.frames.codes for one in records]))
         if finding is not None:
             self._unsure_from = records[0].pass_.index, min(finding.first, unsure_from[1])
+            self._bench.require_unchanged()  # a setting may be the reason
             raise WrongRecord(finding.text)
 
     def _last_shot(self) -> dict[str, Any]:
