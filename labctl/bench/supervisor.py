@@ -31,6 +31,7 @@ from instruments.safe_state import UnsafeBench, safe_state
 from instruments.sections import SIMULATED
 from labctl.bench.stand_in import Followed, alone, kill_when_stopped, with_a_copy
 from labctl.bench.station import Station
+from labctl.printable import printable
 from labctl.runs.live.control_file import Word, word_in
 from labctl.runs.live.logs import CommandLog, EventLog
 
@@ -243,7 +244,7 @@ def _done(drivers: Iterable[str], *, by_hand: bool) -> str:
 
 def _tell(text: str, *, alarming: bool) -> None:
     """One line on standard error; in red, and audible, where that is a terminal and a laser may emit."""
-    line = f"labctl: {text}"
+    line = printable(f"labctl: {text}")
     if alarming and os.isatty(STANDARD_ERROR):
         line = f"\a\x1b[1;31m{line}\x1b[0m"
     with suppress(OSError):  # nobody is there any more

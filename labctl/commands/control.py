@@ -38,6 +38,7 @@ def stop(
 
 def dark(run: Annotated[Path, typer.Argument(help="Directory of a run.")], as_json: JsonOption = False) -> int:
     """Say that you have seen the laser dark, after a run that could not switch it off."""
+    require_own_files(run)
     if not may_emit(run):
         raise UsageError(f"{run}: nothing says that its laser may still emit: nothing to confirm")
     try:
