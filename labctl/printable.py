@@ -34,6 +34,12 @@ def printable_traceback(kind: type[BaseException], error: BaseException, trace: 
     return printable_lines("".join(format_exception(kind, error, trace))) + "\n"
 
 
+def log_printably() -> None:
+    """Whatever is logged in this process, and goes to standard error since nobody else takes it, is printable."""
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(PrintableFormatter())
+
+
 class PrintableFormatter(logging.Formatter):
     """The message of a record, and what it says of an exception."""
 

@@ -1,6 +1,5 @@
 """The command `labctl`: how it starts, and how every one of its commands ends."""
 
-import logging
 import sys
 from collections.abc import Sequence
 from tempfile import NamedTemporaryFile
@@ -14,7 +13,7 @@ from typer.exceptions import Abort, TyperException
 from labctl.commands.command_group import PLAIN, UnloadedCommands
 from labctl.commands.exit_status import FELL_SHORT, INTERRUPTED, WRONG_USE
 from labctl.errors import LabctlError, notes, one_line
-from labctl.printable import PrintableFormatter, json_line, printable, printable_traceback
+from labctl.printable import json_line, log_printably, printable, printable_traceback
 
 app = typer.Typer(
     name="labctl",
@@ -47,8 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and end the process with its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
-    if logging.lastResort is not None:
-        logging.lastResort.setFormatter(PrintableFormatter())
+    log_printably()
     try:
         status = _status([word for word in words if word != "--debug"], debug=debug)
     finally:

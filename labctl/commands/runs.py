@@ -1,5 +1,6 @@
 """`labctl runs`: what has been measured."""
 
+import os
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, get_args
@@ -87,7 +88,7 @@ def _print(folder: Path, there: list[RunRow], rows: list[RunRow]) -> None:
                     "" if row.seed is None else row.seed,
                     "" if row.twin_seed is None else row.twin_seed,
                     f"{row.shots}/{row.planned}",
-                    row.problem or row.state,
+                    row.problem.removeprefix(f"{row.path}{os.sep}") or row.state,  # its name stands there already
                 )
                 for row in rows
             ),

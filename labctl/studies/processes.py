@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from instruments.bench import Observer
 from labctl.bench.signals import Interruption
+from labctl.printable import log_printably
 
 Name = TypeVar("Name")
 Found = TypeVar("Found")
@@ -91,6 +92,7 @@ def _join(stop: Event, records: "Synchronized[int]") -> None:
     # Ctrl-C reaches the whole process group; these processes hear of it from their parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _Shared.stop, _Shared.records = stop, records
+    log_printably()
 
 
 def _timed(task: Callable[[], Found]) -> tuple[Found, float]:

@@ -1,5 +1,6 @@
 """Pausing and stopping a run from another process, by the file `control` of its directory."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,15 @@ def told(directory: Path) -> list[str]:
 def frames(directory: Path) -> str:
     with open_run(directory) as run:
         return run.digest()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes and links")
+@pytest.mark.parametrize("make", [lambda path, _word: os.mkfifo(path), lambda path, word: path.symlink_to(word)])
+def test_what_is_no_file_asks_nothing_and_is_not_waited_for(make: Callable[[Path, Path], None], tmp_path: Path) -> None:
+    (tmp_path / "word").write_text(Word.STOP)
+    make(tmp_path / "control", tmp_path / "word")
+    control = Control(tmp_path / "control", Interruption())
+    assert (control.holds, control.paused, control.stopped) == (False, False, False)
 
 
 @pytest.mark.parametrize(
