@@ -65,8 +65,8 @@ class Case(NamedTuple):
 def cases() -> Iterator[Case]:
     """The whole table, in the order of the document."""
     for knob in KNOBS:
-        for mode, moments_ in WHEN.items():
-            for when in moments_:
+        for mode, whens in WHEN.items():
+            for when in whens:
                 if knob.burst_only and mode != BURST:
                     continue
                 if when == BEFORE and (knob.role == "dmd" or DRIVE.encode() in knob.sent):
@@ -76,9 +76,9 @@ def cases() -> Iterator[Case]:
                 yield Case(knob, mode, when)
     for lie in LIES:
         for mode in MODES:
-            when_ = lie.when_burst if mode == BURST else lie.when
-            if when_ is not None:
-                yield Case(lie, mode, when_)
+            begins = lie.when_burst if mode == BURST else lie.when
+            if begins is not None:
+                yield Case(lie, mode, begins)
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,6 @@ class Ended:
 
     status: int
     told: str
-    codes: NDArray[np.generic]
     volts: NDArray[np.float64]
     offsets: NDArray[np.float64]
     marked: NDArray[np.bool_]
@@ -117,18 +116,18 @@ def carried_out(case: Case, expected: Ended, folder: Path) -> Ended:
     return _carried_out(bench, case.mode, folder)
 
 
-def outcome(case: Case, ended: Ended, undisturbed_: Mapping[str, Ended]) -> str:
-    """What became of a run, in the words of the document; `undisturbed_` are the undisturbed ones by mode.
+def outcome(case: Case, ended: Ended, alone: Mapping[str, Ended]) -> str:
+    """What became of a run, in the words of the document; `alone` has the undisturbed ones by mode.
 
     Raises:
         AssertionError: it ended as no run may; the message says how.
     """
-    expected = undisturbed_[case.mode]
+    expected = alone[case.mode]
     assert ended.visited, "the moment never came"
     if ended.status:
         assert ended.told, "it ended without a word"
         assert "\n" not in ended.told, f"more than one line: {ended.told}"
-    noise = _noise(undisturbed_[AVERAGES if case.mode == AVERAGES else SOFTWARE])
+    noise = _noise(alone[AVERAGES if case.mode == AVERAGES else SOFTWARE])
     wrong, equal = _wrong(ended, expected, noise), _equal(ended, expected)
     # A record that was measured again has other noise; all others are the undisturbed ones, byte for byte.
     again = ended.resumed or ended.overheard.arms() != expected.overheard.arms() or case.cause.harmless
@@ -151,16 +150,14 @@ def _carried_out(bench: VisitedBench, mode: str, folder: Path) -> Ended:
     with bench, short_waits(), pytest.MonkeyPatch.context() as settings:
         settings.setattr("protocols.bursts.LONGEST_BURST", BURST_SHOTS)
         write_addresses(station, {role: found["socket"] for role, found in bench.resources.items()}, hasty)
-        told = ("--station", str(station))
-        status, result = _command(*MODES[mode], *told, "--out", str(run))
-        overheard = bench.overheard
+        status, result = _command(*MODES[mode], "--station", str(station), "--out", str(run))
+        resume = ("resume", str(run), "--json", "--station", str(station))
         resumed = bool(status) and run.exists()
-        if resumed and _command("resume", str(run), "--json", *told)[0]:
+        if resumed and _command(*resume)[0]:
             for role in ("scope", "awg"):  # a person puts right what the line has named
                 bench.say(role, b"*RST\n*CLS\nHEADer OFF")
-            _command("resume", str(run), "--json", *told)
-    kept = _kept(run)
-    return Ended(status, str(result.get("error", "")), *kept, resumed, overheard, bench.visited)
+            _command(*resume)
+    return Ended(status, str(result.get("error", "")), *_kept(run), resumed, bench.overheard, bench.visited)
 
 
 def _command(*words: str) -> tuple[int, Mapping[str, Any]]:
@@ -174,13 +171,13 @@ def _command(*words: str) -> tuple[int, Mapping[str, Any]]:
     raise AssertionError("a command ends with its status")
 
 
-def _kept(run: Path) -> tuple[NDArray[np.generic], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Codes, volts, trigger offsets and marks of every record in data.h5; none where there is no run."""
+def _kept(run: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Volts, trigger offsets and marks of every record in data.h5; none where there is no run."""
     path = run / "data.h5"
     if run.exists() and not path.exists():
         _command("verify", str(run), "--rebuild", "--json")
     if not path.exists():
-        return np.empty((0, 1, 1)), np.empty((0, 1, 1)), np.empty((0, 1)), np.empty((0, 1), np.bool_)
+        return np.empty((0, 1, 1)), np.empty((0, 1)), np.empty((0, 1), np.bool_)
     with h5py.File(path) as file:
         codes = file["frames"][()]
         volts = codes * file["scale"][()][:, None] + file["offset"][()][:, None]
@@ -188,7 +185,7 @@ def _kept(run: Path) -> tuple[NDArray[np.generic], NDArray[np.float64], NDArray[
         shots = file["shots"][()]
         if "suspect" in shots.dtype.names:
             marked |= (shots["suspect"] != 0)[:, None]
-        return codes, volts, file["trigger_offset_s"][()], marked
+        return volts, file["trigger_offset_s"][()], marked
 
 
 def _equal(ended: Ended, expected: Ended) -> NDArray[np.bool_]:
