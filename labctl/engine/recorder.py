@@ -115,7 +115,9 @@ class Recorder:
             self._writer.sync()
         elif isinstance(error, SettingChanged | WrongRecord):
             self._writer.doubt(str(error), *self._unsure_from)
-        elif not isinstance(error, LinkError):
+        elif isinstance(error, LinkError):
+            self._writer.sync(sure=False)
+        else:
             self._compare_in_the_dark()
 
     def darkened(self) -> None:

@@ -18,6 +18,7 @@ from labctl.runs.format.columns import same_shots
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.plan import edited, names_its_manifest, read_plan
 from labctl.runs.format.shape import RunShape
+from labctl.runs.format.version import FORMAT_VERSION
 from labctl.runs.read.data_file import manifest_in
 from labctl.runs.read.differences import Difference, differences
 from protocols.base import Inputs, Measurement
@@ -188,7 +189,7 @@ def refuse_changed_instruments(
     """Compare instruments, each a map of `identity` and `settings`, with the manifest's; both taken in the same way.
 
     What the drivers of `station` send anew in every run is not compared, nor an instrument that the manifest does not
-    have: the labctl that wrote it knew none such.
+    have, nor, in one of an earlier format, a setting: the labctl that wrote it knew none such.
 
     Raises:
         SettingsChanged: another instrument, other firmware, or a setting that no run sends by itself.
@@ -198,7 +199,8 @@ def refuse_changed_instruments(
     for name in (name for name in now if name in then):
         ignored = tuple(f"settings.{setting}" for setting in station.driver_of(name).sent_anew)
         found += differences(then[name], now[name], of=name, ignored=ignored)
-    _refuse(directory, found)
+    earlier = manifest.get("format_version") != FORMAT_VERSION
+    _refuse(directory, [one for one in found if not (earlier and one.then is None)])
 
 
 def _refuse(directory: Path, found: Sequence[Difference]) -> None:

@@ -309,15 +309,15 @@ class RunWriter:
                 self._timer = self._new_timer(self._durability.seconds, self._close_aged)
                 self._timer.start()
 
-    def sync(self) -> None:
-        """Close the open shard: every shot appended so far is then on disk, and none of them suspect any more.
+    def sync(self, *, sure: bool = True) -> None:
+        """Close the open shard: every shot appended so far is then on disk. Who is `sure` of it is so of all before.
 
         Raises:
             RunError: the disk is full or refuses.
         """
         with self._guard:
             self._raise_failure()
-            self._close_shard(sure=True)
+            self._close_shard(sure)
 
     def doubt(self, reason: str, pass_index: int, first: int) -> None:
         """Close the open shard; whatever the pass has from shot `first` on is suspect.

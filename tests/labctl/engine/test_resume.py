@@ -19,6 +19,7 @@ from labctl.engine.resume import (
 )
 from labctl.engine.session import Resumption, resume
 from labctl.errors import RunError, StationError
+from labctl.runs.format.version import FORMAT_VERSION
 from protocols.base import Images
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
@@ -30,6 +31,7 @@ INSTRUMENTS = {
     "awg": {"identity": {"serial": "B1"}, "settings": {"clock_source": "INT", "run_mode": "CONT"}},
     "scope": {"identity": {"serial": "C1"}, "settings": {"ch1_termination_ohm": 50.0, "ch1_offset_v": 0.0}},
 }
+MANIFEST = {"instruments": INSTRUMENTS, "format_version": FORMAT_VERSION}
 
 
 def through_json(values: Any) -> Any:
@@ -131,10 +133,10 @@ def test_instruments_are_compared_but_for_what_every_run_sends(
     now = through_json(INSTRUMENTS)
     change(now)
     if not differences:
-        refuse_changed_instruments(HERE, {"instruments": INSTRUMENTS}, now, Station())
+        refuse_changed_instruments(HERE, MANIFEST, now, Station())
         return
     with pytest.raises(SettingsChanged) as changed:
-        refuse_changed_instruments(HERE, {"instruments": INSTRUMENTS}, now, Station())
+        refuse_changed_instruments(HERE, MANIFEST, now, Station())
     assert [tuple(vars(one).values()) for one in changed.value.differences] == differences
 
 
