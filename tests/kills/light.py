@@ -146,8 +146,7 @@ def _one_run(
         until_stored(process, directory)
         time.sleep(generator.uniform(0, LATER_S))
         supervisor = int(Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0])
-        if not laser.emits():
-            darkened.findings.append(f"{timing}: it is dark before anything befell the run")
+        laser.seconds_until(emits=True)  # it is dark between bursts
         befalls(process.pid, supervisor, generator)
         seconds = laser.seconds_until(emits=False)
         _, said = process.communicate(timeout=PATIENCE_S)
