@@ -55,6 +55,7 @@ class AlpLibrary(Protocol):
     def SeqTiming(self, sequence: int, picture_time_us: int, pulse_us: int) -> None: ...  # noqa: N802, D102
     def Run(self, sequence: int, *, loop: bool) -> None: ...  # noqa: N802, D102
     def Halt(self) -> None: ...  # noqa: N802, D102
+    def ProjInquire(self, inquire_type: int) -> int: ...  # noqa: N802, D102
     def FreeSeq(self, sequence: int) -> None: ...  # noqa: N802, D102
     def Free(self) -> None: ...  # noqa: N802, D102
 
@@ -110,6 +111,10 @@ class AlpOverVisa:
     def Halt(self) -> None:  # noqa: N802
         """AlpDevHalt."""
         self._call("ALP:DEVHALT")
+
+    def ProjInquire(self, inquire_type: int) -> int:  # noqa: N802
+        """AlpProjInquire."""
+        return self._call(f"ALP:PROJINQUIRE {inquire_type}")
 
     def FreeSeq(self, sequence: int) -> None:  # noqa: N802
         """AlpSeqFree."""
@@ -209,6 +214,11 @@ class AlpByVendorLibrary:
     def Halt(self) -> None:  # noqa: N802
         """AlpDevHalt."""
         self._call(self._alp.Halt)
+
+    def ProjInquire(self, inquire_type: int) -> int:  # noqa: N802
+        """AlpProjInquire."""
+        value = self._call(self._alp.ProjInquire, inquire_type)
+        return int(getattr(value, "value", value))
 
     def FreeSeq(self, sequence: int) -> None:  # noqa: N802
         """AlpSeqFree."""

@@ -35,6 +35,10 @@ class SettingChanged(InstrumentError):
     """A setting is no longer what it was set to: somebody else changed it, by another program or at the front panel."""
 
 
+class DoubtfulRecord(InstrumentError):
+    """The record of a shot looks like that of another picture: measured again, it shows whether it is."""
+
+
 class NoTrigger(InstrumentError):
     """The oscilloscope answers and is armed, but its trigger does not come: measuring again would not help."""
 

@@ -17,7 +17,7 @@ from instruments.driver import Driver, Opening
 from instruments.errors import InstrumentError, LinkError
 from instruments.interfaces import BurstDmd
 from instruments.sections import USB, DmdSection, Text, Timeout
-from instruments.values import Identity, Progress, Range
+from instruments.values import Change, Identity, Progress, Range
 from instruments.visa import VisaLink
 
 LIBRARY_VARIABLE = "LABCTL_ALP_LIBRARY"
@@ -56,11 +56,13 @@ DRIVER = Driver(
     sent_anew=("free_pictures",),
 )
 
+ALP_DEFAULT = 0
 ALP_DEVICE_NUMBER = 2000
 ALP_VERSION = 2001
 ALP_AVAIL_MEMORY = 2003
 ALP_DEV_DISPLAY_HEIGHT = 2057
 ALP_DEV_DISPLAY_WIDTH = 2058
+ALP_DEV_DMD_MODE = 2064
 ALP_FIRSTFRAME = 2101
 ALP_LASTFRAME = 2102
 ALP_BIN_MODE = 2104
@@ -68,6 +70,8 @@ ALP_BIN_UNINTERRUPTED = 2106
 ALP_DATA_FORMAT = 2110
 ALP_DATA_BINARY_TOPDOWN = 2
 ALP_MIN_PICTURE_TIME = 2211
+ALP_PROJ_INVERSION = 2306
+ALP_PROJ_UPSIDE_DOWN = 2307
 MOST_MIRRORS = 1 << 13  # along a side
 
 SETTLING_S = 50e-6
@@ -158,6 +162,15 @@ class VialuxAlp(BurstDmd):
         self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, first)
         self._alp.SeqTiming(self._pictures, period_us, SYNCH_PULSE_US if pulse_s is None else round(pulse_s * 1e6))
         self._alp.Run(self._pictures, loop=False)
+
+    def changes(self) -> tuple[Change, ...]:
+        """What turns every picture into another one: mirrors released, pictures inverted or upside down."""
+        now = {
+            "mode of the mirrors": self._alp.DevInquire(ALP_DEV_DMD_MODE),
+            "inversion": self._alp.ProjInquire(ALP_PROJ_INVERSION),
+            "direction": self._alp.ProjInquire(ALP_PROJ_UPSIDE_DOWN),
+        }
+        return tuple(Change(name, str(ALP_DEFAULT), str(value)) for name, value in now.items() if value != ALP_DEFAULT)
 
     def settings(self) -> dict[str, str | float]:
         """Mirrors and free picture memory."""

@@ -24,7 +24,9 @@ SAME_SCALE = 1e-3
 Capture = Callable[[], Frames]
 
 
-def find_ranges(scope: Oscilloscope, limits: Limits, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
+def find_ranges(
+    scope: Oscilloscope, limits: Limits, probes: Sequence[Capture], require_unchanged: Callable[[], None]
+) -> tuple[Scaling, ...]:
     """Set each channel so that the traces of all `probes` fill its screen with some headroom.
 
     Starts at the coarsest range and narrows it on the first probe, since a trace of a few codes says little about its
@@ -35,11 +37,13 @@ def find_ranges(scope: Oscilloscope, limits: Limits, probes: Sequence[Capture]) 
 
     Raises:
         OverLimit: a detector gives more than it may.
+        SettingChanged: of `require_unchanged`.
     """
     verticals = [Vertical(scope.vertical_scale.high, 0.0)] * len(scope.channels)
     for _ in range(STEPS):
         verticals = _apply(scope, verticals)
         narrowed = [_fit(scope, *ends, room=ROOM_FOR_BRIGHTER) for ends in _extremes(scope, probes[:1])]
+        require_unchanged()
         scales = zip(narrowed, verticals, strict=True)
         settled = all(new.scale_v_per_div > old.scale_v_per_div / 2 for new, old in scales)
         verticals = narrowed
@@ -48,6 +52,7 @@ def find_ranges(scope: Oscilloscope, limits: Limits, probes: Sequence[Capture]) 
     for _ in range(STEPS):
         verticals = _apply(scope, verticals)
         ends = _extremes(scope, probes)
+        require_unchanged()
         clipped = np.isnan(ends[:, 0])
         if not clipped.any():
             break
@@ -72,7 +77,7 @@ def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[
         InstrumentError: the oscilloscope does not come back to a range it had.
     """
     if known is None:
-        return find_ranges(bench.scope, bench.limits, probes)
+        return find_ranges(bench.scope, bench.limits, probes, bench.require_unchanged)
     set_ranges(bench.scope, bench.limits, known, probes[0])
     return tuple(known)
 

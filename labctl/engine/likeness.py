@@ -6,9 +6,9 @@ times. Where noise hides the pictures nothing is said.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,16 @@ UNLIKELY = 1e-9
 """How improbable it must be that a channel repeats itself by chance."""
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
-SURE = 4.0
+SURE = 2.5
 """Standard deviations by which two records of one picture may differ more than noise has it."""
-FEWEST_VALUES = 80
-"""Of a record, below which noise is not known well enough to tell two pictures apart shot by shot."""
-OTHER = 0.4
+FEWEST_VALUES, FEWEST_OF_ONE_SHOT = 40, 80
+"""Of a record, below which chance decides whether it looks like another one; and where one shot alone is judged."""
+OTHER = 0.6
 """Part of what different pictures differ by, beyond which two records are not of one picture."""
+UNUSUAL, UNUSUAL_TIMES = 0.35, 3.0
+"""So is one beyond a smaller part that also differs by so many times what the records of one picture did before."""
+LIT_ALIKE = 0.7
+"""Part of a record with light that a dark one holds where it is not dark."""
 FLAT = 3.0
 """Times that a record with light varies more from sample to sample than a dark one."""
 NEARLY = 0.25
@@ -39,25 +43,31 @@ REMEMBERED = 256
 LIT = (ShotKind.IMAGE, ShotKind.REFERENCE)
 LATE = "bench: {}: pictures or records come late; switch oscilloscope and DMD off and on"
 NOT_SHOWN = "dmd: shot {}: its record {}, within noise: its picture was not shown; switch the DMD off and on"
+STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
 
 Alike = Callable[[Shot, Shot], bool]
 """Whether two shots show nearly the same."""
 
 
 class Finding(NamedTuple):
-    """What is wrong, and from which shot on it may have been."""
+    """What is wrong, and from which shot on it may have been.
+
+    shot: the only one, where it is one alone: it may be so by chance, and then it is so again.
+    """
 
     first: int
     text: str
+    shot: int | None = None
 
 
 class Likeness:
     """Holds the records of a pass, as they come, against one another."""
 
-    def __init__(self, shots: Sequence[Shot], alike: Alike) -> None:
-        """Of a pass that measures `shots`."""
+    def __init__(self, shots: Sequence[Shot], alike: Alike, confirmed: Collection[int] = ()) -> None:
+        """Of a pass that measures `shots`; those `confirmed` were as they are when they were measured before."""
         self._shots = shots
         self._alike = alike
+        self._confirmed = np.array(sorted(confirmed), np.int64)
         self._dark = np.array([shot.kind is ShotKind.DARK for shot in shots], np.bool_)
         self._lit = np.array([shot.kind in LIT for shot in shots], np.bool_)
         self._picture = np.array([shot.dataset_index for shot in shots], np.int64)
@@ -71,6 +81,8 @@ class Likeness:
         self._noise = self._most_noise = math.nan  # of the difference of two dark records, as they say, and at most
         self._noise_of_light = 0.0  # variance that a code of light adds to that of the difference of two records
         self._usual = np.empty(0)  # by how much records of different pictures differ
+        self._agreed = 0  # the last shot whose record showed again what one before had shown
+        self._repeats: list[float] = []  # by how much records of the reference differed
         self._unjudged = np.empty((0, 3))  # shots, by how much they differ from the one before, and mean codes of both
 
     def examine(self, first: int, codes: Codes) -> Finding | None:
@@ -109,14 +121,14 @@ class Likeness:
 
     def _pictures(self, begin: int, values: NDArray[np.float32], *, new: int) -> Finding | None:
         """Records that come late, or whose picture was not shown; the first `new` of them was taken before."""
+        if values[0].size < FEWEST_VALUES:
+            return None
         end = begin + len(values)
         lit, dark = self._lit[begin:end], self._dark[begin:end]
         for place in np.flatnonzero(dark[:-1] & lit[1:]):
             flat, other = (float(values[one].std(axis=1).mean()) for one in (place, place + 1))
             if flat > FLAT * other > 0:
-                return Finding(
-                    self._sound_until(begin), LATE.format(f"dark shot {begin + place} is lit and the next is not")
-                )
+                return Finding(self._agreed, LATE.format(f"dark shot {begin + place} is lit and the next is not"))
         differences = _rms(np.diff(values, axis=0))
         pictures = np.where(dark, -1, self._picture[begin:end])
         other = (lit | dark)[1:] & (lit | dark)[:-1] & (pictures[1:] != pictures[:-1])
@@ -124,62 +136,75 @@ class Likeness:
         shots, levels = begin + 1 + np.flatnonzero(other), values.mean(axis=(1, 2))
         judge = np.column_stack([shots, differences[other], ((levels[1:] + levels[:-1]) / 2)[other]])
         self._unjudged = np.append(self._unjudged, judge, axis=0)
+        for place in np.flatnonzero(lit[:-1] & dark[1:]):
+            if _part_of(values[place], values[place + 1]) > LIT_ALIKE:
+                return Finding(self._agreed, STUCK.format(begin + place + 1))
         for place in new + np.flatnonzero((dark | self._repeated[begin:end])[new:]):
-            if dark[place]:
-                self._learn_noise(values[place])
-            elif (finding := self._of_reference(begin + int(place), values[place])) is not None:
+            shown_again = self._of_dark if dark[place] else self._of_reference
+            if (finding := shown_again(begin + int(place), values[place])) is not None:
                 return finding
         return self._not_shown(begin, values)
 
-    def _learn_noise(self, dark: NDArray[np.float32]) -> None:
-        """Two dark records differ by noise; each varies by it from sample to sample, if it is dark."""
-        varies = math.sqrt(2) * float(dark.std(axis=1).mean())
-        pair = varies if self._dark_record is None else float(_rms(dark - self._dark_record))
+    def _of_dark(self, shot: int, values: NDArray[np.float32]) -> Finding | None:
+        """Learns what is noise: two dark records differ by it, and each varies by it from sample to sample.
+
+        A dark record that differs from the one before as different pictures do is lit, or the other one was.
+        """
+        varies = math.sqrt(2) * float(values.std(axis=1).mean())
+        known, self._dark_record = self._dark_record, values
+        pair = varies if known is None else float(_rms(values - known))
+        if known is not None and self._tells_apart(self._noise) and pair > OTHER * float(np.median(self._usual)):
+            what = f"dark shot {shot} differs from the one before by {pair:.1f} codes, as different pictures do"
+            return Finding(self._agreed, LATE.format(what))
         self._noise, self._most_noise = max(min(pair, varies), LEAST_NOISE), max(pair, varies, LEAST_NOISE)
-        self._dark_record = dark
+        return None
 
     def _of_reference(self, shot: int, values: NDArray[np.float32]) -> Finding | None:
         """A record of the reference picture that is of another one."""
         known, self._reference_record = self._reference_record, (shot, values)
         if known is None or self._dark_record is None or not self._tells_apart(self._noise):
             return None
-        difference = float(_rms(values - known[1]))
-        if difference > OTHER * float(np.median(self._usual)):
-            what = (
-                f"shots {known[0]} and {shot} have one picture and differ by {difference:.1f} codes rms, as others do"
-            )
-            return Finding(known[0], LATE.format(what))
+        difference, usual = float(_rms(values - known[1])), float(np.median(self._usual))
+        unusual = len(self._repeats) > 2 and difference > max(
+            UNUSUAL * usual, UNUSUAL_TIMES * float(np.median(self._repeats))
+        )
+        if difference > OTHER * usual or unusual:
+            what = f"shots {known[0]} and {shot} have one picture and differ by {difference:.1f} codes, as others do"
+            return Finding(self._agreed, LATE.format(what))
+        self._agreed = shot
+        self._repeats = [*self._repeats, difference][-REMEMBERED:]
         if (light := float(values.mean() - self._dark_record.mean())) > 0:
             self._noise_of_light = max(0.0, difference**2 - self._noise**2) / light
         return None
 
     def _not_shown(self, begin: int, values: NDArray[np.float32]) -> Finding | None:
-        """A record that is of the picture before its own, or of none."""
+        """A record that is of the picture before its own, or of none; or all are of one."""
         if self._dark_record is None or not self._usual.size:
             return None
         unjudged, self._unjudged = self._unjudged, np.empty((0, 3))
-        if values[0].size < FEWEST_VALUES or not self._tells_apart(self._most_noise):
+        if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise):
             return None
         allowed = 1 + SURE / math.sqrt(values[0].size)
         shots, differences, levels = unjudged.T
         light = np.maximum(levels - self._dark_record.mean(), 0)
         noise = np.sqrt(self._most_noise**2 + self._noise_of_light * light)
-        for shot in shots[differences <= allowed * noise].astype(int):
+        for shot in self._unconfirmed(shots[differences <= allowed * noise]):
             if not self._alike(self._shots[shot - 1], self._shots[shot]):
-                return Finding(int(shot), NOT_SHOWN.format(shot, "is that of the shot before"))
+                return Finding(shot, NOT_SHOWN.format(shot, "is that of the shot before"), shot)
         lit = np.flatnonzero(self._lit[begin : begin + len(values)])
-        for shot in begin + lit[_rms(values[lit] - self._dark_record) <= allowed * self._most_noise]:
+        dark = _rms(values[lit] - self._dark_record) <= allowed * self._most_noise
+        for shot in self._unconfirmed(begin + lit[dark]):
             if not self._alike(replace(self._shots[shot], kind=ShotKind.DARK), self._shots[shot]):
-                return Finding(int(shot), NOT_SHOWN.format(shot, "is dark"))
+                return Finding(shot, NOT_SHOWN.format(shot, "is dark"), shot)
         return None
+
+    def _unconfirmed(self, shots: NDArray[Any]) -> list[int]:
+        found: list[int] = np.setdiff1d(shots.astype(np.int64), self._confirmed).tolist()
+        return found
 
     def _tells_apart(self, noise: float) -> bool:
         """Whether records of different pictures differ by more than noise; False as long as that is not known."""
         return self._usual.size > 2 and float(np.median(self._usual)) >= CONTRAST * noise
-
-    def _sound_until(self, shot: int) -> int:
-        """The last record of the reference before a shot: what came after it may be wrong if that shot is."""
-        return shot if self._reference_record is None else min(self._reference_record[0], shot)
 
 
 def alike_by(inputs: Inputs) -> Alike:
@@ -201,6 +226,13 @@ def alike_by(inputs: Inputs) -> Alike:
         return bool(different <= NEARLY * lit)
 
     return alike
+
+
+def _part_of(lit: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    """How much of how a record with light varies from sample to sample another one holds: 1 if all, 0 if nothing."""
+    lit, other = (values - values.mean(axis=1, keepdims=True) for values in (lit, other))
+    varies = float((lit * lit).sum())
+    return float((lit * other).sum()) / varies if varies else 0.0
 
 
 def _rms(values: NDArray[np.float32]) -> NDArray[np.float64]:

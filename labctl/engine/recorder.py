@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError, LinkError, SettingChanged
+from instruments.errors import DoubtfulRecord, InstrumentError, LinkError, SettingChanged
 from instruments.values import Frames, Scaling
 from labctl.engine.control import Control
-from labctl.engine.likeness import Likeness, alike_by
+from labctl.engine.likeness import Finding, Likeness, alike_by
 from labctl.engine.storage import Storage
 from labctl.engine.thumbnail import shown_images
 from labctl.runs.write.writer import RunWriter
@@ -24,6 +24,10 @@ from protocols.base import Events, Inputs, Part, PassStarted, Record
 
 COST = 0.02
 """Part of the time that comparing settings may take, but for the ends of a stretch of light."""
+
+
+MOST_TWICE, ONE_IN = 3, 100
+"""How many shots of a pass may be measured again because of their records: so many, and one in so many."""
 
 
 class WrongRecord(InstrumentError):
@@ -72,6 +76,7 @@ class Recorder:
         self._unsure_from: tuple[int, int] | None = None  # pass and first shot of what was measured since
         self._ends: frozenset[int] = frozenset()  # shots of the pass behind which nothing is missing
         self._alike = alike_by(inputs)
+        self._twice: dict[int, set[int]] = {}  # by pass, the shots that were measured again because of their records
         self._likeness = Likeness((), self._alike)
         self._unexamined: list[Record] = []
         self._scalings: tuple[Scaling, ...] = ()
@@ -113,7 +118,7 @@ class Recorder:
         self._storage.wait()
         if self._unsure_from is None:
             self._writer.sync()
-        elif isinstance(error, SettingChanged | WrongRecord):
+        elif isinstance(error, SettingChanged | DoubtfulRecord | WrongRecord):
             self._writer.doubt(str(error), *self._unsure_from)
         elif isinstance(error, LinkError):
             self._writer.sync(sure=False)
@@ -149,6 +154,8 @@ class Recorder:
     def _start(self, event: PassStarted) -> None:
         """A pass has its ranges for good from its first part on."""
         index, scalings = event.pass_.index, event.scalings
+        self._storage.wait()
+        self._compare()  # finding the ranges takes long
         self._observer.event(
             "pass started",
             **{"pass": index, "passes": len(self._whole)},
@@ -159,10 +166,9 @@ class Recorder:
             self._writer.scales(index, [one.scale_v for one in scalings], [one.offset_v for one in scalings])
         else:
             self._bench.dmd.blank()  # the picture that was probed may be the one to be measured: it is to be shown anew
-        self._storage.wait()
-        self._compare()  # finding the ranges takes long
         self._scalings = scalings
-        self._likeness, self._unexamined = Likeness(self._whole[index].shots, self._alike), []
+        shots = self._whole[index].shots
+        self._likeness, self._unexamined = Likeness(shots, self._alike, self._twice.get(index, ())), []
         missing = self._writer.missing(index)
         self._ends = frozenset(missing[np.append(np.diff(missing) > 1, True)].tolist())
         self._lowest, self._highest = self._bench.limits.detector_codes(scalings)
@@ -214,7 +220,7 @@ class Recorder:
 
         Raises:
             SettingChanged: a setting is another one.
-            WrongRecord: records are not those of their shots.
+            DoubtfulRecord, WrongRecord: records are not those of their shots.
         """
         began = time.monotonic()
         self._bench.require_unchanged()
@@ -228,7 +234,7 @@ class Recorder:
         """Compare the records that came since with one another.
 
         Raises:
-            SettingChanged, WrongRecord: they are not those of their shots.
+            SettingChanged, DoubtfulRecord, WrongRecord: they are not those of their shots.
         """
         records, self._unexamined = self._unexamined, []
         unsure_from = self._unsure_from
@@ -238,7 +244,16 @@ class Recorder:
         if finding is not None:
             self._unsure_from = records[0].pass_.index, min(finding.first, unsure_from[1])
             self._bench.require_unchanged()  # a setting may be the reason
-            raise WrongRecord(finding.text)
+            raise self._wrong(records[0].pass_.index, finding)
+
+    def _wrong(self, pass_index: int, finding: Finding) -> InstrumentError:
+        """One shot alone may be what it is by chance: it is measured again, unless there are too many of them."""
+        twice = self._twice.setdefault(pass_index, set())
+        if finding.shot is None or len(twice) >= MOST_TWICE + len(self._whole[pass_index].shots) // ONE_IN:
+            self._unsure_from = pass_index, min({finding.first, *twice})
+            return WrongRecord(finding.text)
+        twice.add(finding.shot)
+        return DoubtfulRecord(finding.text)
 
     def _last_shot(self) -> dict[str, Any]:
         """What is known of the shot that was measured last, with the image that the DMD shows."""

@@ -8,7 +8,7 @@ import time
 from typing import NamedTuple
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError, LinkError, SettingChanged
+from instruments.errors import DoubtfulRecord, InstrumentError, LinkError, SettingChanged
 from instruments.safe_state import UnsafeBench
 
 ATTEMPTS = 3
@@ -29,6 +29,7 @@ class Mishap(NamedTuple):
 MISHAPS = (
     Mishap(LinkError, "lost link", "link lost", "link recovered"),
     Mishap(SettingChanged, "setting changed from elsewhere", "setting changed", "settings mended"),
+    Mishap(DoubtfulRecord, "doubtful record", "record doubted", "record measured again"),
 )
 
 _logger = logging.getLogger(__name__)
