@@ -86,7 +86,8 @@ class Ended:
     """How a run ended, gone on with `resume` if it ended early.
 
     status: exit status of `run`. told: its error, empty for none. marked, volts, offsets: of every record that was
-    kept, (shots, ports, ...). resumed: whether it had begun, and so went on. overheard: what the run said.
+    kept, (shots, ports, ...). resumed: whether it had begun, and so went on. recovered: how often it went on by itself.
+    overheard: what the run said.
     """
 
     status: int
@@ -95,6 +96,7 @@ class Ended:
     offsets: NDArray[np.float64]
     marked: NDArray[np.bool_]
     resumed: bool
+    recovered: int
     overheard: Overheard
     visited: bool
 
@@ -130,8 +132,8 @@ def outcome(case: Case, ended: Ended, alone: Mapping[str, Ended]) -> str:
     noise = _noise(alone[AVERAGES if case.mode == AVERAGES else SOFTWARE])
     wrong, equal = _wrong(ended, expected, noise), _equal(ended, expected)
     # A record that was measured again has other noise; all others are the undisturbed ones, byte for byte.
-    again = ended.resumed or ended.overheard.arms() != expected.overheard.arms() or case.cause.harmless
-    unmarked = ~ended.marked & (wrong if again else ~equal)
+    again = bool(ended.recovered) or ended.overheard.arms() != expected.overheard.arms()
+    unmarked = ~ended.marked & (wrong if again or ended.resumed or case.cause.harmless else ~equal)
     assert not unmarked.any(), f"{WRONG}: {int(unmarked.sum())} of {unmarked.size} records; told: {ended.told!r}"
     if ended.status:
         if not ended.resumed:
@@ -139,7 +141,7 @@ def outcome(case: Case, ended: Ended, alone: Mapping[str, Ended]) -> str:
         return NAMED if isinstance(case.cause, Knob) and case.cause.word in ended.told.lower() else ENDED
     if ended.marked.any():
         return MARKED
-    return RIGHT if ended.overheard.arms() == expected.overheard.arms() else MENDED
+    return MENDED if again else RIGHT
 
 
 def _carried_out(bench: VisitedBench, mode: str, folder: Path) -> Ended:
@@ -157,7 +159,8 @@ def _carried_out(bench: VisitedBench, mode: str, folder: Path) -> Ended:
             for role in ("scope", "awg"):  # a person puts right what the line has named
                 bench.say(role, b"*RST\n*CLS\nHEADer OFF")
             _command(*resume)
-    return Ended(status, str(result.get("error", "")), *_kept(run), resumed, bench.overheard, bench.visited)
+    told, recovered = str(result.get("error", "")), int(result.get("recovered", 0))
+    return Ended(status, told, *_kept(run), resumed, recovered, bench.overheard, bench.visited)
 
 
 def _command(*words: str) -> tuple[int, Mapping[str, Any]]:
