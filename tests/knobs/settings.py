@@ -9,6 +9,7 @@ from sim_backends.optics.mirrors import COLUMNS, ROWS
 from tests.knobs.interloper import VisitedBench
 
 DRIVE = '"pseudorandom"'
+LARGEST_SCALE_V = 0.6
 MIRRORS = np.arange(ROWS * COLUMNS // 8, dtype=np.uint32).astype(np.uint8).tobytes()
 PICTURE = b"#5%05d" % len(MIRRORS) + MIRRORS
 
@@ -39,7 +40,7 @@ class Knob:
         """The other client does it; it must be something that the instrument accepts."""
         lines = self.sent
         if self.factor is not None:
-            lines += b" %.6E" % (self.factor * float(bench.say(self.role, lines + b"?")))
+            lines += b" %.6E" % min(LARGEST_SCALE_V, self.factor * float(bench.say(self.role, lines + b"?")))
         refused = AssertionError(f"{self.role} {self.name}: the instrument refuses it")
         with patch.object(bench.virtual(self.role).status, "report", side_effect=refused):
             answers = bench.say(self.role, lines)

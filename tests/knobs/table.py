@@ -85,9 +85,9 @@ def cases() -> Iterator[Case]:
 class Ended:
     """How a run ended, gone on with `resume` if it ended early.
 
-    status: exit status of `run`. told: its error, empty for none. marked, volts, offsets: of every record that was
-    kept, (shots, ports, ...). resumed: whether it had begun, and so went on. recovered: how often it went on by itself.
-    overheard: what the run said.
+    status: exit status of `run`. told: its error, empty for none. volts, offsets, marked: of every record that was
+    kept, (shots, ports, ...). scales: volts a code, (ports,). resumed: whether it had begun, and so went on.
+    recovered: how often it went on by itself. overheard: what the run said.
     """
 
     status: int
@@ -95,6 +95,7 @@ class Ended:
     volts: NDArray[np.float64]
     offsets: NDArray[np.float64]
     marked: NDArray[np.bool_]
+    scales: NDArray[np.float64]
     resumed: bool
     recovered: int
     overheard: Overheard
@@ -174,13 +175,13 @@ def _command(*words: str) -> tuple[int, Mapping[str, Any]]:
     raise AssertionError("a command ends with its status")
 
 
-def _kept(run: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Volts, trigger offsets and marks of every record in data.h5; none where there is no run."""
+def _kept(run: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    """Volts, trigger offsets, marks and scales of every record in data.h5; none where there is no run."""
     path = run / "data.h5"
     if run.exists() and not path.exists():
         _command("verify", str(run), "--rebuild", "--json")
     if not path.exists():
-        return np.empty((0, 1, 1)), np.empty((0, 1)), np.empty((0, 1), np.bool_)
+        return np.empty((0, 1, 1)), np.empty((0, 1)), np.empty((0, 1), np.bool_), np.ones(1)
     with h5py.File(path) as file:
         codes = file["frames"][()]
         volts = codes * file["scale"][()][:, None] + file["offset"][()][:, None]
@@ -188,7 +189,7 @@ def _kept(run: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[
         shots = file["shots"][()]
         if "suspect" in shots.dtype.names:
             marked |= (shots["suspect"] != 0)[:, None]
-        return volts, file["trigger_offset_s"][()], marked
+        return volts, file["trigger_offset_s"][()], marked, file["scale"][()]
 
 
 def _equal(ended: Ended, expected: Ended) -> NDArray[np.bool_]:
@@ -202,7 +203,8 @@ def _wrong(ended: Ended, expected: Ended, noise: NDArray[np.float64]) -> NDArray
     """Which records differ from the undisturbed ones by more than noise; (shots, ports)."""
     shots = len(ended.volts)
     difference = np.sqrt(((ended.volts - expected.volts[:shots]) ** 2).mean(axis=2))
-    return np.asarray((difference > NOISE_FACTOR * noise) | (ended.offsets != expected.offsets[:shots]))
+    coarser = np.maximum(1.0, ended.scales / expected.scales)  # ranges that were found anew may be others
+    return np.asarray((difference > NOISE_FACTOR * noise * coarser) | (ended.offsets != expected.offsets[:shots]))
 
 
 def _noise(expected: Ended) -> NDArray[np.float64]:
