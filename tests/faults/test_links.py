@@ -153,7 +153,7 @@ def test_a_scope_that_lies_answers_every_question_alike(
     link = through(TRACE_LIES[name], "ACQuire:STATE", "scope")
     honest = link.number("WFMOutpre:YMUlt?")
     link.query("HEADer OFF;:ACQuire:STOPAfter SEQuence;:ACQuire:STATE RUN;*OPC?")
-    found = [link.number(f"WFMOutpre:{field}?") for field in ("YMUlt", "XZEro")]
+    found = [float(link.query(f"WFMOutpre:{field}?")) for field in ("YMUlt", "XZEro")]
     fields = link.query("WFMOutpre?").split(";")
     assert found == pytest.approx([answers[0] * honest, answers[1]])
     assert [float(fields[place]) for place in (14, 11)] == found

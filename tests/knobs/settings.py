@@ -9,6 +9,7 @@ from sim_backends.optics.mirrors import COLUMNS, ROWS
 from tests.knobs.interloper import VisitedBench
 
 DRIVE = '"pseudorandom"'
+LARGEST_SCALE_V = 0.6
 MIRRORS = np.arange(ROWS * COLUMNS // 8, dtype=np.uint32).astype(np.uint8).tobytes()
 PICTURE = b"#5%05d" % len(MIRRORS) + MIRRORS
 
@@ -39,7 +40,7 @@ class Knob:
         """The other client does it; it must be something that the instrument accepts."""
         lines = self.sent
         if self.factor is not None:
-            lines += b" %.6E" % (self.factor * float(bench.say(self.role, lines + b"?")))
+            lines += b" %.6E" % min(LARGEST_SCALE_V, self.factor * float(bench.say(self.role, lines + b"?")))
         refused = AssertionError(f"{self.role} {self.name}: the instrument refuses it")
         with patch.object(bench.virtual(self.role).status, "report", side_effect=refused):
             answers = bench.say(self.role, lines)
@@ -80,10 +81,14 @@ KNOBS = (
     _scope("external attenuation in decibels", "CH2:PROBEFunc:EXTDBatten 6", "atten"),
     _scope("channel off", "SELect:CH1 OFF", "select"),
     _scope("another channel on", "SELect:CH3 ON", "select"),
-    _scope("three channels and the highest rate", "SELect:CH3 ON;:HORizontal:MODE:SAMPLERate 50E9", "sampler"),
-    _scope("sample rate twice as high", "HORizontal:MODE:SAMPLERate 50E9", "sampler"),
-    _scope("sample rate half as high", "HORizontal:MODE:SAMPLERate 12.5E9", "sampler"),
-    _scope("record length", "HORizontal:MODE:RECOrdlength 5000", "reco"),
+    _scope(
+        "three channels and the highest rate",
+        "SELect:CH3 ON;:HORizontal:MODE MANual;:HORizontal:MODE:SAMPLERate 50E9",
+        "sampler",
+    ),
+    _scope("sample rate twice as high", "HORizontal:MODE MANual;:HORizontal:MODE:SAMPLERate 50E9", "sampler"),
+    _scope("sample rate half as high", "HORizontal:MODE MANual;:HORizontal:MODE:SAMPLERate 12.5E9", "sampler"),
+    _scope("record length", "HORizontal:MODE MANual;:HORizontal:MODE:RECOrdlength 6000", "reco"),
     _scope("horizontal mode", "HORizontal:MODE AUTO;:HORizontal:MODE:SCAle 1E-9", "mode"),
     _scope("horizontal position", "HORizontal:POSition 20", "position"),
     _scope("delay", "HORizontal:MAIn:DELay:MODe ON;POSition 0;TIMe 2E-9", "delay"),
@@ -98,7 +103,11 @@ KNOBS = (
     _scope("acquisition mode average", "ACQuire:MODe AVErage", "mode"),
     _scope("acquisition mode envelope", "ACQuire:MODe ENVelope", "mode"),
     _scope("acquisition mode sample", "ACQuire:MODe SAMple", "mode"),
-    _scope("acquisition mode high resolution", "HORizontal:MODE:SAMPLERate 3E9;:ACQuire:MODe HIRes", "mode"),
+    _scope(
+        "acquisition mode high resolution",
+        "HORizontal:MODE MANual;:HORizontal:MODE:SAMPLERate 3E9;:ACQuire:MODe HIRes",
+        "mode",
+    ),
     _scope("number of averages", "ACQuire:NUMAVg 2", "numav"),
     _scope("samples aligned to the trigger", "ACQuire:SYNcsamples ON", "syn", harmless=True),
     _scope("stop after", "ACQuire:STOPAfter RUNSTop", "stopafter"),

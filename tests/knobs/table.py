@@ -85,8 +85,9 @@ def cases() -> Iterator[Case]:
 class Ended:
     """How a run ended, gone on with `resume` if it ended early.
 
-    status: exit status of `run`. told: its error, empty for none. marked, volts, offsets: of every record that was
-    kept, (shots, ports, ...). resumed: whether it had begun, and so went on. overheard: what the run said.
+    status: exit status of `run`. told: its error, empty for none. volts, offsets, marked: of every record that was
+    kept, (shots, ports, ...). scales: volts a code, (ports,). resumed: whether it had begun, and so went on.
+    recovered: how often it went on by itself. overheard: what the run said.
     """
 
     status: int
@@ -94,7 +95,9 @@ class Ended:
     volts: NDArray[np.float64]
     offsets: NDArray[np.float64]
     marked: NDArray[np.bool_]
+    scales: NDArray[np.float64]
     resumed: bool
+    recovered: int
     overheard: Overheard
     visited: bool
 
@@ -130,8 +133,8 @@ def outcome(case: Case, ended: Ended, alone: Mapping[str, Ended]) -> str:
     noise = _noise(alone[AVERAGES if case.mode == AVERAGES else SOFTWARE])
     wrong, equal = _wrong(ended, expected, noise), _equal(ended, expected)
     # A record that was measured again has other noise; all others are the undisturbed ones, byte for byte.
-    again = ended.resumed or ended.overheard.arms() != expected.overheard.arms() or case.cause.harmless
-    unmarked = ~ended.marked & (wrong if again else ~equal)
+    again = bool(ended.recovered) or ended.overheard.arms() != expected.overheard.arms()
+    unmarked = ~ended.marked & (wrong if again or ended.resumed or case.cause.harmless else ~equal)
     assert not unmarked.any(), f"{WRONG}: {int(unmarked.sum())} of {unmarked.size} records; told: {ended.told!r}"
     if ended.status:
         if not ended.resumed:
@@ -139,7 +142,7 @@ def outcome(case: Case, ended: Ended, alone: Mapping[str, Ended]) -> str:
         return NAMED if isinstance(case.cause, Knob) and case.cause.word in ended.told.lower() else ENDED
     if ended.marked.any():
         return MARKED
-    return RIGHT if ended.overheard.arms() == expected.overheard.arms() else MENDED
+    return MENDED if again else RIGHT
 
 
 def _carried_out(bench: VisitedBench, mode: str, folder: Path) -> Ended:
@@ -157,7 +160,8 @@ def _carried_out(bench: VisitedBench, mode: str, folder: Path) -> Ended:
             for role in ("scope", "awg"):  # a person puts right what the line has named
                 bench.say(role, b"*RST\n*CLS\nHEADer OFF")
             _command(*resume)
-    return Ended(status, str(result.get("error", "")), *_kept(run), resumed, bench.overheard, bench.visited)
+    told, recovered = str(result.get("error", "")), int(result.get("recovered", 0))
+    return Ended(status, told, *_kept(run), resumed, recovered, bench.overheard, bench.visited)
 
 
 def _command(*words: str) -> tuple[int, Mapping[str, Any]]:
@@ -171,13 +175,13 @@ def _command(*words: str) -> tuple[int, Mapping[str, Any]]:
     raise AssertionError("a command ends with its status")
 
 
-def _kept(run: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Volts, trigger offsets and marks of every record in data.h5; none where there is no run."""
+def _kept(run: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    """Volts, trigger offsets, marks and scales of every record in data.h5; none where there is no run."""
     path = run / "data.h5"
     if run.exists() and not path.exists():
         _command("verify", str(run), "--rebuild", "--json")
     if not path.exists():
-        return np.empty((0, 1, 1)), np.empty((0, 1)), np.empty((0, 1), np.bool_)
+        return np.empty((0, 1, 1)), np.empty((0, 1)), np.empty((0, 1), np.bool_), np.ones(1)
     with h5py.File(path) as file:
         codes = file["frames"][()]
         volts = codes * file["scale"][()][:, None] + file["offset"][()][:, None]
@@ -185,7 +189,7 @@ def _kept(run: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[
         shots = file["shots"][()]
         if "suspect" in shots.dtype.names:
             marked |= (shots["suspect"] != 0)[:, None]
-        return volts, file["trigger_offset_s"][()], marked
+        return volts, file["trigger_offset_s"][()], marked, file["scale"][()]
 
 
 def _equal(ended: Ended, expected: Ended) -> NDArray[np.bool_]:
@@ -199,7 +203,8 @@ def _wrong(ended: Ended, expected: Ended, noise: NDArray[np.float64]) -> NDArray
     """Which records differ from the undisturbed ones by more than noise; (shots, ports)."""
     shots = len(ended.volts)
     difference = np.sqrt(((ended.volts - expected.volts[:shots]) ** 2).mean(axis=2))
-    return np.asarray((difference > NOISE_FACTOR * noise) | (ended.offsets != expected.offsets[:shots]))
+    coarser = np.maximum(1.0, ended.scales / expected.scales)  # ranges that were found anew may be others
+    return np.asarray((difference > NOISE_FACTOR * noise * coarser) | (ended.offsets != expected.offsets[:shots]))
 
 
 def _noise(expected: Ended) -> NDArray[np.float64]:
