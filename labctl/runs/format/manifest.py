@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from instruments.remedies import unreadable
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.shape import RunShape
@@ -38,8 +39,10 @@ class Manifest:
                 text = file.read(LARGEST_MANIFEST)
         except FileNotFoundError:
             raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)") from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise RunError(f"{paths.manifest}: cannot be read: {error}") from error
+        except OSError as error:
+            raise RunError(unreadable(paths.manifest, error, "restore it from a copy of the run")) from error
+        except UnicodeDecodeError as error:
+            raise RunError(f"{paths.manifest}: cannot be read ({error}): restore it from a copy of the run") from error
         return cls.parse(text, paths.manifest)
 
     @classmethod

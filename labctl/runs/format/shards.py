@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.remedies import unreadable
 from labctl.errors import RunError
 from labctl.runs.format.columns import MEASURED, OF_A_SHOT, in_this_version, sizes_of
 from labctl.runs.format.journal import Entry
@@ -164,7 +165,7 @@ class Shards:
             with path.open("rb") as file:
                 image = file.read(MOST_BYTES + 1)
         except OSError as error:
-            raise RunError(f"{path}: cannot be read: {error.strerror}") from error
+            raise RunError(unreadable(path, error, "labctl resume measures its shots again")) from error
         if hashlib.sha256(image).hexdigest() != self.entries[number].sha256:
             raise RunError(f"{path}: damaged: its sha256 is not the journal's")
         return image
