@@ -9,8 +9,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.remedies import unreadable
 from instruments.values import Drive
 from labctl.errors import RunError
+from labctl.runs.format.columns import require_array, require_table, sizes_of
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
 from labctl.runs.format.plan import read_drive
@@ -34,6 +36,8 @@ def evidence_in(path: Path) -> str:
 
 def damaged(path: Path, error: Exception) -> RunError:
     """The one line for a data file that cannot be read."""
+    if isinstance(error, OSError) and error.errno:
+        return RunError(unreadable(path, error, "`labctl verify --rebuild` makes it anew from the shards"))
     return RunError(f"{path}: not a whole data file ({error}); `labctl verify --rebuild` makes it anew from the shards")
 
 
@@ -65,7 +69,7 @@ class DataFile:
                 cache_bytes = 0 if found.compression is None else None
                 self._file = stack.enter_context(h5py.File(path, "r", rdcc_nbytes=cache_bytes))
                 self.frames = StoredFrames(path, self._file["frames"])
-            except (*HDF5_ERRORS, AttributeError) as error:
+            except HDF5_ERRORS as error:
                 raise damaged(path, error) from error
             self._open = stack.pop_all()
 
@@ -88,7 +92,12 @@ class DataFile:
             RunError: it is damaged.
         """
         try:
-            return np.asarray(self._file[name][:])
+            values = np.asarray(self._file[name][:])
+            if name == "shots":
+                require_table(values, len(self.frames))
+            else:
+                require_array(name, values, sizes_of(self.manifest.shape, len(self.frames)))
+            return values
         except HDF5_ERRORS as error:
             raise damaged(self._path, error) from error
 
