@@ -171,7 +171,11 @@ class RunWriter:
         manifest = Manifest.read(paths)
         shape = manifest.shape
         plan, drive = read_plan(paths, manifest.values["plan_sha256"])
-        durability = durability or Durability.from_json(manifest.values["durability"])
+        try:
+            durability = durability or Durability.from_json(manifest.values["durability"])
+        except (KeyError, TypeError, ValueError) as error:
+            text = f"{paths.manifest}: damaged manifest ({error!r}); restore it from a copy of the run"
+            raise RunError(text) from error
         journal = JournalFile(paths.journal)
         try:
             shards = Shards(paths, shape, plan, read_journal(paths.journal).entries)

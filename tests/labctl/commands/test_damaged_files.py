@@ -124,6 +124,7 @@ def test_a_changed_manifest_is_read_or_refused(
         (directory / "manifest.json").write_text(json.dumps(manifest | json.loads(text)), encoding="utf-8")
         refused(name, "verify", directory)
         refused(name, "runs", directory.parent)
+        refused(name, "resume", directory)
 
 
 @pytest.mark.parametrize(
