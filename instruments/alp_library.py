@@ -152,7 +152,7 @@ class AlpByVendorLibrary:
         """Load the vendor's library.
 
         Raises:
-            NotConfigured: ALP4lib or the vendor's library is not installed.
+            NotConfigured: ALP4lib or the vendor's library is not installed, or is another one.
         """
         try:
             import ALP4
@@ -160,7 +160,7 @@ class AlpByVendorLibrary:
             raise NotConfigured("dmd: ALP4lib is not installed: pip install 'photonic-labctl[alp]'") from None
         try:
             self._alp: Any = ALP4.ALP4(version=version, libDir=library_folder)
-        except OSError as error:
+        except (OSError, AttributeError) as error:
             raise NotConfigured(f"dmd: the ViALUX library for ALP {version} cannot be loaded: {error}") from None
         self._failure: type[Exception] = ALP4.ALPError
 
@@ -236,3 +236,8 @@ class AlpByVendorLibrary:
             return function(*arguments, **named)
         except self._failure as error:
             raise InstrumentError(f"dmd: {function.__name__} failed: {error}") from None
+        except AttributeError as error:  # ctypes, of a function that is not in the library
+            raise NotConfigured(
+                f"dmd: the ViALUX library cannot {function.__name__} ({error}): install the one of the version in "
+                "dmd.version"
+            ) from None

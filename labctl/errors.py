@@ -5,8 +5,10 @@ Those of instruments and protocols are where these are: `instruments.errors`, `p
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from instruments.errors import LabctlError
+from instruments.remedies import unwritable
 
 __all__ = [
     "IMPORT_FAILURES",
@@ -14,6 +16,7 @@ __all__ = [
     "DatasetError",
     "ExperimentError",
     "LabctlError",
+    "NotWritten",
     "RecordingError",
     "RunError",
     "RunExists",
@@ -22,6 +25,7 @@ __all__ = [
     "noted_on",
     "notes",
     "one_line",
+    "writing",
 ]
 
 IMPORT_FAILURES = (ImportError, OSError, AttributeError, ValueError)
@@ -58,6 +62,23 @@ class AnalysisError(LabctlError, ValueError):
 
 class ExperimentError(LabctlError):
     """An experiment that does not exist, or whose file is wrong: one line that says what to do."""
+
+
+class NotWritten(LabctlError):
+    """A file or folder cannot be written: one line that names it and says what can be done about just that."""
+
+
+@contextmanager
+def writing(path: Path, otherwise: str = "name another place") -> Iterator[None]:
+    """What the system refuses while `path` is written becomes the one error; `otherwise`: see `remedies.remedy`.
+
+    Raises:
+        NotWritten: it refused.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise NotWritten(unwritable(path, error, otherwise)) from error
 
 
 @contextmanager

@@ -5,15 +5,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, NonNegativeInt, PositiveInt
+from pydantic import BaseModel, ConfigDict, Field
 
 from instruments.bench import Bench
 from instruments.errors import LabctlError
 from instruments.values import Drive, Frames, Scaling
+
+MOST_AVERAGES = 10_240
+"""Triggers of one frame: what the oscilloscope averages at most."""
 
 
 class ProtocolError(LabctlError):
@@ -164,8 +167,8 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     takes: ClassVar[type[Images | Sequences]] = Images
     judgement: ClassVar[Judgement] = Judgement.NONE
 
-    seed: NonNegativeInt = 1
-    averages: PositiveInt = 1
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 1
+    averages: Annotated[int, Field(ge=1, le=MOST_AVERAGES)] = 1
 
     def digest(self) -> str:
         """SHA-256 over the name and every setting, in hex: equal protocols have equal digests."""

@@ -39,6 +39,10 @@ REAL_SCENE_S = 1.5
 """One scene on real instruments: FastFrame takes 400 ms to be ready, four long transfers about 1 s."""
 
 
+MOST_SUMMED = 255
+"""Records of 8 bits whose sum fits 16 bits."""
+
+
 class DynamicScene(Measurement[Images]):
     """Show one image, switch to another while a single long record is taken, on every port.
 
@@ -51,6 +55,7 @@ class DynamicScene(Measurement[Images]):
     name: ClassVar[str] = "dynamic-scene"
     judgement: ClassVar[Judgement] = Judgement.EXPERIMENT
 
+    averages: Annotated[int, Field(ge=1, le=MOST_SUMMED)] = 1
     dataset: str = "mnist-0-3"
     classes: Classes | None = None
     images: ImageCount = 1000
@@ -60,7 +65,7 @@ class DynamicScene(Measurement[Images]):
     ports: Ports = (2, 3, 4, 5, 6)
     wavelengths: Wavelengths = (1550.0,)
     switch_after: Annotated[Seconds, Field(gt=0, le=20e-6)] = 4.6e-6
-    window: Annotated[Seconds, Field(gt=0, le=20e-6)] = 10e-6
+    window: Annotated[Seconds, Field(ge=40e-12, le=20e-6)] = 10e-6
 
     @field_validator("switch")
     @classmethod

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, PositiveInt
+from pydantic import Field
 
 from instruments.bench import Bench
 from instruments.units import Seconds
@@ -33,6 +33,8 @@ DRIVE_RATE = 25e9
 DRIVE_SAMPLES = 2500
 """One period of the drive, 100 ns: above the AWG's minimum and longer than the fibre's delay spread."""
 PROBES = 40
+SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 40e-12, 20e-6
+"""One sample, and two hundred periods of the drive: half a million samples."""
 
 REAL_SHOT_S = 50e-3
 """A software-timed shot on real instruments: a DMD upload (5 ms), arming (20 ms), four transfers (5 ms each)."""
@@ -57,10 +59,10 @@ class ImageReadout(Measurement[Images]):
     images: ImageCount = 1000
     binarisation: Binarisation = "128"
     ports: Ports = (2, 3, 4, 5, 6)
-    window: Annotated[Seconds, Field(gt=0)] = 2e-9
+    window: Annotated[Seconds, Field(ge=SHORTEST_WINDOW_S, le=LONGEST_WINDOW_S)] = 2e-9
     wavelengths: Wavelengths = (1550.0,)
     timing: Literal["software", "burst"] = "software"
-    reference_every: PositiveInt = 20
+    reference_every: Annotated[int, Field(ge=1, le=1_000_000)] = 20
 
     def shots(self, inputs: Images) -> Sequence[Shot]:
         """A class-balanced random order of the images, with a reference and a dark frame after every few.

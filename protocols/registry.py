@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from instruments.remedies import unreadable
 from instruments.toml_files import TomlError, describe, one_line, read_toml
 from protocols.base import Judgement, Measurement, ProtocolError
 
@@ -88,7 +89,7 @@ def _read_file(path: Path) -> tuple[str, dict[str, Any]]:
     try:
         content = read_toml(path)
     except OSError as error:
-        raise ProtocolError(f"{path}: cannot be read ({error.strerror}): name a protocol or a protocol file") from None
+        raise ProtocolError(unreadable(path, error, "name a protocol or a protocol file")) from None
     except TomlError as error:
         raise ProtocolError(f"{path}: is not TOML ({error}): correct that line") from None
     name, settings = content.pop("protocol", None), content.pop("settings", {})

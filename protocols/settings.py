@@ -17,14 +17,21 @@ def parse_list(value: object) -> object:
     return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
 
 
+Wavelength = Annotated[Nanometres, Field(ge=100, le=10_000)]
+"""In nm: far beyond what any laser of such a bench gives; its own range is compared when the bench is known."""
 _Counts = Annotated[str, Field(pattern=r"^\s*\d+\s*(,\s*\d+\s*)*$")]
 Wavelengths = Annotated[
-    tuple[Nanometres, ...],
-    BeforeValidator(parse_list, json_schema_input_type=str | tuple[Nanometres, ...]),
+    tuple[Wavelength, ...],
+    BeforeValidator(parse_list, json_schema_input_type=str | tuple[Wavelength, ...]),
     Field(min_length=1),
     AfterValidator(require_distinct),
 ]
-Classes = Annotated[tuple[int, ...], BeforeValidator(parse_list, json_schema_input_type=_Counts | tuple[int, ...])]
+Classes = Annotated[
+    tuple[int, ...],
+    BeforeValidator(parse_list, json_schema_input_type=_Counts | tuple[int, ...]),
+    Field(min_length=1),
+    AfterValidator(require_distinct),
+]
 Binarisation = Annotated[
     str,
     BeforeValidator(lambda value: str(value) if isinstance(value, int) else value, json_schema_input_type=str | int),

@@ -10,8 +10,11 @@ from instruments.bench import Bench
 from instruments.units import Nanometres, Seconds
 from instruments.values import Drive
 from protocols.base import Events, Images, Judgement, Measurement, Part, Pass, Shot
-from protocols.image_readout import ImageReadout
-from protocols.settings import Binarisation, Classes, Ports
+from protocols.image_readout import LONGEST_WINDOW_S, SHORTEST_WINDOW_S, ImageReadout
+from protocols.settings import Binarisation, Classes, Ports, Wavelength
+
+RESOLUTION_NM = 1e-6
+"""Of a wavelength that is asked for."""
 
 
 class WavelengthScan(Measurement[Images]):
@@ -32,9 +35,9 @@ class WavelengthScan(Measurement[Images]):
     images: Annotated[PositiveInt, Field(le=1000)] = 8
     binarisation: Binarisation = "128"
     ports: Ports = (0,)
-    window: Annotated[Seconds, Field(gt=0)] = 4e-9
-    start: Nanometres = 1550.0
-    step: Annotated[Nanometres, Field(gt=0)] = 0.002
+    window: Annotated[Seconds, Field(ge=SHORTEST_WINDOW_S, le=LONGEST_WINDOW_S)] = 4e-9
+    start: Wavelength = 1550.0
+    step: Annotated[Nanometres, Field(ge=RESOLUTION_NM, le=1)] = 0.002
     steps: Annotated[int, Field(ge=2, le=5000)] = 26
 
     @property

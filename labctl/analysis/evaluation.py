@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.splits import Split, random_splits
 from labctl.analysis.windows import WindowFeatures, compressive_ratio
+from labctl.errors import AnalysisError
 
 STANDARD_ERRORS = 4.0
 """A control counts as chance up to this many standard errors above it: an honest one fails once in 30000 times."""
@@ -80,6 +81,9 @@ def validate(
         labels: (shots,) class of each shot.
         splits: Training and test positions.
         readout: Unfitted estimator; None = `softmax_classifier()`.
+
+    Raises:
+        AnalysisError: All shots of a training part are of one class.
     """
     estimator = softmax_classifier() if readout is None else readout
     classes = np.unique(labels)
@@ -87,6 +91,8 @@ def validate(
     scores = []
     with threadpool_limits(1):  # small matrices: threads cost more than they give, and sums change with their number
         for train, test in splits:
+            if np.unique(labels[train]).size < 2:
+                raise AnalysisError(f"all {train.size} shots to train on are of one class: acquire more images")
             predicted = clone(estimator).fit(features[train], labels[train]).predict(features[test])
             scores.append(float(np.mean(predicted == labels[test])))
             confusion += confusion_matrix(labels[test], predicted, labels=classes)

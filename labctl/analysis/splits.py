@@ -12,6 +12,8 @@ from sklearn.model_selection import StratifiedShuffleSplit
 
 from labctl.errors import AnalysisError
 
+SEEDS = 1 << 32
+"""How many seeds a split can have: those of scikit-learn."""
 Split = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Positions of the training shots and of the test shots, both ascending."""
 
@@ -29,8 +31,10 @@ def random_splits(
         seed: Seed of the draw.
 
     Raises:
-        AnalysisError: A group has shots of different classes, or there are too few groups for such splits.
+        AnalysisError: No such seed, a group has shots of different classes, or too few groups for such splits.
     """
+    if not 0 <= seed < SEEDS:
+        raise AnalysisError(f"seed {seed}: choose one from 0 to {SEEDS - 1}")
     names, first, member = np.unique(groups, return_index=True, return_inverse=True)
     group_labels = labels[first]
     if mixed := np.unique(groups[group_labels[member] != labels]).tolist():

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
 
 from labctl.bench.station import USUAL, Station
-from labctl.runs.format.durable import replace_file
+from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.own_files import read_own
 
 FILE = "calibration.json"
@@ -95,7 +95,7 @@ def save(
         findings=[dict(finding) for finding in findings],
     )
     path = directory / FILE
-    replace_file(path, (stored.model_dump_json(indent=1) + "\n").encode())
+    replace_file(path, (stored.model_dump_json(indent=1) + "\n").encode(), not_made)
     return path
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, create_model
 
+from instruments.remedies import unwritable
 from instruments.sections import InstrumentSection
 from labctl.bench.drivers import installed
 from labctl.bench.station import USUAL, Station
@@ -79,7 +80,7 @@ def write_schemas(folder: Path) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         return [write_schema(folder / file_name(name), name) for name in names()]
     except OSError as error:
-        raise UsageError(f"{folder}: cannot be written ({error.strerror}): name another folder") from None
+        raise UsageError(unwritable(folder, error, "name another folder")) from None
 
 
 def file_name(name: str) -> str:

@@ -21,6 +21,7 @@ from pydantic import (
 
 from instruments.alnair_tlg220 import Tlg220Section
 from instruments.driver import Driver
+from instruments.remedies import unreadable, unwritable
 from instruments.sections import (
     FOLDER,
     SIMULATED,
@@ -206,7 +207,7 @@ def read_station(path: Path | None) -> Station:
     try:
         return Station.model_validate(read_toml(path) | {"source": str(path)}, context={FOLDER: path.parent})
     except OSError as error:
-        raise StationError(f"{path}: cannot be read ({error.strerror}): name a station file") from None
+        raise StationError(unreadable(path, error, "name a station file")) from None
     except TomlError as error:
         raise StationError(f"{path}: is not TOML ({error}): correct that line") from None
     except ValidationError as error:
@@ -240,7 +241,7 @@ def write_addresses(path: Path, addresses: Mapping[str, str], station: Station =
         with path.open("x", encoding="utf-8") as file:
             file.write("\n".join(lines).lstrip() + "\n")
     except OSError as error:
-        raise StationError(f"{path}: cannot be written ({error.strerror}): name a new file") from None
+        raise StationError(unwritable(path, error, "name a new file")) from None
 
 
 def toml(value: object) -> str:

@@ -11,6 +11,7 @@ import typer
 from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import Tlg220Section
+from instruments.remedies import unwritable
 from instruments.sections import SIMULATED, USB, InstrumentSection, PatchPanelSection
 from instruments.toml_files import describe
 from instruments.units import quantity
@@ -209,7 +210,7 @@ def _write(file: Path, text: str, schema: Path) -> None:
         if not schema.exists():
             write_schema(schema, STATION)
     except OSError as error:
-        raise StationError(f"{error.filename}: cannot be written ({error.strerror}): name a new file") from None
+        raise StationError(unwritable(error.filename or file, error, "name a new file")) from None
 
 
 def _print(result: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import Abort, TyperException
 
+from instruments.remedies import refusal
 from labctl.commands.command_group import PLAIN, UnloadedCommands
 from labctl.commands.exit_status import FELL_SHORT, INTERRUPTED, WRONG_USE
 from labctl.errors import LabctlError, notes, one_line
@@ -71,6 +72,10 @@ def _status(words: list[str], *, debug: bool) -> int:
         if debug:
             raise
         return _complain(one_line(error), error.exit_status, words, notes(error))
+    except OSError as error:
+        if debug:
+            raise
+        return _complain(refusal(error) or _unexpected(error), FELL_SHORT, words, notes(error))
     except Exception as error:
         if debug:
             raise

@@ -16,6 +16,7 @@ from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.errors import UsageError, one_line
+from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import run_name
 from labctl.studies.paper.experiments import experiments
 from labctl.studies.processes import Interrupted
@@ -94,7 +95,7 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
         "seconds": round(time.perf_counter() - began, 1),
         "report": str(report),
     }
-    (plan.folder / "report.json").write_text(json.dumps(whole, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    _keep(plan.folder, whole)
     show(
         entries[0] | {"report": str(report)} if alone else whole,
         as_json,
@@ -126,9 +127,13 @@ def _vary(plan: "Plan", as_json: bool) -> int:
         "seconds": seconds,
         "report": str(report),
     }
-    (plan.folder / "report.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    _keep(plan.folder, result)
     show(result, as_json, lambda: _print_dependence(result))
     return DONE
+
+
+def _keep(folder: Path, result: dict[str, Any]) -> None:
+    replace_file(folder / "report.json", (json.dumps(result, indent=2, allow_nan=False) + "\n").encode(), not_made)
 
 
 def _print_dependence(result: dict[str, Any]) -> None:

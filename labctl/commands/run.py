@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import opened
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
@@ -67,6 +68,8 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
     shots = protocol.shots(inputs)
     with CommandLog() as log, opened(acquisition.station, log, acquisition.access) as open_bench:
         bench = open_bench.bench
+        check_laser(acquisition.station, [one.wavelength_nm for one in protocol.passes(bench)])
+        size = bytes_needed(Request(protocol, inputs, acquisition.station), bench)
         passes = protocol.passes(bench)
         return {
             "protocol": protocol.name,
@@ -77,7 +80,7 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
             "ports": [list(pass_.patching.values()) for pass_ in passes],
             "samples": protocol.sample_count(inputs),
             "estimated_seconds_on_a_real_bench": protocol.duration_s(bench, len(shots)),
-            "bytes_needed": bytes_needed(Request(protocol, inputs, acquisition.station), bench),
+            "bytes_needed": size,
         }
 
 

@@ -76,8 +76,12 @@ def checked(request: Request, bench: Bench) -> Plan:
 
 
 def bytes_needed(request: Request, bench: Bench) -> int:
-    """What the run writes at most; nothing is sent to the bench."""
-    plan = planned(request, bench)
+    """What the run writes at most; nothing is sent to the bench.
+
+    Raises:
+        ProtocolError: this bench cannot carry it out.
+    """
+    plan = checked(request, bench)
     return needed(plan.shape, plan.drive, request.durability, plan.seconds_a_shot)
 
 

@@ -58,7 +58,7 @@ def protocol_of_manifest(directory: Path, manifest: Mapping[str, Any]) -> Measur
         asked = manifest["protocol"]
         protocol = protocol_from(asked["name"], asked["settings"], origin=str(directory))
         digest = asked["digest"]
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, AttributeError) as error:
         raise RunError(f"{directory}: the manifest does not say what was asked for: begin a new run") from error
     if protocol.digest() != digest:
         raise RunError(

@@ -37,7 +37,6 @@ def alignment_report(
         figures: Of the steps that have one.
     """
     folder, report = directory / "figures", directory / "report.html"
-    folder.mkdir(exist_ok=True)
     write_report(
         report,
         "alignment.html",

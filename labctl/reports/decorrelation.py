@@ -28,7 +28,6 @@ def decorrelation_report(
         manifest: Where it came from.
     """
     paths = RunPaths(directory)
-    paths.figures.mkdir(exist_ok=True)
     points = zip(found.detuning_nm, found.correlation, strict=True)
     write_report(
         paths.report,

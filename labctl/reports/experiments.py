@@ -82,7 +82,6 @@ def experiments_report(
         title: Headline.
     """
     folder = path.parent / "figures"
-    folder.mkdir(parents=True, exist_ok=True)
     sources = {
         (entry.name, drawn.stem): embedded(drawn.figure, folder / f"{entry.name}-{drawn.stem}")
         for entry in entries

@@ -5,7 +5,6 @@ there.
 """
 
 import base64
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from labctl.errors import writing
 from labctl.reports.canvas import save_figure
+from labctl.runs.format.durable import not_made, replace_file
 
 LARGEST_SVG = 600_000
 """Figures whose SVG has more bytes than this go into a report as PNG."""
@@ -42,8 +43,14 @@ class Result:
 
 
 def embedded(figure: Figure, stem: Path) -> str:
-    """Save a figure as `<stem>.png` and `<stem>.svg`, and return one of them as the source of an image in a page."""
-    png, svg = save_figure(figure, stem)
+    """Save a figure as `<stem>.png` and `<stem>.svg`, and return one of them as the source of an image in a page.
+
+    Raises:
+        NotWritten: They cannot be written; names their folder, which is made.
+    """
+    with writing(stem.parent):
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        png, svg = save_figure(figure, stem)
     kind, path = ("svg+xml", svg) if svg.stat().st_size <= LARGEST_SVG else ("png", png)
     return f"data:image/{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
 
@@ -79,9 +86,9 @@ def write_report(path: Path, template: str, **content: Any) -> None:
         path: File to write, for instance `report.html`; an existing one is replaced.
         template: File in `templates/` that says what is shown, and how.
         content: What it shows, by the names in the template; `title` always.
+
+    Raises:
+        RunError: The file cannot be written.
     """
-    partial = path.with_name(path.name + ".partial")
-    partial.unlink(missing_ok=True)  # it may lead somewhere else
     text = TEMPLATES.get_template(template).render(content)
-    partial.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
-    os.replace(partial, path)
+    replace_file(path, text.encode(errors="backslashreplace"), not_made)

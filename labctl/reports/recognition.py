@@ -50,7 +50,6 @@ def recognition_report(
         classes: Names of the classes, in the order of the matrices.
     """
     paths = RunPaths(directory)
-    paths.figures.mkdir(exist_ok=True)
     curves = [Series.of(name, accuracy, unit=1e-9) for name, accuracy in accuracies.items()]
     with open_run(directory) as run:
         interval, manifest = run.shape.sample_interval_s, run.manifest

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.remedies import unwritable
 from labctl.analysis.evaluation import WindowAccuracy, accuracy_against_window, mean_and_sd, window_key, windows_to_try
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError, RunError
@@ -106,7 +107,7 @@ def draw(comparison: Comparison, out: Path) -> list[Path]:
             figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=0, claim=None)
             pictures.append(save_png(figure, out / "accuracy"))
     except OSError as error:
-        raise RunError(f"{out}: pictures cannot be written ({error.strerror}): name another folder by --out") from None
+        raise RunError(unwritable(out, error, "name another folder by --out")) from None
     return pictures
 
 

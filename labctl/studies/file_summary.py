@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from instruments.remedies import unreadable
 from instruments.toml_files import TomlError, read_toml
 from labctl.bench.recording.format import FORMAT as RECORDING
 from labctl.bench.recording.format import Kind, read_recording
@@ -44,7 +45,7 @@ def _kind(path: Path) -> str:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
     except OSError as error:
-        raise UsageError(f"{path}: cannot be read ({error.strerror}): name another file") from None
+        raise UsageError(unreadable(path, error, "name another file")) from None
     if head.startswith(HDF5):
         return _hdf5_says(path)
     if head.startswith(b"{") and RECORDING.encode() in head:

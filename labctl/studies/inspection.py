@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from instruments.remedies import unwritable
 from labctl.analysis.signal_quality import CodeCounts, Drift, drift, no_codes
 from labctl.engine.inputs import images_for
 from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs
@@ -150,7 +151,7 @@ def draw(run: Run, part: Part, look: Look, out: Path | None) -> Drawn:
         return Drawn((out,), drawn.left_out)
     except OSError as error:
         where = figures if out is None else out
-        raise RunError(f"{where}: pictures cannot be written ({error.strerror}): name another place by --out") from None
+        raise RunError(unwritable(where, error, "name another place by --out")) from None
 
 
 def _draw(run: Run, part: Part, look: Look, folder: Path, before: str) -> Drawn:

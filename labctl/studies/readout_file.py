@@ -1,15 +1,17 @@
 """Trained readouts as files: arrays and JSON in HDF5, readable by anything that reads HDF5 and never executed.
 
 Attributes of the file: `format` ("labctl-readout"), `format_version`, `metadata` (JSON object), `steps` (JSON list of
-the steps' names in order). One group a step, with attributes `estimator` (class name) and `parameters` (JSON object of
-the settings that differ from the class's defaults) and one data set for each fitted array. Where an estimator contains
-another, that is a group in its group: a pipeline with attribute `steps` like the file itself, or an estimator.
+the steps' names in order), `sha256` over all the rest, which earlier files do not have. One group a step, with
+attributes `estimator` (class name) and `parameters` (JSON object of the settings that differ from the class's defaults)
+and one data set for each fitted array. Where an estimator contains another, that is a group in its group: a pipeline
+with attribute `steps` like the file itself, or an estimator.
 """
 
+import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -26,38 +28,83 @@ from labctl.analysis.anomaly import CovarianceScore, NormalityScore
 from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
-from labctl.runs.format.plain_hdf5 import LIBVER, attribute, check_plain, set_text, walked
+from labctl.runs.format.durable import not_made, replace_file
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, attribute, check_plain, set_text, walked
+from labctl.studies.fitted_state import require_chained, require_sound
 
 FORMAT = "labctl-readout"
 FORMAT_VERSION = "1.1"
+DIGEST = "sha256"
 LARGEST = 1 << 30
 """Bytes of all arrays of a file, unpacked."""
 
-FITTED: Mapping[str, tuple[type, tuple[str, ...]]] = {
-    "WindowFeatures": (WindowFeatures, ("rows_", "samples_", "ports_in_", "samples_in_")),
-    "StandardScaler": (StandardScaler, ("mean_", "var_", "scale_", "n_samples_seen_", "n_features_in_")),
-    "LogisticRegression": (LogisticRegression, ("classes_", "coef_", "intercept_", "n_iter_", "n_features_in_")),
-    "RidgeCV": (RidgeCV, ("alpha_", "best_score_", "coef_", "intercept_", "n_features_in_")),
-    "NormalityScore": (NormalityScore, ("mean_", "coef_", "n_features_in_")),
-    "CovarianceScore": (CovarianceScore, ("mean_", "scale_", "precision_", "shrinkage_", "n_features_in_")),
-    "LinearReconstruction": (LinearReconstruction, ("pipeline_", "alpha_", "range_", "n_features_in_")),
+FITTED: Mapping[str, tuple[type, Mapping[str, str]]] = {
+    "WindowFeatures": (WindowFeatures, {"rows_": "rows", "samples_": "times", "ports_in_": "", "samples_in_": ""}),
+    "StandardScaler": (
+        StandardScaler,
+        {
+            "mean_": "features?",
+            "var_": "features?",
+            "scale_": "features?",
+            "n_samples_seen_": "",
+            "n_features_in_": "",
+        },
+    ),
+    "LogisticRegression": (
+        LogisticRegression,
+        {
+            "classes_": "classes",
+            "coef_": "answers features",
+            "intercept_": "answers",
+            "n_iter_": "fits",
+            "n_features_in_": "",
+        },
+    ),
+    "RidgeCV": (
+        RidgeCV,
+        {
+            "alpha_": "",
+            "best_score_": "",
+            "coef_": "[outputs] features",
+            "intercept_": "[outputs]",
+            "n_features_in_": "",
+        },
+    ),
+    "NormalityScore": (NormalityScore, {"mean_": "features", "coef_": "features", "n_features_in_": ""}),
+    "CovarianceScore": (
+        CovarianceScore,
+        {
+            "mean_": "features",
+            "scale_": "features",
+            "precision_": "features features",
+            "shrinkage_": "",
+            "n_features_in_": "",
+        },
+    ),
+    "LinearReconstruction": (
+        LinearReconstruction,
+        {"pipeline_": "", "alpha_": "", "range_": "ends", "n_features_in_": ""},
+    ),
     "KernelReconstruction": (
         KernelReconstruction,
-        (
-            "gamma_",
-            "alphas_",
-            "dual_coef_",
-            "mean_",
-            "range_",
-            "n_features_in_",
-            "_scaler",
-            "_shots",
-            "_column_means",
-            "_pixels",
-        ),
+        {
+            "gamma_": "",
+            "alphas_": "components",
+            "dual_coef_": "shots pixels",
+            "mean_": "pixels",
+            "range_": "ends",
+            "n_features_in_": "",
+            "_scaler": "",
+            "_shots": "shots features",
+            "_column_means": "shots",
+            "_pixels": "axes",
+        },
     ),
 }
-"""What may be in a file: class name -> class and the fitted attributes that make up its state."""
+"""What may be in a file: class name -> class, and the fitted attributes that make up its state with their axes.
+
+Equal names are equal lengths; see `fitted_state.require_sound`.
+"""
 
 
 def save_model(path: Path, pipeline: Pipeline, metadata: Mapping[str, Any]) -> None:
@@ -70,17 +117,18 @@ def save_model(path: Path, pipeline: Pipeline, metadata: Mapping[str, Any]) -> N
 
     Raises:
         AnalysisError: A step is of another class, or not fitted to plain arrays.
+        RunError: The file cannot be written.
         sklearn.exceptions.NotFittedError: The pipeline is not fitted.
     """
     _require_savable(pipeline)
-    partial = path.with_name(path.name + ".partial")
-    partial.unlink(missing_ok=True)  # a killed process left it; or it leads somewhere else
-    with h5py.File(partial, "x", libver=LIBVER) as file:
+    image = BytesIO()
+    with h5py.File(image, "w", libver=LIBVER) as file:
         set_text(file, "format", FORMAT)
         set_text(file, "format_version", FORMAT_VERSION)
         set_text(file, "metadata", _json(dict(metadata)))
         _write(file, pipeline)
-    os.replace(partial, path)
+        set_text(file, DIGEST, _content(file))
+    replace_file(path, image.getvalue(), not_made)
 
 
 def load_model(path: Path) -> Pipeline:
@@ -93,6 +141,8 @@ def load_model(path: Path) -> Pipeline:
         pipeline = _read(file, path)
         if not isinstance(pipeline, Pipeline) or not pipeline.steps:
             raise ValueError("it holds no steps")
+        require_chained(pipeline)
+        _require_unchanged(file)
         return pipeline
 
 
@@ -106,6 +156,7 @@ def load_metadata(path: Path) -> dict[str, Any]:
         metadata = json.loads(attribute(file, "metadata"))
         if not isinstance(metadata, dict):
             raise ValueError("its metadata are no mapping")
+        _require_unchanged(file)
         return metadata
 
 
@@ -124,7 +175,7 @@ def _open(path: Path) -> Iterator[h5py.File]:
             yield file
         except AnalysisError:
             raise
-        except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, OverflowError) as error:
+        except HDF5_ERRORS as error:
             reason = " ".join(str(error).split())[:300]
             raise AnalysisError(f"{path}: a damaged readout ({reason}): name another file, or train it again") from None
 
@@ -137,6 +188,27 @@ def _require_readable(file: h5py.File, path: Path) -> None:
         raise AnalysisError(
             f"{path}: format version {version!r}, this labctl reads up to {FORMAT_VERSION}: update labctl"
         )
+
+
+def _require_unchanged(file: h5py.File) -> None:
+    if DIGEST in file.attrs and attribute(file, DIGEST) != _content(file):
+        raise ValueError("its sha256 is not that of what it holds")
+
+
+def _content(group: h5py.Group) -> str:
+    """SHA-256 over the names, attributes and arrays in a file or group, in hex; how HDF5 stores them is not in it."""
+    digest = hashlib.sha256()
+    attributes = {name: attribute(group, name) for name in group.attrs if name != DIGEST}
+    digest.update(json.dumps(attributes, sort_keys=True).encode())
+    for name in sorted(group):
+        found = group[name]
+        digest.update(f" {name} ".encode())
+        if isinstance(found, h5py.Group):
+            digest.update(_content(found).encode())
+        else:
+            values = np.ascontiguousarray(found[()])
+            digest.update(f"{values.dtype.str} {values.shape} ".encode() + values.tobytes())
+    return digest.hexdigest()
 
 
 def _numbers(version: str) -> tuple[float, ...]:
@@ -190,6 +262,7 @@ def _read(group: h5py.Group, path: Path) -> Any:
             setattr(step, fitted, _read(stored, path))
         else:
             setattr(step, fitted, None if stored is None else _restored(stored))
+    require_sound(step, attributes)
     return step
 
 

@@ -1,5 +1,7 @@
 """Readouts from run to model file and back: training on a part of a run, testing on what was kept apart."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +22,19 @@ from labctl.analysis.evaluation import (
     windows_to_try,
 )
 from labctl.analysis.readouts import softmax_readout
-from labctl.analysis.splits import forward_in_time_split, random_splits
-from labctl.errors import AnalysisError
+from labctl.analysis.splits import SEEDS, forward_in_time_split, random_splits
+from labctl.errors import AnalysisError, one_line, writing
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 
 SPLITS = 10
+LONGEST_REASON = 200
+"""Characters of what other people's code says that a message shows."""
 
 
 class _Trained(BaseModel):
@@ -40,7 +45,7 @@ class _Trained(BaseModel):
     frames_sha256: str
     window_s: float = Field(gt=0)
     ports: tuple[int, ...]
-    seed: int = Field(ge=0)
+    seed: int = Field(ge=0, lt=SEEDS)
     test_groups: tuple[int, ...]
 
     @classmethod
@@ -71,6 +76,8 @@ def train_readout(
         recorded_ports=records.ports if ports else None,
     )
     train, test = next(iter(random_splits(records.labels, records.groups, splits=1, seed=seed)))
+    if np.unique(records.labels[train]).size < 2:
+        raise AnalysisError(f"{directory}: all images are of one class: there is nothing to tell apart")
     with threadpool_limits(1):
         pipeline.fit(records.traces[train], records.labels[train])
     score = float(np.mean(pipeline.predict(records.traces[test]) == records.labels[test]))
@@ -88,11 +95,9 @@ def train_readout(
         "test_groups": np.unique(records.groups[test]).tolist(),
         "accuracy": score,
     }
-    try:
+    with writing(path, "name another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_model(path, pipeline, metadata)
-    except OSError as error:
-        raise AnalysisError(f"{path}: cannot be written ({error.strerror}): name another --out") from None
+    save_model(path, pipeline, metadata)
     return {"model": str(path)} | {key: value for key, value in metadata.items() if key != "test_groups"}
 
 
@@ -111,15 +116,25 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         records = read_records(run)
         test = _unseen(records, trained, run.digest())
         controls = _controls(run, records, trained.seed)
-    unfitted = clone(readout)
-    predicted = readout.predict(records.traces[test])
-    random = validate(
-        records.traces,
-        records.labels,
-        random_splits(records.labels, records.groups, splits=SPLITS, seed=trained.seed),
-        readout=unfitted,
-    )
-    forward = validate(records.traces, records.labels, [forward_in_time_split(records.groups)], readout=unfitted)
+    with _used(model, directory):
+        unfitted = clone(readout)
+        predicted = readout.predict(records.traces[test])
+        random = validate(
+            records.traces,
+            records.labels,
+            random_splits(records.labels, records.groups, splits=SPLITS, seed=trained.seed),
+            readout=unfitted,
+        )
+        forward = validate(records.traces, records.labels, [forward_in_time_split(records.groups)], readout=unfitted)
+        windows = accuracy_against_window(
+            records.traces,
+            records.labels,
+            records.groups,
+            windows_s=windows_to_try(records.traces.shape[2], records.sample_interval_s),
+            window=readout[0],
+            splits=SPLITS,
+            seed=trained.seed,
+        )
     found: dict[str, Any] = {
         "model": str(model),
         "run": str(directory),
@@ -131,15 +146,6 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "classes": random.classes.tolist(),
         "confusion": random.confusion.tolist(),
     }
-    windows = accuracy_against_window(
-        records.traces,
-        records.labels,
-        records.groups,
-        windows_s=windows_to_try(records.traces.shape[2], records.sample_interval_s),
-        window=readout[0],
-        splits=SPLITS,
-        seed=trained.seed,
-    )
     report = recognition_report(
         directory,
         title=f"Image recognition: {directory.name}",
@@ -166,6 +172,18 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         classes=[str(label) for label in random.classes],
     )
     return found | {"report": str(report)}
+
+
+@contextmanager
+def _used(model: Path, directory: Path) -> Iterator[None]:
+    """Whatever a readout that somebody made raises on a run becomes the one error."""
+    try:
+        yield
+    except AnalysisError:
+        raise
+    except HDF5_ERRORS as error:
+        reason = one_line(error)[:LONGEST_REASON]
+        raise AnalysisError(f"{model}: is of no use on {directory} ({reason}): train it again") from None
 
 
 def _unseen(records: Records, trained: _Trained, digest: str) -> NDArray[np.intp]:

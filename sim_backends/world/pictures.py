@@ -17,6 +17,8 @@ FLOATING = digest("floating")
 _SLACK_S = 20e-12  # rounding of a large virtual time must not miss a latch
 _AGE_STEP_S = 1e-12
 _KEPT_SCENES = 16
+_KEPT_PROJECTIONS = 2
+"""Of the scenes that are kept: a projection can have thousands of pictures, each as large as a record."""
 
 Amplitudes = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
@@ -146,7 +148,7 @@ class Pictures:
                 amplitudes=rows,
                 latched_s=[] if projection.triggered else None,
             )
-        self._scenes.append(scene)
+        self._keep(scene)
         return state != present.state
 
     def hold(self, now_s: float) -> bool:
@@ -157,7 +159,7 @@ class Pictures:
         after, before, latch = present.row(np.array([now_s]))
         name = present.names[after[0]]
         rows = present.amplitudes[[before[0], after[0]]]
-        self._scenes.append(replace(still_scene(now_s, present.names[before[0]], name, rows), start_s=float(latch[0])))
+        self._keep(replace(still_scene(now_s, present.names[before[0]], name, rows), start_s=float(latch[0])))
         return bool(name != present.state)
 
     def latched_count(self, now_s: float) -> int:
@@ -199,6 +201,13 @@ class Pictures:
             age[rows] = np.rint((times[rows] - latch) / _AGE_STEP_S) * _AGE_STEP_S
         moving = (after != before) & (age + min(0.0, begins_s) < self._arrives_s)
         return Sight(scenes, number, shown, after, before, np.where(moving, age, np.nan))
+
+    def _keep(self, scene: Scene) -> None:
+        """From now on it is the latest; the oldest ones are forgotten."""
+        self._scenes.append(scene)
+        projections = [place for place, one in enumerate(self._scenes) if not one.still]
+        for _ in range(projections[-_KEPT_PROJECTIONS] if len(projections) > _KEPT_PROJECTIONS else 0):
+            self._scenes.popleft()
 
     def _named(self, counts: NDArray[np.uint16] | None) -> tuple[tuple[bytes, ...], NDArray[np.float32]]:
         """Names and amplitudes (n, r) of pictures; None is floating mirrors."""

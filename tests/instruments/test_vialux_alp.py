@@ -132,6 +132,20 @@ def test_a_missing_library_is_named(vendor: AlpOverVisa) -> None:
         VialuxAlp(AlpByVendorLibrary("4.3", "nowhere"))
 
 
+@pytest.mark.parametrize("lacking", ["__init__", "Initialize", "DevInquire"])
+def test_a_library_without_a_function_is_told_in_one_line(
+    vendor: AlpOverVisa, monkeypatch: pytest.MonkeyPatch, lacking: str
+) -> None:
+    def call(*_arguments: object, **_named: object) -> None:
+        ctypes.CDLL(None).AlpDevAlloc()
+
+    call.__name__ = lacking
+    monkeypatch.setattr(VendorLibrary, lacking, call)
+    with pytest.raises(NotConfigured, match=r"^dmd: the ViALUX library .*AlpDevAlloc") as refused:
+        DRIVER.open(VialuxAlpSection(driver="vialux-alp", address="usb"), opening()).identify()
+    assert "\n" not in str(refused.value)
+
+
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ALP4", None)
     with pytest.raises(NotConfigured, match=r"pip install 'photonic-labctl\[alp\]'"):

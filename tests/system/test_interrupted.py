@@ -2,10 +2,11 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from labctl.runs.read.run import open_run
 from tests.system.waiting import until_stored
 
 Served = tuple[dict[str, Any], Path]
+Labctl = Callable[..., tuple[int, dict[str, Any]]]
 
 
 @pytest.fixture
@@ -86,3 +88,62 @@ def test_a_closed_terminal_ends_it_dark(served: Served, tmp_path: Path) -> None:
         assert not run.complete
         assert max(run.done) >= first["count"] > 0
     assert " ! run ended without" not in (directory / "commands.log").read_text(), "it needed no supervisor"
+
+
+def _copied(directory: Path) -> None:
+    journal = directory / "journal.jsonl"
+    copy = journal.with_name("copy")
+    copy.write_bytes(journal.read_bytes())
+    copy.replace(journal)
+
+
+@pytest.mark.parametrize(
+    "touch",
+    [
+        lambda directory: (directory / "journal.jsonl").unlink(),
+        lambda directory: (directory / "journal.jsonl").write_bytes(b""),
+        lambda directory: (directory / "journal.jsonl").write_text("something else\n" * 1000, encoding="utf-8"),
+        _copied,
+    ],
+    ids=["removed", "emptied", "overwritten", "replaced by its copy"],
+)
+def test_a_journal_that_somebody_touches_is_written_anew_and_ends_the_run_dark(
+    served: Served, running: tuple[Any, Path], touch: Callable[[Path], object], labctl: Labctl
+) -> None:
+    process, directory = running
+    touch(directory)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 2
+    first, second = [line for line in err.splitlines() if line.startswith("labctl: ")][-2:]
+    assert first.startswith(f"labctl: {directory}/journal.jsonl: was removed or changed while the run went on; ")
+    assert second == f"labctl: the run can go on: labctl resume {directory}"
+    assert "Traceback" not in err
+    assert is_dark(served)
+    status, report = labctl("verify", directory)
+    assert (status, report["notes"]) == (0, [])
+    assert report["shards"] == len(list((directory / "shards").iterdir()))
+    assert max(report["passes"]) >= 20
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+@pytest.mark.parametrize("what", ["shards", "."])
+def test_a_folder_that_somebody_takes_away_ends_the_run_dark_and_what_is_in_it_stays(
+    served: Served, running: tuple[Any, Path], what: str, replaced: bool, labctl: Labctl, tmp_path: Path
+) -> None:
+    process, directory = running
+    folder, elsewhere = (directory / what).resolve(), tmp_path / "elsewhere"
+    folder.rename(elsewhere)
+    if replaced:
+        folder.mkdir()
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 2
+    told = [line for line in err.splitlines() if line.startswith("labctl: ")]
+    assert any(line.startswith(f"labctl: {directory}/") and "put" in line for line in told)
+    assert "Traceback" not in err
+    assert is_dark(served)
+    if folder.exists():
+        shutil.rmtree(folder)
+    elsewhere.rename(folder)
+    status, report = labctl("verify", directory)
+    assert status == 0
+    assert max(report["passes"]) >= 20

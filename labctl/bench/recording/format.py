@@ -22,6 +22,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from instruments.remedies import unreadable, unwritable
 from labctl.errors import RecordingError
 
 FORMAT = "labctl-recording"
@@ -67,7 +68,7 @@ class RecordingWriter:
         except FileExistsError:
             raise RecordingError(f"{path}: exists: name a new file") from None
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be written ({error.strerror}): name another file") from None
+            raise RecordingError(unwritable(path, error, "name another file")) from None
         self._clock = clock
         self._started = clock()
         self._path = path
@@ -100,7 +101,7 @@ class RecordingWriter:
                 self._file.flush()
             except OSError as error:
                 self._broken = True
-                raise RecordingError(f"{self._path}: cannot be written ({error.strerror}): make room") from None
+                raise RecordingError(unwritable(self._path, error, "name another file")) from None
 
     def close(self) -> None:
         """End the recording in good order."""
@@ -244,7 +245,7 @@ def read_recording(path: Path) -> Recording:
             whole = records[-1].offset + records[-1].stored if records else whole
             lost = path.stat().st_size - whole
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}): name a recording") from None
+        raise RecordingError(unreadable(path, error, "name a recording")) from None
     complete = bool(records) and records[-1].kind is Kind.END
     if complete:
         records = records[:-1]

@@ -3,10 +3,11 @@
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 
+from instruments.remedies import unwritable
 from labctl.errors import RunError
 from labctl.runs.export.content import Content
 from labctl.runs.format.durable import sync_folder
@@ -79,7 +80,8 @@ def _aside(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise _not_written(path, error) from error
     finally:
-        _remove(temporary)
+        with suppress(OSError):  # whatever is the matter has been said
+            _remove(temporary)
 
 
 def _sync(path: Path) -> None:
@@ -96,6 +98,5 @@ def _remove(path: Path) -> None:
 
 def _not_written(path: Path, error: OSError) -> RunError:
     return RunError(
-        f"{path}: cannot be written ({error.strerror or error}): make room, or name another place by --out; the run is "
-        f"as it was"
+        f"{unwritable(path, error, 'see to the disk')}, or name another place by --out; the run is as it was"
     )

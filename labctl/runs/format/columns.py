@@ -4,7 +4,7 @@
 exports and docs/reference/run-format.md are made from them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Any
@@ -173,6 +173,40 @@ def in_this_version(table: NDArray[Any], dtype: np.dtype[Any] = SHOTS_DTYPE) -> 
             raise ValueError(f"without {name}")
         found[name] = table[name] if name in there else later[name]
     return found
+
+
+def require_table(stored: NDArray[Any], shots: int) -> None:
+    """Compare the table `/shots` of a file of any 1.x with what its columns are declared to be.
+
+    Raises:
+        ValueError: it has another number of rows, or a column of another kind or with values that are not finite.
+    """
+    if stored.shape != (shots,) or stored.dtype.names is None:
+        raise ValueError(f"/shots has no {shots} rows")
+    for column in SHOTS:
+        if column.name in stored.dtype.names:
+            _require_like(f"/shots.{column.name}", stored[column.name], column.type)
+
+
+def require_array(name: str, values: NDArray[Any], sizes: Mapping[str, int]) -> None:
+    """Compare an array of data.h5 with what it is declared to be; one that is not declared is nobody's concern.
+
+    Raises:
+        ValueError: it is of another shape or kind, or has values that are not finite.
+    """
+    for array in ARRAYS:
+        if array.name == name:
+            if values.shape != tuple(sizes[axis] for axis in array.axes):
+                raise ValueError(f"/{name} has the shape {values.shape}")
+            _require_like(f"/{name}", values, array.type)
+
+
+def _require_like(name: str, values: NDArray[Any], declared: str) -> None:
+    kind = np.dtype(declared).kind
+    if values.dtype.kind != kind:
+        raise ValueError(f"{name} is of type {values.dtype}")
+    if kind == "f" and not np.isfinite(values).all():
+        raise ValueError(f"{name} has values that are not finite")
 
 
 def same_shots(stored: NDArray[Any], planned: NDArray[Any]) -> bool:

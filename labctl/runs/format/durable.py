@@ -1,23 +1,43 @@
 """Putting bytes on a disk so that they are still there after the power fails."""
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 
+from instruments.remedies import reason, remedy
 from labctl.errors import RunError
+
+Refused = Callable[[Path, OSError], RunError]
+"""Makes the one line for a file that could not be written."""
+
+
+def not_written(path: Path, error: OSError) -> RunError:
+    """Of a run that has begun: what it has on disk stays, and it can go on."""
+    return RunError(
+        f"{path}: cannot be written: {reason(error)}; what was stored before is safe: "
+        f"{remedy(error, 'put its folder back')}, then `labctl resume` the run"
+    )
+
+
+def not_made(path: Path, error: OSError) -> RunError:
+    """Of anything else."""
+    return RunError(
+        f"{path}: cannot be written: {reason(error)}; what was there before is as it was: "
+        f"{remedy(error, 'name another place')}"
+    )
 
 
 @contextmanager
-def replacement(path: Path) -> Iterator[FileIO]:
+def replacement(path: Path, refused: Refused = not_written) -> Iterator[FileIO]:
     """A new file that takes the place of `path` when the block ends without error.
 
     It is written under a temporary name in the same folder, fsynced, renamed, and the folder is fsynced: at every
     moment `path` is either what it was or whole. The temporary file never outlives the block.
 
     Raises:
-        RunError: the disk is full or refuses; names the path.
+        RunError: the disk is full or refuses: what `refused` makes of it.
     """
     temporary = path.with_name(path.name + ".tmp")
     try:
@@ -28,18 +48,19 @@ def replacement(path: Path) -> Iterator[FileIO]:
         os.replace(temporary, path)
         sync_folder(path.parent)
     except OSError as error:
-        raise not_written(path, error) from error
+        raise refused(path, error) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # whatever is the matter has been said
+            temporary.unlink(missing_ok=True)
 
 
-def replace_file(path: Path, data: bytes | memoryview) -> None:
+def replace_file(path: Path, data: bytes | memoryview, refused: Refused = not_written) -> None:
     """Write `data` to `path`, all or nothing, as `replacement` does.
 
     Raises:
-        RunError: the disk is full or refuses; names the path.
+        RunError: the disk is full or refuses: what `refused` makes of it.
     """
-    with replacement(path) as file:
+    with replacement(path, refused) as file:
         write_all(file, data)
 
 
@@ -67,11 +88,3 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def not_written(path: Path, error: OSError) -> RunError:
-    """The one line for a file that could not be written."""
-    return RunError(
-        f"{path}: cannot be written: {error.strerror or error}; what was stored before is safe: "
-        "make room, then `labctl resume` the run"
-    )

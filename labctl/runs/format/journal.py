@@ -16,14 +16,17 @@ import os
 import re
 import sys
 import zlib
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO, FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from instruments.remedies import unreadable
 from labctl.errors import RunError
-from labctl.runs.format.durable import not_written, write_all
+from labctl.runs.format.durable import not_written, replace_file, write_all
 from labctl.runs.format.own_files import opened, read_own
 
 LARGEST_JOURNAL = 1 << 28
@@ -124,7 +127,7 @@ def read_journal(path: Path) -> Journal:
     try:
         data = read_own(path, LARGEST_JOURNAL)
     except OSError as error:
-        raise RunError(f"{path}: cannot be read: {error.strerror}; the run needs its journal") from error
+        raise RunError(unreadable(path, error, "the run needs its journal: restore it from a copy")) from error
     entries: list[Entry] = []
     problems: list[str] = []
     damaged: tuple[int, int] | None = None
@@ -171,15 +174,35 @@ class JournalFile:
         """Append one line and fsync it.
 
         Raises:
-            RunError: the disk is full or refuses. The journal is then as it was before.
+            RunError: the disk is full or refuses. The journal is then as it was before, as far as the disk lets it be.
         """
-        length = self._file.seek(0, os.SEEK_END)
+        length, line = self._file.seek(0, os.SEEK_END), entry.encode()
         try:
-            write_all(self._file, entry.encode())
+            write_all(self._file, line)
             os.fsync(self._file.fileno())
         except OSError as error:
-            self._file.truncate(length)
+            with suppress(OSError):  # the line is torn then, and cut off when the run goes on
+                self._file.truncate(length)
             raise not_written(self._path, error) from error
+        self._size += len(line)
+
+    @property
+    def untouched(self) -> bool:
+        """Whether its file is still there, with what this has written and nothing else."""
+        ours = os.fstat(self._file.fileno())
+        try:
+            there = os.stat(self._path, follow_symlinks=False)
+        except OSError:
+            return False
+        return os.path.samestat(ours, there) and there.st_size == self._size
+
+    def write_anew(self, entries: Iterable[Entry]) -> None:
+        """Put a file with `entries` where it was, in place of what somebody left there.
+
+        Raises:
+            RunError: the disk is full or refuses.
+        """
+        replace_file(self._path, b"".join(entry.encode() for entry in entries))
 
     def close(self) -> None:
         """Let go of the file and of the lock."""
@@ -217,5 +240,6 @@ class JournalFile:
                 if self._file.read(1) != b"\n":
                     write_all(self._file, b"\n")
             os.fsync(self._file.fileno())
+            self._size = self._file.seek(0, os.SEEK_END)
         except OSError as error:
             raise not_written(self._path, error) from error

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from instruments.remedies import unreadable
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import read_own, require_own_files
@@ -51,9 +52,10 @@ class Manifest:
             text = read_own(paths.manifest, LARGEST_MANIFEST).decode()
         except FileNotFoundError:
             raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)") from None
-        except (OSError, UnicodeDecodeError) as error:
-            why = error.strerror if isinstance(error, OSError) else error
-            raise RunError(f"{paths.manifest}: cannot be read: {why}") from error
+        except OSError as error:
+            raise RunError(unreadable(paths.manifest, error, "restore it from a copy of the run")) from error
+        except UnicodeDecodeError as error:
+            raise RunError(f"{paths.manifest}: cannot be read ({error}): restore it from a copy of the run") from error
         return cls.parse(text, paths.manifest)
 
     @classmethod

@@ -18,7 +18,8 @@ from labctl.runs.format.global_heaps import WalkedFile
 from labctl.runs.format.own_files import own_file
 
 LIBVER = ("v108", "v108")  # the same bytes whatever HDF5 release writes them, readable by any HDF5 since 1.8
-HDF5_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError)  # what h5py raises on a file that is not whole
+HDF5_ERRORS = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError)
+"""What h5py and NumPy raise on a file that is not whole, or that somebody changed."""
 NUMBERS = (h5t.INTEGER, h5t.FLOAT, h5t.ENUM)
 MOST_OBJECTS = 1000
 MOST_UNPACKED = 1100

@@ -91,13 +91,20 @@ def write_drive(file: h5py.File, drive: Drive | None) -> None:
 
 
 def read_drive(file: h5py.File) -> Drive | None:
-    """The inverse of `write_drive`; of files before 1.2 without a name and with an amplitude that is not a number."""
+    """The inverse of `write_drive`; of files before 1.2 without a name and with an amplitude that is not a number.
+
+    Raises:
+        ValueError, KeyError: it is damaged.
+    """
     if "drive" not in file:
         return None
     group = file["drive"]
+    samples = group["samples"][:]
+    if samples.ndim != 1 or not samples.size or samples.dtype != np.float32 or not np.isfinite(samples).all():
+        raise ValueError("its drive is not a row of samples")
     return Drive(
         name=str(attribute(group, "name")) if "name" in group.attrs else "",
-        samples=group["samples"][:],
+        samples=samples,
         sample_rate=float(attribute(group, "sample_rate")),
         amplitude_vpp=float(attribute(group, "amplitude_vpp")) if "amplitude_vpp" in group.attrs else math.nan,
     )

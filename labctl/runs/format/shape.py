@@ -1,5 +1,6 @@
 """How large a run is: shots, passes, ports and samples, fixed before its first shot."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 MOST_TRACES = 100_000
 """Ports of all passes together: a scan of 5000 wavelengths on 14 ports has 70 000."""
+MOST = 1 << 40
+"""Shots, samples, or the number of a port."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,18 @@ class RunShape:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "RunShape":
-        """The inverse of `to_json`; keys of later minor versions are ignored."""
+        """The inverse of `to_json`; keys of later minor versions are ignored.
+
+        Raises:
+            ValueError, TypeError, KeyError: the entries are not those of a run.
+        """
+        whole = [values["shots"], values["samples"], *(port for ports in values["passes"] for port in ports)]
+        if not all(type(number) is int and 0 <= number <= MOST for number in whole):
+            raise ValueError("shots, samples and ports are whole numbers")
         known = {name: values[name] for name in cls.__dataclass_fields__ if name in values}
         passes = tuple(tuple(ports) for ports in values["passes"])
-        return cls(**known | {"passes": passes, "wavelengths_nm": tuple(values.get("wavelengths_nm", ()))})
+        wavelengths = tuple(values.get("wavelengths_nm", ()))
+        numbers = (known["sample_interval_s"], known.get("start_s", 0.0), *wavelengths)
+        if not all(type(number) in (int, float) and abs(number) < math.inf for number in numbers):
+            raise ValueError("times and wavelengths are numbers")
+        return cls(**known | {"passes": passes, "wavelengths_nm": wavelengths})

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.remedies import unreadable
 from labctl.errors import RunError
 from labctl.runs.format.columns import MEASURED, OF_A_SHOT, in_this_version, sizes_of
 from labctl.runs.format.journal import Entry
@@ -195,7 +196,7 @@ class Shards:
         try:
             image = read_own(path, MOST_BYTES)
         except OSError as error:
-            raise RunError(f"{path}: cannot be read: {error.strerror}") from error
+            raise RunError(unreadable(path, error, "labctl resume measures its shots again")) from error
         if hashlib.sha256(image).hexdigest() != self.entries[number].sha256:
             raise RunError(f"{path}: damaged: its sha256 is not the journal's")
         return image

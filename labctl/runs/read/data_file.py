@@ -9,8 +9,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.remedies import unreadable
 from instruments.values import Drive
 from labctl.errors import RunError
+from labctl.runs.format.columns import require_array, require_table, sizes_of
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.own_files import own_file, place_of
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
@@ -48,6 +50,8 @@ def _attribute(path: Path, name: str) -> str:
 
 def damaged(path: Path, error: Exception) -> RunError:
     """The one line for a data file that cannot be read."""
+    if isinstance(error, OSError) and error.errno:
+        return RunError(unreadable(path, error, "`labctl verify --rebuild` makes it anew from the shards"))
     return RunError(f"{path}: not a whole data file ({error}); `labctl verify --rebuild` makes it anew from the shards")
 
 
@@ -80,14 +84,15 @@ class DataFile:
                 # Without a cache of chunks HDF5 reads codes straight into the array that is returned.
                 cache_bytes = 0 if found.compression is None else None
                 self._file = stack.enter_context(h5py.File(place_of(stored, path), "r", rdcc_nbytes=cache_bytes))
+                self.frames: StoredFrames | SoundFrames = StoredFrames(path, self._file["frames"])
+                self._sizes = sizes_of(shape, len(self.frames))
                 marked = "suspect" in self._described.attrs
                 self.suspect = int(attribute(self._described, "suspect")) if marked else 0
                 self._rows: slice | NDArray[np.intp] = slice(None)
-                self.frames: StoredFrames | SoundFrames = StoredFrames(path, self._file["frames"])
                 if self.suspect:
-                    self._rows = np.flatnonzero(self._file["shots"]["suspect"] == 0)
+                    self._rows = np.flatnonzero(self._whole("shots")["suspect"] == 0)
                     self.frames = SoundFrames(self.frames, self._rows)
-            except (*HDF5_ERRORS, AttributeError) as error:
+            except HDF5_ERRORS as error:
                 raise damaged(path, error) from error
             self._open = stack.pop_all()
 
@@ -125,7 +130,12 @@ class DataFile:
 
     def _whole(self, name: str) -> NDArray[Any]:
         try:
-            return np.asarray(self._file[name][:])
+            values = np.asarray(self._file[name][:])
+            if name == "shots":
+                require_table(values, self._sizes["shot"])
+            else:
+                require_array(name, values, self._sizes)
+            return values
         except HDF5_ERRORS as error:
             raise damaged(self._path, error) from error
 

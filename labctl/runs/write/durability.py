@@ -28,5 +28,11 @@ class Durability:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> "Durability":
-        """From the entry `durability` of a manifest; keys of later minor versions are ignored."""
+        """From the entry `durability` of a manifest; keys of later minor versions are ignored.
+
+        Raises:
+            ValueError, TypeError: it is no such entry.
+        """
+        if not all(type(values[name]) in (int, float) for name in cls.__dataclass_fields__ if name in values):
+            raise ValueError("durability is given in numbers")
         return cls(**{name: values[name] for name in cls.__dataclass_fields__ if name in values})

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from instruments.values import Drive
 from labctl.errors import RunExists
-from labctl.runs.format.durable import make_folder, not_written, replace_file, sync_folder
+from labctl.runs.format.durable import make_folder, not_made, replace_file, sync_folder
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest, manifest_digest
 from labctl.runs.format.plan import encode_plan
@@ -50,9 +50,10 @@ def prepare(
     text = json.dumps(asked | {"plan_sha256": hashlib.sha256(image).hexdigest()}, indent=2, allow_nan=False)
     require(paths.directory, needed(shape, drive, durability, seconds_a_shot))
     _claim(paths)
-    replace_file(paths.plan, image)
-    replace_file(paths.journal, b"")  # before the manifest: what has that is a run, and one without journal is damaged
-    replace_file(paths.manifest, text.encode())
+    replace_file(paths.plan, image, not_made)
+    # Before the manifest: what has that is a run, and one without journal is damaged.
+    replace_file(paths.journal, b"", not_made)
+    replace_file(paths.manifest, text.encode(), not_made)
     return Manifest.parse(text, paths.manifest)
 
 
@@ -68,4 +69,4 @@ def _claim(paths: RunPaths) -> None:
     except (FileExistsError, NotADirectoryError) as error:
         raise RunExists(f"{directory}: is a file; pick another --out") from error
     except OSError as error:
-        raise not_written(directory, error) from error
+        raise not_made(directory, error) from error

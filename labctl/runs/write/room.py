@@ -18,7 +18,7 @@ import numpy as np
 from instruments.values import Drive
 from labctl.errors import RunError
 from labctl.runs.format.columns import ARRAYS, ROWS_DTYPE, SHOTS_DTYPE, sizes_of
-from labctl.runs.format.durable import not_written
+from labctl.runs.format.durable import not_made, not_written
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.shape import RunShape
 from labctl.runs.format.shards import BLOCK_BYTES, Shards
@@ -155,7 +155,7 @@ def _free(directory: Path) -> int:
         existing = next(folder for folder in (directory, *directory.absolute().parents) if folder.exists())
         return shutil.disk_usage(existing).free
     except OSError as error:
-        raise not_written(directory, error) from error
+        raise not_made(directory, error) from error
 
 
 def _pages(size: float) -> int:

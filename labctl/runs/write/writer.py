@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from instruments.values import Drive, Frames
 from labctl.errors import RunError, noted_on
-from labctl.runs.format.durable import replace_file, sync_folder
+from labctl.runs.format.durable import not_written, replace_file, sync_folder
 from labctl.runs.format.journal import Entry, JournalFile, read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
@@ -97,6 +97,7 @@ class RunWriter:
         self._journal = journal
         self._room = room
         self._next_shard = next_shard
+        self._latest: Path | None = None  # shard that was written
         self._new_timer = timer
         self._timer: Timer | None = None
         self._guard = threading.RLock()
@@ -149,7 +150,11 @@ class RunWriter:
         paths = RunPaths(directory)
         checked = prepare(paths, manifest, shape, plan, drive, durability, seconds_a_shot)
         journal = JournalFile(paths.journal)
-        sync_folder(directory)
+        try:
+            sync_folder(directory)
+        except OSError as error:
+            journal.close()
+            raise not_written(directory, error) from error
         room = Room(directory, shape, drive, shots_a_shard(shape, durability, seconds_a_shot), on_warning)
         return cls(checked, Shards(paths, shape, plan, ()), drive, durability, journal, room, timer=timer)
 
@@ -176,7 +181,11 @@ class RunWriter:
         manifest = Manifest.read(paths)
         shape = manifest.shape
         plan, drive = read_plan(paths, manifest.values["plan_sha256"])
-        durability = durability or Durability.from_json(manifest.values["durability"])
+        try:
+            durability = durability or Durability.from_json(manifest.values["durability"])
+        except (KeyError, TypeError, ValueError) as error:
+            text = f"{paths.manifest}: damaged manifest ({error!r}); restore it from a copy of the run"
+            raise RunError(text) from error
         journal = JournalFile(paths.journal)
         try:
             shards = Shards(paths, shape, plan, read_journal(paths.journal).entries)
@@ -343,7 +352,7 @@ class RunWriter:
         with self._guard:
             self._raise_failure()
             lines = discard_suspect(self._shards, self._journal)
-            self._taken = self._shards.taken
+            self._taken, self._latest = self._shards.taken, None
             return tuple(lines)
 
     def finish(self, *, compression: str | None = None) -> bool:
@@ -357,6 +366,7 @@ class RunWriter:
                 return self.complete == self._shape.shots
             try:
                 self.sync()
+                self._require_untouched()
                 if not self._has_data_file():
                     write_data_file(self._shards, self._manifest, self._drive, compression=compression)
             finally:
@@ -452,6 +462,7 @@ class RunWriter:
     def _store(self, first: int, parts: list[Frames], epochs: NDArray[np.int64], suspect: str) -> None:
         """Write a shard of the open pass, fsync it, rename it, and enter it in the journal."""
         pass_index, path = self._open_pass, self._shards.paths.shard(self._next_shard)
+        self._require_untouched()
         image = encode(self._shape, pass_index, first, parts, epochs, *self._scales[pass_index])
         self._room.before(path, len(image), self._shards)
         replace_file(path, image)
@@ -461,6 +472,26 @@ class RunWriter:
         if suspect:
             self._unsure.append(entry)
         self._next_shard += 1
+        self._latest = path
+        self._require_untouched()
+
+    def _require_untouched(self) -> None:
+        """Whoever removes or replaces the journal or the shards of a run that is being written ends it.
+
+        Raises:
+            RunError: somebody has. A lost journal is written anew with every shard that is stored.
+        """
+        if self._latest is not None and not self._latest.exists():
+            raise RunError(
+                f"{self._latest}: was removed while the run went on; what was stored before is where its folder is "
+                "now: put it back, then `labctl resume` the run"
+            )
+        if not self._journal.untouched:
+            self._journal.write_anew(self._shards.entries.values())
+            raise RunError(
+                f"{self.paths.journal}: was removed or changed while the run went on; it is written anew, with all "
+                "that was stored: find out who does that, then `labctl resume` the run"
+            )
 
     def _stop_timer(self) -> None:
         if self._timer is not None:

@@ -22,7 +22,7 @@ from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
 from labctl.engine.inputs import images_for
-from labctl.errors import AnalysisError, StationError, UsageError
+from labctl.errors import AnalysisError, StationError, UsageError, writing
 from labctl.reports.alignment import alignment_report
 from labctl.runs.live.logs import CommandLog
 from labctl.studies.alignment.findings import Finding
@@ -106,7 +106,8 @@ def align_bench(
             name: {"identity": vars(identified(station, name, instrument)), "settings": instrument.settings()}
             for name, instrument in bench.instruments.items()
         }
-        folder.mkdir(parents=True, exist_ok=True)
+        with writing(folder, "name another --out"):
+            folder.mkdir(parents=True, exist_ok=True)
         log.stored_in(folder)
         for result in _measured(station, bench, images):
             for finding in result.findings:

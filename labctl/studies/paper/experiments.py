@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError, model_validator
 
+from instruments.remedies import unreadable
 from instruments.toml_files import TomlError, describe, read_toml
 from instruments.units import Seconds
 from labctl.errors import ExperimentError
@@ -194,7 +195,7 @@ def _read(path: Path) -> Experiment:
     try:
         return Experiment.model_validate(read_toml(path) | {"name": path.stem})
     except OSError as error:
-        raise ExperimentError(f"{path}: cannot be read ({error.strerror})") from None
+        raise ExperimentError(unreadable(path, error, "name another experiment")) from None
     except TomlError as error:
         raise ExperimentError(f"{path}: is not TOML ({error}): correct that line") from None
     except ValidationError as error:

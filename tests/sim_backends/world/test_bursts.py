@@ -1,5 +1,6 @@
 """Bursts: the DMD's frame synch triggers the generator, whose marker triggers the oscilloscope."""
 
+import tracemalloc
 from functools import partial
 from typing import Any
 
@@ -340,3 +341,24 @@ def test_segments_must_add_up() -> None:
         Playback(np.zeros(4, np.float32), marker, 0.0, 1.0, RATE, (1, 2))
     with pytest.raises(ValueError, match="give lengths"):
         Playback(np.zeros(4, np.float32), marker, 0.0, 1.0, RATE, runs_on=True)
+
+
+def test_bursts_that_are_over_take_no_memory() -> None:
+    world, pictures = bench(), np.tile(COUNTS, (10, 1))
+
+    def carry_out(bursts: int) -> int:
+        for _ in range(bursts):
+            world.project(Projection(pictures, world.clock.now, PICTURE_S, SYNCH_S))
+            world.clock.advance(len(pictures) * PICTURE_S)
+            world.record(WINDOW, coming(world, 3, after_s=world.clock.now - 4 * PICTURE_S))
+            world.hold()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        first = carry_out(1)
+        few = carry_out(2)
+        many = carry_out(5)
+    finally:
+        tracemalloc.stop()
+    assert many - few < few - first

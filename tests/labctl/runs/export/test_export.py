@@ -160,7 +160,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
     assert len(told) == len(FORMATS)
     for line, (to, suffix) in zip(told, FORMATS.items(), strict=True):
         assert line.startswith(f"{tmp_path / 'out'}{suffix}: cannot be written ("), to
-        assert line.endswith("make room, or name another place by --out; the run is as it was")
+        assert line.endswith("or name another place by --out; the run is as it was")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 

@@ -1,0 +1,60 @@
+"""What commands say on a disk that takes nothing, on a small file system of its own.
+
+Usage: `on_a_closed_disk.py FOLDER RUN full|read-only|few-files`: started where it may mount one. One line of JSON.
+"""
+
+import json
+import shutil
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+from tests.system.on_a_small_disk import LABCTL, SIZE, fill
+
+MOUNT = shutil.which("mount") or "mount"
+FILES = 10
+
+
+def few_files() -> None:
+    """For a process that is about to start: so many open files at most."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_NOFILE, (FILES, FILES))
+
+
+def said(folder: Path, run: Path, what: str) -> dict[str, tuple[int, str, str]]:
+    """Exit status, output and errors of each command."""
+    (folder / "run").mkdir()
+    shutil.copytree(run, folder / "run", dirs_exist_ok=True)
+    model = shutil.copy(next((run / "models").iterdir()), folder / "model.h5")
+    if what == "full":
+        fill(folder / "ballast")
+    if what == "read-only":
+        subprocess.run([MOUNT, "-o", "remount,ro", str(folder)], check=True)
+    run, missing = folder / "run", folder / "missing"
+    commands = {
+        "verify": ("verify", run, "--rebuild"),
+        "train": ("train", run, "--out", folder / "m.h5"),
+        "evaluate": ("evaluate", model, run),
+        "report": ("report", run),
+        "show": ("show", run),
+        "run": ("run", "image-readout", "--set", "images=4", "--out", missing),
+        "align": ("align", "--out", missing),
+        "init": ("init", folder / "bench.toml"),
+        "schema": ("schema", "--write", missing),
+        **{
+            f"export {to}": ("export", run, "--to", to, "--out", folder / f"x.{to}")
+            for to in ("npz", "csv", "netcdf", "zarr")
+        },
+    }
+    start = partial(subprocess.run, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    limit = few_files if what == "few-files" else None
+    ended = {name: start([*LABCTL, *map(str, words), "--json"], preexec_fn=limit) for name, words in commands.items()}
+    return {name: (one.returncode, one.stdout, one.stderr) for name, one in ended.items()}
+
+
+if __name__ == "__main__":
+    where = Path(sys.argv[1])
+    subprocess.run([MOUNT, "-t", "tmpfs", "-o", f"size={4 * SIZE}", "none", str(where)], check=True)
+    print(json.dumps(said(where, Path(sys.argv[2]), sys.argv[3])))  # noqa: T201

@@ -1,0 +1,60 @@
+"""A disk that takes nothing, and a process that may open nothing: one line that says what to do about just that."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labctl.commands.main import main
+from tests.system.test_full_disk import APART
+
+SETTINGS = ("classes=0,1", "images=40", "window=0.4 ns", "ports=2,3", "reference_every=20")
+ADVICE = {
+    "full": ("make room",),
+    "read-only": ("Read-only file system", "use a place that may be written to"),
+    "few-files": ("Too many open files", "ulimit -n"),
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with a readout."""
+    directory = tmp_path_factory.mktemp("runs") / "run"
+    words = [word for one in SETTINGS for word in ("--set", one)]
+    for command in (["run", "image-readout", *words, "--out", str(directory)], ["train", str(directory)]):
+        with pytest.raises(SystemExit) as ended:
+            main(command)
+        assert ended.value.code == 0
+    return directory
+
+
+@pytest.mark.parametrize("what", ADVICE)
+def test_every_command_that_writes_says_what_to_do(what: str, run: Path, tmp_path: Path) -> None:
+    if shutil.which("unshare") is None or subprocess.run([*APART, "true"], check=False).returncode:
+        pytest.skip("no file system may be mounted here")
+    script = Path(__file__).with_name("on_a_closed_disk.py")
+    ended = subprocess.run(
+        [*APART, sys.executable, str(script), str(tmp_path), str(run), what],
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    said: dict[str, Any] = json.loads(ended.stdout)
+    refused = {name: found for name, found in said.items() if found[0]}
+    assert set(said) - set(refused) <= ({"show", "init", "schema"} if what != "few-files" else set(said))
+    if what == "few-files":
+        refused.pop("export zarr", None)  # its event loop says more than labctl when it ends
+    for name, (status, out, err) in refused.items():
+        first = next(line for line in err.splitlines() if line.startswith("labctl: "))
+        assert status in (1, 2), name
+        assert all(part in first for part in ADVICE[what]), (name, first)
+        assert "Traceback" not in err, name
+        assert "did not expect" not in err, name
+        assert json.loads(out)["error"] == first.removeprefix("labctl: "), name
