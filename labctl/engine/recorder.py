@@ -22,8 +22,8 @@ from labctl.engine.thumbnail import shown_images
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Events, Inputs, Part, PassStarted, Record
 
-COST = 0.02
-"""Part of the time that comparing settings may take, but for the ends of a stretch of light."""
+COST = 0.01
+"""Part of the time that comparing settings may take, but for the ends of a pass; comparing records takes less."""
 
 
 MOST_TWICE, ONE_IN = 3, 100
@@ -223,7 +223,8 @@ class Recorder:
             DoubtfulRecord, WrongRecord: records are not those of their shots.
         """
         began = time.monotonic()
-        self._bench.require_unchanged()
+        with self._observer.step("comparison"):
+            self._bench.require_unchanged()
         self._compared_s = time.monotonic()
         self._comparing_s = self._compared_s - began
         self._examine()
@@ -240,7 +241,8 @@ class Recorder:
         unsure_from = self._unsure_from
         if not records or unsure_from is None:
             return
-        finding = self._likeness.examine(records[0].first, np.concatenate([one.frames.codes for one in records]))
+        with self._observer.step("comparison"):
+            finding = self._likeness.examine(records[0].first, np.concatenate([one.frames.codes for one in records]))
         if finding is not None:
             self._unsure_from = records[0].pass_.index, min(finding.first, unsure_from[1])
             self._bench.require_unchanged()  # a setting may be the reason

@@ -17,8 +17,9 @@ from labctl.runs.format.version import check_version
 
 LARGEST_MANIFEST = 1 << 23  # bytes: that of a scan of 5000 wavelengths has some 0.5 MB
 
-
-WRITTEN_AFTER_THE_PLAN = ("plan_sha256",)
+SUSPECT = "suspect"
+"""Why records are in doubt, and how many for each reason: a key of the manifest of a run that ended so."""
+WRITTEN_AFTER_THE_PLAN = ("plan_sha256", SUSPECT)
 """Keys that the digest in plan.h5 cannot know."""
 
 
@@ -33,6 +34,15 @@ class Manifest:
     """The manifest of a run: `values` is what manifest.json holds."""
 
     values: Mapping[str, Any]
+
+    def with_suspect(self, reasons: Mapping[str, int]) -> "Manifest":
+        """What it is of a run in which records are in doubt for `reasons`, or none are any more."""
+        kept = {key: value for key, value in self.values.items() if key != SUSPECT}
+        return Manifest(kept | ({SUSPECT: dict(reasons)} if reasons else {}))
+
+    def encode(self) -> bytes:
+        """The bytes of manifest.json."""
+        return json.dumps(dict(self.values), indent=2, allow_nan=False).encode()
 
     @cached_property
     def shape(self) -> RunShape:

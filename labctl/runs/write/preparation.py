@@ -47,14 +47,14 @@ def prepare(
     )
     read_back = json.loads(json.dumps(asked, allow_nan=False))
     image = encode_plan(plan, drive, manifest_digest(read_back))
-    text = json.dumps(asked | {"plan_sha256": hashlib.sha256(image).hexdigest()}, indent=2, allow_nan=False)
+    prepared = Manifest(read_back | {"plan_sha256": hashlib.sha256(image).hexdigest()})
     require(paths.directory, needed(shape, drive, durability, seconds_a_shot))
     _claim(paths)
     replace_file(paths.plan, image, not_made)
     # Before the manifest: what has that is a run, and one without journal is damaged.
     replace_file(paths.journal, b"", not_made)
-    replace_file(paths.manifest, text.encode(), not_made)
-    return Manifest.parse(text, paths.manifest)
+    replace_file(paths.manifest, prepared.encode(), not_made)
+    return prepared
 
 
 def _claim(paths: RunPaths) -> None:

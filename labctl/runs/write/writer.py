@@ -367,6 +367,7 @@ class RunWriter:
             try:
                 self.sync()
                 self._require_untouched()
+                self._note_suspect()
                 if not self._has_data_file():
                     write_data_file(self._shards, self._manifest, self._drive, compression=compression)
             finally:
@@ -393,6 +394,13 @@ class RunWriter:
                     self._close_shard(sure=False)
                     self._unsure.clear()
             self.finish()
+
+    def _note_suspect(self) -> None:
+        """Let the manifest say what is in doubt, so that it is known of a run whose journal nobody reads."""
+        noted = self._manifest.with_suspect(self._shards.suspect)
+        if noted != self._manifest:
+            replace_file(self.paths.manifest, noted.encode())
+            self._manifest = noted
 
     def _has_data_file(self) -> bool:
         """Whether data.h5 was made from just these shards: a run that is resumed may be complete already."""
