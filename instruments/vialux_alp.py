@@ -72,6 +72,8 @@ ALP_DATA_BINARY_TOPDOWN = 2
 ALP_MIN_PICTURE_TIME = 2211
 ALP_PROJ_INVERSION = 2306
 ALP_PROJ_UPSIDE_DOWN = 2307
+ALP_PROJ_STATE = 2400
+ALP_PROJ_ACTIVE = 1200
 MOST_MIRRORS = 1 << 13  # along a side
 
 SETTLING_S = 50e-6
@@ -92,6 +94,7 @@ class VialuxAlp(BurstDmd):
         self._alp = library
         self._sequence: int | None = None
         self._pictures: int | None = None
+        self._showing = False  # one picture for ever
 
     @property
     def shape(self) -> tuple[int, int]:  # type: ignore[override]
@@ -114,9 +117,10 @@ class VialuxAlp(BurstDmd):
     def show(self, mirrors: NDArray[np.uint8]) -> None:
         """Halt, load the picture, run, and wait until the mirrors rest."""
         sequence = self._prepare()
-        self._alp.Halt()
+        self._halt()
         self._alp.SeqPut(sequence, 0, mirrors[np.newaxis])
         self._alp.Run(sequence, loop=True)
+        self._showing = True
         time.sleep(SETTLING_S)
 
     def blank(self) -> None:
@@ -146,7 +150,7 @@ class VialuxAlp(BurstDmd):
 
     def hold(self) -> None:
         """AlpDevHalt."""
-        self._alp.Halt()
+        self._halt()
 
     def play(self, first: int, count: int, period_s: float, *, pulse_s: float | None = None) -> None:
         """Once from the first to the last picture, one every `period_s`, with a pulse (20 us) from its start on."""
@@ -155,7 +159,7 @@ class VialuxAlp(BurstDmd):
         shortest = self._alp.SeqInquire(self._pictures, ALP_MIN_PICTURE_TIME)
         period_us = round(period_s * 1e6)
         Range(shortest, 10_000_000, "us").check("time between pictures", period_us)
-        self._alp.Halt()
+        self._halt()
         # The first picture must never lie behind the last one, not even between two calls.
         self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, 0)
         self._alp.SeqControl(self._pictures, ALP_LASTFRAME, first + count - 1)
@@ -164,13 +168,15 @@ class VialuxAlp(BurstDmd):
         self._alp.Run(self._pictures, loop=False)
 
     def changes(self) -> tuple[Change, ...]:
-        """What turns every picture into another one: mirrors released, pictures inverted or upside down."""
-        now = {
-            "mode of the mirrors": self._alp.DevInquire(ALP_DEV_DMD_MODE),
-            "inversion": self._alp.ProjInquire(ALP_PROJ_INVERSION),
-            "direction": self._alp.ProjInquire(ALP_PROJ_UPSIDE_DOWN),
+        """What turns every picture into another one: mirrors released, pictures inverted, upside down or not shown."""
+        wanted = {
+            "mode of the mirrors": (ALP_DEFAULT, self._alp.DevInquire(ALP_DEV_DMD_MODE)),
+            "inversion": (ALP_DEFAULT, self._alp.ProjInquire(ALP_PROJ_INVERSION)),
+            "direction": (ALP_DEFAULT, self._alp.ProjInquire(ALP_PROJ_UPSIDE_DOWN)),
         }
-        return tuple(Change(name, str(ALP_DEFAULT), str(value)) for name, value in now.items() if value != ALP_DEFAULT)
+        if self._showing:
+            wanted["projection"] = ALP_PROJ_ACTIVE, self._alp.ProjInquire(ALP_PROJ_STATE)
+        return tuple(Change(name, str(then), str(now)) for name, (then, now) in wanted.items() if now != then)
 
     def settings(self) -> dict[str, str | float]:
         """Mirrors and free picture memory."""
@@ -198,7 +204,7 @@ class VialuxAlp(BurstDmd):
         sequence, self._sequence = self._sequence, None
         try:
             if sequence is not None:
-                self._alp.Halt()
+                self._halt()
                 self._free_pictures()
                 self._alp.FreeSeq(sequence)
                 self._alp.Free()
@@ -206,10 +212,14 @@ class VialuxAlp(BurstDmd):
             self._pictures = None
             self._alp.close()
 
+    def _halt(self) -> None:
+        self._showing = False
+        self._alp.Halt()
+
     def _free_pictures(self) -> None:
         pictures, self._pictures = self._pictures, None
         if pictures is not None:
-            self._alp.Halt()
+            self._halt()
             self._alp.FreeSeq(pictures)
 
     def _prepare(self) -> int:

@@ -34,6 +34,8 @@ FLAT = 3.0
 """Times that a record with light varies more from sample to sample than a dark one."""
 NEARLY = 0.25
 """Part of the lit pixels by which two images must differ for their records to be told apart for sure."""
+HARDLY = 1.1
+"""Times the noise that records with light differ from dark ones at most where there is no light."""
 LEAST_NOISE = 0.5
 """Codes that quantisation alone makes two records differ by."""
 MOST_VALUES = 256
@@ -44,6 +46,8 @@ LIT = (ShotKind.IMAGE, ShotKind.REFERENCE)
 LATE = "bench: {}: pictures or records come late; switch oscilloscope and DMD off and on"
 NOT_SHOWN = "dmd: shot {}: its record {}, within noise: its picture was not shown; switch the DMD off and on"
 STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
+
+NO_LIGHT = "bench: records with light differ from dark ones by noise alone: check laser, fibres and DMD"
 
 Alike = Callable[[Shot, Shot], bool]
 """Whether two shots show nearly the same."""
@@ -182,6 +186,10 @@ class Likeness:
         if self._dark_record is None or not self._usual.size:
             return None
         unjudged, self._unjudged = self._unjudged, np.empty((0, 3))
+        lit = np.flatnonzero(self._lit[begin : begin + len(values)])
+        from_dark = _rms(values[lit] - self._dark_record)
+        if self._agreed == 0 and lit.size > 2 and float(np.median(from_dark)) <= HARDLY * self._most_noise:
+            return Finding(0, NO_LIGHT)
         if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise):
             return None
         allowed = 1 + SURE / math.sqrt(values[0].size)
@@ -191,9 +199,7 @@ class Likeness:
         for shot in self._unconfirmed(shots[differences <= allowed * noise]):
             if not self._alike(self._shots[shot - 1], self._shots[shot]):
                 return Finding(shot, NOT_SHOWN.format(shot, "is that of the shot before"), shot)
-        lit = np.flatnonzero(self._lit[begin : begin + len(values)])
-        dark = _rms(values[lit] - self._dark_record) <= allowed * self._most_noise
-        for shot in self._unconfirmed(begin + lit[dark]):
+        for shot in self._unconfirmed(begin + lit[from_dark <= allowed * self._most_noise]):
             if not self._alike(replace(self._shots[shot], kind=ShotKind.DARK), self._shots[shot]):
                 return Finding(shot, NOT_SHOWN.format(shot, "is dark"), shot)
         return None
