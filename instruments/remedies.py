@@ -49,8 +49,9 @@ def remedy(error: OSError, otherwise: str) -> str:
 
 
 def unreadable(path: Path | str, error: OSError, otherwise: str) -> str:
-    """The one line for a file that cannot be read."""
-    return f"{path}: cannot be read ({reason(error)}): {remedy(error, otherwise)}"
+    """The one line for a file that cannot be read; one that is too large to be read is so on every file system."""
+    what_to_do = otherwise if error.errno == errno.EFBIG else remedy(error, otherwise)
+    return f"{path}: cannot be read ({reason(error)}): {what_to_do}"
 
 
 def unwritable(path: Path | str, error: OSError, otherwise: str) -> str:

@@ -91,6 +91,8 @@ REPORTED = {
     "trigger_holdoff": "TRIGger:A:HOLDoff:BY?",
 }
 """What the manifest has of the instrument."""
+WORDS = ("mode", "source", "coupling", "holdoff")
+"""What their names end in where the answer is no number."""
 REPORTED_OF_CHANNEL = {
     "scale_v_per_div": "SCAle?",
     "offset_v": "OFFSet?",
@@ -286,12 +288,16 @@ class Dpo72504dx(Oscilloscope):
                 f"CH{channel}:{question}": f"ch{channel}_{name}" for name, question in REPORTED_OF_CHANNEL.items()
             }
         answers = self._link.query(";:".join(names)).split(";")
-        if len(answers) != len(names):
-            raise InstrumentError(f"{self._link.name} at {self._link.resource}: does not say how it is set: repeat")
-        return {
-            name: answer if (number := number_in(answer)) is None else number
-            for name, answer in zip(names.values(), answers, strict=True)
+        report = {
+            name: answer if name.endswith(WORDS) else number_in(answer)
+            for name, answer in zip(names.values(), answers, strict=False)
         }
+        if len(answers) != len(names) or None in report.values():
+            raise InstrumentError(
+                f"{self._link.name} at {self._link.resource}: does not say in numbers how it is set: check that the "
+                f"driver fits the instrument"
+            )
+        return {name: value for name, value in report.items() if value is not None}
 
     def changes(self) -> tuple[Change, ...]:
         """All settings that were sent, in one question."""

@@ -169,6 +169,8 @@ class VialuxAlp(BurstDmd):
 
     def changes(self) -> tuple[Change, ...]:
         """What turns every picture into another one: mirrors released, pictures inverted, upside down or not shown."""
+        if self._sequence is None:
+            return ()
         wanted = {
             "mode of the mirrors": (ALP_DEFAULT, self._alp.DevInquire(ALP_DEV_DMD_MODE)),
             "inversion": (ALP_DEFAULT, self._alp.ProjInquire(ALP_PROJ_INVERSION)),

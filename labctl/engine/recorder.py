@@ -22,8 +22,8 @@ from labctl.engine.thumbnail import shown_images
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Events, Inputs, Part, PassStarted, Record
 
-COST = 0.01
-"""Part of the time that comparing settings may take, but for the ends of a pass; comparing records takes less."""
+COST = 0.02
+"""Part of the time that comparing settings may take, but for the ends of a pass."""
 
 
 MOST_TWICE, ONE_IN = 3, 100
@@ -72,7 +72,7 @@ class Recorder:
         self._began = bench.now() - time_s
         first = next((part.pass_.index for part in whole if writer.missing(part.pass_.index).size), 0)
         self._epochs = epoch + 1 - first
-        self._compared_s, self._comparing_s = -math.inf, 0.0  # when that was done last, and how long it took
+        self._compared_s, self._comparing_s = -math.inf, math.inf  # when that was done last; how long it takes at least
         self._unsure_from: tuple[int, int] | None = None  # pass and first shot of what was measured since
         self._ends: frozenset[int] = frozenset()  # shots of the pass behind which nothing is missing
         self._alike = alike_by(inputs)
@@ -226,7 +226,7 @@ class Recorder:
         with self._observer.step("comparison"):
             self._bench.require_unchanged()
         self._compared_s = time.monotonic()
-        self._comparing_s = self._compared_s - began
+        self._comparing_s = min(self._comparing_s, self._compared_s - began)
         self._examine()
         self._unsure_from = None
         return True

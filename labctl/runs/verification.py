@@ -53,7 +53,7 @@ class RunReport:
         path: the run directory.
         complete: every planned shot is there and intact.
         shots: how many shots are intact on all passes, and not in doubt.
-        suspect: how many are intact, but in doubt.
+        suspect: how many records, shots of one pass, are intact but in doubt.
         planned: how many were planned.
         passes: how many intact shots each pass has.
         shards: how many shards are intact.
@@ -136,7 +136,7 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         path=str(path),
         complete=intact.completed == manifest.shape.shots,
         shots=intact.completed,
-        suspect=len(intact.complete) - intact.completed,
+        suspect=sum(intact.suspect.values()),
         planned=manifest.shape.shots,
         passes=intact.done,
         shards=len(intact.entries),

@@ -97,7 +97,7 @@ def single_bytes(reply: bytes) -> Disturbed:
 
 def to_the_edge(reply: bytes) -> Disturbed:
     """It fills a buffer of the client to the last byte: text is padded with spaces; a block's last byte comes alone."""
-    if reply.startswith(b"#"):
+    if _data_begin(reply) is not None:
         return Disturbed(reply, packet=len(reply) - 1)
     return Disturbed(reply[:-1].ljust(BUFFER - 1) + b"\n")
 
@@ -114,8 +114,10 @@ def shorter_block(reply: bytes) -> Disturbed:
 
 def ten_digits(reply: bytes) -> Disturbed:
     """The block's header is `#A`: its length in ten digits."""
-    begin = _data_begin(reply)
-    return Disturbed(b"#A%010d" % int(reply[2:begin]) + reply[begin:]) if begin else Disturbed(reply)
+    head, begin = reply.find(b"#"), _data_begin(reply)
+    if begin is None:
+        return Disturbed(reply)
+    return Disturbed(reply[:head] + b"#A%010d" % int(reply[head + 2 : begin]) + reply[begin:])
 
 
 def clipped(reply: bytes) -> Disturbed:
@@ -182,5 +184,7 @@ def ending_after(count: int) -> Distortion:
 
 
 def _data_begin(reply: bytes) -> int | None:
-    """Where the data of a definite-length block begin; None: it is none."""
-    return 2 + int(reply[1:2]) if reply[:1] == b"#" and reply[1:2].isdigit() and reply[1:2] != b"0" else None
+    """Where the data of a definite-length block begin, which other answers may precede; None: there is none."""
+    head = reply.find(b"#")
+    digits = reply[head + 1 : head + 2]
+    return head + 2 + int(digits) if head >= 0 and digits.isdigit() and digits != b"0" else None

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import zip_longest
 
@@ -78,9 +79,13 @@ class Injection:
             self.fault.happens(self._instrument)
 
     def _answer(self, headers: Sequence[str]) -> Distortion | None:
-        """What its last query is answered from now on, if the fault says so."""
-        last = headers[-1]
-        return next((reply for header, reply in self.fault.answers.items() if same_header(last, header)), None)
+        """What one of its queries is answered from now on, if the fault says so."""
+        queries = [header for header in headers if header.endswith("?")]
+        for place, query in enumerate(queries):
+            for header, reply in self.fault.answers.items():
+                if same_header(query, header):
+                    return in_place(place, len(queries), reply)
+        return None
 
 
 class Faulty:
@@ -136,6 +141,18 @@ class Faulty:
     def _go_on(self) -> None:
         for injection in self._injections:
             injection.go_on()
+
+
+def in_place(place: int, count: int, distortion: Distortion) -> Distortion:
+    """Of the reply to so many queries in one message, the answer in one place is distorted; a block is the last one."""
+
+    def distorted(reply: bytes) -> Disturbed:
+        answers = reply[:-1].split(b";", count - 1)
+        found = distortion(answers[place] + b"\n")
+        answers[place] = found.data[:-1]
+        return replace(found, data=b";".join(answers) + b"\n")
+
+    return distortion if count == 1 else distorted
 
 
 def without(message: Message, header: str) -> Message:

@@ -42,20 +42,22 @@ class Figures:
 
 
 def on_disk(directory: Path) -> int:
-    """Records that the journal names, which must be those the run began with and no others.
+    """Records that the journal names, in doubt or not, which must be those the run began with and no others.
 
     Raises:
         ValueError: there are gaps.
     """
     journal = read_journal(RunPaths(directory).journal)
+    held = {entry.shard: entry for entry in journal.entries}
+    stored = sorted((one.pass_index, one.first, one.count) for one in held.values() if not one.discarded)
     total, next_shot, passes = 0, 0, 0
-    for entry in journal.entries:
-        if entry.pass_index > passes:
-            passes, next_shot = entry.pass_index, 0
-        if (entry.pass_index, entry.first) != (passes, next_shot):
-            raise ValueError(f"{directory}: the journal goes on at shot {entry.first} of pass {entry.pass_index}")
-        next_shot += entry.count
-        total += entry.count
+    for pass_index, first, count in stored:
+        if pass_index > passes:
+            passes, next_shot = pass_index, 0
+        if (pass_index, first) != (passes, next_shot):
+            raise ValueError(f"{directory}: the journal goes on at shot {first} of pass {pass_index}")
+        next_shot += count
+        total += count
     return total
 
 

@@ -206,7 +206,7 @@ def report_elsewhere(path: Path) -> None:
 
 
 RUNS["run"] |= {
-    "a plan of 10^15 shots": (huge_plan, "the manifest has 1000000000000000"),
+    "a plan of 10^15 shots": (huge_plan, "damaged manifest"),
     "shots of 10^15 samples": (huge_shots, "no such run is read"),
     "a shard with a number of thirty digits": (a_shard_of_any_number, "is not of this run"),
     "a folder of figures that is elsewhere": (figures_elsewhere, NAMES_ANOTHER_PLACE),

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -14,6 +15,7 @@ from labctl.bench.station import LimitsSection, Station, read_station, write_add
 from labctl.commands.main import main
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
 from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
 from sim_backends.parameters import Parameters
@@ -46,6 +48,8 @@ def test_too_much_gain_is_found_by_the_probe_shots(
     assert shown
     assert float(shown[1]) == pytest.approx(2.5, rel=0.2), "where this detector saturates, but for noise"
     assert nothing_but_dark_at_the_end(tmp_path / "run")
+    report = verify_run(tmp_path / "run")
+    assert sum(report.passes) + report.suspect >= 2
     with open_run(tmp_path / "run") as run:
         assert sum(run.done) == 0
 
@@ -77,9 +81,14 @@ def test_a_laser_turned_up_in_the_middle_of_a_run(simulation: SimulatedBench, tm
         acquire(Acquisition(asked, station, tmp_path / "run"), observer=Follower(turned_up))
     assert tell_the_laser(simulation, "") == "0"
     assert nothing_but_dark_at_the_end(tmp_path / "run")
+    report = verify_run(tmp_path / "run")
+    assert sum(report.passes) + report.suspect >= 2
     with open_run(tmp_path / "run") as run:
-        assert 2 <= sum(run.done) < run.shape.shots
-        assert np.abs(run.volts()).max() <= limit, "the record that showed it is not kept"
+        assert sum(run.done) < run.shape.shots
+        assert not len(run.frames), "what somebody else's light has made is in doubt"
+    with h5py.File(tmp_path / "run" / "data.h5") as file:
+        volts = file["scale"][0] * file["frames"][:].astype(float) + file["offset"][0]
+        assert np.abs(volts).max() <= limit, "the record that showed it is not kept"
 
 
 def nothing_but_dark_at_the_end(directory: Path) -> bool:

@@ -17,6 +17,7 @@ from labctl.bench.opening import opened
 from labctl.bench.station import read_station, write_addresses
 from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
 from sim_backends.bench import SimulatedBench
 from sim_backends.world.signals import Acquisition, Emission
 from tests.command_line import as_json, labctl
@@ -196,7 +197,8 @@ def test_a_link_that_stays_dead_ends_the_run_dark(
     assert "Traceback" not in told
     with open_run(tmp_path / "run") as run:
         assert not run.complete
-        assert 0 < run.done[0] < SHOTS
+        assert run.done[0] < SHOTS
+    assert 0 < run.done[0] + verify_run(tmp_path / "run").suspect < SHOTS
     assert light_at(simulation, None) == pytest.approx(light_at(simulation, Emission(1550.0, 0.03)), abs=1e-3)
     simulation.world.show(np.full((768, 128), 255, np.uint8))
     assert light_at(simulation, Emission(1550.0, 0.03)) > 10e-3

@@ -89,7 +89,8 @@ def test_a_killed_run_ends_with_the_frames_of_one_that_was_not(
     assert (status, resumed["complete"], resumed["shots"]) == (0, True, SHOTS)
     assert resumed["frames_sha256"] == digests[protocol]
     after = verify_run(directory)
-    assert (after.intact, after.complete, after.data_file, after.notes) == (True, True, "current", ())
+    assert (after.intact, after.complete, after.data_file, after.suspect) == (True, True, "current", 0)
+    assert all(note.endswith("set aside as suspect, measured again") for note in after.notes)
     with open_run(directory) as run:
         assert (run.measured_at_s[1:] > run.measured_at_s[:-1]).all(), "times go on where they were"
         if before.passes[0] in range(1, SHOTS):
@@ -129,7 +130,7 @@ def test_a_full_disk_keeps_what_was_stored_and_the_run_goes_on(
     assert "Traceback" not in told
     before = verify_run(directory)
     assert before.intact
-    assert before.passes[0] >= 5
+    assert before.passes[0] + before.suspect >= 5
     status, resumed = labctl("resume", directory)
     assert (status, resumed["frames_sha256"]) == (0, digests[SOFTWARE])
 

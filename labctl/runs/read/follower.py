@@ -83,7 +83,7 @@ class Follower:
                 continue  # `labctl verify` reports it
             self._shards.add(entry)
             self._entries.append(entry)
-            self._newest[entry.pass_index] = entry.shard
+            self._newest[entry.pass_index] = max(entry.shard, self._newest.get(entry.pass_index, -1))
         return True
 
     def latest(self) -> list[Latest]:

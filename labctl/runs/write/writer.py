@@ -444,6 +444,8 @@ class RunWriter:
     def _close_shard(self, sure: bool, reason: str = NOT_COMPARED) -> None:
         """Write what is open, suspect for a `reason` unless somebody is sure, also of what was not sure before."""
         self._stop_timer()
+        if sure:
+            self._trust()
         if self._open:
             suspect = "" if sure else reason
             epochs = np.repeat(self._open_epochs, [len(frames.codes) for frames in self._open])
@@ -458,8 +460,6 @@ class RunWriter:
             finally:
                 self._open.clear()
                 self._open_epochs.clear()
-        if sure:
-            self._trust()
 
     def _trust(self) -> None:
         """Enter again, as not suspect, what was closed before anybody was sure."""
@@ -475,8 +475,8 @@ class RunWriter:
         self._room.before(path, len(image), self._shards)
         replace_file(path, image)
         entry = self._shards.entry(self._next_shard, pass_index, first, epochs.size, image, suspect)
+        self._shards.add(entry)  # before the line: a signal may end this once that is there
         self._journal.append(entry)
-        self._shards.add(entry)
         if suspect:
             self._unsure.append(entry)
         self._next_shard += 1
