@@ -79,9 +79,10 @@ def bytes_needed(request: Request, bench: Bench) -> int:
     """What the run writes at most; nothing is sent to the bench.
 
     Raises:
-        ProtocolError: this bench cannot carry it out.
+        ProtocolError: it asks for what no bench gives, or the light's way is another one.
     """
-    plan = checked(request, bench)
+    request.protocol.check_cabling(bench)
+    plan = planned(request, bench)
     return needed(plan.shape, plan.drive, request.durability, plan.seconds_a_shot)
 
 

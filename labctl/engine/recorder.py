@@ -164,7 +164,7 @@ class Recorder:
         )
         if self._writer.locked_scales(index) is None:
             self._writer.scales(index, [one.scale_v for one in scalings], [one.offset_v for one in scalings])
-        else:
+        if self._writer.stored(index).size:
             self._bench.dmd.blank()  # the picture that was probed may be the one to be measured: it is to be shown anew
         self._scalings = scalings
         shots = self._whole[index].shots

@@ -53,7 +53,8 @@ the change comes at one moment of the run, and stays.
 The moments: {BEFORE}; *ranging*: at the first acquisition; *between records*: before an acquisition in the middle of
 the first pass, in a burst run before a burst; *before the picture*: when the oscilloscope waits and the DMD starts;
 *between channels*: before the points of the last channel are asked for; *next pass*: when the second pass is patched;
-*last record*: before the last acquisition. `{NOTHING}`: the setting does nothing then, or cannot be changed.
+*last record*: before the last acquisition. `{NOTHING}`: the setting does nothing then, or cannot be changed. A picture
+that another process puts into the DMD is no case: the vendor's library gives a device to one process alone.
 
 This document is generated: `python -m tests.knobs.document`.
 """

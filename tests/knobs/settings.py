@@ -5,13 +5,10 @@ from unittest.mock import patch
 
 import numpy as np
 
-from sim_backends.optics.mirrors import COLUMNS, ROWS
 from tests.knobs.interloper import VisitedBench
 
 DRIVE = '"pseudorandom"'
 LARGEST_SCALE_V = 0.6
-MIRRORS = np.arange(ROWS * COLUMNS // 8, dtype=np.uint32).astype(np.uint8).tobytes()
-PICTURE = b"#5%05d" % len(MIRRORS) + MIRRORS
 
 
 @dataclass(frozen=True)
@@ -181,7 +178,6 @@ KNOBS = (
     Knob("patch_panel", "port taken off", b"ROUTe:OPEN (@2)", "channel"),
     Knob("patch_panel", "all taken off", b"ROUTe:OPEN:ALL", "channel"),
     Knob("patch_panel", "a channel nobody reads", b"ROUTe:CLOSe (@4!9)", "channel", harmless=True),
-    Knob("dmd", "another picture", b"ALP:DEVHALT\nALP:SEQPUT 1,0,1," + PICTURE + b"\nALP:PROJSTARTCONT 1", "dmd"),
     Knob("dmd", "halted", b"ALP:DEVHALT", "dmd"),
     Knob("dmd", "mirrors released", b"ALP:DEVHALT\nALP:DEVCONTROL 2064,1", "dmd"),
     Knob("dmd", "sequence freed", b"ALP:DEVHALT\nALP:SEQFREE 1", "dmd"),

@@ -246,7 +246,7 @@ class TestRun:
         status, found = as_json(capsys, "run", "image-readout", *SMALL, "--profile", "--out", tmp_path / "run")
         assert status == 0
         budget = found["profile_ms_per_shot"]
-        assert list(budget) == ["upload", "dmd", "arm", "trigger", "physics", "transfer", "storage"]
+        assert list(budget) == ["upload", "dmd", "arm", "trigger", "physics", "transfer", "comparison", "storage"]
         assert all(spent > 0 for spent in budget.values())
         assert sum(budget.values()) <= 1.3e3 * found["seconds"] / found["shots"]
 

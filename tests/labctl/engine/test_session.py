@@ -55,8 +55,8 @@ def test_a_frame_sync_that_stays_away_is_no_lost_link_and_loses_nothing(
 @pytest.mark.parametrize(
     ("protocol", "steps"),
     [
-        (bursts(), ["upload", "dmd", "arm", "physics", "transfer", "storage_beside_the_next_burst"]),
-        (ImageReadout(images=20), ["upload", "dmd", "arm", "trigger", "physics", "transfer", "storage"]),
+        (bursts(), ["upload", "dmd", "arm", "physics", "transfer", "comparison", "storage_beside_the_next_burst"]),
+        (ImageReadout(images=20), ["upload", "dmd", "arm", "trigger", "physics", "transfer", "comparison", "storage"]),
     ],
 )
 def test_the_time_of_a_shot_by_steps(protocol: ImageReadout, steps: list[str], tmp_path: Path) -> None:
