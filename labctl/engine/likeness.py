@@ -56,12 +56,12 @@ Alike = Callable[[Shot, Shot], bool]
 class Finding(NamedTuple):
     """What is wrong, and from which shot on it may have been.
 
-    shot: the only one, where it is one alone: it may be so by chance, and then it is so again.
+    shots: those that are meant, where single ones are: they may be so by chance, and then they are so again.
     """
 
     first: int
     text: str
-    shot: int | None = None
+    shots: tuple[int, ...] = ()
 
 
 class Likeness:
@@ -103,12 +103,11 @@ class Likeness:
         """A channel that gives the same codes again and again, more often than noise would."""
         equal = codes[1:] == codes[:-1]
         whole = equal.all(axis=2)
-        fresh = equal[~whole] if whole.any() else equal
-        self._equal += float(np.count_nonzero(fresh))
-        self._compared += fresh.size
+        likely = codes.shape[2] * math.log(self._equal / self._compared)
+        self._equal += float(np.count_nonzero(equal))
+        self._compared += equal.size
         if self._frozen.size != codes.shape[1] or not whole.any():
             self._frozen = np.zeros(codes.shape[1], np.int64)
-        likely = codes.shape[2] * math.log(self._equal / self._compared)
         for place in np.flatnonzero(whole.any(axis=1)) if whole.any() else ():
             self._frozen = np.where(whole[place], self._frozen + 1, 0)
             stuck = np.flatnonzero(self._frozen * likely < math.log(UNLIKELY))
@@ -196,13 +195,20 @@ class Likeness:
         shots, differences, levels = unjudged.T
         light = np.maximum(levels - self._dark_record.mean(), 0)
         noise = np.sqrt(self._most_noise**2 + self._noise_of_light * light)
-        for shot in self._unconfirmed(shots[differences <= allowed * noise]):
-            if not self._alike(self._shots[shot - 1], self._shots[shot]):
-                return Finding(shot, NOT_SHOWN.format(shot, "is that of the shot before"), shot)
-        for shot in self._unconfirmed(begin + lit[from_dark <= allowed * self._most_noise]):
-            if not self._alike(replace(self._shots[shot], kind=ShotKind.DARK), self._shots[shot]):
-                return Finding(shot, NOT_SHOWN.format(shot, "is dark"), shot)
-        return None
+        found = {
+            shot: "is that of the shot before"
+            for shot in self._unconfirmed(shots[differences <= allowed * noise])
+            if not self._alike(self._shots[shot - 1], self._shots[shot])
+        }
+        found |= {
+            shot: "is dark"
+            for shot in self._unconfirmed(begin + lit[from_dark <= allowed * self._most_noise])
+            if not self._alike(replace(self._shots[shot], kind=ShotKind.DARK), self._shots[shot])
+        }
+        if not found:
+            return None
+        first = min(found)
+        return Finding(first, NOT_SHOWN.format(first, found[first]), tuple(sorted(found)))
 
     def _unconfirmed(self, shots: NDArray[Any]) -> list[int]:
         found: list[int] = np.setdiff1d(shots.astype(np.int64), self._confirmed).tolist()

@@ -249,12 +249,12 @@ class Recorder:
             raise self._wrong(records[0].pass_.index, finding)
 
     def _wrong(self, pass_index: int, finding: Finding) -> InstrumentError:
-        """One shot alone may be what it is by chance: it is measured again, unless there are too many of them."""
+        """Single shots may be what they are by chance: they are measured again, unless there are too many of them."""
         twice = self._twice.setdefault(pass_index, set())
-        if finding.shot is None or len(twice) >= MOST_TWICE + len(self._whole[pass_index].shots) // ONE_IN:
+        twice.update(finding.shots)
+        if not finding.shots or len(twice) > MOST_TWICE + len(self._whole[pass_index].shots) // ONE_IN:
             self._unsure_from = pass_index, min({finding.first, *twice})
             return WrongRecord(finding.text)
-        twice.add(finding.shot)
         return DoubtfulRecord(finding.text)
 
     def _last_shot(self) -> dict[str, Any]:

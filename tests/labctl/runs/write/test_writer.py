@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,6 +18,7 @@ from labctl.errors import RunError, RunExists
 from labctl.runs.format.columns import ShotFlag
 from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
+from labctl.runs.verification import verify_run
 from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import NOT_COMPARED, RunWriter, wall_timer
 
@@ -316,3 +318,47 @@ def test_two_writers_of_one_run(tmp_path: Path, begin: Begin) -> None:
     with begin(tmp_path / "run"), pytest.raises(RunError, match="another process is writing this run"):
         RunWriter.resume(tmp_path / "run")
     RunWriter.resume(tmp_path / "run").abandon()
+
+
+def test_what_is_in_doubt_is_marked_left_out_and_measured_again(
+    tmp_path: Path, begin: Begin, measure: Measure, measure_missing: Finish, small: RunShape
+) -> None:
+    directory = tmp_path / "run"
+    with begin(directory, shots=2) as writer:
+        measure_missing(writer)
+        assert writer.complete == small.shots
+        writer.doubt("scope: CH1:SCAle was 1 and is 2", 1, small.shots - 2)
+        assert writer.complete == small.shots - 3, "whole shards are put in doubt"
+    report = verify_run(directory)
+    assert (report.intact, report.complete, report.suspect, report.data_file) == (True, False, 3, "current")
+    assert "3 records are suspect: scope: CH1:SCAle was 1 and is 2" in report.notes
+    assert json.loads((directory / "manifest.json").read_text())["suspect"] == {"scope: CH1:SCAle was 1 and is 2": 3}
+    for path in (directory, directory / "data.h5"):
+        with open_run(path) as run:
+            assert (len(run.frames), run.suspect) == (small.shots - 3, 3)
+            assert run.shots["index"].tolist() == list(range(small.shots - 3))
+            assert run.frames[-1].tobytes() == run.frames[:][-1].tobytes()
+    with h5py.File(directory / "data.h5") as file:
+        assert file["shots"]["suspect"].tolist() == [0] * (small.shots - 3) + [1] * 3
+    with RunWriter.resume(directory) as writer:
+        assert writer.missing(1).tolist() == list(range(small.shots - 3, small.shots))
+        measure_missing(writer)
+    report = verify_run(directory)
+    assert (report.intact, report.complete, report.suspect, report.data_file) == (True, True, 0, "current")
+    assert "suspect" not in json.loads((directory / "manifest.json").read_text())
+    assert len(list((directory / "shards").glob("*.suspect"))) == 2, "what was measured is not thrown away"
+
+
+def test_shots_that_nobody_is_sure_of_are_suspect_until_somebody_is(
+    tmp_path: Path, begin: Begin, measure: Measure, small: RunShape
+) -> None:
+    sure = False
+    with begin(tmp_path / "run", shots=2) as writer:
+        writer.scales(0, 1e-3, 0)
+        for shot in range(4):
+            writer.append(0, shot, measure(small, 0, shot), 1, sure=lambda: sure)
+        assert writer.done == (0, 0)
+        sure = True
+        writer.append(0, 4, measure(small, 0, 4), 1, sure=lambda: sure)
+        assert writer.done == (4, 0)
+    assert [line["shard"] for line in journal(tmp_path / "run")] == [0, 1, 0, 1, 2]

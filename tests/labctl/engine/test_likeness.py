@@ -1,0 +1,134 @@
+"""What records say of themselves: late, frozen, not shown, without light; and what is noise alone."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from labctl.engine.likeness import Finding, Likeness, alike_by
+from protocols.base import Images, Shot, ShotKind
+
+PORTS, SAMPLES, EVERY = 4, 50, 10
+NOISE, LIGHT = 2.0, 25.0
+
+
+def plan(images: int) -> list[Shot]:
+    """A reference and a dark shot after every few images; the first image is the reference."""
+    shots: list[Shot] = []
+    for image in range(images):
+        shots.append(Shot(len(shots), ShotKind.IMAGE, image, image % 2, image))
+        if image % EVERY == EVERY - 1:
+            shots.append(Shot(len(shots), ShotKind.REFERENCE, 0, 0, 0))
+            shots.append(Shot(len(shots), ShotKind.DARK, -1, -1, -1))
+    return shots
+
+
+def pictures(count: int) -> Images:
+    images = np.random.default_rng(1).random((count, 12, 12)) < 0.3
+    return Images(images, np.arange(count) % 2, np.arange(count))
+
+
+def records(shots: Sequence[Shot], *, samples: int = SAMPLES, light: float = LIGHT) -> NDArray[np.int8]:
+    """Each picture has a trace of its own, a dark shot none; all have noise."""
+    generator = np.random.default_rng(2)
+    traces = generator.normal(0, light, (len(shots), PORTS, samples))
+    shown = [np.zeros((PORTS, samples)) if shot.kind is ShotKind.DARK else traces[shot.dataset_index] for shot in shots]
+    noisy = np.array(shown) + generator.normal(0, NOISE, (len(shots), PORTS, samples))
+    return np.clip(np.rint(noisy), -128, 127).astype(np.int8)
+
+
+def examined(shots: Sequence[Shot], codes: NDArray[np.int8], at_once: int = 20) -> Finding | None:
+    found = Likeness(shots, alike_by(pictures(len(shots))))
+    for first in range(0, len(codes), at_once):
+        if (finding := found.examine(first, codes[first : first + at_once])) is not None:
+            return finding
+    return None
+
+
+SHOTS = plan(100)
+RIGHT = records(SHOTS)
+
+
+def again(codes: NDArray[np.int8]) -> NDArray[np.int8]:
+    """The same traces with other noise."""
+    return np.clip(codes + np.rint(np.random.default_rng(3).normal(0, NOISE, codes.shape)), -128, 127).astype(np.int8)
+
+
+@pytest.mark.parametrize("at_once", [1, 20, 1000])
+@pytest.mark.parametrize(("samples", "light"), [(50, LIGHT), (2, LIGHT), (50, 1.0), (1, 0.5)])
+def test_noise_is_not_taken_for_anything_else(samples: int, light: float, at_once: int) -> None:
+    bright = examined(SHOTS, records(SHOTS, samples=samples, light=max(light, 4 * NOISE)), at_once)
+    assert bright is None
+
+
+def test_a_channel_that_freezes() -> None:
+    codes = RIGHT.copy()
+    codes[50:, 2] = codes[50, 2]
+    finding = examined(SHOTS, codes)
+    assert finding is not None
+    assert finding.first <= 51
+    assert "channel 3 of the pass gave byte-identical traces at shots 50 to 51" in finding.text
+
+
+def test_few_samples_may_repeat_themselves_by_chance() -> None:
+    codes = records(SHOTS, samples=1)
+    codes[50, 1] = codes[49, 1]
+    assert examined(SHOTS, codes) is None
+    codes[50:, 1] = codes[50, 1]
+    assert examined(SHOTS, codes) is not None
+
+
+@pytest.mark.parametrize("since", [1, 47])
+def test_records_that_come_one_shot_late(since: int) -> None:
+    codes = RIGHT.copy()
+    codes[since:] = RIGHT[since - 1 : -1]
+    codes[since] = again(codes[since])
+    finding = examined(SHOTS, codes)
+    assert finding is not None
+    assert finding.first <= since
+    assert not finding.shots
+
+
+@pytest.mark.parametrize("shot", [15, 40, 71, 95])
+def test_a_picture_that_was_not_shown(shot: int) -> None:
+    codes = RIGHT.copy()
+    codes[shot] = again(codes[shot - 1])
+    finding = examined(SHOTS, codes)
+    assert finding is not None
+    assert shot in finding.shots or (SHOTS[shot].kind is not ShotKind.IMAGE and finding.first <= shot)
+    confirmed = Likeness(SHOTS, alike_by(pictures(len(SHOTS))), finding.shots)
+    assert not finding.shots or confirmed.examine(0, codes) is None, "measured again, it is as it is"
+
+
+def test_a_shot_that_is_dark() -> None:
+    codes = RIGHT.copy()
+    codes[50] = noise()[50]
+    finding = examined(SHOTS, codes)
+    assert finding is not None
+    assert finding.shots == (50,)
+
+
+def test_equal_pictures_may_have_equal_records() -> None:
+    codes = RIGHT.copy()
+    codes[50] = again(codes[49])
+    images = pictures(len(SHOTS))
+    images.images[SHOTS[50].dataset_index] = images.images[SHOTS[49].dataset_index]
+    assert Likeness(SHOTS, alike_by(images)).examine(0, codes) is None
+
+
+def test_mirrors_that_stand_still() -> None:
+    finding = examined(SHOTS, np.array([again(RIGHT[0]) + np.int8(0) for _ in SHOTS]) + noise())
+    assert finding is not None
+    assert "the mirrors stand still" in finding.text
+
+
+def test_no_light() -> None:
+    finding = examined(SHOTS, noise())
+    assert finding is not None
+    assert "by noise alone" in finding.text
+
+
+def noise() -> NDArray[np.int8]:
+    drawn = np.random.default_rng(4).normal(0, NOISE, RIGHT.shape)
+    return np.rint(drawn).astype(np.int8)
