@@ -1,0 +1,55 @@
+"""Settings are compared with what was answered when they were set, all in one message."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from instruments.errors import InstrumentError
+from instruments.kept_settings import KeptSettings, Setting
+from instruments.values import Change
+from instruments.visa import VisaLink
+from sim_backends.bench import SimulatedBench
+
+RATE = Setting("HORizontal:MODE:SAMPLERate", "2.5E10", 1.0, "S/s")
+MODE = Setting("ACQuire:MODe", "SAMple")
+HEADER = Setting("HEADer", "OFF")
+
+
+@pytest.fixture
+def link() -> Iterator[VisaLink]:
+    with SimulatedBench() as bench:
+        scope = VisaLink(bench.resources["scope"]["socket"], name="scope", timeout_s=5, transcript=lambda *_: None)
+        for setting in (RATE, MODE, HEADER):
+            scope.write(setting.message)
+        yield scope
+        scope.close()
+
+
+def test_what_was_changed_is_named_with_both_values(link: VisaLink) -> None:
+    kept = KeptSettings(link)
+    assert kept.changes() == ()
+    assert kept.confirm((RATE, MODE, HEADER)) == ("2.5000000000E+10", "SAMPLE", "0")
+    assert kept.changes() == ()
+    link.write("ACQuire:MODe HIRes")
+    assert kept.changes() == (Change("ACQuire:MODe", "SAMPLE", "HIRES"),)
+    kept.forget([MODE.question])
+    assert kept.changes() == ()
+
+
+def test_a_setting_that_did_not_take_is_refused(link: VisaLink) -> None:
+    link.write("ACQuire:MODe HIRes")
+    with pytest.raises(InstrumentError, match=r"^scope: ACQuire:MODe: asked for SAMple, got 'HIRES': choose a value"):
+        KeptSettings(link).confirm((RATE, MODE))
+
+
+@pytest.mark.parametrize("answer", ["SAMPLE", "SAM", "sam"])
+def test_words_come_back_in_their_long_or_short_form(answer: str) -> None:
+    MODE.check("scope", answer)
+    Setting("CH1:INVert", "OFF").check("scope", "0")
+    with pytest.raises(InstrumentError, match="asked for SAMple"):
+        MODE.check("scope", "SA")
+
+
+def test_one_of_several_is_asked_for_by_its_name() -> None:
+    level = Setting("TRIGger:LEVel", "1.4", 0.05, "V", target="ATRigger")
+    assert (level.message, level.question) == ("TRIGger:LEVel 1.4,ATRigger", "TRIGger:LEVel? ATRigger")
