@@ -168,7 +168,7 @@ class VialuxAlp(BurstDmd):
         self._alp.Run(self._pictures, loop=False)
 
     def changes(self) -> tuple[Change, ...]:
-        """What turns every picture into another one: mirrors released, pictures inverted, upside down or not shown."""
+        """What turns pictures into others: mirrors released, inversion, direction, format, none of them projected."""
         if self._sequence is None:
             return ()
         wanted = {
@@ -176,6 +176,10 @@ class VialuxAlp(BurstDmd):
             "inversion": (ALP_DEFAULT, self._alp.ProjInquire(ALP_PROJ_INVERSION)),
             "direction": (ALP_DEFAULT, self._alp.ProjInquire(ALP_PROJ_UPSIDE_DOWN)),
         }
+        for sequence in (self._sequence, self._pictures):
+            if sequence is not None:
+                found = self._alp.SeqInquire(sequence, ALP_DATA_FORMAT)
+                wanted[f"data format of sequence {sequence}"] = ALP_DATA_BINARY_TOPDOWN, found
         if self._showing:
             wanted["projection"] = ALP_PROJ_ACTIVE, self._alp.ProjInquire(ALP_PROJ_STATE)
         return tuple(Change(name, str(then), str(now)) for name, (then, now) in wanted.items() if now != then)
