@@ -18,6 +18,8 @@ from protocols.base import Images, Inputs, Shot, ShotKind
 
 UNLIKELY = 1e-9
 """How improbable it must be that a channel repeats itself by chance."""
+REPEATED = 0.12
+"""Part of the samples that repeat themselves, before any were compared: noise of some three codes makes it so."""
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
 SURE = 2.5
@@ -79,7 +81,7 @@ class Likeness:
         self._repeated = self._lit & np.isin(self._picture, references[:1])
         self._last: tuple[int, Codes] | None = None
         self._frozen = np.empty(0, np.int64)  # records in a row that each channel repeated itself
-        self._equal, self._compared = 1.0, 2.0  # samples that repeated themselves, of how many
+        self._equal, self._compared = 10 * REPEATED, 10.0  # samples that repeated themselves, of how many
         self._reference_record: tuple[int, NDArray[np.float32]] | None = None
         self._dark_record: NDArray[np.float32] | None = None
         self._noise = self._most_noise = math.nan  # of the difference of two dark records, as they say, and at most

@@ -4,9 +4,6 @@ Between records the settings of the bench are compared with what they were set t
 found unchanged for the last time is in doubt until they are compared again.
 """
 
-import math
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -22,12 +19,15 @@ from labctl.engine.thumbnail import shown_images
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Events, Inputs, Part, PassStarted, Record
 
-COST = 0.02
-"""Part of the time that comparing settings may take, but for the ends of a pass."""
-
-
+COMPARED_EVERY = 20
+"""Records after which settings are compared: a count, so that a run sends the same messages however fast it is."""
 MOST_TWICE, ONE_IN = 3, 100
 """How many shots of a pass may be measured again because of their records: so many, and one in so many."""
+
+
+def _not_yet() -> bool:
+    """Nobody is sure of records before the settings were compared."""
+    return False
 
 
 class WrongRecord(InstrumentError):
@@ -72,7 +72,7 @@ class Recorder:
         self._began = bench.now() - time_s
         first = next((part.pass_.index for part in whole if writer.missing(part.pass_.index).size), 0)
         self._epochs = epoch + 1 - first
-        self._compared_s, self._comparing_s = -math.inf, math.inf  # when that was done last; how long it takes at least
+        self._since_compared = 0  # records
         self._unsure_from: tuple[int, int] | None = None  # pass and first shot of what was measured since
         self._ends: frozenset[int] = frozenset()  # shots of the pass behind which nothing is missing
         self._alike = alike_by(inputs)
@@ -187,33 +187,30 @@ class Recorder:
         if self._unsure_from is None:
             self._unsure_from = where
         self._unexamined.append(record)
-        sure = self._compare if record.first + len(frames.codes) - 1 in self._ends else self._compare_if_cheap
+        self._since_compared += len(frames.codes)
+        last = record.first + len(frames.codes) - 1
+        sure = self._compare if self._since_compared >= COMPARED_EVERY or last in self._ends else _not_yet
         if len(frames.codes) == 1:
             with self._observer.step("storage"):
                 self._writer.append(*where, frames, epoch, sure=sure)
+                if self._unsure_from is not None:  # no shard was closed
+                    sure()
             self._single += 1
         else:
-            self._keep(where, frames, epoch, sure)
+            self._keep(where, frames, epoch)
         self._last = record
         clipped = int(np.count_nonzero(frames.clipped.any(axis=1)))
         if clipped and not self.clipped:
             self._observer.warning("records touch the end of the vertical range: their peaks are cut off")
         self.clipped += clipped
 
-    def _keep(self, where: tuple[int, int], frames: Frames, epoch: int, sure: Callable[[], bool]) -> None:
+    def _keep(self, where: tuple[int, int], frames: Frames, epoch: int) -> None:
         """Store a burst, whether or not the settings were changed meanwhile."""
-        unchanged = False
+        sure = False
         try:
-            unchanged = sure()
+            sure = self._compare()
         finally:
-            self._storage.keep(*where, frames, epoch, sure=unchanged)
-
-    def _compare_if_cheap(self) -> bool:
-        """`_compare`, unless that would take too much of the time; whether nothing is known to be wrong."""
-        if time.monotonic() >= self._compared_s + self._comparing_s / COST:
-            return self._compare()
-        self._examine()
-        return False
+            self._storage.keep(*where, frames, epoch, sure=sure)
 
     def _compare(self) -> bool:
         """Compare the settings with what they were set to, and the records with one another; nothing is wrong.
@@ -222,11 +219,9 @@ class Recorder:
             SettingChanged: a setting is another one.
             DoubtfulRecord, WrongRecord: records are not those of their shots.
         """
-        began = time.monotonic()
         with self._observer.step("comparison"):
             self._bench.require_unchanged()
-        self._compared_s = time.monotonic()
-        self._comparing_s = min(self._comparing_s, self._compared_s - began)
+        self._since_compared = 0
         self._examine()
         self._unsure_from = None
         return True

@@ -207,7 +207,7 @@ def report_elsewhere(path: Path) -> None:
 
 RUNS["run"] |= {
     "a plan of 10^15 shots": (huge_plan, "damaged manifest"),
-    "shots of 10^15 samples": (huge_shots, "no such run is read"),
+    "shots of 10^15 samples": (huge_shots, "damaged manifest"),
     "a shard with a number of thirty digits": (a_shard_of_any_number, "is not of this run"),
     "a folder of figures that is elsewhere": (figures_elsewhere, NAMES_ANOTHER_PLACE),
     "a report that is elsewhere": (report_elsewhere, NAMES_ANOTHER_PLACE),
@@ -233,7 +233,7 @@ RUNS["run"] |= {
     ),
     "a manifest without end": (
         lambda path: os.truncate(write_whole(path) / "manifest.json", 1 << 40),
-        "manifest.json: cannot be read: has 1099511627776 bytes",
+        "manifest.json: cannot be read (has 1099511627776 bytes",
     ),
     "a million passes": (a_million_passes, "1000000 ports in 1000000 passes: a run has at most"),
     "a million passes of no port": (
@@ -242,7 +242,7 @@ RUNS["run"] |= {
     ),
     "a journal without end": (
         lambda path: os.truncate(write_whole(path) / "journal.jsonl", 1 << 40),
-        "journal.jsonl: cannot be read: has 1099511627776 bytes",
+        "journal.jsonl: cannot be read (has 1099511627776 bytes",
     ),
     "a journal of nothing but ends of lines": (
         lambda path: (write_whole(path) / "journal.jsonl").write_bytes(b"\n" * (1 << 20)),
@@ -252,7 +252,7 @@ RUNS["run"] |= {
         lambda path: os.truncate(write_whole(path) / "plan.h5", 1 << 40),
         "has 1099511627776 bytes",
     ),
-    "a shard without end": (a_shard_without_end, "000000.h5: cannot be read: has 1099511627776 bytes"),
+    "a shard without end": (a_shard_without_end, "000000.h5: cannot be read (has 1099511627776 bytes"),
 }
 
 
