@@ -53,6 +53,8 @@ RATE_TOLERANCE = 1e-6  # of the rate: by so much two windows of a drive may drif
 AMPLITUDE_TOLERANCE_V = 2e-3
 MARKER_TOLERANCE_V = 0.05
 TRIGGER_TOLERANCE_V = 0.05
+SAMPLES_EVERY = 5
+"""How often settings are asked for between two pieces of the waveform."""
 SLOW_S = 30.0
 """Bound on the commands that the manual calls overlapping: clock, assignment, run and stop."""
 
@@ -98,7 +100,7 @@ class Awg70002a(Awg):
         self._outputs = (f"OUTPut{channel}:STATe?", "OUTPut:OFF?")
         self._kept = KeptSettings(link)
         self._loaded: tuple[Drive, int, bool] | None = None  # with its length in memory, and whether marked once
-        self._compared = 0
+        self._asked = self._compared = 0
 
     def identify(self) -> Identity:
         """`*IDN?`."""
@@ -138,7 +140,7 @@ class Awg70002a(Awg):
         length = drive.repeated_length(max(shortest, int(periods) * drive.samples.size))
         Range(1, longest, "samples").check("drive length", length)
         self._kept.forget()
-        self._loaded = None
+        self._loaded, self._asked = None, 0
         with self._link.checked():
             self._link.write("AWGControl:ARSettings 0")
             self._link.write(f'WLISt:WAVeform:DELete "{drive.name}"')
@@ -220,10 +222,14 @@ class Awg70002a(Awg):
         return Setting(command, str(level_v), MARKER_TOLERANCE_V, "V", f"marker {which.lower()} level")
 
     def changes(self) -> tuple[Change, ...]:
-        """All settings that were sent, in one question, and a piece of the waveform, each time another one."""
+        """All settings that were sent and the time of the waveform's last change, in one question.
+
+        That time has seconds; and in case it misses a change, a piece of the waveform is read now and then.
+        """
         if found := self._kept.changes():
             return found
-        if self._loaded is None:
+        self._asked += 1
+        if self._loaded is None or self._asked % SAMPLES_EVERY != 1:
             return ()
         drive, length, marked_once = self._loaded
         count = min(length, self.READ_BACK_SAMPLES)

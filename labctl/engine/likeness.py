@@ -87,6 +87,7 @@ class Likeness:
         self._noise = self._most_noise = math.nan  # of the difference of two dark records, as they say, and at most
         self._noise_of_light = 0.0  # variance that a code of light adds to that of the difference of two records
         self._usual = np.empty(0)  # by how much records of different pictures differ
+        self._as_a_rule = math.nan  # their median
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
         self._unjudged = np.empty((0, 3))  # shots, by how much they differ from the one before, and mean codes of both
@@ -130,20 +131,22 @@ class Likeness:
             return None
         end = begin + len(values)
         lit, dark = self._lit[begin:end], self._dark[begin:end]
-        for place in np.flatnonzero(dark[:-1] & lit[1:]):
-            flat, other = (float(values[one].std(axis=1).mean()) for one in (place, place + 1))
-            if flat > FLAT * other > 0:
-                return Finding(self._agreed, LATE.format(f"dark shot {begin + place} is lit and the next is not"))
+        late = np.flatnonzero(dark[:-1] & lit[1:])
+        flat, following = _varies(values[late]), _varies(values[late + 1])
+        for place in late[(flat > FLAT * following) & (following > 0)]:
+            return Finding(self._agreed, LATE.format(f"dark shot {begin + place} is lit and the next is not"))
         differences = _rms(np.diff(values, axis=0))
         pictures = np.where(dark, -1, self._picture[begin:end])
         other = (lit | dark)[1:] & (lit | dark)[:-1] & (pictures[1:] != pictures[:-1])
         self._usual = np.append(self._usual, differences[other & lit[1:] & lit[:-1]])[-REMEMBERED:]
+        if self._usual.size > 2:
+            self._as_a_rule = float(np.median(self._usual))
         shots, levels = begin + 1 + np.flatnonzero(other), values.mean(axis=(1, 2))
         judge = np.column_stack([shots, differences[other], ((levels[1:] + levels[:-1]) / 2)[other]])
         self._unjudged = np.append(self._unjudged, judge, axis=0)
-        for place in np.flatnonzero(lit[:-1] & dark[1:]):
-            if _part_of(values[place], values[place + 1]) > LIT_ALIKE:
-                return Finding(self._agreed, STUCK.format(begin + place + 1))
+        darkened = np.flatnonzero(lit[:-1] & dark[1:])
+        for place in darkened[_part_of(values[darkened], values[darkened + 1]) > LIT_ALIKE]:
+            return Finding(self._agreed, STUCK.format(begin + place + 1))
         for place in new + np.flatnonzero((dark | self._repeated[begin:end])[new:]):
             shown_again = self._of_dark if dark[place] else self._of_reference
             if (finding := shown_again(begin + int(place), values[place])) is not None:
@@ -155,10 +158,10 @@ class Likeness:
 
         A dark record that differs from the one before as different pictures do is lit, or the other one was.
         """
-        varies = math.sqrt(2) * float(values.std(axis=1).mean())
+        varies = math.sqrt(2) * float(_varies(values))
         known, self._dark_record = self._dark_record, values
         pair = varies if known is None else float(_rms(values - known))
-        if known is not None and self._tells_apart(self._noise) and pair > OTHER * float(np.median(self._usual)):
+        if known is not None and self._tells_apart(self._noise) and pair > OTHER * self._as_a_rule:
             what = f"dark shot {shot} differs from the one before by {pair:.1f} codes, as different pictures do"
             return Finding(self._agreed, LATE.format(what))
         self._noise, self._most_noise = max(min(pair, varies), LEAST_NOISE), max(pair, varies, LEAST_NOISE)
@@ -169,11 +172,9 @@ class Likeness:
         known, self._reference_record = self._reference_record, (shot, values)
         if known is None or self._dark_record is None or not self._tells_apart(self._noise):
             return None
-        difference, usual = float(_rms(values - known[1])), float(np.median(self._usual))
-        unusual = len(self._repeats) > 2 and difference > max(
-            UNUSUAL * usual, UNUSUAL_TIMES * float(np.median(self._repeats))
-        )
-        if difference > OTHER * usual or unusual:
+        difference, usual = float(_rms(values - known[1])), self._as_a_rule
+        unusual = difference > UNUSUAL * usual and len(self._repeats) > 2
+        if difference > OTHER * usual or (unusual and difference > UNUSUAL_TIMES * float(np.median(self._repeats))):
             what = f"shots {known[0]} and {shot} have one picture and differ by {difference:.1f} codes, as others do"
             return Finding(self._agreed, LATE.format(what))
         self._agreed = shot
@@ -218,7 +219,7 @@ class Likeness:
 
     def _tells_apart(self, noise: float) -> bool:
         """Whether records of different pictures differ by more than noise; False as long as that is not known."""
-        return self._usual.size > 2 and float(np.median(self._usual)) >= CONTRAST * noise
+        return self._as_a_rule >= CONTRAST * noise
 
 
 def alike_by(inputs: Inputs) -> Alike:
@@ -242,11 +243,16 @@ def alike_by(inputs: Inputs) -> Alike:
     return alike
 
 
-def _part_of(lit: NDArray[np.float32], other: NDArray[np.float32]) -> float:
-    """How much of how a record with light varies from sample to sample another one holds: 1 if all, 0 if nothing."""
-    lit, other = (values - values.mean(axis=1, keepdims=True) for values in (lit, other))
-    varies = float((lit * lit).sum())
-    return float((lit * other).sum()) / varies if varies else 0.0
+def _part_of(lit: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float64]:
+    """How much of how records with light vary from sample to sample other ones hold: 1 if all, 0 if nothing."""
+    lit, other = (values - values.mean(axis=2, keepdims=True) for values in (lit, other))
+    varies = np.maximum(np.einsum("nij,nij->n", lit, lit), 1e-9)
+    return np.asarray(np.einsum("nij,nij->n", lit, other) / varies, np.float64)
+
+
+def _varies(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """By how much records vary from sample to sample, in the mean of their channels."""
+    return np.asarray(values.std(axis=-1).mean(axis=-1), np.float64)
 
 
 def _rms(values: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from labctl.engine.thumbnail import shown_images
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Events, Inputs, Part, PassStarted, Record
 
-COMPARED_EVERY = 20
+COMPARED_EVERY = 50
 """Records after which settings are compared: a count, so that a run sends the same messages however fast it is."""
 MOST_TWICE, ONE_IN = 3, 100
 """How many shots of a pass may be measured again because of their records: so many, and one in so many."""
