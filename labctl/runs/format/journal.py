@@ -176,16 +176,15 @@ class JournalFile:
         Raises:
             RunError: the disk is full or refuses. The journal is then as it was before, as far as the disk lets it be.
         """
-        length = self._file.seek(0, os.SEEK_END)
+        length, line = self._file.seek(0, os.SEEK_END), entry.encode()
         try:
-            write_all(self._file, entry.encode())
+            write_all(self._file, line)
+            self._size += len(line)  # before the wait for the disk, which a signal may end: the line is there
             os.fsync(self._file.fileno())
         except OSError as error:
             with suppress(OSError):  # the line is torn then, and cut off when the run goes on
                 self._file.truncate(length)
             raise not_written(self._path, error) from error
-        finally:  # a signal may end the program's wait for the disk, and the line is there
-            self._size += self._file.seek(0, os.SEEK_END) - length
 
     @property
     def untouched(self) -> bool:
