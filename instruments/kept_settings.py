@@ -68,6 +68,17 @@ class KeptSettings:
         self._link = link
         self._answers: dict[str, str] = {}
 
+    def set(self, settings: Sequence[Setting]) -> tuple[str, ...]:
+        """Send settings, ask what became of them, and keep the answers.
+
+        Raises:
+            InstrumentError: the instrument's own error, or a setting that did not take.
+        """
+        with self._link.checked():
+            for setting in settings:
+                self._link.write(setting.message)
+        return self.confirm(settings)
+
     def confirm(self, settings: Sequence[Setting]) -> tuple[str, ...]:
         """Ask what became of settings that were sent, and keep the answers.
 

@@ -179,28 +179,28 @@ class Awg70002a(Awg):
         """Send every setting, and compare what became of it, and the way that the signal takes to its output."""
         source, path = f"SOURce{self._channel}", f"OUTPut{self._channel}:PATH?"
         rate_tolerance = RATE_TOLERANCE * drive.sample_rate
-        settings = [
+        on_trigger = (
+            Setting(f"{source}:TINPut", "ATRigger"),
+            Setting("TRIGger:LEVel", str(self.TRIGGER_LEVEL_V), TRIGGER_TOLERANCE_V, "V", target="ATRigger"),
+            Setting("TRIGger:SLOPe", "NEGative", target="ATRigger"),
+        )
+        settings = (
             Setting(f"{source}:DAC:RESolution", str(self.MARKER_RESOLUTION_BITS), unit="bits", name="DAC resolution"),
             self._marker_level("HIGH", self.MARKER_HIGH_V),
             self._marker_level("LOW", self.MARKER_LOW_V),
             Setting(f"{source}:MARKer1:DELay", "0", unit="s", name="marker delay"),
             Setting(f"{source}:SKEW", "0", unit="s", name="skew"),
+            *(() if mode is RunMode.CONTINUOUS else on_trigger),
             Setting(f"{source}:RMODe", mode),
             Setting(f"{source}:VOLTage", f"{drive.amplitude_vpp:.4f}", AMPLITUDE_TOLERANCE_V, "Vpp", "amplitude"),
             Setting("CLOCk:SRATe", f"{drive.sample_rate:.9E}", rate_tolerance, "S/s", "sample rate"),
-        ]
-        if mode is not RunMode.CONTINUOUS:
-            settings += [
-                Setting(f"{source}:TINPut", "ATRigger"),
-                Setting("TRIGger:LEVel", str(self.TRIGGER_LEVEL_V), TRIGGER_TOLERANCE_V, "V", target="ATRigger"),
-                Setting("TRIGger:SLOPe", "NEGative", target="ATRigger"),
-            ]
+        )
         with self._link.checked():
             for setting in settings:
                 self._link.write(setting.message)
             self._link.write(f'{source}:CASSet:WAVeform "{drive.name}"')
             self._finish()
-        *_, amplitude, rate = self._kept.confirm(settings)[:8]
+        *_, amplitude, rate = self._kept.confirm(settings)
         (found, *_) = self._kept.keep(
             [
                 path,

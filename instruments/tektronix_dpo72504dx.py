@@ -183,10 +183,9 @@ class Dpo72504dx(Oscilloscope):
         )
         self._kept.forget()
         self._described.clear()
-        with self._link.checked():
-            for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL", *(setting.message for setting in settings)):
-                self._link.write(message)
-        self._kept.confirm(settings)
+        for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL"):
+            self._link.write(message)
+        self._kept.set(settings)
         self.channels = channels
         self._timebase = timebase
         self._frames = 0
@@ -204,10 +203,7 @@ class Dpo72504dx(Oscilloscope):
             Setting(f"CH{channel}:POSition", "0"),
             Setting(f"CH{channel}:OFFSet", f"{vertical.offset_v:.3E}", OFFSET_TOLERANCE_DIV * scale, "V"),
         )
-        with self._link.checked():
-            for setting in settings:
-                self._link.write(setting.message)
-        settled, _, offset = map(float, self._kept.confirm(settings))
+        settled, _, offset = map(float, self._kept.set(settings))
         self._described.pop(channel, None)
         self._verticals[channel] = Vertical(settled, offset)
         return self._verticals[channel]
@@ -251,10 +247,7 @@ class Dpo72504dx(Oscilloscope):
                 Setting("DATa:FRAMESTARt", "1"),
                 Setting("DATa:FRAMESTOP", str(frames)),
             )
-            with self._link.checked():
-                for setting in settings:
-                    self._link.write(setting.message)
-            self._kept.confirm(settings)
+            self._kept.set(settings)
             self._frames = frames
         self._link.write("ACQuire:STATE RUN")
         deadline = time.monotonic() + TRIGGER_WAIT_S

@@ -19,7 +19,7 @@ from protocols.base import Images, Inputs, Shot, ShotKind
 UNLIKELY = 1e-9
 """How improbable it must be that a channel repeats itself by chance."""
 REPEATED = 0.12
-"""Part of the samples that repeat themselves, before any were compared: noise of some three codes makes it so."""
+"""Part of the samples that repeat themselves, before any were compared: noise of some two codes makes it so."""
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
 SURE = 2.5
@@ -48,7 +48,6 @@ LIT = (ShotKind.IMAGE, ShotKind.REFERENCE)
 LATE = "bench: {}: pictures or records come late; switch oscilloscope and DMD off and on"
 NOT_SHOWN = "dmd: shot {}: its record {}, within noise: its picture was not shown; switch the DMD off and on"
 STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
-
 NO_LIGHT = "bench: records with light differ from dark ones by noise alone: check laser, fibres and DMD"
 
 Alike = Callable[[Shot, Shot], bool]
