@@ -7,9 +7,10 @@ from sim_backends.bench import SimulatedBench
 from sim_backends.faults.catalogue import Fault, Moment
 from sim_backends.faults.injection import Faulty, Injection, header_of, same_header
 from sim_backends.parameters import Parameters
-from sim_backends.scpi.messages import Message, MessageReader
+from sim_backends.scpi.messages import Message
 from sim_backends.servers.loop import Execution, Instrument, Loop
 from sim_backends.virtual.instrument import VirtualInstrument
+from tests.sim_backends.virtual.watched import messages
 
 READS = ("CURVe?", "CURVENext?", "WAVFrm?")
 STARTS = ("ALP:PROJSTART", "ALP:PROJSTARTCONT")
@@ -102,7 +103,7 @@ class VisitedBench(SimulatedBench):
     def say(self, role: str, lines: bytes) -> bytes:
         """What an instrument answers a client who sends it `lines`; the bench's own thread only, or an idle bench."""
         reply = b""
-        for message in _messages(lines + b"\n"):
+        for message in messages(lines):
             execution = self.virtual(role).run(message)
             try:
                 while True:
@@ -153,17 +154,6 @@ class _Overheard:
 
     def listens(self, begun: bytes) -> bool:
         return self._instrument.listens(begun)
-
-
-def _messages(stream: bytes) -> list[Message]:
-    reader, found = MessageReader(), []
-    while stream:
-        room = reader.buffer()
-        count = min(len(room), len(stream))
-        room[:count] = stream[:count]
-        stream = stream[count:]
-        found += reader.received(count)
-    return found
 
 
 def moments(events: Overheard, records: int) -> Mapping[str, Event]:

@@ -2,21 +2,8 @@
 
 import pytest
 
-from sim_backends.scpi.messages import Message, MessageReader
 from sim_backends.virtual import VirtualAwg70002a, VirtualInstrument
-from tests.sim_backends.virtual.watched import Ask, Read, Watched
-
-
-def messages(text: str | bytes) -> list[Message]:
-    stream = (text.encode("latin-1") if isinstance(text, str) else text) + b"\n"
-    reader, found = MessageReader(), []
-    while stream:
-        room = reader.buffer()
-        count = min(len(room), len(stream))
-        room[:count] = stream[:count]
-        stream = stream[count:]
-        found += reader.received(count)
-    return found
+from tests.sim_backends.virtual.watched import Ask, Read, Watched, messages
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.scpi.messages import Message
+from sim_backends.scpi.messages import Message, MessageReader
 from sim_backends.virtual import VirtualInstrument
 from sim_backends.world.signals import Acquisition, Emission, Playback, Projection, Record
 from sim_backends.world.world import World
@@ -73,3 +73,16 @@ class Watched(World):
     def record(self, acquisition: Acquisition, trigger_times: NDArray[np.float64], *, setting: bytes = b"") -> Record:
         self.records.append((acquisition, trigger_times))
         return super().record(acquisition, trigger_times, setting=setting)
+
+
+def messages(text: str | bytes) -> list[Message]:
+    """Messages as a connection would deliver them; the last one ends with the text."""
+    stream = (text.encode("latin-1") if isinstance(text, str) else text) + b"\n"
+    reader, found = MessageReader(), []
+    while stream:
+        room = reader.buffer()
+        count = min(len(room), len(stream))
+        room[:count] = stream[:count]
+        stream = stream[count:]
+        found += reader.received(count)
+    return found
