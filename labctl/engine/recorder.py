@@ -121,7 +121,7 @@ class Recorder:
         elif isinstance(error, SettingChanged | DoubtfulRecord | WrongRecord):
             self._writer.doubt(str(error), *self._unsure_from)
         elif isinstance(error, LinkError):
-            self._writer.sync(sure=False)
+            self._writer.sync_unsure()
         else:
             self._compare_in_the_dark()
 
@@ -161,6 +161,7 @@ class Recorder:
             **{"pass": index, "passes": len(self._whole)},
             wavelength_nm=event.pass_.wavelength_nm,
             ports=list(event.pass_.patching.values()),
+            time_s=round(self._bench.now() - self._began, 3),
         )
         if self._writer.locked_scales(index) is None:
             self._writer.scales(index, [one.scale_v for one in scalings], [one.offset_v for one in scalings])

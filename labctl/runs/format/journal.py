@@ -32,6 +32,8 @@ from labctl.runs.format.own_files import opened, read_own
 LARGEST_JOURNAL = 1 << 28
 """Bytes: more than a million lines."""
 MOST_PROBLEMS = 1000
+NOT_COMPARED = "not compared with the settings afterwards"
+"""Why shots are suspect that were stored before anybody was sure of them."""
 _LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}')
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labctl.errors import RunError
 from labctl.runs.format.durable import not_written, sync_folder
-from labctl.runs.format.journal import Entry, JournalFile
+from labctl.runs.format.journal import NOT_COMPARED, Entry, JournalFile
 from labctl.runs.format.own_files import read_own
 from labctl.runs.format.shard import MOST_BYTES, Shard
 from labctl.runs.format.shards import Shards
@@ -16,9 +16,9 @@ def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]
     """Make disk and journal agree; returns what was found, a line each, and the number of the next shard.
 
     A shard that the journal names but that is missing or damaged is set aside as `.damaged` and discarded in the
-    journal: its shots are to be measured again. So is one that is in doubt, as `.suspect`. A whole shard that the
-    journal does not name, because the process died between renaming it and writing the line, is taken in. Half-written
-    files go.
+    journal: its shots are to be measured again. So is one that is in doubt, as `.suspect`; and so is a whole shard that
+    the journal does not name, because the process died between renaming it and writing the line: nobody knows whether
+    its settings were compared. Half-written files go.
 
     Raises:
         RunError: the disk is full or refuses.
@@ -28,8 +28,8 @@ def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]
         _keep_names(renamed_in)
     found = [
         *_discard_damaged(shards, journal),
+        *_name_unnamed(shards, journal),
         *discard_suspect(shards, journal),
-        *_adopt_unnamed(shards, journal),
     ]
     for half_written in [*folder.glob("*.tmp"), *shards.paths.directory.glob("*.tmp")]:
         half_written.unlink()
@@ -71,18 +71,18 @@ def _discard_damaged(shards: Shards, journal: JournalFile) -> list[str]:
 
 def _set_aside(shards: Shards, journal: JournalFile, entry: Entry, state: str, reason: str) -> None:
     """Take a shard back in the journal, and rename its file if there is one: what was measured is not thrown away."""
-    path = shards.paths.shard(entry.shard)
+    line = replace(entry, discarded=reason, suspect="", shots=0)
+    journal.append(replace(line, shots=shards.add(line)))
+    path = shards.paths.shard(entry.shard)  # renamed after the line: what the journal names is always there
     try:
         if path.exists():
             path.replace(path.with_suffix(f".h5.{state}"))
             sync_folder(path.parent)
     except OSError as failure:
         raise not_written(path, failure) from failure
-    line = replace(entry, discarded=reason, suspect="", shots=0)
-    journal.append(replace(line, shots=shards.add(line)))
 
 
-def _adopt_unnamed(shards: Shards, journal: JournalFile) -> list[str]:
+def _name_unnamed(shards: Shards, journal: JournalFile) -> list[str]:
     found = []
     for path in sorted(shards.paths.shards.glob("*.h5")):
         number = int(path.stem) if path.stem.isdigit() else -1
@@ -97,10 +97,10 @@ def _adopt_unnamed(shards: Shards, journal: JournalFile) -> list[str]:
         if shards.has(shard.pass_index, shard.first, len(shard.rows)):
             found.append(f"{path}: the journal does not name it and has its shots, ignored")
             continue
-        entry = shards.entry(number, shard.pass_index, shard.first, len(shard.rows), image)
+        entry = shards.entry(number, shard.pass_index, shard.first, len(shard.rows), image, NOT_COMPARED)
         journal.append(entry)
         shards.add(entry)
-        found.append(f"{path}: was not in the journal yet, its {len(shard.rows)} shots are kept")
+        found.append(f"{path}: was not in the journal yet")
     return found
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from instruments.values import Drive, Frames
 from labctl.errors import RunError, noted_on
 from labctl.runs.format.durable import not_written, replace_file, sync_folder
-from labctl.runs.format.journal import Entry, JournalFile, read_journal
+from labctl.runs.format.journal import NOT_COMPARED, Entry, JournalFile, read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plan import read_plan
@@ -41,10 +41,6 @@ class Timer(Protocol):
 
 
 TimerFactory = Callable[[float, Callable[[], None]], Timer]
-
-
-NOT_COMPARED = "not compared with the settings afterwards"
-"""Why shots are suspect that were closed before anybody was sure of them."""
 
 
 def _certain() -> bool:
@@ -318,15 +314,25 @@ class RunWriter:
                 self._timer = self._new_timer(self._durability.seconds, self._close_aged)
                 self._timer.start()
 
-    def sync(self, *, sure: bool = True) -> None:
-        """Close the open shard: every shot appended so far is then on disk. Who is `sure` of it is so of all before.
+    def sync(self) -> None:
+        """Close the open shard: every shot appended so far is then on disk, and the caller is sure of all of them.
 
         Raises:
             RunError: the disk is full or refuses.
         """
         with self._guard:
             self._raise_failure()
-            self._close_shard(sure)
+            self._close_shard(sure=True)
+
+    def sync_unsure(self) -> None:
+        """Close the open shard; what nobody was sure of yet is suspect until somebody is.
+
+        Raises:
+            RunError: the disk is full or refuses.
+        """
+        with self._guard:
+            self._raise_failure()
+            self._close_shard(sure=False)
 
     def doubt(self, reason: str, pass_index: int, first: int) -> None:
         """Close the open shard; whatever the pass has from shot `first` on is suspect.

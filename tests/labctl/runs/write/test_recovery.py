@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from labctl.errors import RunError
+from labctl.runs.format.journal import NOT_COMPARED
 from labctl.runs.index import list_runs
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
@@ -36,15 +37,16 @@ def test_a_resumed_run_ends_like_an_uninterrupted_one(cut: Path, whole: Path, me
         assert (cut / name).read_bytes() == (whole / name).read_bytes()
 
 
-def test_a_shard_that_missed_the_journal_is_taken_in(cut: Path, whole: Path, measure_missing: Finish) -> None:
+def test_a_shard_that_missed_the_journal_is_measured_again(cut: Path, whole: Path, measure_missing: Finish) -> None:
     lines = (cut / "journal.jsonl").read_bytes().splitlines(keepends=True)
     (cut / "journal.jsonl").write_bytes(b"".join(lines[:-1]) + lines[-1][:40])
     assert open_run(cut).done == (7, 0)
     assert any("torn" in note for note in verify_run(cut).notes)
     assert any("not in the journal" in note for note in verify_run(cut).notes)
     found = resume_to_the_end(cut, measure_missing)
-    assert len(found) == 1
-    assert "its 3 shots are kept" in found[0]
+    assert "was not in the journal yet" in found[0]
+    assert f"3 shots are suspect ({NOT_COMPARED}): they will be measured again" in found
+    assert [path.name for path in (cut / "shards").glob("*.suspect")] == ["000003.h5.suspect"]
     assert not verify_run(cut).problems
     assert digest(cut) == digest(whole)
 

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from instruments.values import Frames
 from labctl.errors import RunError, RunExists
 from labctl.runs.format.columns import ShotFlag
+from labctl.runs.format.journal import NOT_COMPARED
 from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from labctl.runs.write.durability import Durability
-from labctl.runs.write.writer import NOT_COMPARED, RunWriter, wall_timer
+from labctl.runs.write.writer import RunWriter, wall_timer
 
 Begin = Callable[..., RunWriter]
 Measure = Callable[[RunShape, int, int], Frames]
