@@ -1,8 +1,9 @@
 """Acquisition modes of the virtual oscilloscope: what becomes of the samples behind each trigger.
 
-Source: instrument facts 2.5 and 2.8. An average is that of all triggers until there are ACQuire:NUMAVg of them; running on, it
-is exponential with that weight (ACQuire:MODe: "a running exponential average"; MATH<x>:NUMAVg says from when). High resolution and peak detection work on samples of the base rate and exist
-below it only. An envelope holds lowest and highest code in turn: each pair of points covers two intervals.
+Source: instrument facts 2.5 and 2.8. High resolution and peak detection work on samples of the base rate and exist
+below it only. An envelope holds lowest and highest code in turn: each pair of points covers two intervals. An average
+is that of all triggers until there are ACQuire:NUMAVg of them; running on, it is exponential with that weight
+(ACQuire:MODe: "a running exponential average"; MATH<x>:NUMAVg says from when on).
 """
 
 from dataclasses import dataclass
