@@ -63,7 +63,7 @@ def test_average(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
 
 
 def test_running_freely_an_average_is_exponential(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
-    """Of all triggers at first, and from NUMAVg of them on each new one weighs 1/NUMAVg; a single sequence ends there."""
+    """Of all triggers at first, from NUMAVg of them on each new one weighs 1/NUMAVg; a single sequence ends there."""
     ask(scope, "ACQuire:MODe AVErage;NUMAVg 4;STOPAfter RUNSTop;STATE RUN;:WFMOutpre:BYT_Nr 2")
     lit = volts(ask, scope, "<i2").mean()
     world.emit(None)
