@@ -4,8 +4,9 @@ The digitiser's noise of a frame comes from that frame's own key, so that the nu
 together changes no byte. Source: instrument facts 2.5, 2.6, 2.8 and 2.10.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from time import perf_counter
 
 import numpy as np
@@ -55,7 +56,8 @@ class Progress:
     """An acquisition under way: what has been recorded of it.
 
     times: (triggers,) s, virtual, of each time that triggers were taken. offsets: how far from a sample (s). goes_on:
-    whether it began with `frames`, the running average of the acquisition before.
+    whether it began with `frames`, the running average of the acquisition before. others: digitises the points behind
+    those of `frames`, (channels, triggers, samples), where these are not all.
     """
 
     plan: Plan
@@ -64,6 +66,7 @@ class Progress:
     frames: Kept = field(default_factory=list)
     missing: int = 0
     goes_on: bool = False
+    others: Callable[[], NDArray[np.int8]] | None = None
 
     def __post_init__(self) -> None:
         self.missing = self.plan.triggers
@@ -82,8 +85,10 @@ class Progress:
         else:
             self.frames = kept(plan.mode, self.frames, codes, plan.acquisition.samples)
 
-    def codes(self) -> Codes:
-        """(channels, frames, samples) of what there is; at least one trigger must have come."""
+    def codes(self, points: int) -> Codes:
+        """(channels, frames, samples) of what there is, so many points or more; at least one trigger must have come."""
+        if self.others is not None and points > self.frames[0].shape[-1]:
+            self.frames, self.others = [np.concatenate([self.frames[0], self.others()], axis=-1)], None
         if self.plan.mode != "SAMple":
             triggers = self.plan.triggers if self.goes_on else sum(times.size for times in self.times)
             return finished(self.plan.mode, self.frames, triggers)
@@ -225,8 +230,11 @@ class AcquisitionSystem(VirtualInstrument):
         progress = self._under_way()
         progress.times.append(times)
         progress.missing -= times.size
-        for codes, offsets in self._digitised(progress.plan, times):
-            progress.add(codes, offsets)
+        if progress.plan.pointwise and self.transfer.last < progress.plan.acquisition.samples:
+            self._take_first_points(progress, times)
+        else:
+            for codes, offsets in self._digitised(progress.plan, times):
+                progress.add(codes, offsets)
         self._ready_s = float(times[-1]) + self.plan.spacing_s
         acquisition = progress.plan.acquisition
         end_s = float(times[-1]) + acquisition.start_s + acquisition.samples / acquisition.sample_rate
@@ -262,6 +270,19 @@ class AcquisitionSystem(VirtualInstrument):
         self._progress = None
 
     # --- from volts to codes
+
+    def _take_first_points(self, progress: Progress, times: NDArray[np.float64]) -> None:
+        """Digitise the points that are to be sent, the others when they are: a record begins at hundreds of points."""
+        plan = progress.plan
+        first, behind = _parts(plan.acquisition, self.transfer.last)
+        record = self.world.record(first, times, setting=plan.verticals_key)
+        progress.add(self._codes(first, record, plan.verticals), record.trigger_offset_s)
+
+        def others() -> NDArray[np.int8]:
+            keys = tuple(digest(key, "others") for key in record.keys)
+            return self._codes(behind, replace(record, volts=record.further(behind), keys=keys), plan.verticals)
+
+        progress.others = others
 
     def _digitised(
         self, plan: Plan, times: NDArray[np.float64]
@@ -306,8 +327,9 @@ class AcquisitionSystem(VirtualInstrument):
         shown = self._shown
         if shown is None or number not in shown.plan.acquisition.channels:
             return None
-        if not self._traces:
-            codes, plan, offsets = shown.codes(), shown.plan, np.concatenate(shown.offsets)
+        wanted = min(self.transfer.last, shown.plan.acquisition.samples)
+        if not self._traces or self._traces[number].codes.shape[-1] < wanted:
+            codes, plan, offsets = shown.codes(wanted), shown.plan, np.concatenate(shown.offsets)
             if self.frames.on and self.frames.summary != "NONe" and shown.missing <= 0:
                 codes = summarised(codes, self.frames.summary, fine=self.frames.sixteen_bit)
             if plan.mode in ("AVErage", "ENVelope"):
@@ -359,6 +381,13 @@ class AcquisitionSystem(VirtualInstrument):
         self._traces, self._shown = {}, None
         self._sent_new = True
         self._acquisitions = self._frames_acquired = 0
+
+
+@lru_cache(maxsize=16)
+def _parts(whole: Acquisition, points: int) -> tuple[Acquisition, Acquisition]:
+    """The first points of an acquisition, and the others."""
+    start_s = whole.start_s + points / whole.sample_rate
+    return replace(whole, samples=points), replace(whole, samples=whole.samples - points, start_s=start_s)
 
 
 def _channel(source: str) -> int:

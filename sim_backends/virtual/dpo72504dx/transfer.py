@@ -121,6 +121,11 @@ class Transfer:
     def bits(self, count: int) -> None:
         self.width = count // 8
 
+    @property
+    def last(self) -> int:
+        """The last point that is sent of a record that is long enough."""
+        return max(self.start, self.stop)
+
     def points(self, samples: int) -> range:
         """Which of a record's samples; beyond its end, its last one."""
         return _within(self.start, self.stop, samples)

@@ -100,6 +100,23 @@ def test_stop_does_not_follow_a_longer_record(ask: Ask, scope: VirtualDpo72504dx
     assert np.array_equal(block(ask(scope, "CURVe?")), whole[10:30])
 
 
+def test_points_that_were_not_to_be_sent_are_there_all_the_same(
+    ask: Ask, scope: VirtualDpo72504dx, world: Watched
+) -> None:
+    ask(scope, "ACQuire:STATE RUN")
+    like = volts(ask, scope)
+    ask(scope, "DATa:STOP 40;:ACQuire:STATE RUN")
+    first = volts(ask, scope)
+    world.emit(None)
+    ask(scope, "DATa:STOP 500")
+    whole = volts(ask, scope)
+    assert np.array_equal(whole[:40], first)
+    assert np.corrcoef(whole[40:], like[40:])[0, 1] > 0.9, "of the light as it was"
+    assert np.std(whole[40:] - like[40:]) == pytest.approx(np.std(first - like[:40]), rel=0.5), "with its own noise"
+    ask(scope, "DATa:SOUrce CH2;STARt 100;STOP 200")
+    assert volts(ask, scope).size == 101
+
+
 def test_several_sources_follow_one_another(ask: Ask, scope: VirtualDpo72504dx) -> None:
     ask(scope, "ACQuire:STATE RUN;:DATa:STOP 10")
     parts = [ask(scope, f"DATa:SOUrce CH{channel};:CURVe?") for channel in (1, 3)]
