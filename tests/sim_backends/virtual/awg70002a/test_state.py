@@ -84,3 +84,26 @@ def test_system_tree(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     minutes = int(ask(awg, "SYST:TIME?").split(b",")[1])
     world.clock.advance(60.0)
     assert int(ask(awg, "SYST:TIME?").split(b",")[1]) == (minutes + 1) % 60
+
+
+def test_the_self_test_takes_minutes(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
+    assert ask(awg, "*TST?") == b"0"
+    assert world.clock.now >= 120.0
+
+
+def test_what_an_earlier_user_left_survives_until_it_is_set_anew(ask: Ask, awg: VirtualAwg70002a) -> None:
+    left = {
+        "TRIG:SOUR": "INT",
+        "TRIG:MODE": "SYNC",
+        "TRIG:IMP": "1000",
+        "SOUR1:SKEW": "1.0000000000E-10",
+        "SOUR1:MARK1:DEL": "5.0000000000E-11",
+        "CLOC:SOUR": "EFIX",
+        "CLOC:EREF:FREQ": "1.0000000000E+08",
+        "OUTP2": "1",
+        "INST:MODE": "FGEN",
+    }
+    for header, value in left.items():
+        ask(awg, f"{header} {value}")
+    ask(awg, "OUTP:OFF 1;OFF 0;:AWGC:STOP;*CLS")
+    assert {header: ask(awg, f"{header}?").decode() for header in left} == left
