@@ -40,22 +40,22 @@ class InputSetting(Setting):
         return chunks(self.kind.format(value, verbose=False))
 
 
-_LEVEL = "SOURce#:VOLTage[:LEVel][:IMMediate]"
-_MARKER = "SOURce#:MARKer#:VOLTage[:LEVel][:IMMediate]"
+_LEVEL = "[SOURce#:]VOLTage[:LEVel][:IMMediate]"
+_MARKER = "[SOURce#:]MARKer#:VOLTage[:LEVel][:IMMediate]"
 
 CHANNEL_COMMANDS = (
     Setting(_LEVEL + "[:AMPLitude]", "sources#.amplitude_v", real(LOWEST_AMPLITUDE_V, HIGHEST_AMPLITUDE_V)),
     Setting(_LEVEL + ":HIGH", "sources#.high_v", real(LOWEST_AMPLITUDE_V / 2, HIGHEST_AMPLITUDE_V / 2)),
     Setting(_LEVEL + ":LOW", "sources#.low_v", real(-HIGHEST_AMPLITUDE_V / 2, -LOWEST_AMPLITUDE_V / 2)),
     Setting(_LEVEL + ":OFFSet", "sources#.offset_v", real()),
-    Setting("SOURce#:DAC:RESolution", "sources#.dac_bits", integer(8, 10)),
-    Setting("SOURce#:SKEW", "sources#.skew_s", real(-LARGEST_SKEW_S, LARGEST_SKEW_S)),
-    Setting("SOURce#:TINPut?", "sources#.trigger_input", keyword("ITRigger", "ATRigger", "BTRigger")),
+    Setting("[SOURce#:]DAC:RESolution", "sources#.dac_bits", integer(8, 10)),
+    Setting("[SOURce#:]SKEW", "sources#.skew_s", real(-LARGEST_SKEW_S, LARGEST_SKEW_S)),
+    Setting("[SOURce#:]TINPut?", "sources#.trigger_input", keyword("ITRigger", "ATRigger", "BTRigger")),
     Setting(_MARKER + ":HIGH", "sources#.markers#.high_v", real(-MARKER_LIMIT_V, MARKER_LIMIT_V)),
     Setting(_MARKER + ":LOW", "sources#.markers#.low_v", real(-MARKER_LIMIT_V, MARKER_LIMIT_V)),
     Setting(_MARKER + "[:AMPLitude]", "sources#.markers#.amplitude_v", real(SMALLEST_MARKER_V, LARGEST_MARKER_V)),
     Setting(_MARKER + ":OFFSet", "sources#.markers#.offset_v", real(-MARKER_LIMIT_V, MARKER_LIMIT_V)),
-    Setting("SOURce#:MARKer#:DELay", "sources#.markers#.delay_s", real(0, LARGEST_SKEW_S)),
+    Setting("[SOURce#:]MARKer#:DELay", "sources#.markers#.delay_s", real(0, LARGEST_SKEW_S)),
     Setting("OUTPut#[:STATe]", "sources#.output", boolean),
     Setting("OUTPut#:PATH", "sources#.path", keyword("DIRect", "AC", "DCAmplified")),
     Setting("OUTPut#:WVALue:ANALog[:STATe]", "sources#.waiting", keyword("FIRSt", "ZERO")),

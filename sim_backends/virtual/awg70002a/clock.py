@@ -18,7 +18,8 @@ CONNECTORS = {"EFIXed": "Reference In", "EVARiable": "Reference In", "EXTernal":
 
 CLOCK_COMMANDS = (
     Setting("CLOCk:SRATe", "timing.sample_rate", real(*RATES)),
-    Setting("SOURce#:FREQuency", "timing.sample_rate", real(*RATES)),
+    Setting("[SOURce#:]FREQuency[:CW]", "timing.sample_rate", real(*RATES)),
+    Setting("[SOURce#:]FREQuency:FIXed", "timing.sample_rate", real(*RATES)),
     Setting("CLOCk:SOURce", "timing.source", keyword("INTernal", "EFIXed", "EVARiable", "EXTernal")),
     Setting("CLOCk:ECLock:FREQuency", "timing.external_hz", real(*EXTERNAL_CLOCK_HZ)),
     Action("CLOCk:ECLock:FREQuency:DETect", "timing.detect_clock"),
