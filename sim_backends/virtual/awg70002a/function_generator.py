@@ -123,11 +123,11 @@ class Function:
         points = min(MOST_POINTS, math.floor(periods * DAC_RATE / self._frequency.hz))
         crest = 0.25 if points == 2 * periods else 0.0  # two samples a period: at its crests, not at its zeros
         turns = (np.arange(points) * periods / points + self.phase_deg / 360 + crest) % 1.0
-        volts = self._offset_v + self._amplitude_v / 2 * _shape(self._shape, turns, self.symmetry / 100)
+        volts = self._offset_v + self._amplitude_v / 2 * unit_shape(self._shape, turns, self.symmetry / 100)
         return np.asarray(volts, np.float32), points * self._frequency.hz / periods
 
 
-def _shape(word: str, turns: NDArray[np.float64], symmetry: float) -> NDArray[np.float64]:
+def unit_shape(word: str, turns: NDArray[np.float64], symmetry: float) -> NDArray[np.float64]:
     """A shape (-1..1) at `turns` (0..1 of its period); `symmetry` is the rising part of a triangle."""
     if word == "SINE":
         return np.sin(2 * np.pi * turns)
