@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from instruments import dlpc900_image
 from instruments.dlpc900_commands import Commands
@@ -23,15 +23,22 @@ from instruments.sections import SIMULATED, USB, Address, DmdSection, Timeout
 from instruments.values import Change, Identity, Progress, Range
 
 
+def _reachable(address: str) -> str:
+    if address not in (USB, SIMULATED) and SERVED.fullmatch(address) is None:
+        raise ValueError(
+            f"a DLPC900 is on USB, or served on a raw socket: write {USB!r}, or an address such as "
+            "TCPIP0::192.0.2.1::5025::SOCKET"
+        )
+    return address
+
+
 class TiDlpc900Section(DmdSection):
     """The micromirror device, on USB or served on the network."""
 
     address: Annotated[
         Address,
-        Field(
-            pattern=f"^({USB}|{SIMULATED}|{SERVED.pattern.replace('(?i:', '(?:')})$",
-            description='"usb", "simulated", or the raw socket at which its reports are served.',
-        ),
+        AfterValidator(_reachable),
+        Field(description='"usb", "simulated", or the raw socket at which its reports are served.'),
     ] = USB
     timeout: Timeout = 5.0
 

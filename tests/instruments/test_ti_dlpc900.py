@@ -301,7 +301,7 @@ def test_a_link_that_is_lost(served: str) -> None:
 
 def test_where_it_can_be() -> None:
     for address in ("GPIB0::3::INSTR", "tcpip::here"):
-        with pytest.raises(ValidationError, match="should match pattern"):
+        with pytest.raises(ValidationError, match="a DLPC900 is on USB, or served on a raw socket"):
             TiDlpc900Section.model_validate({"driver": "ti-dlpc900", "address": address})
         with pytest.raises(NotConfigured, match="a DLPC900 is on USB, or served on a raw socket"):
             DRIVER.open(TiDlpc900Section(driver="ti-dlpc900"), opening(address))
