@@ -63,7 +63,7 @@ class Commands:
         self.check(command)
 
     def send(self, command: int, data: bytes) -> None:
-        """`write` without asking for the last error: for the many pieces of one image."""
+        """`write` without asking for the last error: for the many pieces of an image or of the pattern table."""
         self._transact(WRITE, command, data)
 
     def read(self, command: int) -> bytes:

@@ -124,6 +124,7 @@ class TiDlpc900(BurstDmd):
         """Drive the controller that takes `commands`."""
         self._commands = commands
         self._loaded = 0
+        self._showing = False  # one picture for ever
         self._wanted: dict[str, tuple[int, bytes]] = {}
 
     def identify(self) -> Identity:
@@ -152,6 +153,7 @@ class TiDlpc900(BurstDmd):
         self._define([_Pattern(SHOWN_IMAGE, 0, EXPOSURE_US, pulse=False)], FOR_EVER)
         self._load(SHOWN_IMAGE, dlpc900_image.encode(mirrors[np.newaxis]))
         self._commands.write(RUN, START)
+        self._showing = True
 
     def blank(self) -> None:
         """Show a picture with every mirror off."""
@@ -175,6 +177,7 @@ class TiDlpc900(BurstDmd):
 
     def hold(self) -> None:
         """Pause the sequence, if one runs."""
+        self._showing = False
         if self._commands.read(MAIN_STATUS)[0] & RUNNING:
             self._commands.write(RUN, PAUSE)
 
@@ -193,14 +196,17 @@ class TiDlpc900(BurstDmd):
         self._commands.write(RUN, START)
 
     def changes(self) -> tuple[Change, ...]:
-        """What turns pictures into others or keeps pulses away: mode, inversion, pulse, mirrors parked."""
+        """What turns pictures into others or keeps pulses away: mode, inversion, pulse, mirrors parked, no sequence."""
         found = [
             Change(name, then.hex(" "), now.hex(" "))
             for name, (command, then) in self._wanted.items()
             if (now := self._commands.read(command)[: len(then)]) != then
         ]
-        if self._wanted and self._commands.read(MAIN_STATUS)[0] & PARKED:
+        status = self._commands.read(MAIN_STATUS)[0] if self._wanted else 0
+        if status & PARKED:
             found.append(Change("mirrors", "in use", "parked"))
+        if self._showing and not status & RUNNING:
+            found.append(Change("sequence", "running", "stopped"))
         return tuple(found)
 
     def settings(self) -> dict[str, str | float]:
@@ -217,6 +223,7 @@ class TiDlpc900(BurstDmd):
 
     def _prepare(self, pulse_us: int) -> None:
         """Awake, stopped, in the mode whose images come over the link, with pulses of so long."""
+        self._showing = False
         self._commands.write(POWER, AWAKE)
         self._commands.write(RUN, STOP)
         self._wanted = {
@@ -247,7 +254,8 @@ class TiDlpc900(BurstDmd):
 
     def _define(self, patterns: list[_Pattern], to_display: int) -> None:
         for index, pattern in enumerate(patterns):
-            self._commands.write(DEFINE_PATTERN, pattern.packed(index))
+            self._commands.send(DEFINE_PATTERN, pattern.packed(index))
+        self._commands.check(DEFINE_PATTERN)
         self._commands.write(CONFIGURE_PATTERNS, struct.pack("<HI", len(patterns), to_display))
 
     def _load(self, index: int, image: bytes) -> None:

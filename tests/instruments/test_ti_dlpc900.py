@@ -171,7 +171,7 @@ def test_what_somebody_else_changed_is_told_and_set_anew(dmd: TiDlpc900, device:
     other.write(0x0200, b"\1")
     for _ in range(3):
         other.read(0x1A1B)
-    assert [change.setting for change in dmd.changes()] == ["display mode", "inversion", "mirrors"]
+    assert [change.setting for change in dmd.changes()] == ["display mode", "inversion", "mirrors", "sequence"]
     dmd.show(superpixels(5))
     assert dmd.changes() == ()
     assert lit_in(world) == [5]
