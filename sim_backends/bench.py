@@ -34,6 +34,7 @@ class SimulatedBench:
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
             ports 10 higher, VXI-11 20 higher; None: any free ports.
         laser_table: The commands the laser obeys, in the form of `virtual/tlg220/commands.toml`; None: that file.
+        scope: Which oscilloscope there is.
         dmd: Which DMD there is. A DLPC900 has a raw socket only: it speaks by HID reports, see `servers.reports`.
     """
 
@@ -45,6 +46,7 @@ class SimulatedBench:
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
+        scope: Callable[[World], Instrument] = VirtualDpo72504dx,
         dmd: Callable[[World], Instrument] = VirtualAlp,
     ) -> None:
         self.world = World(parameters, twin_seed=twin_seed)
@@ -54,7 +56,7 @@ class SimulatedBench:
         self._loop: Loop | None = None
         self._instruments: dict[str, Instrument] = {
             "awg": VirtualAwg70002a(self.world),
-            "scope": VirtualDpo72504dx(self.world),
+            "scope": scope(self.world),
             "laser": VirtualTlg220(self.world, laser_table),
             "dmd": dmd(self.world),
             "patch_panel": VirtualFibreSwitch(self.world),

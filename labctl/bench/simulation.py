@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from instruments.alnair_tlg220 import Tlg220Section
 from instruments.laser_table import CommandTable
 from instruments.sections import SIMULATED
+from instruments.tektronix_mso6b import Mso6bSection
 from instruments.ti_dlpc900 import TiDlpc900Section
 from instruments.toml_files import describe, read_toml
 from labctl.bench.station import Station
@@ -49,6 +50,8 @@ def simulated_bench(
     from sim_backends.faults.specification import FaultError, read_fault
     from sim_backends.virtual.alp.instrument import VirtualAlp
     from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
+    from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
+    from sim_backends.virtual.mso6b.instrument import VirtualMso6b
 
     try:
         befalling = [read_fault(fault) for fault in faults]
@@ -66,6 +69,7 @@ def simulated_bench(
         host=host,
         port_base=port_base,
         laser_table=laser_table,
+        scope=VirtualMso6b if isinstance(station.scope, Mso6bSection) else VirtualDpo72504dx,
         dmd=VirtualDlpc900 if isinstance(station.dmd, TiDlpc900Section) else VirtualAlp,
     )
 

@@ -56,7 +56,7 @@ def planned(request: Request, bench: Bench) -> Plan:
             wavelengths_nm=tuple(one.wavelength_nm for one in passes),
             samples=protocol.sample_count(inputs),
             sample_interval_s=1 / protocol.sample_rate,
-            code_type="int8" if protocol.averages == 1 else "int16",
+            code_type=bench.scope.code_type if protocol.averages == 1 else "int16",
         ),
         _columns(shots, passes),
         protocol.drive(bench, inputs),
