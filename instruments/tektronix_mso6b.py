@@ -202,7 +202,7 @@ class Mso6b(Oscilloscope):
             self._kept.set(many_frames(self._timebase, frames))
             self._frames = frames
         self._link.write("ACQuire:STATE RUN")
-        await_readiness(self._link, lambda: self._link.query("TRIGger:STATE?") in READY)
+        await_readiness(self._link, self._takes_triggers)
 
     def read_burst(self) -> Frames:
         """Wait for the last frame; one `CURVe?` and one list of trigger offsets a channel, one of time stamps."""
@@ -233,6 +233,11 @@ class Mso6b(Oscilloscope):
     def close(self) -> None:
         """Close the link."""
         self._link.close()
+
+    def _takes_triggers(self) -> bool:
+        """Whether the acquisition that was started waits for triggers, or has had all that it waited for."""
+        state, _, running = self._link.query("TRIGger:STATE?;:ACQuire:STATE?").partition(";")
+        return state in READY or running == "0"
 
     def _places(self) -> tuple[tuple[int, int], ...]:
         """Each channel behind its place in the frames."""
