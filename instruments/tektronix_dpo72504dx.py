@@ -215,7 +215,8 @@ class Dpo72504dx(Oscilloscope):
         codes = np.empty((len(self.channels), self._frames, self._timebase.samples), np.int8)
         places = enumerate(self.channels)
         offsets = [self._framed_curve(channel, codes[place]) for place, channel in places]
-        stamps = self._of_each_frame(f"TIMEStamp:ALL:CH{self.channels[0]}", self._frames, frame_times)
+        header = f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}?"
+        stamps = of_each_frame(self._link, header, f" 1,{self._frames}", self._frames, frame_times)
         codes = codes.swapaxes(0, 1)
         return Frames(codes, np.stack(offsets, axis=1), stamps, clipped(codes, CLIP_LOW, CLIP_HIGH))
 
@@ -251,15 +252,11 @@ class Dpo72504dx(Oscilloscope):
     def _framed_curve(self, channel: int, codes: NDArray[np.int8]) -> NDArray[np.float64]:
         """`Curves.read` of all frames of a channel; returns the trigger offset of each, s."""
         self._curves.read(channel, codes)
-        offsets = self._of_each_frame(f"XZEro:ALL:CH{channel}", len(codes), frame_offsets)
+        header = f"HORizontal:FASTframe:XZEro:ALL:CH{channel}?"
+        offsets = of_each_frame(self._link, header, f" 1,{len(codes)}", len(codes), frame_offsets)
         offsets += self._curves.meanings[channel].late_s
         check_offsets(self._link.name, offsets, self._timebase.sample_rate)
         return offsets
-
-    def _of_each_frame(
-        self, list_of: str, frames: int, read: Callable[[str], NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
-        return of_each_frame(self._link, f"HORizontal:FASTframe:{list_of}?", f" 1,{frames}", frames, read)
 
     @property
     def _fineness(self) -> int:

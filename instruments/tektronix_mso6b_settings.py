@@ -27,15 +27,15 @@ REPORTED = {
 }
 """What the manifest has of the instrument."""
 REPORTED_OF_CHANNEL = {
-    "scale_v_per_div": "SCAle?",
-    "offset_v": "OFFSet?",
-    "position_div": "POSition?",
-    "bandwidth_hz": "BANdwidth?",
-    "coupling": "COUPling?",
-    "inverted": "INVert?",
-    "deskew_s": "DESKew?",
-    "external_attenuation": "PROBEFunc:EXTAtten?",
-    "termination_ohm": "TERmination?",
+    "scale_v_per_div": "CH{}:SCAle?",
+    "offset_v": "CH{}:OFFSet?",
+    "position_div": "CH{}:POSition?",
+    "bandwidth_hz": "CH{}:BANdwidth?",
+    "coupling": "CH{}:COUPling?",
+    "inverted": "CH{}:INVert?",
+    "deskew_s": "CH{}:DESKew?",
+    "external_attenuation": "CH{}:PROBEFunc:EXTAtten?",
+    "termination_ohm": "CH{}:TERmination?",
 }
 """What the manifest has of each of its inputs."""
 

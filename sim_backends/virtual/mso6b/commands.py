@@ -80,7 +80,6 @@ PLANNED_BY = frozenset((*_VERTICAL, *_HORIZONTAL, *_FASTFRAME, *_TRIGGER, *_MODE
 
 COMMANDS = (
     Setting("HEADer", "headers", boolean),
-    Setting("HDR", "headers", boolean),
     Setting("VERBose", "verbose", boolean),
     Query("ID?", "short_identity"),
     Query("ALLEv?", "status.all_texts"),
