@@ -125,6 +125,9 @@ class Oscilloscope(Instrument):
     vertical_scale: Range
     """The settable ranges, V per division."""
 
+    sample_rate: Range
+    """The rates it samples at, S/s."""
+
     channels: tuple[int, ...]
     """The configured channels, in the order of the frames."""
 

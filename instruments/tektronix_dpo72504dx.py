@@ -101,7 +101,7 @@ LARGEST_OFFSET = 2.0
 class Dpo72504dx(Oscilloscope):
     """Four channels of 8 bits, read one source at a time as signed little-endian integers."""
 
-    SAMPLE_RATE = Range(1.0, 100e9, "S/s")
+    sample_rate = Range(1.0, 100e9, "S/s")
     AVERAGES = Range(1, 10240, "triggers")
     vertical_scale = Range(6.25e-3, 0.6, "V/div")
     INPUTS = INPUTS
@@ -123,7 +123,7 @@ class Dpo72504dx(Oscilloscope):
 
     def examine(self) -> Examination:
         """`*OPT?` and the event queue."""
-        limits = {"sample rate": self.SAMPLE_RATE, "vertical scale": self.vertical_scale, "averages": self.AVERAGES}
+        limits = {"sample rate": self.sample_rate, "vertical scale": self.vertical_scale, "averages": self.AVERAGES}
         return Examination(self._link.query("*OPT?"), tuple(self._link.errors()), limits)
 
     def self_test(self) -> None:
@@ -140,7 +140,7 @@ class Dpo72504dx(Oscilloscope):
         Whatever else changes volts or time is set as well, as a former user may have left it otherwise. The front panel
         is locked.
         """
-        self.SAMPLE_RATE.check("scope sample rate", timebase.sample_rate)
+        self.sample_rate.check("scope sample rate", timebase.sample_rate)
         self.AVERAGES.check("averages", averages)
         self._kept.forget()
         for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL"):

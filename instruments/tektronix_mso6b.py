@@ -86,7 +86,7 @@ READY = ("READY", "TRIGGER")
 class Mso6b(Oscilloscope):
     """Four channels of 12 bits, read one source at a time as signed little-endian integers of 16."""
 
-    SAMPLE_RATE = Range(1.0, 25e9, "S/s")
+    sample_rate = Range(1.0, 25e9, "S/s")
     AVERAGES = Range(1, 10240, "triggers")
     vertical_scale = Range(1e-3, 1.0, "V/div")
     code_type = "int16"
@@ -108,7 +108,7 @@ class Mso6b(Oscilloscope):
 
     def examine(self) -> Examination:
         """`*OPT?` and the event queue."""
-        limits = {"sample rate": self.SAMPLE_RATE, "vertical scale": self.vertical_scale, "averages": self.AVERAGES}
+        limits = {"sample rate": self.sample_rate, "vertical scale": self.vertical_scale, "averages": self.AVERAGES}
         return Examination(self._link.query("*OPT?"), tuple(self._link.errors()), limits)
 
     def self_test(self) -> None:
@@ -125,7 +125,7 @@ class Mso6b(Oscilloscope):
         Whatever else changes volts or time is set as well, as a former user may have left it otherwise. How long a
         record is, is asked before its delay is set, which counts from its middle. The front panel is locked.
         """
-        self.SAMPLE_RATE.check("scope sample rate", timebase.sample_rate)
+        self.sample_rate.check("scope sample rate", timebase.sample_rate)
         self.AVERAGES.check("averages", averages)
         self._kept.forget()
         for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL"):

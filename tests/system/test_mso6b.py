@@ -75,4 +75,16 @@ def test_a_mean_of_triggers_is_as_fine(
         volts[averages], code_type, complete = measured(run)
         assert code_type == np.int16
         assert complete
-    assert np.mean(volts[1] - volts[16]) == pytest.approx(0, abs=0.1 * np.std(volts[1]))
+    assert np.mean(volts[1] - volts[16]) == pytest.approx(0, abs=0.1 * float(np.std(volts[1])))
+
+
+@pytest.mark.parametrize("command", [("run", "sequence-readout", "--set", "symbols=50"), ("align",)])
+def test_what_samples_faster_is_refused_before_there_is_light(
+    command: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    station, out = tmp_path / "bench.toml", tmp_path / "out"
+    station.write_text("[scope]\ndriver = 'tektronix-mso6b'\n[wiring]\nprojector = false\n")
+    status, found = as_json(capsys, *command, "--station", station, "--out", out)
+    assert status == 2
+    assert found["error"] == "scope sample rate = 5e+10 S/s is outside 1..2.5e+10 S/s: choose a value inside"
+    assert not out.exists()
