@@ -63,6 +63,13 @@ class ScpiError(Exception):
         return {1: COMMAND_ERROR, 2: EXECUTION_ERROR, 3: DEVICE_ERROR, 4: QUERY_ERROR}[-self.code // 100]
 
 
+class NotSimulated(ScpiError):
+    """-113 for a header that instruments of the family have and their twin has not."""
+
+    def __init__(self, header: str) -> None:
+        super().__init__(-113, f"{header} is a real header that is not simulated")
+
+
 class Status:
     """Event register, masks and an error queue that is read item by item (`SYSTem:ERRor?`), codes negative."""
 

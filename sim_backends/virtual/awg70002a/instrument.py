@@ -5,10 +5,12 @@ whatever `OUTPut:WVALue` says; correction files are refused; flag outputs and ch
 """
 
 import math
+from importlib.resources import files
 from typing import ClassVar
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, number_or_word, optional, quoted, real
 from sim_backends.scpi.commands import Action, Command, Query, Setting
+from sim_backends.scpi.family import Family
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.calendar import CALENDAR_COMMANDS, Calendar
 from sim_backends.virtual.awg70002a.channels import CHANNEL_COMMANDS, TRIGGER_INPUT, Source, TriggerInput
@@ -37,6 +39,7 @@ class VirtualAwg70002a(VirtualInstrument):
 
     IDENTITY = "TEKTRONIX,AWG70002A,SIM0001,FV:6.1.0123"
     OPTIONS = "03,225"
+    FAMILY = Family(files(__package__).joinpath("family.txt").read_text(encoding="utf-8"), suffix_required=False)
     SUFFIXES: ClassVar = {
         "SOURce": 2,
         "OUTPut": 2,

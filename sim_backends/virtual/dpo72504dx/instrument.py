@@ -4,10 +4,12 @@ Source: instrument facts 2.1 to 2.10. Not simulated: measurements, cursors, math
 (FastAcq, waveform database) and equivalent time.
 """
 
+from importlib.resources import files
 from typing import ClassVar
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, run_or_stop
 from sim_backends.scpi.commands import Action, Query, Setting, reply_header
+from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import EventStatus, ScpiError
 from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
@@ -27,6 +29,7 @@ class VirtualDpo72504dx(AcquisitionSystem):
     OPTIONS = "STD:Standard record length"
     SUFFIXES: ClassVar = {"CH": 4}
     DEFAULT_SUFFIX = None
+    FAMILY = Family(files(__package__).joinpath("family.txt").read_text(encoding="utf-8"), suffix_required=True)
     COMMANDS = (
         Setting("HEADer", "headers", boolean),
         Setting("HDR", "headers", boolean),
