@@ -29,6 +29,9 @@ TEXTS = {
     -350: "Queue overflow",
     -410: "Query INTERRUPTED",
     -420: "Query UNTERMINATED",
+    2202: "Measurement error, No period found",
+    2216: "Measurement error, No crossing, target waveform",
+    2225: "Measurement error, No waveform to measure",
     2241: "Waveform request is invalid",
     2244: "Source waveform is not active",
 }

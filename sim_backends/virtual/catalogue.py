@@ -40,8 +40,8 @@ Headers that instruments of these families have by their maker's own list, and t
 get the error for an unknown header, -113 or 113, with a text of its own: `Undefined header; CURSor:FUNCtion is a real
 header that is not simulated`. The log of the simulated bench has a line too. Nonsense gets the plain error.
 
-The lists come from the command tree of the package [tm_devices](https://github.com/tektronix/tm_devices), licensed under
-Apache 2.0: only names, and whether there is a command and a query. `#` stands for a numeric suffix.
+The lists come from the command tree of the package [tm_devices](https://github.com/tektronix/tm_devices), which has the
+Apache License 2.0: only names, and whether there is a command and a query. `#` stands for a numeric suffix.
 
 This document is generated: `python -m sim_backends.virtual.catalogue`.
 """
