@@ -130,15 +130,15 @@ class Setups:
             raise ScpiError(-200, f"no setup in location {place}")
         self.obey(self._stored[place])
 
-    def delete(self, place: int) -> None:
+    def delete(self, *places: int) -> None:
         """`DELEte:SETUp`."""
-        self._stored.pop(place, None)
+        for place in places:
+            self._stored.pop(place, None)
 
 
 SETUP_COMMANDS = (
-    *(Group(f"{header}?") for header in ("ACQuire", "AUXout", "CH#", "CH#:PROBEFunc", "DATa", "FASTAcq")),
+    *(Group(f"{header}?") for header in ("ACQuire", "AUXout", "CH#", "DATa", "FASTAcq", "MATH#")),
     *(Group(f"HORizontal{header}?") for header in ("", ":MAIn", ":FASTframe")),
-    *(Group(f"MATH#{header}?") for header in ("", ":LABel")),
     *(Group(f"MEASUrement{header}?") for header in ("", ":IMMed", ":MEAS#")),
     *(
         Group(f"MEASUrement:{measurement}:{header}?")

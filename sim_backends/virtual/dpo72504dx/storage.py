@@ -31,7 +31,7 @@ _REFERENCE = keyword(*_REFERENCES)
 STORAGE_COMMANDS = (
     Action("SAVe:SETUp", "storage.save_setup", file_or(PLACE)),
     Action("RECAll:SETUp", "storage.recall_setup", file_or(number_or_word(1, PLACES, "FACtory"))),
-    Action("DELEte:SETUp", "storage.delete_setup", file_or(PLACE)),
+    Action("DELEte:SETUp", "storage.delete_setup", file_or(number_or_word(1, PLACES, "ALL"))),
     Action("SAVe:WAVEform", "storage.save_waveform", _WAVEFORM, file_or(_REFERENCE)),
     Setting("SAVe:WAVEform:FILEFormat", "storage.file_format", keyword("INTERNal", "SPREADSHEETCsv", "AUTO")),
     Action("RECAll:WAVEform", "storage.recall_waveform", quoted, _REFERENCE),
@@ -81,12 +81,12 @@ class Storage:
         else:
             self._factory()
 
-    def delete_setup(self, where: int | PureWindowsPath) -> None:
-        """From a location in memory or the disk."""
-        if isinstance(where, int):
-            self._setups.delete(where)
-        else:
+    def delete_setup(self, where: int | str | PureWindowsPath) -> None:
+        """From a location in memory or all of them, or from the disk."""
+        if isinstance(where, PureWindowsPath):
             self.disk.delete(str(where))
+        else:
+            self._setups.delete(*([where] if isinstance(where, int) else range(1, PLACES + 1)))
 
     def save_waveform(self, source: str, where: str | PureWindowsPath) -> None:
         """To a reference or a file; 2241 where nothing was acquired."""

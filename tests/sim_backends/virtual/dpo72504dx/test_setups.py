@@ -90,7 +90,7 @@ def test_what_is_no_setup_is_refused(ask: Ask, scope: VirtualDpo72504dx) -> None
         "AUTOSet VIDeo",
     ):
         ask(scope, line)
-    assert events(ask, scope) == "200,222,256,224,221,221"
+    assert events(ask, scope) == "200,200,256,222,256,224,221,221"
     ask(scope, "CH1:SCAle 0.05;:RECAll:SETUp FACtory")
     assert number(ask, scope, "CH1:SCAle?") == 0.1
 
