@@ -154,6 +154,7 @@ def _read(data: bytes) -> Trace:
             aligned=False,
             condition=None,
             spacing_s=0.0,
+            pointwise=False,
         )
         stamps = np.array(told["times_s"]), np.array(told["offsets_s"])
         trace = Trace(told["channel"], found, plan, Vertical(*told["vertical"]), *stamps, unit=told["unit"])

@@ -122,6 +122,14 @@ def test_a_measurement_that_is_undefined(ask: Ask, scope: VirtualDpo72504dx, set
     assert events(ask, scope) == event
 
 
+def test_the_whole_record_is_measured_whatever_is_sent_of_it(ask: Ask, scope: VirtualDpo72504dx) -> None:
+    ask(scope, "DATa:STOP 10;:ACQuire:STATE RUN;:MEASUrement:IMMed:TYPe MAXimum")
+    highest = number(ask, scope, "MEASUrement:IMMed:VALue?")
+    assert volts(ask, scope).size == 10
+    ask(scope, "DATa:STOP 1e10")
+    assert highest == pytest.approx(volts(ask, scope).max(), rel=1e-6)
+
+
 def test_a_slot_and_its_statistics(ask: Ask, scope: VirtualDpo72504dx) -> None:
     ask(scope, "ACQuire:STOPAfter RUNSTop;STATE RUN;:MEASUrement:MEAS8:TYPe MEAN;SOUrce1 CH1")
     assert number(ask, scope, "MEASUrement:MEAS8:VALue?") == 9.91e37

@@ -81,8 +81,12 @@ def test_a_setup_is_stored_and_recalled(ask: Ask, scope: VirtualDpo72504dx, save
 
 
 def test_what_is_no_setup_is_refused(ask: Ask, scope: VirtualDpo72504dx) -> None:
+    ask(scope, "*SAV 4;:SAVe:SETUp 'gone.set';:DELEte:SETUp ALL;:DELEte:SETUp 'gone.set';:SAVe:SETUp 5;:DELEte:SETUp 5")
+    assert events(ask, scope) == ""
     for line in (
         "*RCL 4",
+        "*RCL 5",
+        "RECAll:SETUp 'gone.set'",
         "*SAV 11",
         'RECAll:SETUp "none.set"',
         "RECAll:SETUp NONSENSE",
