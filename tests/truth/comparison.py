@@ -103,7 +103,7 @@ class _Asked:
         if isinstance(default, float):
             same = _NUMBER.fullmatch(value) is not None and abs(float(value) - default) <= 1e-6 * abs(default)
         else:
-            same = value.upper() in (default.upper(), short_form(default)) or _switch(value) == _switch(default) != ""
+            same = _means(value, default) or _switch(value) == _switch(default) != ""
         if not same:
             yield f"*RST sets {value}, described {default}"
 
@@ -113,13 +113,14 @@ class _Asked:
         if form is None or not self._settable or not _alone(form):
             return
         for word in form.words:
-            for spelling in dict.fromkeys((word.upper(), short_form(word))):
+            short = word.upper() if word[1:].islower() else short_form(word)
+            for spelling in dict.fromkeys((word.upper(), short)):
                 self._send(self._preset)
                 if self._send(f"{self._sent} {spelling}").refused:
                     yield f"refuses {spelling}"
                 elif self._tells and _switch(word) == "":
                     told = self._value()
-                    if told.isalpha() and told.upper() not in (word.upper(), short_form(word)):
+                    if told.isalpha() and not _means(told, word):
                         yield f"tells {told} after {spelling}"
         if form.closed or form.numeric:
             self._send(self._preset)
@@ -158,19 +159,25 @@ def _switch(word: str) -> str:
     return {"ON": "1", "1": "1", "OFF": "0", "0": "0"}.get(word.upper(), "")
 
 
+def _means(told: str, word: str) -> bool:
+    """Whether `told` is the word, long or short; a word without capitals inside has any beginning as its short form."""
+    loose = word[1:].islower() and word.upper().startswith(told.upper())
+    return told.upper() in (word.upper(), short_form(word)) or loose
+
+
 def _strange(role: str, headers: dict[str, Described]) -> list[str]:
     """Headers of the twin, by its document, that the family has not."""
     known = {spelling for name in headers for spelling in _spellings(name)}
     section = _DOCUMENT.read_text(encoding="utf-8").partition(f"## {MODELS[role]}\n")[2].partition("\n## ")[0]
     found = (match[1] for match in _ROW.finditer(section))
-    return [name for name in found if not any(spelling in known for spelling in _spellings(name))]
+    return [re.sub(r"[\[\]]", "", name) for name in found if not known.intersection(_spellings(name))]
 
 
 def _spellings(header: str) -> list[str]:
-    """A header with and without the nodes that may be left out, numbers as #, `:LEVel:IMMediate` left out."""
+    """A header with and without the nodes that may be left out, without numbers and `:LEVel:IMMediate`."""
     spellings = [""]
-    for node in re.findall(r"\[:[^\]]*\]|[^\[]+", header):
-        bare = node.strip("[]")
-        spellings = [spelling + bare for spelling in spellings] + (spellings if node[0] == "[" else [])
-    normal = (re.sub(r"(?<=[A-Za-z])\d+(?=:|$)", "#", spelling).upper() for spelling in spellings)
-    return [spelling.replace(":LEVEL", "").replace(":IMMEDIATE", "") for spelling in normal]
+    for part in re.findall(r"\[[^\]]*\]|[^\[]+", header):
+        longer = [spelling + part.strip("[]") for spelling in spellings]
+        spellings = longer + (spellings if part[0] == "[" else [])
+    bare = (re.sub(r"#|(?<=[A-Za-z])\d+(?=:|$)", "", spelling).upper() for spelling in spellings)
+    return [spelling.replace(":LEVEL", "").replace(":IMMEDIATE", "") for spelling in bare]
