@@ -21,6 +21,7 @@ from sim_backends.virtual.dpo72504dx.transfer import CODES_PER_DIVISION, Trace
 from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, Vertical
 
 SHOWN_DIVISIONS = 6
+LARGEST = 9.9e37  # single precision holds it
 LONGEST_EXPRESSION = 200  # characters; the manual: "100 plus"
 
 WAVEFORM_COMMANDS = (
@@ -79,7 +80,8 @@ class Math:
         values = {name: trace.physical()[:frames, :samples] for name, trace in traces.items()}
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             found = np.asarray(_value(self._expression, values), np.float64)
-        return computed(np.nan_to_num(found, posinf=0.0, neginf=0.0), next(iter(traces.values())), self.unit)
+        finite = np.clip(np.nan_to_num(found, posinf=0.0, neginf=0.0), -LARGEST, LARGEST)
+        return computed(finite, next(iter(traces.values())), self.unit)
 
 
 def computed(values: NDArray[np.float64], like: Trace, unit: str) -> Trace:

@@ -31,8 +31,8 @@ _SAID_BY_OTHERS = (
 )
 """Second names, and settings that follow from others."""
 
-_NO_SETTINGS = ("ACQuire:STATE", "DESE", "*PSC")
-"""Whether it runs and what it reports are no part of a setup."""
+_NO_SETTINGS = ("ACQuire:STATE", "DESE", "*PSC", "FILESystem:CWD")
+"""Whether it runs, what it reports and where its files go are no part of a setup."""
 
 
 class Reading(NamedTuple):

@@ -39,7 +39,7 @@ STORAGE_COMMANDS = (
     Query("FILESystem:DIR?", "storage.folder_entries"),
     Action("FILESystem:MKDir", "storage.disk.make_folder", quoted),
     Action("FILESystem:DELEte", "storage.disk.delete", quoted),
-    Query("FILESystem:READFile", "storage.read_file", quoted),
+    Action("FILESystem:READFile", "storage.read_file", quoted),
 )
 
 
@@ -106,7 +106,7 @@ class Storage:
         return ",".join(quoted.format(entry.name, verbose=False) for entry in self.disk.entries())
 
     def read_file(self, path: str) -> memoryview:
-        """`FILESystem:READFile`: the bytes of a file, without a header."""
+        """`FILESystem:READFile`, a command that replies: the bytes of a file, without a header."""
         return self.disk.read(path)
 
 

@@ -116,7 +116,7 @@ def test_a_waveform_is_stored_as_it_was(ask: Ask, scope: VirtualDpo72504dx, sour
 def test_a_waveform_as_a_spreadsheet(ask: Ask, scope: VirtualDpo72504dx) -> None:
     ask(scope, "ACQuire:STATE RUN;:SAVe:WAVEform:FILEFormat SPREADSHEETCsv;:SAVe:WAVEform CH1,'one.csv'")
     assert ask(scope, "FILESystem:DIR?") == b'"one.csv"'
-    table = np.loadtxt(ask(scope, "FILESystem:READFile? 'one.csv'").decode().splitlines(), delimiter=",")
+    table = np.loadtxt(ask(scope, "FILESystem:READFile 'one.csv'").decode().splitlines(), delimiter=",")
     assert np.diff(table[:, 0]) == pytest.approx(40e-12, rel=1e-3)
     assert table[:, 1] == pytest.approx(volts(ask, scope), abs=1e-7)
     ask(scope, "RECAll:WAVEform 'one.csv',REF1;:SAVe:WAVEform REF3,REF4")
@@ -144,6 +144,9 @@ def test_an_expression_of_two_channels(ask: Ask, scope: VirtualDpo72504dx) -> No
         assert volts(ask, scope, "<i2") == pytest.approx(wanted, abs=np.ptp(wanted) / 6 / 25 / 256)
         ask(scope, "DATa:ENCdg ASCIi")
         assert np.array(ask(scope, "CURVe?").split(b","), float) == pytest.approx(wanted, rel=1e-6)
+    for expression in ("CH1/0", "CH1/(CH1-CH1)", "1e308*(CH1+9)*1e308", "CH1+1e99"):
+        ask(scope, f'MATH1:DEFine "{expression}";:DATa:ENCdg FPBinary')
+        assert np.isfinite(block(ask(scope, "CURVe?"), ">f4")).all()
     assert events(ask, scope) == ""
 
 
