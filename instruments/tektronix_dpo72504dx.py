@@ -211,7 +211,9 @@ class Dpo72504dx(Oscilloscope):
         codes = np.empty((len(self.channels), self._frames, self._timebase.samples), np.int8)
         places = enumerate(self.channels)
         offsets = [self._framed_curve(channel, codes[place]) for place, channel in places]
-        stamps = self._of_each_frame(f"TIMEStamp:ALL:CH{self.channels[0]}", self._frames, frame_times)
+        stamps = self._of_each_frame(
+            f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}?", self._frames, frame_times
+        )
         codes = codes.swapaxes(0, 1)
         return Frames(codes, np.stack(offsets, axis=1), stamps, _clipped(codes))
 
@@ -274,7 +276,7 @@ class Dpo72504dx(Oscilloscope):
     def _framed_curve(self, channel: int, codes: NDArray[np.int8]) -> NDArray[np.float64]:
         """`_curve` of all frames of a channel; returns the trigger offset of each, s."""
         self._curve(channel, codes)
-        offsets = self._of_each_frame(f"XZEro:ALL:CH{channel}", len(codes), frame_offsets)
+        offsets = self._of_each_frame(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}?", len(codes), frame_offsets)
         offsets += self._meanings[channel].late_s
         self._check_offsets(offsets)
         return offsets
@@ -325,10 +327,9 @@ class Dpo72504dx(Oscilloscope):
             raise SettingChanged(f"{self._link.name}: the trigger lies {worst:.3g} s beside the samples: {ELSEWHERE}")
 
     def _of_each_frame(
-        self, list_of: str, frames: int, read: Callable[[str], NDArray[np.float64]]
+        self, header: str, frames: int, read: Callable[[str], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
         """A list with a number for each of so many frames, shape (frames,)."""
-        header = f"HORizontal:FASTframe:{list_of}?"
         reply = self._link.query(f"{header} 1,{frames}")
         try:
             found = read(reply)

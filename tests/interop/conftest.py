@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,8 +18,17 @@ Open = Callable[[str], Any]
 
 @pytest.fixture(scope="session")
 def resources() -> Iterator[Resources]:
-    """Addresses of a bench served by the command in `LABCTL`."""
+    """Addresses of a bench."""
     with served() as addresses:
+        yield addresses
+
+
+@pytest.fixture(scope="session")
+def resources_with_dlpc900(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Resources]:
+    """Addresses of a bench whose DMD is a DLPC900."""
+    station: Path = tmp_path_factory.mktemp("station") / "bench.toml"
+    station.write_text("[dmd]\ndriver = 'ti-dlpc900'\naddress = 'simulated'\n")
+    with served("--station", str(station)) as addresses:
         yield addresses
 
 
