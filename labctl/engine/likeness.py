@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from instruments.values import Codes
 from protocols.base import Images, Inputs, Shot, ShotKind
 
-UNLIKELY = 1e-9
+UNLIKELY = 1e-7
 """How improbable it must be that channels repeat themselves by chance."""
 REPEATED = 0.17
 """Part of the samples that repeat themselves at least: 1 / (2 s sqrt pi), where noise is the digitiser's alone.
