@@ -1,5 +1,6 @@
 """What travels between the instruments and the world: light, waveforms, patterns, trigger conditions, records."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -101,6 +102,7 @@ class Projection:
         sooner than `picture_time_s` after the one before. The generator's marker 1 supplies the edges, one a segment.
     synch_pulse_s: width of the frame synch pulse. synch_high: whether the pulse goes from 0 up to 3.3 V or down.
     repeats: how often a finite projection shows all its patterns.
+    lit_s: how long each picture is shown before every mirror turns away until the next one; infinite: all the time.
     """
 
     counts: NDArray[np.uint16]
@@ -112,6 +114,7 @@ class Projection:
     synch_pulse_s: float = 10e-6
     synch_high: bool = True
     repeats: int = 1
+    lit_s: float = math.inf
 
 
 @dataclass(frozen=True)
