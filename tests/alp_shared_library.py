@@ -8,9 +8,10 @@ whose cable is pulled. Everything else is the simulated DMD's, over its socket.
 
 import ctypes
 import socket
-from collections.abc import Callable
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from typing import Any
+from unittest.mock import patch
 
 OK, NOT_ONLINE, NOT_AVAILABLE, NOT_READY, COMMUNICATION, REMOVED = 0, 1001, 1003, 1004, 1011, 1012
 IN_USE, ACTIVE = 1008, 1200
@@ -189,6 +190,19 @@ class SharedLibrary:
         closure = ctypes.CFUNCTYPE(LONG, *types)(noted)
         self._closures.append(closure)
         setattr(self, name, ctypes.CFUNCTYPE(ctypes.c_int)(ctypes.cast(closure, POINTER).value or 0))
+
+
+@contextmanager
+def in_place_of_the_vendors(address: str, *, timeout_s: float = 5.0) -> Iterator[SharedLibrary]:
+    """Inside the block, whoever loads the vendor's library gets this one, of the DMD that is served at an address."""
+    library, load = SharedLibrary(address, timeout_s=timeout_s), ctypes.CDLL
+
+    def loaded(name: str | None, *arguments: Any, **named: Any) -> Any:
+        return library if "alp" in str(name) else load(name, *arguments, **named)
+
+    with patch("ctypes.CDLL", loaded):
+        yield library
+    library.unplug()
 
 
 def _line(name: str, numbers: Any) -> str:

@@ -4,7 +4,6 @@ ALP4lib loads `tests.alp_shared_library` in place of the vendor's shared library
 through ALP4lib and C to the simulated device.
 """
 
-import ctypes
 import platform
 import sys
 from collections.abc import Iterator
@@ -26,7 +25,7 @@ from sim_backends.bench import SimulatedBench
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.virtual.alp.instrument import MEMORY, SERIAL, VirtualAlp
 from sim_backends.world.keyed_random import digest
-from tests.alp_shared_library import SharedLibrary
+from tests.alp_shared_library import SharedLibrary, in_place_of_the_vendors
 
 PATTERN, OTHER, THIRD = np.random.default_rng(0).integers(0, 256, (3, 768, 128), dtype=np.uint8)
 LOST = (1001, 1011, 1012)
@@ -35,16 +34,10 @@ PICTURE_S = 33.334e-3
 
 
 @pytest.fixture
-def library(simulation: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> Iterator[SharedLibrary]:
+def library(simulation: SimulatedBench) -> Iterator[SharedLibrary]:
     """What ALP4lib gets when it loads the vendor's library."""
-    found, load = SharedLibrary(simulation.resources["dmd"]["socket"]), ctypes.CDLL
-
-    def loaded(name: str | None, *arguments: Any, **named: Any) -> Any:
-        return found if "alp" in str(name) else load(name, *arguments, **named)
-
-    monkeypatch.setattr(ctypes, "CDLL", loaded)
-    yield found
-    found.unplug()
+    with in_place_of_the_vendors(simulation.resources["dmd"]["socket"]) as found:
+        yield found
 
 
 def opening(address: str = "usb") -> Opening:

@@ -96,7 +96,10 @@ class VirtualAlp(VirtualInstrument):
 
     @contextmanager
     def connection(self) -> Iterator["AlpConnection"]:
-        """As one client has it; when the client is gone, what it held is as after power-on."""
+        """As one client has it; when the client is gone, what it held is as after power-on.
+
+        Source: alp.h, ALP_USB_RESET, "default: stop running sequences and DLP" after a disconnection.
+        """
         connection = AlpConnection(self)
         yield connection
         if self._holder is connection:

@@ -166,7 +166,8 @@ def test_timing(ask: Ask, dmd: VirtualAlp, uninterrupted: bool, timing: str, pic
 
 
 @pytest.mark.parametrize("timing", ["0,51,0,0,0", "957,1000,0,0,0", "0,10000001,0,0,0", "7,44,0,0,0", "200,100,0,0,0",
-                                    "0,1000,2000,0,0", "0,1000,0,2000,0", "0,1000,0,0,200000", "0,200000,140000,0,0"])  # fmt: skip
+                                    "0,1000,2000,0,0", "0,1000,0,2000,0", "0,1000,0,0,200000",
+                                    "0,200000,140000,0,0"])  # fmt: skip
 def test_timing_limits(ask: Ask, dmd: VirtualAlp, timing: str) -> None:
     before = ask(dmd, "ALP:SEQINQUIRE 1,2203")
     assert ask(dmd, f"ALP:SEQTIMING 1,{timing}") == b"1005"
