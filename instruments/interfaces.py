@@ -246,6 +246,9 @@ class Dmd(Instrument):
 class BurstDmd(Dmd):
     """A DMD that plays pictures from its own memory and pulses its synchronisation output at each."""
 
+    picture_period_s: float
+    """The time between pictures that are played as fast as its mirrors follow, s."""
+
     @abstractmethod
     def capacity(self) -> int:
         """How many pictures its memory holds."""

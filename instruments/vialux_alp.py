@@ -107,6 +107,9 @@ class VialuxAlp(BurstDmd):
     would park them (a public wrapper for MATLAB says so).
     """
 
+    picture_period_s = 44e-6
+    """22 727 pictures a second, the most of a DLP7000; a device that needs longer says so when it is to play."""
+
     def __init__(
         self,
         library: AlpLibrary,
