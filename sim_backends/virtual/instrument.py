@@ -1,7 +1,8 @@
 """What every virtual instrument is: a table of commands, IEEE 488.2 status, and the execution of messages."""
 
 from collections.abc import Generator, Mapping, Sequence
-from typing import ClassVar
+from contextlib import AbstractContextManager, nullcontext
+from typing import ClassVar, Protocol
 
 from sim_backends.scpi.arguments import integer
 from sim_backends.scpi.commands import Action, Command, CommandTable, Query, Setting, reply_header
@@ -34,6 +35,16 @@ ERROR_QUEUE = (
     Query("SYSTem:ERRor:CODE[:NEXT]?", "status.next_code"),
     Query("SYSTem:ERRor:CODE:ALL?", "status.all_codes"),
 )
+
+
+class Connected(Protocol):
+    """A virtual instrument as one of its clients has it; the methods are those of `VirtualInstrument`."""
+
+    def run(self, message: Message) -> Execution: ...  # noqa: D102
+    def connection(self) -> AbstractContextManager["Connected"]: ...  # noqa: D102
+    def listens(self, begun: bytes) -> bool: ...  # noqa: D102
+    def clear(self) -> None: ...  # noqa: D102
+    def status_byte(self) -> int: ...  # noqa: D102
 
 
 class VirtualInstrument:
@@ -91,6 +102,10 @@ class VirtualInstrument:
                 part = self.refused(unit, error)
             reply = _joined(reply, part)
         return reply
+
+    def connection(self) -> AbstractContextManager["Connected"]:
+        """The instrument as one client has it, as long as the client is there: as all have it."""
+        return nullcontext(self)
 
     def listens(self, begun: bytes) -> bool:
         """Whether it receives the rest of a message that has begun with `begun`: always."""
