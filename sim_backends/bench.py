@@ -1,6 +1,6 @@
-"""The simulated bench: one world, five virtual instruments, two or three network addresses for each."""
+"""The simulated bench: one world, its virtual instruments, two or three network addresses for each."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, Self
 
@@ -21,6 +21,9 @@ from sim_backends.world.world import World
 HISLIP_OFFSET, VXI11_OFFSET = 10, 20  # of the other ports from the ports of the raw sockets
 SPEAK_VXI11 = ("awg", "scope")  # as the Tektronix instruments do
 
+Make = Callable[[World], Instrument]
+"""Makes a virtual instrument of a world."""
+
 
 class SimulatedBench:
     """Virtual instruments that share one world and listen on the network, as long as the context lasts.
@@ -32,6 +35,7 @@ class SimulatedBench:
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
             ports 10 higher, VXI-11 20 higher; None: any free ports.
         laser_table: The commands the laser obeys, in the form of `virtual/tlg220/commands.toml`; None: that file.
+        plugged_in: What makes further instruments of this world, or others in the place of those that there always are.
     """
 
     def __init__(
@@ -42,18 +46,22 @@ class SimulatedBench:
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
+        plugged_in: Mapping[str, Make] | None = None,
     ) -> None:
         self.world = World(parameters, twin_seed=twin_seed)
         self.resources: dict[str, dict[str, str]] = {}
         self._host = host
         self._port_base = port_base
         self._loop: Loop | None = None
+        always: dict[str, Make] = {
+            "awg": VirtualAwg70002a,
+            "scope": VirtualDpo72504dx,
+            "laser": lambda world: VirtualTlg220(world, laser_table),
+            "dmd": VirtualAlp,
+            "patch_panel": VirtualFibreSwitch,
+        }
         self._instruments: dict[str, Instrument] = {
-            "awg": VirtualAwg70002a(self.world),
-            "scope": VirtualDpo72504dx(self.world),
-            "laser": VirtualTlg220(self.world, laser_table),
-            "dmd": VirtualAlp(self.world),
-            "patch_panel": VirtualFibreSwitch(self.world),
+            role: make(self.world) for role, make in {**always, **(plugged_in or {})}.items()
         }
 
     def start(self) -> None:

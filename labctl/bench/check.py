@@ -54,11 +54,12 @@ def check_bench(station: Station, transcript: Transcript, access: Access = Acces
         "laser": {"laser.power": Range(0.0, station.limits.optical_power, "W")},
         "awg": {"awg.amplitude": Range(0.0, station.limits.rf_amplitude, "Vpp")},
         "scope": {"detector": Range(-station.limits.detector, station.limits.detector, "V")},
+        "amplifier": {"amplifier.power": Range(0.0, station.limits.amplified_power, "W")},
     }
     with opened_one_by_one(station, transcript, access) as instruments:
         findings = {}
         for name, instrument in instruments.items():
-            section = getattr(station, name)
+            section = station.section_of(name)
             findings[name] = Finding(section.driver, section.address, allowed=allowed.get(name, {}))
             try:
                 _ask(station, name, instrument, findings[name])

@@ -28,7 +28,7 @@ def require_known(station: Station, name: str, identity: Identity) -> None:
     """
     found, section, driver = (
         f"{identity.manufacturer} {identity.model}",
-        getattr(station, name),
+        station.section_of(name),
         station.driver_of(name),
     )
     expected = section.identity

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from sim_backends.bench import SimulatedBench
+from sim_backends.bench import Make, SimulatedBench
 from sim_backends.faults.catalogue import Fault, Moment
 from sim_backends.faults.injection import Faulty, Injection
 from sim_backends.parameters import Parameters
@@ -33,8 +33,16 @@ class FaultyBench(SimulatedBench):
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
+        plugged_in: Mapping[str, Make] | None = None,
     ) -> None:
-        super().__init__(parameters, twin_seed=twin_seed, host=host, port_base=port_base, laser_table=laser_table)
+        super().__init__(
+            parameters,
+            twin_seed=twin_seed,
+            host=host,
+            port_base=port_base,
+            laser_table=laser_table,
+            plugged_in=plugged_in,
+        )
         self._injections: dict[str, list[Injection]] = {role: [] for role in self._instruments}
         for role, fault, moment in faults:
             self._injections[role].append(Injection(role, self._instruments[role], fault, moment))
