@@ -5,6 +5,7 @@ from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
 from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
 from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
 from sim_backends.virtual.instrument import VirtualInstrument
+from sim_backends.virtual.pm100.instrument import VirtualPm100
 from sim_backends.virtual.tlg220.instrument import VirtualTlg220
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "VirtualDpo72504dx",
     "VirtualFibreSwitch",
     "VirtualInstrument",
+    "VirtualPm100",
     "VirtualTlg220",
 ]
