@@ -9,12 +9,13 @@ from threadpoolctl import threadpool_limits
 from sim_backends.parameters import Parameters
 from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Instrument, Loop
-from sim_backends.servers.socket import serve_socket
+from sim_backends.servers.socket import NEWLINE, serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
 from sim_backends.virtual.alp.instrument import VirtualAlp
 from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
 from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
 from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
+from sim_backends.virtual.instrument import VirtualInstrument
 from sim_backends.virtual.tlg220.instrument import VirtualTlg220
 from sim_backends.world.world import World
 
@@ -121,8 +122,11 @@ class SimulatedBench:
         def port(offset: int) -> int:
             return 0 if self._port_base is None else self._port_base + offset + rank
 
+        made = self._instruments[role]
+        terminator = made.TERMINATOR if isinstance(made, VirtualInstrument) else NEWLINE
+        socket_port = serve_socket(loop, instrument, host, port(0), terminator=terminator)
         addresses = {
-            "socket": f"TCPIP0::{host}::{serve_socket(loop, instrument, host, port(0))}::SOCKET",
+            "socket": f"TCPIP0::{host}::{socket_port}::SOCKET",
             "hislip": f"TCPIP0::{host}::hislip0,{serve_hislip(loop, instrument, host, port(HISLIP_OFFSET))}::INSTR",
         }
         if role in SPEAK_VXI11:

@@ -8,7 +8,7 @@ from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
 from instruments.transcripts import Transcript
 from instruments.values import Examination, Identity, Range
-from labctl.bench.identity import require_known
+from labctl.bench.identity import asked, require_known
 from labctl.bench.opening import Access, opened_one_by_one
 from labctl.bench.station import Station
 
@@ -71,7 +71,7 @@ def check_bench(station: Station, transcript: Transcript, access: Access = Acces
 def _ask(station: Station, name: str, instrument: Instrument | InstrumentError, finding: Finding) -> None:
     if isinstance(instrument, InstrumentError):
         raise instrument
-    finding.identity = instrument.identify()
+    finding.identity = asked(station, name, instrument)
     require_known(station, name, finding.identity)
     finding.examination = instrument.examine()
     try:

@@ -1,4 +1,4 @@
-"""TCP connections that never wait, and raw sockets: messages and replies end at a newline.
+"""TCP connections that never wait, and raw sockets: messages and replies end at a newline, or as an instrument says.
 
 The address of a raw socket is `TCPIP0::host::port::SOCKET`.
 """
@@ -17,6 +17,8 @@ from sim_backends.servers.loop import MOST_WAITING, Client, Instrument, Loop
 _QUICK_ACKNOWLEDGE: int | None = getattr(socket, "TCP_QUICKACK", None)
 _GATHERS = hasattr(socket.socket, "sendmsg")  # not on Windows
 _CHUNKS_AT_ONCE = 64  # every system takes that many
+
+NEWLINE = b"\n"
 
 
 class Channel:
@@ -127,20 +129,27 @@ class Channel:
         self._watched = wanted
 
 
-def serve_socket(loop: Loop, instrument: Instrument, host: str = "127.0.0.1", port: int = 0) -> int:
+def serve_socket(
+    loop: Loop, instrument: Instrument, host: str = "127.0.0.1", port: int = 0, *, terminator: bytes = NEWLINE
+) -> int:
     """Serve `instrument` on a raw socket of `loop`; returns the port (0: any free one).
+
+    `terminator` is one byte; an instrument with another than the newline takes no blocks.
 
     Raises:
         OSError: The port is taken or the address is not one of this machine.
     """
-    return loop.listen(host, port, lambda connection: loop.join(SocketClient(loop, instrument, connection)))
+    return loop.listen(host, port, lambda connection: loop.join(SocketClient(loop, instrument, connection, terminator)))
 
 
 class SocketClient(Client):
     """A client on a raw socket."""
 
-    def __init__(self, loop: Loop, instrument: Instrument, connection: socket.socket) -> None:
+    def __init__(
+        self, loop: Loop, instrument: Instrument, connection: socket.socket, terminator: bytes = NEWLINE
+    ) -> None:
         super().__init__(loop, instrument)
+        self._terminator = terminator
         self._channel = Channel(loop.selector, connection, readable=self._readable, lost=self._end)
         self._ended = False
         self._late = b""
@@ -151,16 +160,17 @@ class SocketClient(Client):
         return bool(self._channel.unsent)
 
     def reply(self, chunks: list[Chunk], tag: int) -> None:
-        """Send `chunks` and a newline."""
-        self._channel.send((*chunks, b"\n"))
+        """Send `chunks` and the terminator."""
+        self._channel.send((*chunks, self._terminator))
 
     def disturb(self, disturbed: Disturbed, tag: int) -> None:
         """Send what a fault has made of a reply."""
+        data = disturbed.data.replace(NEWLINE, self._terminator)
         if disturbed.late:
-            self._late += disturbed.data
+            self._late += data
             return
         late, self._late = self._late, b""
-        for piece in (late, *pieces(disturbed.data[: disturbed.ends_after], disturbed.packet)):
+        for piece in (late, *pieces(data[: disturbed.ends_after], disturbed.packet)):
             self._channel.send((piece,))
         if disturbed.hangs_up:
             self.hang_up()
@@ -179,8 +189,11 @@ class SocketClient(Client):
         self._channel.close()
 
     def _readable(self) -> None:
-        size = self._channel.receive(self.reader.buffer())
+        room = self.reader.buffer()
+        size = self._channel.receive(room)
         if size:
+            if self._terminator != NEWLINE:
+                room[:size] = bytes(room[:size]).replace(self._terminator, NEWLINE)
             self.receive(size)
         elif size == 0:
             self._end()

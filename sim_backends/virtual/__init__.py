@@ -7,6 +7,7 @@ from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
 from sim_backends.virtual.instrument import VirtualInstrument
 from sim_backends.virtual.pm100.instrument import VirtualPm100
 from sim_backends.virtual.tlg220.instrument import VirtualTlg220
+from sim_backends.virtual.tsl570.instrument import VirtualTsl570
 
 __all__ = [
     "VirtualAlp",
@@ -16,4 +17,5 @@ __all__ = [
     "VirtualInstrument",
     "VirtualPm100",
     "VirtualTlg220",
+    "VirtualTsl570",
 ]

@@ -52,6 +52,7 @@ class VirtualInstrument:
     DEFAULT_SUFFIX: ClassVar[int | None] = 1
     IDENTITY: ClassVar[str] = ""
     OPTIONS: ClassVar[str] = "0"
+    TERMINATOR: ClassVar[bytes] = b"\n"  # of messages and replies on a raw socket
     _TABLE: ClassVar[CommandTable]
 
     def __init_subclass__(cls) -> None:
