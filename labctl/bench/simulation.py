@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import Tlg220Section
-from instruments.laser_table import CommandTable
+from instruments.laser_table import LaserTable
 from instruments.sections import SIMULATED
 from instruments.toml_files import describe, read_toml
 from labctl.bench.drivers import VIRTUAL_GROUP
@@ -59,7 +59,7 @@ def simulated_bench(
     laser = with_laser_commands(station).laser
     laser_table = None
     if isinstance(laser, Tlg220Section) and laser.commands is not None:
-        CommandTable.read(laser.commands)
+        LaserTable.read(laser.commands)
         laser_table = read_toml(laser.commands)
     return FaultyBench(
         befalling,

@@ -24,21 +24,21 @@ class Launch:
     amplified_w: float | None = None
     attenuation_db: float = 0.0
 
-    def power_w(self, parameters: Parameters, laser_w: float) -> float:
-        """The power that goes into the fibre (W) while the laser gives `laser_w`."""
-        return laser_w * _to_the_fibre(parameters) * self.transmission(parameters, laser_w)
+    def amplified_power_w(self, parameters: Parameters, laser_w: float) -> float:
+        """What amplifier or booster gives (W) while the laser gives `laser_w`."""
+        if self.amplified_w is None:
+            return laser_w * _boosted(parameters)
+        return self.amplified_w or laser_w * power_ratio(UNPUMPED_DB - parameters.modulator_loss_db)
 
     def transmission(self, parameters: Parameters, laser_w: float) -> float:
         """What amplifier and attenuator make of the power in the fibre: 1 is the booster alone; `laser_w` above 0."""
         attenuator = power_ratio(-self.attenuation_db)
         if self.amplified_w is None:
             return attenuator
-        incoming_w = laser_w * power_ratio(-parameters.modulator_loss_db)
-        outgoing_w = self.amplified_w or incoming_w * power_ratio(UNPUMPED_DB)
-        return attenuator * outgoing_w / (laser_w * _to_the_fibre(parameters))
+        return attenuator * self.amplified_power_w(parameters, laser_w) / (laser_w * _boosted(parameters))
 
 
-def _to_the_fibre(parameters: Parameters) -> float:
-    """From the laser through modulator and booster; the direct path has no booster."""
+def _boosted(parameters: Parameters) -> float:
+    """Transmission of modulator and booster; the direct path has no booster."""
     booster_db = parameters.booster_gain_db if parameters.light_path == "projector" else 0.0
     return power_ratio(booster_db - parameters.modulator_loss_db)

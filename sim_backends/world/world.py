@@ -113,10 +113,10 @@ class World:
         self._launch_light()
 
     @property
-    def launched_power_w(self) -> float:
-        """The power that comes out of the attenuator, or that would if there were one."""
+    def amplified_power_w(self) -> float:
+        """What leaves the amplifier (W); 0 without light."""
         laser = self.laser_light
-        return 0.0 if laser is None else self._launch.power_w(self.parameters, laser.power_w)
+        return 0.0 if laser is None else self._launch.amplified_power_w(self.parameters, laser.power_w)
 
     def play(self, playback: Playback | None) -> None:
         """Generator output; None leaves the modulator idle and the marker without edges."""

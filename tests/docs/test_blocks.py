@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from instruments.laser_table import DEFAULT_TABLE, UNKNOWN, CommandTable
+from instruments.command_table import UNKNOWN
+from instruments.laser_table import DEFAULT_TABLE, LaserTable
 from labctl.bench.drivers import installed
 from labctl.bench.station import Station, read_station
 from labctl.commands.main import main
@@ -65,7 +66,7 @@ def test_the_lasers_commands_are_taken() -> None:
     table = tomllib.loads(DEFAULT_TABLE.read_text("utf-8"))
     entries = tomllib.loads(block)["commands"]
     assert entries.keys() <= table["commands"].keys()
-    read = CommandTable.model_validate(table | {"commands": table["commands"] | entries})
+    read = LaserTable.model_validate(table | {"commands": table["commands"] | entries})
     assert all(read.commands[name].write != UNKNOWN for name in entries)
 
 
