@@ -1,5 +1,6 @@
 """Amplifier and attenuator behind the laser: their interlocks, in the order in which the instruments are told."""
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from instruments.values import Drive, Timebase, Vertical
 from instruments.visa import VisaLink
 from labctl.bench.check import check_bench
 from labctl.bench.opening import OpenBench, opened
+from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
+from labctl.bench.supervisor import Task, supervise, within_reach
 from labctl.errors import StationError
 from sim_backends.bench import SimulatedBench
 
@@ -168,3 +171,25 @@ def test_a_bench_without_them_asks_nothing_more(log: Any) -> None:
     with opened(Station(), log) as found, found.bench.emitting(1550.0):
         found.bench.require_unchanged()
     assert {name for name, _, _ in log.messages} <= {"laser", "awg", "dmd", "scope", "patch_panel"}
+
+
+def test_the_supervisor_makes_them_safe_in_the_same_order(log: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    with opened(station(), log) as found:
+        assert found.simulation is not None
+        there = with_laser_commands(station())
+        served = there.model_copy(
+            update={
+                name: there.section_of(name).model_copy(update={"address": at["socket"]})
+                for name, at in found.simulation.resources.items()
+            }
+        )
+        assert within_reach(served) == ("attenuator", "amplifier", "laser", "awg", "dmd", "scope")
+        for name in ("laser", "amplifier"):
+            link = VisaLink(served.section_of(name).address, name=name, timeout_s=5, transcript=log)
+            link.write("OUTPUT ON")
+            link.close()
+        task = Task(station=served, log_started=0.0)
+        supervise(io.BytesIO(f"{task.model_dump_json()}\n".encode()), lambda _word: None)
+        assert found.bench.laser.settings()["emitting"] == 0
+        assert found.bench.instruments["amplifier"].settings()["on"] == 0
+    assert "the supervisor did: attenuator shut, amplifier off, laser off, AWG output off" in capfd.readouterr().err
