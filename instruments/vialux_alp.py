@@ -89,6 +89,9 @@ class VialuxAlp(BurstDmd):
     order the API asks for.
     """
 
+    picture_period_s = 44e-6
+    """22 727 pictures a second, the most of a DLP7000; a device that needs longer says so when it is to play."""
+
     def __init__(self, library: AlpLibrary) -> None:
         """Drive the device behind `library`; it is allocated at the first use."""
         self._alp = library

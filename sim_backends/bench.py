@@ -1,4 +1,4 @@
-"""The simulated bench: one world, its virtual instruments, two or three network addresses for each."""
+"""The simulated bench: one world, its virtual instruments, up to three network addresses for each."""
 
 from collections.abc import Callable, Mapping
 from types import TracebackType
@@ -9,10 +9,12 @@ from threadpoolctl import threadpool_limits
 from sim_backends.parameters import Parameters
 from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Instrument, Loop
-from sim_backends.servers.socket import NEWLINE, serve_socket
+from sim_backends.servers.reports import REPORTS
+from sim_backends.servers.socket import LINES, CarriageReturns, Framing, serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
 from sim_backends.virtual.alp.instrument import VirtualAlp
 from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
+from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
 from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
 from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
 from sim_backends.virtual.instrument import VirtualInstrument
@@ -37,6 +39,7 @@ class SimulatedBench:
             ports 10 higher, VXI-11 20 higher; None: any free ports.
         laser_table: The commands the laser obeys, in the form of `virtual/tlg220/commands.toml`; None: that file.
         plugged_in: What makes further instruments of this world, or others in the place of those that there always are.
+        dmd: Which DMD there is. A DLPC900 has a raw socket only: it speaks by HID reports, see `servers.reports`.
     """
 
     def __init__(
@@ -48,6 +51,7 @@ class SimulatedBench:
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
         plugged_in: Mapping[str, Make] | None = None,
+        dmd: Make = VirtualAlp,
     ) -> None:
         self.world = World(parameters, twin_seed=twin_seed)
         self.resources: dict[str, dict[str, str]] = {}
@@ -58,7 +62,7 @@ class SimulatedBench:
             "awg": VirtualAwg70002a,
             "scope": VirtualDpo72504dx,
             "laser": lambda world: VirtualTlg220(world, laser_table),
-            "dmd": VirtualAlp,
+            "dmd": dmd,
             "patch_panel": VirtualFibreSwitch,
         }
         self._instruments: dict[str, Instrument] = {
@@ -122,9 +126,12 @@ class SimulatedBench:
         def port(offset: int) -> int:
             return 0 if self._port_base is None else self._port_base + offset + rank
 
+        if isinstance(self._instruments[role], VirtualDlpc900):
+            return {"socket": f"TCPIP0::{host}::{serve_socket(loop, instrument, host, port(0), REPORTS)}::SOCKET"}
         made = self._instruments[role]
-        terminator = made.TERMINATOR if isinstance(made, VirtualInstrument) else NEWLINE
-        socket_port = serve_socket(loop, instrument, host, port(0), terminator=terminator)
+        terminator = made.TERMINATOR if isinstance(made, VirtualInstrument) else LINES.ending
+        framing = LINES if terminator == LINES.ending else Framing(CarriageReturns, terminator)
+        socket_port = serve_socket(loop, instrument, host, port(0), framing)
         addresses = {
             "socket": f"TCPIP0::{host}::{socket_port}::SOCKET",
             "hislip": f"TCPIP0::{host}::hislip0,{serve_hislip(loop, instrument, host, port(HISLIP_OFFSET))}::INSTR",

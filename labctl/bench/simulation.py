@@ -11,10 +11,11 @@ from pydantic import ValidationError
 from instruments.alnair_tlg220 import Tlg220Section
 from instruments.laser_table import LaserTable
 from instruments.sections import SIMULATED
+from instruments.ti_dlpc900 import TiDlpc900Section
 from instruments.toml_files import describe, read_toml
 from labctl.bench.drivers import VIRTUAL_GROUP
 from labctl.bench.plug_ins import plug_ins
-from labctl.bench.station import Station
+from labctl.bench.station import USUAL, Station
 from labctl.errors import IMPORT_FAILURES, StationError
 
 if TYPE_CHECKING:  # a bench of real instruments does without
@@ -26,6 +27,8 @@ if TYPE_CHECKING:  # a bench of real instruments does without
 
 SIMULATED_LASER = Path(str(files("sim_backends") / "virtual" / "tlg220" / "commands.toml"))
 """Command table of the simulated laser."""
+SIMULATED_DRIVERS = (*USUAL.values(), "ti-dlpc900")
+"""The drivers whose instruments the simulated bench has without a plug-in."""
 
 
 def with_laser_commands(station: Station) -> Station:
@@ -51,6 +54,8 @@ def simulated_bench(
     """
     from sim_backends.faults.bench import FaultyBench
     from sim_backends.faults.specification import FaultError, read_fault
+    from sim_backends.virtual.alp.instrument import VirtualAlp
+    from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
 
     try:
         befalling = [read_fault(fault) for fault in faults]
@@ -69,6 +74,7 @@ def simulated_bench(
         port_base=port_base,
         laser_table=laser_table,
         plugged_in={role: make for role in station.roles if (make := _plugged_in(station, role)) is not None},
+        dmd=VirtualDlpc900 if isinstance(station.dmd, TiDlpc900Section) else VirtualAlp,
     )
 
 

@@ -3,14 +3,14 @@
 from dataclasses import asdict
 
 from labctl.bench.drivers import Listed, listed
-from labctl.bench.station import USUAL
+from labctl.bench.simulation import SIMULATED_DRIVERS
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table
 
 
 def drivers(as_json: JsonOption = False) -> int:
     """List the installed drivers: role, interface, package, and who simulates their instruments."""
-    found = listed(tuple(USUAL.values()))
+    found = listed(SIMULATED_DRIVERS)
     show({"drivers": [asdict(one) for one in found]}, as_json, lambda: _print(found))
     return DONE
 

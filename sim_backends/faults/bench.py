@@ -8,6 +8,7 @@ from sim_backends.faults.catalogue import Fault, Moment
 from sim_backends.faults.injection import Faulty, Injection
 from sim_backends.parameters import Parameters
 from sim_backends.servers.loop import Instrument, Loop
+from sim_backends.virtual.alp.instrument import VirtualAlp
 
 
 class Befalling(NamedTuple):
@@ -34,6 +35,7 @@ class FaultyBench(SimulatedBench):
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
         plugged_in: Mapping[str, Make] | None = None,
+        dmd: Make = VirtualAlp,
     ) -> None:
         super().__init__(
             parameters,
@@ -42,6 +44,7 @@ class FaultyBench(SimulatedBench):
             port_base=port_base,
             laser_table=laser_table,
             plugged_in=plugged_in,
+            dmd=dmd,
         )
         self._injections: dict[str, list[Injection]] = {role: [] for role in self._instruments}
         for role, fault, moment in faults:

@@ -1,4 +1,4 @@
-"""TCP connections that never wait, and raw sockets: messages and replies end at a newline, or as an instrument says.
+"""TCP connections that never wait, and raw sockets: messages and replies end at a newline, unless framed otherwise.
 
 The address of a raw socket is `TCPIP0::host::port::SOCKET`.
 """
@@ -7,18 +7,17 @@ import selectors
 import socket
 from collections import deque
 from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
-from sim_backends.scpi.messages import Chunk
+from sim_backends.scpi.messages import Chunk, Message, MessageReader
 from sim_backends.servers.disturbed import Disturbed, pieces
-from sim_backends.servers.loop import MOST_WAITING, Client, Instrument, Loop
+from sim_backends.servers.loop import MOST_WAITING, Client, Instrument, Loop, Reader
 
 # Linux only. Without it a client that writes a setting and then a query waits 40 ms: its Nagle algorithm holds the
 # query back until the setting is acknowledged, and acknowledgements are delayed unless asked for. It does not stick.
 _QUICK_ACKNOWLEDGE: int | None = getattr(socket, "TCP_QUICKACK", None)
 _GATHERS = hasattr(socket.socket, "sendmsg")  # not on Windows
 _CHUNKS_AT_ONCE = 64  # every system takes that many
-
-NEWLINE = b"\n"
 
 
 class Channel:
@@ -129,27 +128,43 @@ class Channel:
         self._watched = wanted
 
 
+class Framing(NamedTuple):
+    """How messages follow one another on a raw socket: what cuts them out, and what ends each reply."""
+
+    reader: Callable[[], Reader]
+    ending: bytes
+
+
+LINES = Framing(MessageReader, b"\n")
+
+
+class CarriageReturns(MessageReader):
+    """Messages that end at a carriage return, as those of some lasers do; they hold no blocks."""
+
+    def received(self, count: int) -> list[Message]:
+        """As of messages that end at a newline."""
+        room = self.buffer()
+        room[:count] = bytes(room[:count]).replace(b"\r", LINES.ending)
+        return super().received(count)
+
+
 def serve_socket(
-    loop: Loop, instrument: Instrument, host: str = "127.0.0.1", port: int = 0, *, terminator: bytes = NEWLINE
+    loop: Loop, instrument: Instrument, host: str = "127.0.0.1", port: int = 0, framing: Framing = LINES
 ) -> int:
     """Serve `instrument` on a raw socket of `loop`; returns the port (0: any free one).
-
-    `terminator` is one byte; an instrument with another than the newline takes no blocks.
 
     Raises:
         OSError: The port is taken or the address is not one of this machine.
     """
-    return loop.listen(host, port, lambda connection: loop.join(SocketClient(loop, instrument, connection, terminator)))
+    return loop.listen(host, port, lambda connection: loop.join(SocketClient(loop, instrument, connection, framing)))
 
 
 class SocketClient(Client):
     """A client on a raw socket."""
 
-    def __init__(
-        self, loop: Loop, instrument: Instrument, connection: socket.socket, terminator: bytes = NEWLINE
-    ) -> None:
-        super().__init__(loop, instrument)
-        self._terminator = terminator
+    def __init__(self, loop: Loop, instrument: Instrument, connection: socket.socket, framing: Framing = LINES) -> None:
+        super().__init__(loop, instrument, framing.reader())
+        self._ending = framing.ending
         self._channel = Channel(loop.selector, connection, readable=self._readable, lost=self._end)
         self._ended = False
         self._late = b""
@@ -160,12 +175,14 @@ class SocketClient(Client):
         return bool(self._channel.unsent)
 
     def reply(self, chunks: list[Chunk], tag: int) -> None:
-        """Send `chunks` and the terminator."""
-        self._channel.send((*chunks, self._terminator))
+        """Send `chunks` and what ends a reply."""
+        self._channel.send((*chunks, self._ending))
 
     def disturb(self, disturbed: Disturbed, tag: int) -> None:
-        """Send what a fault has made of a reply."""
-        data = disturbed.data.replace(NEWLINE, self._terminator)
+        """Send what a fault has made of a reply; faults end it with a newline."""
+        data = disturbed.data
+        if self._ending != LINES.ending:
+            data = data.removesuffix(LINES.ending) + self._ending
         if disturbed.late:
             self._late += data
             return
@@ -189,11 +206,8 @@ class SocketClient(Client):
         self._channel.close()
 
     def _readable(self) -> None:
-        room = self.reader.buffer()
-        size = self._channel.receive(room)
+        size = self._channel.receive(self.reader.buffer())
         if size:
-            if self._terminator != NEWLINE:
-                room[:size] = bytes(room[:size]).replace(self._terminator, NEWLINE)
             self.receive(size)
         elif size == 0:
             self._end()

@@ -1,24 +1,33 @@
 """The virtual arbitrary waveform generator: assignment, run control, and what channel 1 does to the light.
 
-Source: instrument facts 1.1 to 1.10. The level that an output holds while it waits for a trigger is 0 V and marker low
-whatever `OUTPut:WVALue` says; correction files are refused; flag outputs and channel 2 do not reach the light.
+Source: instrument facts 1.1 to 1.10; how long the self-test takes is recalled: the vendor's public test framework
+(tektronix/lab-bot) waits 20 minutes for `*TST?`, which is the power-on self-test. The level that an output holds while
+it waits for a trigger is 0 V and marker low whatever `OUTPut:WVALue` says; correction files are refused; flag outputs
+and channel 2 do not reach the light.
 """
 
 import math
 from typing import ClassVar
 
+import numpy as np
+
 from sim_backends.scpi.arguments import boolean, integer, keyword, number_or_word, optional, quoted, real
 from sim_backends.scpi.commands import Action, Command, Query, Setting
+from sim_backends.scpi.messages import parse
+from sim_backends.scpi.registers import FREQUENCY, STATUS_COMMANDS, WAITING_FOR_TRIGGER, RegisterStatus
 from sim_backends.scpi.status import ScpiError
+from sim_backends.virtual.awg70002a import setups
+from sim_backends.virtual.awg70002a.basic_waveform import BASIC_COMMANDS, BasicWaveform
 from sim_backends.virtual.awg70002a.calendar import CALENDAR_COMMANDS, Calendar
 from sim_backends.virtual.awg70002a.channels import CHANNEL_COMMANDS, TRIGGER_INPUT, Source, TriggerInput
 from sim_backends.virtual.awg70002a.clock import CLOCK_COMMANDS, Timing
 from sim_backends.virtual.awg70002a.files import FILE_COMMANDS, MassMemory
 from sim_backends.virtual.awg70002a.function_generator import FUNCTION_COMMANDS, Function, SharedFrequency
 from sim_backends.virtual.awg70002a.output import played_function, played_schedule
-from sim_backends.virtual.awg70002a.player import INTERNAL, RUNNING, STOPPED, Player, playable
+from sim_backends.virtual.awg70002a.player import INTERNAL, RUNNING, STOPPED, WAITING, Player, playable
 from sim_backends.virtual.awg70002a.sequences import MOST_STEPS, SEQUENCE_COMMANDS, SequenceList
 from sim_backends.virtual.awg70002a.waveforms import AMPLITUDES_V, RATES, WAVEFORM_COMMANDS, WaveformList
+from sim_backends.virtual.awg70002a.wfmx import WaveformFile
 from sim_backends.virtual.instrument import ERROR_QUEUE, VirtualInstrument
 from sim_backends.world.signals import Playback
 from sim_backends.world.world import World
@@ -30,6 +39,7 @@ JUMP = number_or_word(1, MOST_STEPS, "FIRSt", "CURRent", "LAST", "END")
 INTERVALS_S = (1e-6, 10.0)  # recalled
 RUN_TIME_S = 1.0  # recalled: the outputs settle for about a second after RUN
 POLL_S = 0.1  # what a query takes while an operation is under way
+SELF_TEST_S = 300.0
 
 
 class VirtualAwg70002a(VirtualInstrument):
@@ -46,6 +56,7 @@ class VirtualAwg70002a(VirtualInstrument):
         "TASSet": 99,
         "TFLag": 99,
     }
+    status: RegisterStatus
     COMMANDS = (
         *CLOCK_COMMANDS,
         *WAVEFORM_COMMANDS,
@@ -53,27 +64,33 @@ class VirtualAwg70002a(VirtualInstrument):
         Action("WLISt:WAVeform:ACFile", "correct", quoted, quoted, optional(quoted)),
         *SEQUENCE_COMMANDS,
         *FILE_COMMANDS,
+        Action("MMEMory:SAVE:SETup", "save_setup", quoted, optional(boolean)),
+        Action("MMEMory:OPEN:SETup", "open_setup", quoted),
+        Action("AWGControl:SSAVe", "save_all", quoted, optional(quoted)),
+        Action("AWGControl:SREStore", "restore", quoted, optional(quoted)),
+        Setting("AWGControl:SNAMe?", "setup_name", quoted),
+        *BASIC_COMMANDS,
         *FUNCTION_COMMANDS,
-        Action("SOURce#:CASSet:WAVeform", "assign", quoted, optional(COMPONENT)),
-        Action("SOURce#:CASSet:SEQuence", "assign_sequence", quoted, integer(1, 99), optional(COMPONENT)),
-        Action("SOURce#:WAVeform", "assign", quoted),
-        Query("SOURce#:WAVeform?", "assigned_waveform"),
-        Query("SOURce#:CASSet?", "assigned"),
-        Query("SOURce#:CASSet:TYPE?", "assigned_type"),
-        Action("SOURce#:CASSet:CLEar", "unassign"),
+        Action("[SOURce#:]CASSet:WAVeform", "assign", quoted, optional(COMPONENT)),
+        Action("[SOURce#:]CASSet:SEQuence", "assign_sequence", quoted, integer(1, 99), optional(COMPONENT)),
+        Action("[SOURce#:]WAVeform", "assign", quoted),
+        Query("[SOURce#:]WAVeform?", "assigned_waveform"),
+        Query("[SOURce#:]CASSet?", "assigned"),
+        Query("[SOURce#:]CASSet:TYPE?", "assigned_type"),
+        Action("[SOURce#:]CASSet:CLEar", "unassign"),
         *CHANNEL_COMMANDS,
-        Action("SOURce#:TINPut", "set_trigger_input", CHANNEL_INPUT),
-        Query("SOURce#:SCSTep?", "current_step"),
-        Action("SOURce#:JUMP:FORCe", "jump", JUMP),
+        Action("[SOURce#:]TINPut", "set_trigger_input", CHANNEL_INPUT),
+        Query("[SOURce#:]SCSTep?", "current_step"),
+        Action("[SOURce#:]JUMP:FORCe", "jump", JUMP),
         Setting("OUTPut:OFF", "outputs_off", boolean),
         Action("AWGControl:RUN[:IMMediate]", "start"),
         Action("AWGControl:STOP[:IMMediate]", "stop"),
         Query("AWGControl:RSTate?", "run_state"),
-        Action("SOURce#:RMODe", "set_run_mode", RUN_MODE),
-        Setting("SOURce#:RMODe?", "sources#.run_mode", RUN_MODE),
+        Action("[SOURce#:]RMODe", "set_run_mode", RUN_MODE),
+        Setting("[SOURce#:]RMODe?", "sources#.run_mode", RUN_MODE),
         Setting("AWGControl:RMODe", "run_mode", keyword("CONTinuous", "TRIGgered")),
         Setting("AWGControl:RMODe?", "run_mode", RUN_MODE),
-        Setting("SOURce:RCCouple", "run_modes_coupled", boolean),
+        Setting("[SOURce:]RCCouple", "run_modes_coupled", boolean),
         Setting("AWGControl:ARSettings", "apply_recommended_settings", boolean),
         Query("AWGControl:CONFigure:CNUMber?", "count_channels"),
         Action("TRIGger[:SEQuence][:IMMediate]", "trigger", optional(TRIGGER_INPUT)),
@@ -82,6 +99,7 @@ class VirtualAwg70002a(VirtualInstrument):
         Setting("INSTrument:MODE", "mode", keyword("AWG", "FGEN")),
         Setting("INSTrument:COUPle:SOURce", "sources_coupled", boolean),
         *ERROR_QUEUE,
+        *STATUS_COMMANDS,
         Setting("SYSTem:ERRor:DIALog", "error_dialog", boolean, effect=False),
         Query("SYSTem:VERSion?", "scpi_version"),
         *CALENDAR_COMMANDS,
@@ -89,6 +107,9 @@ class VirtualAwg70002a(VirtualInstrument):
 
     def __init__(self, world: World) -> None:
         super().__init__(world)
+        self.status = RegisterStatus(self._operation, self._questionable)
+        self.setup_name = ""
+        self.basic = BasicWaveform()
         self._playing: tuple[object, ...] | None = None
         self._listening: tuple[float, bool] | None = None
         self.calendar = Calendar(world.clock)
@@ -107,6 +128,7 @@ class VirtualAwg70002a(VirtualInstrument):
         self.inputs = {name: TriggerInput() for name in ("ATRigger", "BTRigger")}
         frequency = SharedFrequency()
         self.functions = {number: Function(frequency) for number in self.sources}
+        self.basic.reset()
         self.trigger_source = "EXTernal"
         self.trigger_interval_s = 1e-3
         self.outputs_off = self.running = False
@@ -130,7 +152,7 @@ class VirtualAwg70002a(VirtualInstrument):
     # --- what comes out of channel 1
 
     def changed(self, _command: Command) -> None:
-        """Let go of deleted assets, and pass on what has changed of channel 1's playback and its trigger."""
+        """Let go of deleted assets, note events, and pass on what has changed of channel 1's playback and trigger."""
         for source in self.sources.values():
             gone = source.waveform is not None and source.waveform not in self.waveforms
             if gone or (source.sequence is not None and source.sequence not in self.sequences):
@@ -146,7 +168,8 @@ class VirtualAwg70002a(VirtualInstrument):
             self._playing = playing
             self.world.play(self._playback() if playing else None)
         entrance = self.inputs["ATRigger"]
-        level = entrance.level_v if self.players[1].external else math.inf
+        level = entrance.open_level_v if self.players[1].external else math.inf
+        self.status.look()
         if self._listening != (level, entrance.slope == "POSitive"):
             self._listening = level, entrance.slope == "POSitive"
             self.world.awg_trigger_level(level, rising=self._listening[1])
@@ -166,7 +189,7 @@ class VirtualAwg70002a(VirtualInstrument):
     def _output_key(self) -> tuple[object, ...] | None:
         """Differs whenever something else comes out of channel 1; None: nothing does."""
         source, found = self.sources[1], self.players[1].schedule
-        if not (self.running and source.output) or self.outputs_off:
+        if not (self.running and source.output) or self.outputs_off or self.timing.missing:
             return None
         if self.mode == "FGEN":
             return (*self.functions[1].key(), source.skew_s)
@@ -186,7 +209,11 @@ class VirtualAwg70002a(VirtualInstrument):
     # --- run control
 
     def start(self) -> None:
-        """`AWGControl:RUN`: -221 with nothing assigned or a step of a sequence empty. Overlapping: `*OPC?` waits."""
+        """`AWGControl:RUN`: -221 with nothing assigned or a step of a sequence empty, -241 without a clock.
+
+        Overlapping: `*OPC?` waits.
+        """
+        self.timing.require()
         if self.mode == "AWG":
             if not any(source.assigned for source in self.sources.values()):
                 raise ScpiError(-221, "nothing is assigned to a channel")
@@ -206,7 +233,7 @@ class VirtualAwg70002a(VirtualInstrument):
             return STOPPED
         if self.mode == "FGEN":
             return RUNNING
-        return min(player.state() for player in self.players.values() if player.source.assigned)
+        return min((player.state() for player in self.players.values() if player.source.assigned), default=STOPPED)
 
     def trigger(self, name: str | None = None) -> None:
         """A trigger at an input, A if none is named."""
@@ -315,7 +342,75 @@ class VirtualAwg70002a(VirtualInstrument):
         source = self.sources[number]
         return "SEQ" if source.sequence else "WAV" if source.waveform else "NONE"
 
+    # --- setups
+
+    def save_setup(self, path: str, with_assets: bool | None) -> None:
+        """Write the setup to a file, with waveforms and sequences unless it is told otherwise."""
+        settings = "\n".join(setups.commands(self._answer, self.sources.values()))
+        self.files.save_setup(path, settings, with_assets=with_assets is not False)
+        self.setup_name = str(self.files.disk.path(path))
+
+    def open_setup(self, path: str) -> None:
+        """Restore a setup, outputs off; -256 no such file, -200 one that holds none."""
+        found = self.files.setup(path)
+        lines = setups.checked(found.setup or "")
+        self.reset()
+        self.files.load(found)
+        for line in lines:
+            self._say(line)
+
+    def save_all(self, path: str, drive: str | None) -> None:
+        """`AWGControl:SSAVe`: the setup with its waveforms."""
+        self.files.change_drive(drive)
+        self.save_setup(path, with_assets=None)
+
+    def restore(self, path: str, drive: str | None) -> None:
+        """`AWGControl:SREStore`."""
+        self.files.change_drive(drive)
+        self.open_setup(path)
+
+    def _say(self, line: str) -> bytes:
+        """What this instrument answers a client who sends it `line`; errors are queued."""
+        execution = self.run(parse(line.encode("latin-1", "replace"), []))
+        try:
+            while True:
+                next(execution)
+        except StopIteration as end:
+            return b"".join(map(bytes, end.value))
+
+    def _answer(self, question: str) -> str:
+        return self._say(question).decode("latin-1")
+
+    # --- the basic waveform editor
+
+    def compile_basic(self) -> None:
+        """Put what the editor makes on the list, and on a channel, and play it, as it is told."""
+        basic, name, number = self.basic, self.basic.name, 0
+        while self.waveforms.find(name) is not None:
+            number += 1
+            name = f"{basic.name}_{number}"
+        made = basic.compiled(self.world.generator("basic waveform", "noise"))
+        markers = np.zeros(made.samples.size, np.uint8)
+        self.waveforms.put(name, WaveformFile(made.samples, markers, made.sample_rate, made.amplitude_v, made.offset_v))
+        if basic.assigns and basic.channel != "NONE":
+            self.assign(int(basic.channel), name)
+            if basic.plays:
+                self.start()
+
+    # --- status
+
+    def _operation(self) -> int:
+        return WAITING_FOR_TRIGGER if self.run_state() == WAITING else 0
+
+    def _questionable(self) -> int:
+        return FREQUENCY if self.timing.missing else 0
+
     # --- system
+
+    def self_test(self) -> int:
+        """`*TST?`: 0, passed, after minutes."""
+        self.world.clock.advance(SELF_TEST_S)
+        return super().self_test()
 
     def correct(self, path: str, name: str, quadrature_path: str | None) -> None:
         """`ACFile`: correction files are not simulated; -256 absent, otherwise -200."""

@@ -67,6 +67,7 @@ STATIONS_THAT_ARE_TAKEN = (
     "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'usb'",
     "[power_meter]\ndriver = 'thorlabs-pm100'\ntap = 0.01",
     "[amplifier]\ndriver = 'table-amplifier'\npower = '23 dBm'",
+    "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'TCPIP0::192.0.2.1::5000::SOCKET'",
 )
 STATIONS_THAT_ARE_NOT = (
     "colour = 'red'",
@@ -89,7 +90,6 @@ STATIONS_THAT_ARE_NOT = (
     "[laser]\ndriver = 'nothing'",
     "[laser]\ndriver = 'vialux-alp'",
     "[laser]\ndriver = 'manual-laser'\ncolour = 'red'",
-    "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'TCPIP0::192.0.2.1::5000::SOCKET'",
 )
 
 
