@@ -70,6 +70,7 @@ def simulated_bench(
         befalling,
         _parameters(station),
         twin_seed=station.sim.twin_seed,
+        noise=station.sim.noise,
         host=host,
         port_base=port_base,
         laser_table=laser_table,

@@ -7,7 +7,7 @@ which file is wrong and what to do.
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -110,6 +110,10 @@ class SimSection(Section):
     """
 
     twin_seed: Annotated[NonNegativeInt, Field(description="Which fibre, chip and noise.")] = 1
+    noise: Annotated[
+        Literal["by-trigger", "by-state"],
+        Field(description="New for every trigger; by-state: the same in the same state, for tests, not for results."),
+    ] = "by-trigger"
     parameters: dict[str, float | int | bool | str] = Field(
         {}, description="Physical parameters that differ from their defaults."
     )

@@ -9,6 +9,7 @@ from sim_backends.faults.injection import Faulty, Injection
 from sim_backends.parameters import Parameters
 from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.virtual.alp.instrument import VirtualAlp
+from sim_backends.world.world import Noise
 
 
 class Befalling(NamedTuple):
@@ -31,6 +32,7 @@ class FaultyBench(SimulatedBench):
         parameters: Parameters | None = None,
         *,
         twin_seed: int = 1,
+        noise: Noise = "by-trigger",
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
@@ -40,6 +42,7 @@ class FaultyBench(SimulatedBench):
         super().__init__(
             parameters,
             twin_seed=twin_seed,
+            noise=noise,
             host=host,
             port_base=port_base,
             laser_table=laser_table,

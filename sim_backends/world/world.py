@@ -4,8 +4,9 @@ The world knows what is on the wires and in the fibres, never why: no label, no 
 The wires: DMD frame synch -> generator's trigger input A, generator's marker 1 -> oscilloscope's AUX input and DMD's
 trigger input. Every random number of a record is a function of the twin's seed, the instruments' state when the
 trigger comes (the pattern on the mirrors, not the ones before or after it in a projection), the acquisition and how
-many triggers were recorded in that state since a setting was last changed. Byte-equality holds on one machine with one
-number of BLAS threads; matrix shapes are kept fixed so that the number of triggers in a record changes nothing.
+many triggers were recorded before: since the world began, or, where noise is "by-state", in that state since a setting
+was last changed. Byte-equality holds on one machine with one number of BLAS threads; matrix shapes are kept fixed so
+that the number of triggers in a record changes nothing.
 """
 
 import math
@@ -13,6 +14,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +40,8 @@ from sim_backends.world.triggers import marker_edges
 from sim_backends.world.twin import Setting
 
 CHANNELS = (1, 2, 3, 4)
+Noise = Literal["by-trigger", "by-state"]
+"""New for every trigger, as on a bench; or the same whenever a state is set anew, whatever was measured before."""
 _SHIFT_STEP_S = 2.5e-12
 _ONSET_S = 15e-9  # longer than fibre, chip and filters remember
 _LONGEST_ONSET = 2**22  # samples of a repeated segment that are followed from its first one on
@@ -63,7 +67,9 @@ class VirtualClock:
 class World:
     """The bench's light, from the laser to the oscilloscope's inputs, under the settings of the instruments."""
 
-    def __init__(self, parameters: Parameters | None = None, *, twin_seed: int = 1) -> None:
+    def __init__(
+        self, parameters: Parameters | None = None, *, twin_seed: int = 1, noise: Noise = "by-trigger"
+    ) -> None:
         began = perf_counter()
         self.parameters = parameters or Parameters()
         self.twin_seed = twin_seed
@@ -87,7 +93,9 @@ class World:
             arrives_s=self.parameters.mirror_arrives_s,
         )
         self._state: bytes | None = None  # names everything but the pictures
-        self._recorded: Counter[bytes] = Counter()
+        self._by_state = noise == "by-state"
+        self._recorded: Counter[bytes] = Counter()  # of every pattern, in this state
+        self._triggers = 0  # recorded since the world began
         self._marker_phases = self._light_phases = np.empty(0)
         self.physics_seconds = perf_counter() - began
 
@@ -313,8 +321,9 @@ class World:
         for name in shown:
             if name not in frames:
                 frames[name] = digest(self.twin_seed, self._state, name, acquisition.digest, setting)
-            keys.append(digest(frames[name], self._recorded[name]))
+            keys.append(digest(frames[name], self._recorded[name] if self._by_state else self._triggers))
             self._recorded[name] += 1
+            self._triggers += 1
         return keys
 
     def _setting(

@@ -93,7 +93,7 @@ class VisitedBench(SimulatedBench):
         moment: Event | None = None,
         visit: Callable[["VisitedBench"], None] = lambda _bench: None,
     ) -> None:
-        super().__init__(parameters)
+        super().__init__(parameters, noise="by-state")
         self.overheard = Overheard()
         self.visited = False
         self._moment = moment
