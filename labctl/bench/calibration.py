@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
 
-from labctl.bench.station import USUAL, Station
+from labctl.bench.station import Station
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.own_files import read_own
 
@@ -22,7 +22,6 @@ FILE = "calibration.json"
 FORMAT_VERSION = "1.0"
 LARGEST = 1 << 20
 """Bytes; a calibration has some ten thousand."""
-SECTIONS = (*USUAL, "wiring")
 SET_ASIDE = ("timeout", "armed")
 """Keys that change nothing of what is measured."""
 
@@ -168,7 +167,7 @@ def _settings(station: Station) -> dict[str, dict[str, Any]]:
             for key, value in getattr(station, section).model_dump(mode="json").items()
             if key not in SET_ASIDE
         }
-        for section in SECTIONS
+        for section in (*station.roles, "wiring")
     }
     whole: dict[str, dict[str, Any]] = json.loads(json.dumps(sections))
     return whole

@@ -2,7 +2,7 @@
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 from sim_backends.scpi.arguments import integer
 from sim_backends.scpi.commands import Action, Command, CommandTable, Query, Setting, reply_header
@@ -52,6 +52,10 @@ class VirtualInstrument:
 
     A model adds `COMMANDS` and the attributes and methods they name. Nothing a client sends raises: what a command
     refuses is queued as the model's error, leaves the state as it was, and the rest of the message goes on.
+
+    Args:
+        world: Where its light comes from and goes to.
+        section: What the station file says of it, as JSON has it; a model that is plugged in may heed it.
     """
 
     COMMANDS: ClassVar[tuple[Command, ...]] = ()
@@ -59,6 +63,7 @@ class VirtualInstrument:
     DEFAULT_SUFFIX: ClassVar[int | None] = 1
     IDENTITY: ClassVar[str] = ""
     OPTIONS: ClassVar[str] = "0"
+    TERMINATOR: ClassVar[bytes] = b"\n"  # of messages and replies on a raw socket
     _TABLE: ClassVar[CommandTable]
 
     def __init_subclass__(cls) -> None:
@@ -66,8 +71,9 @@ class VirtualInstrument:
         super().__init_subclass__()
         cls._TABLE = CommandTable(COMMON + cls.COMMANDS, cls.SUFFIXES, cls.DEFAULT_SUFFIX)
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, section: Mapping[str, Any] | None = None) -> None:
         self.world = world
+        self.section = section or {}
         self.status = Status()
         self.headers = False  # replies begin with the header of their query
         self.verbose = False  # replies use long words

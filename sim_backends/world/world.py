@@ -12,12 +12,14 @@ that the number of triggers in a record changes nothing.
 import math
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backends.optics.launch import Launch
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
 from sim_backends.world.keyed_random import Rekeyed, digest, generator
@@ -73,7 +75,9 @@ class World:
         self.twin_seed = twin_seed
         self.clock = VirtualClock()
         self._light_path = LightPath(self.parameters, twin_seed)
-        self._emission: Emission | None = None
+        self._laser: Emission | None = None
+        self._launch = Launch()
+        self._emission: Emission | None = None  # of the laser as the launch leaves it
         self._lit_from_s = 0.0
         self._playback: Playback | None = None
         self._starts: SegmentStarts | None = None  # of a triggered playback
@@ -97,12 +101,30 @@ class World:
 
     def emit(self, emission: Emission | None, *, lit_from_s: float = 0.0) -> None:
         """Laser output; None is dark. Light starts at virtual time `lit_from_s` (a tuning laser is dark until then)."""
-        if emission is not None and emission.power_w <= 0:
-            emission = None
-        if emission != self._emission:
-            self._emission = emission
-            self._changed()
+        self._laser = emission if emission is not None and emission.power_w > 0 else None
+        self._launch_light()
         self._lit_from_s = lit_from_s
+
+    @property
+    def laser_light(self) -> Emission | None:
+        """What leaves the laser now, in front of modulator and fibre; None: it is dark."""
+        return self._laser if self.clock.now >= self._lit_from_s else None
+
+    def amplify(self, power_w: float) -> None:
+        """An amplifier with this output power in the place of the booster behind the modulator; 0: it is off."""
+        self._launch = replace(self._launch, amplified_w=power_w)
+        self._launch_light()
+
+    def attenuate(self, attenuation_db: float) -> None:
+        """An attenuator between booster or amplifier and fibre; infinity: it is shut."""
+        self._launch = replace(self._launch, attenuation_db=attenuation_db)
+        self._launch_light()
+
+    @property
+    def amplified_power_w(self) -> float:
+        """What leaves the amplifier (W); 0 without light."""
+        laser = self.laser_light
+        return 0.0 if laser is None else self._launch.amplified_power_w(self.parameters, laser.power_w)
 
     def play(self, playback: Playback | None) -> None:
         """Generator output; None leaves the modulator idle and the marker without edges."""
@@ -272,6 +294,14 @@ class World:
         self._projection = projection
         if self._starts:
             self._starts.project(projection, self.clock.now)
+
+    def _launch_light(self) -> None:
+        laser, emission = self._laser, None
+        if laser is not None and (transmission := self._launch.transmission(self.parameters, laser.power_w)) > 0:
+            emission = replace(laser, power_w=laser.power_w * transmission)
+        if emission != self._emission:
+            self._emission = emission
+            self._changed()
 
     def _changed(self) -> None:
         self._state = None
