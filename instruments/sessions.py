@@ -90,7 +90,10 @@ class Session:
     """A session that is open from the beginning until it is closed."""
 
     def __init__(self, resource: str, *, timeout_s: float, write_eol: str, read_eol: str) -> None:
-        """Open it; every wait is bounded by `timeout_s`.
+        """Open it and clear the device, as other packages' drivers do; every wait is bounded by `timeout_s`.
+
+        Whatever an earlier session left there, a message begun or an answer that nobody took, is gone then; settings
+        stay. A connection to a raw socket begins empty, and pyvisa-py would wait 100 ms for what might come.
 
         Raises:
             Exception: it cannot be opened; pyvisa-py raises the bare class.
@@ -108,7 +111,9 @@ class Session:
         self._visa.timeout = timeout_s * 1e3
         self._visa.encoding = ENCODING
         self._socket = _raw_socket(self._visa)
-        if self._socket is not None:
+        if self._socket is None:
+            self._clear()
+        else:
             # Without it a write followed by a query waits for the delayed acknowledgement of the write: 40 ms.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -195,6 +200,18 @@ class Session:
         """Close it, as well as that can still be done."""
         with contextlib.suppress(*FAILURES):
             self._visa.close()
+
+    def _clear(self) -> None:
+        """Device clear (IEEE 488.2, 5.8), where the transport and the instrument know it."""
+        try:
+            self._visa.clear()
+        except VisaIOError as error:
+            if error.error_code != StatusCode.error_nonsupported_operation:
+                self.close()
+                raise
+        except BaseException:
+            self.close()
+            raise
 
     def _require_silence(self) -> None:
         """Check that nothing has come that nobody asked for: it would be taken for the answer to what is asked next.

@@ -16,7 +16,7 @@ from instruments.errors import LabctlError
 from instruments.values import Drive, Frames, Scaling
 
 MOST_AVERAGES = 10_240
-"""Triggers of one frame: what the oscilloscope averages at most."""
+"""Triggers of one frame."""
 
 
 class ProtocolError(LabctlError):
@@ -154,9 +154,10 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     """The base of all protocols: frozen, so that it can be hashed, stored, and carried out again as it was.
 
     `seed` fixes everything that is drawn at random: which images, their order, the drive. Frames are the mean of
-    `averages` triggers. `sample_rate` is the oscilloscope's, S/s. `projector`: the light comes by multimode fibre and
-    DMD; otherwise it goes from the modulator straight into the chip. `takes`: what is shown or played, `Images` by the
-    settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by `dataset`, `classes`, `symbols`.
+    `averages` triggers, each with the same weight. `sample_rate` is the oscilloscope's, S/s. `projector`: the light
+    comes by multimode fibre and DMD; otherwise it goes from the modulator straight into the chip. `takes`: what is
+    shown or played, `Images` by the settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by
+    `dataset`, `classes`, `symbols`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -38,6 +38,8 @@ SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 40e-12, 20e-6
 
 REAL_SHOT_S = 50e-3
 """A software-timed shot on real instruments: a DMD upload (5 ms), arming (20 ms), four transfers (5 ms each)."""
+REAL_MEAN_S = 450e-3
+"""The same of several triggers: FastFrame, of which the mean is made, gets ready in 400 ms."""
 REAL_PASS_S = 5.0
 """Retuning, repatching by switch, and ranging, on real instruments."""
 
@@ -101,7 +103,8 @@ class ImageReadout(Measurement[Images]):
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""
-        return len(self.passes(bench)) * (REAL_PASS_S + (shots + PROBES) * REAL_SHOT_S)
+        shot_s = REAL_SHOT_S if self.averages == 1 else REAL_MEAN_S
+        return len(self.passes(bench)) * (REAL_PASS_S + (shots + PROBES) * shot_s)
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot: show, arm, wait for the marker of the running drive, read. Or in hardware-timed bursts."""

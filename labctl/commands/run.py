@@ -17,7 +17,7 @@ from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.engine.engine import Outcome
 from labctl.engine.inputs import inputs_for
-from labctl.engine.plan import Request, bytes_needed, new_directory
+from labctl.engine.plan import Request, aliasing, bytes_needed, new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import UsageError
 from labctl.runs.live.logs import CommandLog
@@ -71,6 +71,7 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
         check_laser(acquisition.station, [one.wavelength_nm for one in protocol.passes(bench)])
         size = bytes_needed(Request(protocol, inputs, acquisition.station), bench)
         passes = protocol.passes(bench)
+        aliased = aliasing(protocol.sample_rate, bench.scope.bandwidth_hz)
         return {
             "protocol": protocol.name,
             "digest": protocol.digest(),
@@ -81,6 +82,7 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
             "samples": protocol.sample_count(inputs),
             "estimated_seconds_on_a_real_bench": protocol.duration_s(bench, len(shots)),
             "bytes_needed": size,
+            **({} if aliased is None else {"aliasing": aliased}),
         }
 
 

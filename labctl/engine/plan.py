@@ -64,6 +64,20 @@ def planned(request: Request, bench: Bench) -> Plan:
     )
 
 
+def aliasing(sample_rate: float, bandwidth_hz: float | None) -> str | None:
+    """What to say of a sample rate (S/s) below twice what the oscilloscope lets through; None where there is nothing.
+
+    Source: Nyquist's theorem; the noise above half the rate comes back below it in any case.
+    """
+    if bandwidth_hz is None or sample_rate >= 2 * bandwidth_hz:
+        return None
+    highest = f"{sample_rate / 2e9:g} GHz"
+    return (
+        f"{sample_rate / 1e9:g} GS/s behind {bandwidth_hz / 1e9:g} GHz: what lies above {highest} comes back below it: "
+        f'set scope.bandwidth = "{highest}" in the station file, or put a low-pass filter before the oscilloscope'
+    )
+
+
 def checked(request: Request, bench: Bench) -> Plan:
     """`planned`, if this bench can carry it out.
 

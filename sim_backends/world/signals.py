@@ -1,6 +1,7 @@
 """What travels between the instruments and the world: light, waveforms, patterns, trigger conditions, records."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -150,9 +151,10 @@ class Record:
     """Volts at the oscilloscope's inputs, (triggers, channels, samples) float32: detector and receiver noise included.
 
     trigger_offset_s: (triggers,) how much later than `start_s` after its trigger the first sample was really taken.
-    keys: one noise key a trigger.
+    keys: one noise key a trigger. further: volts of other points behind the same triggers, by the light as it was then.
     """
 
     volts: NDArray[np.float32]
     trigger_offset_s: NDArray[np.float64]
     keys: tuple[bytes, ...]
+    further: Callable[[Acquisition], NDArray[np.float32]]

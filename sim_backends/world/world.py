@@ -280,11 +280,28 @@ class World:
                 offsets[number] = (source.random() - 0.5) / acquisition.sample_rate
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse
-        for light, rows in self._alike(times, coarse, acquisition, sight).items():
-            light_setting = self._setting(acquisition.channels, light.step, light.segment, light.repeats, lit=light.lit)
-            self._light_path.detect(volts, np.array(rows), lateness, acquisition, light_setting, light, sight)
+        lights = [
+            (light, np.array(rows), self._setting(acquisition.channels, *light[:3], lit=light.lit))
+            for light, rows in self._alike(times, coarse, acquisition, sight).items()
+        ]
+
+        def detect(noise: NDArray[np.float32], part: Acquisition) -> None:
+            for light, rows, light_setting in lights:
+                self._light_path.detect(noise, rows, lateness, part, light_setting, light, sight)
+
+        def further(part: Acquisition) -> NDArray[np.float32]:
+            began = perf_counter()
+            others = np.empty((*shape[:2], part.samples), np.float32)
+            for number, key in enumerate(keys):
+                source = rekeyed.generator(digest(key, "further", float(part.start_s)))
+                source.standard_normal(out=others[number], dtype=np.float32)
+            detect(others, part)
+            self.physics_seconds += perf_counter() - began
+            return others
+
+        detect(volts, acquisition)
         self.physics_seconds += perf_counter() - began
-        return Record(volts, offsets, tuple(keys))
+        return Record(volts, offsets, tuple(keys), further)
 
     def _latch(self, counts: NDArray[np.uint16] | None, projection: Projection | None) -> None:
         if self._pictures.latch(counts, projection, self.clock.now):

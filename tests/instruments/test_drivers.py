@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError, LinkError, NoTrigger, OutOfRange
+from instruments.errors import InstrumentError, LinkError, NoTrigger, OutOfRange, SettingChanged
 from instruments.interfaces import BYPASS_PORT
 from instruments.tektronix_awg70002a import TriggerInput
 from instruments.tektronix_dpo72504dx import Dpo72504dx
@@ -158,6 +158,13 @@ class TestAwg:
 
 
 class TestScope:
+    @pytest.fixture
+    def second(self, simulation: SimulatedBench, log: Any) -> Iterator[VisaLink]:
+        """Another client of the same oscilloscope."""
+        link = VisaLink(simulation.resources["scope"]["socket"], name="second", timeout_s=5, transcript=log)
+        yield link
+        link.close()
+
     def test_captures_what_the_marker_triggers(self, bench: Bench) -> None:
         bench.awg.load(drive())
         bench.awg.play()
@@ -167,6 +174,87 @@ class TestScope:
         assert frames.codes.shape == (1, 2, 50)
         assert frames.codes.dtype == np.int8
         assert frames.trigger_offset_s.shape == (1, 2)
+
+    def test_of_a_longer_record_the_first_points_are_read(self, bench: Bench, second: VisaLink) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        codes = bench.capture().codes[0, 0]
+        assert second.query("HORizontal:MODE:RECOrdlength?") == "500", "what the instrument gives"
+        whole = second.read_block("DATa:SOUrce CH1;STOP 500;:CURVe?", np.empty(500, np.int8))
+        assert np.array_equal(codes, whole[:50])
+
+    def test_a_mean_has_every_trigger_with_the_same_weight(self, bench: Bench, second: VisaLink) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        bench.patch_panel.connect({1: 2, 2: 3})
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1, 2), 7)
+        found = bench.capture()
+        frames = second.read_block("CURVe?", np.empty((7, 50), np.int8))
+        assert len(np.unique(frames, axis=0)) == 7
+        assert np.array_equal(found.codes[0, 1], np.rint(256 * frames.mean(axis=0)))
+        assert second.query("ACQuire:MODe?") == "SAMPLE", "what it calls an average is a running one"
+
+    def test_a_mean_is_clipped_where_one_of_its_triggers_is(self, bench: Bench) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 4)
+        bench.scope.set_vertical(1, Vertical(0.01, 1.0))
+        assert bench.capture().clipped.all()
+
+    def test_a_delay_between_two_samples_counts_in_the_time_axis(self, bench: Bench, second: VisaLink) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        for averages in (1, 4):
+            bench.scope.configure(Timebase(25e9, 50, 1.01e-9), AUX, (1,), averages)
+            offset = float(bench.capture().trigger_offset_s[0, 0])
+            increment, trigger, zero = second.numbers("WFMOutpre:XINcr?;PT_Off?;XZEro?", 3)
+            assert offset == pytest.approx(zero - trigger * increment - 1.01e-9, abs=1e-15)
+            assert offset == pytest.approx(zero - 10e-12, abs=1e-15)
+
+    def test_a_record_that_begins_elsewhere_is_no_record_of_the_shot(self, bench: Bench, second: VisaLink) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        for averages in (1, 4):
+            bench.scope.configure(Timebase(25e9, 50), AUX, (1,), averages)
+            second.query("HORizontal:POSition 50;POSition?")
+            with pytest.raises(
+                SettingChanged, match=r"the trigger lies .* s beside the samples: its settings were changed"
+            ):
+                bench.capture()
+
+    def test_the_rate_is_set_for_the_channels_that_are_on_then(self, bench: Bench) -> None:
+        bench.scope.configure(Timebase(50e9, 50), AUX, (1, 2, 3, 4), 1)
+        bench.scope.configure(Timebase(100e9, 50), AUX, (1, 2), 1)
+        with pytest.raises(InstrumentError, match=r"SAMPLERate: asked for 1e\+11 S/s, got 5e\+10 S/s"):
+            bench.scope.configure(Timebase(100e9, 50), AUX, (1, 2, 3, 4), 1)
+
+    @pytest.mark.parametrize(
+        "left",
+        [
+            *("CH1:INVert ON", "CH1:COUPling GND", "CH1:BANdwidth 1E9", "CH1:DESKew 4E-9", "CH1:PROBEFunc:EXTAtten 10"),
+            *("CH1:POSition 2", "CH1:OFFSet 0.5", "HORizontal:POSition 50", "HORizontal:MAIn:DELay:MODe ON"),
+            *("TRIGger:A:HOLDoff:BY TIMe", "TRIGger:A:EDGE:COUPling AC", "TRIGger:A:MODe AUTO", "TRIGger:AUXLevel 1"),
+            *("TRIGger:A:EDGE:SLOpe:AUX FALL", "ACQuire:MODe AVErage", "ACQuire:SAMPlingmode IT", "SELect:CH3 ON"),
+            *("HORizontal:FASTframe:STATE ON", "DATa:ENCdg RPBinary", "WFMOutpre:BYT_Nr 2", "DATa:STARt 7"),
+        ],
+    )
+    def test_what_a_former_user_left_is_set(self, bench: Bench, second: VisaLink, left: str) -> None:
+        question = f"{left.split()[0]}?"
+        found = second.query(f"{left};:{question}")
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        bench.scope.set_vertical(1, Vertical(0.1, 0.0))
+        assert second.query(question) != found
+
+    def test_the_most_frames_are_those_of_frames(self, bench: Bench) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        bench.scope.configure(Timebase(25e9, 50), AUX, (1,), 1)
+        assert bench.scope.most_frames() == 625_000
+        assert bench.capture().codes.shape == (1, 1, 50)
+        bench.scope.arm_burst(3)
+        assert bench.scope.most_frames() == 625_000
+        assert bench.scope.read_burst().codes.shape == (3, 1, 50)
 
     def test_averages_are_sixteen_bit(self, bench: Bench) -> None:
         bench.awg.load(drive())

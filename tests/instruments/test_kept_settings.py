@@ -1,6 +1,7 @@
 """Settings are compared with what was answered when they were set, all in one message."""
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 
 import pytest
 
@@ -40,6 +41,15 @@ def test_a_setting_that_did_not_take_is_refused(link: VisaLink) -> None:
     link.write("ACQuire:MODe HIRes")
     with pytest.raises(InstrumentError, match=r"^scope: ACQuire:MODe: asked for SAMple, got 'HIRES': choose a value"):
         KeptSettings(link).confirm((RATE, MODE))
+
+
+@pytest.mark.parametrize(("answer", "taken"), [("49", False), ("50", True), ("500", True), ("1051", False)])
+def test_an_instrument_may_give_more_of_its_own_accord(answer: str, taken: bool) -> None:
+    length = Setting("HORizontal:MODE:RECOrdlength", "50", unit="samples", surplus=1000)
+    with (
+        nullcontext() if taken else pytest.raises(InstrumentError, match=f"asked for 50 samples, got {answer} samples")
+    ):
+        length.check("scope", answer)
 
 
 @pytest.mark.parametrize("answer", ["SAMPLE", "SAM", "sam"])

@@ -157,9 +157,10 @@ def test_amplitudes_hold_for_the_direct_path_of_the_generator(opened: Opened) ->
     ("query", "near", "far", "message"),
     [
         ("HORizontal_MODE_SAMPLERate", "25.00000001E9", "20E9", r"asked for 2.5e\+10 S/s, got 2e\+10 S/s"),
-        ("HORizontal_MODE_RECOrdlength", "50", "500", "asked for 50 samples, got 500 samples"),
+        ("HORizontal_MODE_RECOrdlength", "500", "5000", "asked for 50 samples, got 5000 samples"),
         ("HORizontal_MAIn_DELay_TIMe", "1.01E-9", "0", "asked for 1e-09 s, got 0 s"),
-        ("ACQuire_NUMAVg", "16", "10", "asked for 16, got 10"),
+        ("HORizontal_FASTframe_COUNt", "16", "10", "asked for 16 frames, got 10 frames"),
+        ("CH1_TERmination", "50.0000", "1.0E6", r"asked for 50 Ohm, got 1e\+06 Ohm"),
         ("TRIGger_AUXLevel", "0.49", "0.3", "asked for 0.5 V, got 0.3 V"),
     ],
 )
@@ -179,6 +180,17 @@ def test_vertical_ranges_and_frames(opened: Opened) -> None:
         opened("scope", CH1_OFFSet="0").set_vertical(1, Vertical(0.01, 0.02))
     with pytest.raises(InstrumentError, match="COUNt: asked for 2000 frames, got 1000 frames"):
         opened("scope", HORizontal_FASTframe_COUNt="1000").arm_burst(2000)
+
+
+def test_an_oscilloscope_that_is_not_ready_is_asked_less_and_less_often(
+    opened: Opened, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr("instruments.tektronix_dpo72504dx.time.monotonic", lambda: sum(pauses))
+    monkeypatch.setattr("instruments.tektronix_dpo72504dx.time.sleep", pauses.append)
+    with pytest.raises(InstrumentError, match="scope: not ready for triggers after 10 s"):
+        opened("scope", TRIGger_A_READY="0").arm_burst(3)
+    assert pauses[:8] == [0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.05, 0.05]
 
 
 def test_the_laser(opened: Opened) -> None:

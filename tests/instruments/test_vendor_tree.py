@@ -20,9 +20,13 @@ PLACE = "\x00"
 """Stands for what an f-string fills in."""
 
 
-def headers(module: str) -> list[str]:
+def headers(driver: str) -> list[str]:
     """Headers in the strings of a driver, `\\x00` where a value is filled in."""
-    tree = ast.parse((DRIVERS / f"{module}.py").read_text(encoding="utf-8"))
+    return [header for module in DRIVERS.glob(f"{driver}*.py") for header in headers_of(module)]
+
+
+def headers_of(module: Path) -> list[str]:
+    tree = ast.parse(module.read_text(encoding="utf-8"))
     documented = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     inside = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
     texts = []

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from instruments.errors import InstrumentError, LinkError
-from instruments.visa import VisaLink
+from instruments.visa import NoAnswer, VisaLink
 from sim_backends.bench import SimulatedBench
 
 
@@ -29,6 +29,34 @@ def test_text_and_blocks_on_either_transport(awg: VisaLink) -> None:
         awg.write_block('WLISt:WAVeform:DATA "w",', samples)
     assert np.array_equal(awg.read_block('WLISt:WAVeform:DATA? "w"', np.empty_like(samples)), samples)
     assert awg.query("WLISt:SIZE?") == "1"
+
+
+@pytest.fixture(params=["socket", "hislip"])
+def scope(request: pytest.FixtureRequest, simulation: SimulatedBench, log: Any) -> Iterator[VisaLink]:
+    """An oscilloscope whose trigger never comes."""
+    link = VisaLink(simulation.resources["scope"][request.param], name="scope", timeout_s=5, transcript=log)
+    link.write("TRIGger:A:MODe NORMal;:ACQuire:STOPAfter SEQuence;STATE RUN")
+    yield link
+    link.close()
+
+
+def test_an_answer_that_never_came_is_not_taken_for_the_next(scope: VisaLink) -> None:
+    with pytest.raises(NoAnswer):
+        scope.query("*OPC?", timeout_s=0.2)
+    assert scope.query("ACQuire:STATE STOP;STATE?") == "0"
+    assert scope.query("*OPC?") == "1"
+
+
+@pytest.mark.parametrize("transport", ["hislip", "vxi11"])
+def test_opening_clears_the_device_and_changes_no_setting(
+    transport: str, simulation: SimulatedBench, scope: VisaLink, log: Any
+) -> None:
+    settings = "ACQuire:STATE?;STOPAfter?;:TRIGger:A:MODe?;:HORizontal:MODE?;:HEADer?;*ESE?"
+    before = scope.query(f"*CLS;*OPC;{settings}")
+    other = VisaLink(simulation.resources["scope"][transport], name="scope", timeout_s=5, transcript=log)
+    assert other.query(settings) == before
+    other.close()
+    assert scope.query("ACQuire:STATE STOP;*ESR?") == "0", "what waited for the end of the acquisition is forgotten"
 
 
 def test_the_instruments_own_words_are_in_the_error(awg: VisaLink) -> None:

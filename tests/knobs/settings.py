@@ -86,6 +86,7 @@ KNOBS = (
     _scope("sample rate twice as high", "HORizontal:MODE MANual;:HORizontal:MODE:SAMPLERate 50E9", "sampler"),
     _scope("sample rate half as high", "HORizontal:MODE MANual;:HORizontal:MODE:SAMPLERate 12.5E9", "sampler"),
     _scope("record length", "HORizontal:MODE MANual;:HORizontal:MODE:RECOrdlength 6000", "reco"),
+    _scope("length of a frame", "HORizontal:MODE MANual;:HORizontal:FASTframe:LENgth 250", "reco"),
     _scope("horizontal mode", "HORizontal:MODE AUTO;:HORizontal:MODE:SCAle 1E-9", "mode"),
     _scope("horizontal position", "HORizontal:POSition 20", "position"),
     _scope("delay", "HORizontal:MAIn:DELay:MODe ON;POSition 0;TIMe 2E-9", "delay"),

@@ -4,8 +4,9 @@ The digitiser's noise of a frame comes from that frame's own key, so that the nu
 together changes no byte. Source: instrument facts 2.5, 2.6, 2.8 and 2.10.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from time import perf_counter
 
 import numpy as np
@@ -16,8 +17,8 @@ from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_wi
 from sim_backends.scpi.commands import Command
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, READY_S, FastFrame
-from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, LONGEST_RECORD, RATES, Horizontal
+from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, READY_S, SUMMARY_FRAMES, FastFrame
+from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, LONGEST_RECORD, Horizontal
 from sim_backends.virtual.dpo72504dx.modes import (
     MODE_COMMANDS,
     NO_CODES,
@@ -27,6 +28,7 @@ from sim_backends.virtual.dpo72504dx.modes import (
     aligned,
     finished,
     kept,
+    run_on,
     summarised,
 )
 from sim_backends.virtual.dpo72504dx.plan import Plan, planned
@@ -53,7 +55,9 @@ _PLANNED_BY = frozenset(
 class Progress:
     """An acquisition under way: what has been recorded of it.
 
-    times: (triggers,) s, virtual, of each time that triggers were taken. offsets: how far from a sample (s).
+    times: (triggers,) s, virtual, of each time that triggers were taken. offsets: how far from a sample (s). goes_on:
+    whether it began with `frames`, the running average of the acquisition before. others: digitises the points behind
+    those of `frames`, (channels, triggers, samples), where these are not all.
     """
 
     plan: Plan
@@ -61,9 +65,12 @@ class Progress:
     offsets: list[NDArray[np.float64]] = field(default_factory=list)
     frames: Kept = field(default_factory=list)
     missing: int = 0
+    goes_on: bool = False
+    others: Callable[[], NDArray[np.int8]] | None = None
 
     def __post_init__(self) -> None:
         self.missing = self.plan.triggers
+        self.goes_on = bool(self.frames)
 
     def add(self, codes: NDArray[np.int8], offsets: NDArray[np.float64]) -> None:
         """Keep codes (channels, triggers, samples) and sub-sample times (s) of some triggers."""
@@ -73,13 +80,18 @@ class Progress:
         self.offsets.append(offsets)
         if plan.mode == "SAMple":
             self.frames.append(codes)
+        elif self.goes_on:
+            self.frames = run_on(self.frames, codes, plan.triggers)
         else:
             self.frames = kept(plan.mode, self.frames, codes, plan.acquisition.samples)
 
-    def codes(self) -> Codes:
-        """(channels, frames, samples) of what there is; at least one trigger must have come."""
+    def codes(self, points: int) -> Codes:
+        """(channels, frames, samples) of what there is, so many points or more; at least one trigger must have come."""
+        if self.others is not None and points > self.frames[0].shape[-1]:
+            self.frames, self.others = [np.concatenate([self.frames[0], self.others()], axis=-1)], None
         if self.plan.mode != "SAMple":
-            return finished(self.plan.mode, self.frames, sum(times.size for times in self.times))
+            triggers = self.plan.triggers if self.goes_on else sum(times.size for times in self.times)
+            return finished(self.plan.mode, self.frames, triggers)
         if len(self.frames) > 1:  # one array from now on: an acquisition is read many times
             self.frames = [np.concatenate(self.frames, axis=1)]
         return self.frames[0]
@@ -112,8 +124,8 @@ class AcquisitionSystem(VirtualInstrument):
     def changed(self, command: Command) -> None:
         """Plan anew after a setting; with more than two channels on, the highest sample rate is shared out."""
         if command in _PLANNED_BY:
-            shared = sum(channel.selected for channel in self.channels.values()) > 2
-            self.horizontal.highest_rate = RATES[1] if shared else RATES[0]
+            selected = sum(channel.selected for channel in self.channels.values())
+            self.horizontal.settle(channels=selected, frames=self.frames.on)
             self._planned = None
 
     @property
@@ -127,17 +139,20 @@ class AcquisitionSystem(VirtualInstrument):
     @property
     def frame_count(self) -> int:
         """Frames to take, at most what the memory holds at the present length; -222 beyond that."""
-        return min(self.frames.count, self.most_frames())
+        return min(self.frames.count, self._room())
 
     @frame_count.setter
     def frame_count(self, count: int) -> None:
-        if count > self.most_frames():
-            raise ScpiError(-222, f"{count} frames, the memory holds {self.most_frames()}")
+        if count > self._room():
+            raise ScpiError(-222, f"{count} frames, the memory holds {self._room()}")
         self.frames.count = count
 
     def most_frames(self) -> int:
         """`HORizontal:FASTframe:MAXFRames?`: what the acquisition memory holds at the present length."""
         return LONGEST_RECORD // self.horizontal.record_length
+
+    def _room(self) -> int:
+        return self.most_frames() - (0 if self.frames.summary == "NONe" else SUMMARY_FRAMES)
 
     # --- run control
 
@@ -193,9 +208,12 @@ class AcquisitionSystem(VirtualInstrument):
 
     def _under_way(self) -> Progress:
         if self._progress is None:
-            self._progress = Progress(self.plan)
+            before: Kept = []
             if self.mode.stop_after == "RUNSTop":
                 self._ready_s = max(self._ready_s, self.world.clock.now)
+                shown = self._shown if self._acquisitions and self.plan.mode == "AVErage" else None
+                before = shown.frames if shown is not None and shown.plan is self.plan else []
+            self._progress = Progress(self.plan, frames=before)
         return self._progress
 
     def _upcoming(self, count: int, after_s: float) -> NDArray[np.float64] | None:
@@ -212,8 +230,11 @@ class AcquisitionSystem(VirtualInstrument):
         progress = self._under_way()
         progress.times.append(times)
         progress.missing -= times.size
-        for codes, offsets in self._digitised(progress.plan, times):
-            progress.add(codes, offsets)
+        if progress.plan.pointwise and self.transfer.last < progress.plan.acquisition.samples:
+            self._take_first_points(progress, times)
+        else:
+            for codes, offsets in self._digitised(progress.plan, times):
+                progress.add(codes, offsets)
         self._ready_s = float(times[-1]) + self.plan.spacing_s
         acquisition = progress.plan.acquisition
         end_s = float(times[-1]) + acquisition.start_s + acquisition.samples / acquisition.sample_rate
@@ -249,6 +270,19 @@ class AcquisitionSystem(VirtualInstrument):
         self._progress = None
 
     # --- from volts to codes
+
+    def _take_first_points(self, progress: Progress, times: NDArray[np.float64]) -> None:
+        """Digitise the points that are to be sent, the others when they are: a record begins at hundreds of points."""
+        plan = progress.plan
+        first, behind = _parts(plan.acquisition, self.transfer.last)
+        record = self.world.record(first, times, setting=plan.verticals_key)
+        progress.add(self._codes(first, record, plan.verticals), record.trigger_offset_s)
+
+        def others() -> NDArray[np.int8]:
+            keys = tuple(digest(key, "others") for key in record.keys)
+            return self._codes(behind, replace(record, volts=record.further(behind), keys=keys), plan.verticals)
+
+        progress.others = others
 
     def _digitised(
         self, plan: Plan, times: NDArray[np.float64]
@@ -293,8 +327,9 @@ class AcquisitionSystem(VirtualInstrument):
         shown = self._shown
         if shown is None or number not in shown.plan.acquisition.channels:
             return None
-        if not self._traces:
-            codes, plan, offsets = shown.codes(), shown.plan, np.concatenate(shown.offsets)
+        wanted = min(self.transfer.last, shown.plan.acquisition.samples)
+        if not self._traces or self._traces[number].codes.shape[-1] < wanted:
+            codes, plan, offsets = shown.codes(wanted), shown.plan, np.concatenate(shown.offsets)
             if self.frames.on and self.frames.summary != "NONe" and shown.missing <= 0:
                 codes = summarised(codes, self.frames.summary, fine=self.frames.sixteen_bit)
             if plan.mode in ("AVErage", "ENVelope"):
@@ -346,6 +381,13 @@ class AcquisitionSystem(VirtualInstrument):
         self._traces, self._shown = {}, None
         self._sent_new = True
         self._acquisitions = self._frames_acquired = 0
+
+
+@lru_cache(maxsize=16)
+def _parts(whole: Acquisition, points: int) -> tuple[Acquisition, Acquisition]:
+    """The first points of an acquisition, and the others."""
+    start_s = whole.start_s + points / whole.sample_rate
+    return replace(whole, samples=points), replace(whole, samples=whole.samples - points, start_s=start_s)
 
 
 def _channel(source: str) -> int:

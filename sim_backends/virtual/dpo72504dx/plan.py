@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from sim_backends.virtual.dpo72504dx.horizontal import Horizontal
 from sim_backends.virtual.dpo72504dx.modes import BASE_RATE, Mode
 from sim_backends.virtual.dpo72504dx.trigger import Trigger
-from sim_backends.virtual.dpo72504dx.vertical import Channel, Vertical
+from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, Channel, Vertical
 from sim_backends.world.signals import Acquisition, TriggerCondition
 
 OVERSAMPLED_AT_MOST = 64  # bounds the work; the real digitiser never slows down
@@ -29,6 +29,7 @@ class Plan:
         aligned: Samples are interpolated to the trigger, so that its sub-sample time is 0.
         condition: The edge that triggers; None: either edge, or the mains.
         spacing_s: Least time between two triggers.
+        pointwise: Whether it is one record of which every point becomes a code by itself, without those around it.
     """
 
     acquisition: Acquisition
@@ -41,6 +42,7 @@ class Plan:
     aligned: bool
     condition: TriggerCondition | None
     spacing_s: float
+    pointwise: bool
 
     @property
     def enveloped(self) -> bool:
@@ -57,6 +59,8 @@ def planned(
     selected = [number for number, channel in channels.items() if channel.selected]
     verticals = tuple(channels[number].vertical for number in selected)
     points = Acquisition(tuple(selected), rate, horizontal.record_length, -at / rate)
+    triggers = mode.triggers(actual) if frames is None else frames
+    plain = actual == "SAMple" and triggers == 1 and not mode.synchronous
     return Plan(
         acquisition=points,
         sampled=_oversampled(points) if actual in ("HIRes", "PEAKdetect") else points,
@@ -64,10 +68,11 @@ def planned(
         verticals=verticals,
         verticals_key=b"".join(struct.pack("<3d?", *vertical[:4]) for vertical in verticals),
         mode=actual,
-        triggers=mode.triggers(actual) if frames is None else frames,
+        triggers=triggers,
         aligned=mode.synchronous,
         condition=trigger.condition,
         spacing_s=trigger.spacing(horizontal.duration_s + (REARM_S if frames is None else FRAME_REARM_S)),
+        pointwise=plain and all(one.deskew_s == 0 and one.bandwidth_hz == BANDWIDTH_HZ for one in verticals),
     )
 
 

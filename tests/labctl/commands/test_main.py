@@ -242,6 +242,28 @@ class TestRun:
         assert plan["bytes_needed"] > 10**5
         assert not list(tmp_path.iterdir())
 
+    def test_a_dry_run_tells_what_comes_back_below_half_the_sample_rate(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    ) -> None:
+        _, plan = as_json(capsys, "run", "image-readout", *SMALL, "--dry-run")
+        assert plan["aliasing"].startswith("25 GS/s behind 25 GHz: what lies above 12.5 GHz comes back below it: set ")
+        station = tmp_path / "station.toml"
+        station.write_text('[scope]\nbandwidth = "12.5 GHz"\n', encoding="utf-8")
+        _, plan = as_json(capsys, "run", "image-readout", *SMALL, "--dry-run", "--station", str(station))
+        assert "aliasing" not in plan
+        run = ("run", "image-readout", *SMALL, "--station", str(station), "--out", str(tmp_path / "run"))
+        assert as_json(capsys, *run)[0] == 0
+        sent = (tmp_path / "run" / "commands.log").read_text(encoding="utf-8")
+        assert "CH1:BANdwidth 1.250E+10" in sent
+
+    def test_a_mean_of_triggers_takes_a_real_bench_longer(self, capsys: pytest.CaptureFixture[str]) -> None:
+        one, several = (
+            as_json(capsys, "run", "image-readout", *SMALL, "--dry-run", "--set", f"averages={averages}")[1]
+            for averages in (1, 16)
+        )
+        key = "estimated_seconds_on_a_real_bench"
+        assert several[key] - one[key] > 0.35 * one["shots"] * one["passes"], "FastFrame needs 400 ms to get ready"
+
     def test_a_profile_accounts_for_the_time(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         status, found = as_json(capsys, "run", "image-readout", *SMALL, "--profile", "--out", tmp_path / "run")
         assert status == 0

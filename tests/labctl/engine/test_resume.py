@@ -29,7 +29,7 @@ from protocols.wavelength_scan import WavelengthScan
 HERE = Path("run")
 INSTRUMENTS = {
     "awg": {"identity": {"serial": "B1"}, "settings": {"clock_phase_deg": 0.0, "run_mode": "CONT"}},
-    "scope": {"identity": {"serial": "C1"}, "settings": {"ch1_termination_ohm": 50.0, "ch1_offset_v": 0.0}},
+    "scope": {"identity": {"serial": "C1"}, "settings": {"ch1_probe_ohm": 50.0, "ch1_offset_v": 0.0}},
 }
 MANIFEST = {"instruments": INSTRUMENTS, "format_version": FORMAT_VERSION}
 
@@ -115,11 +115,11 @@ def test_a_station_comes_back_from_a_manifest_of_when_all_drivers_of_a_role_had_
         (lambda found: found["awg"]["settings"].update(run_mode="TRIG"), []),
         (lambda found: found["scope"]["settings"].update(ch1_offset_v=0.2), []),
         (lambda found: found.update(power_meter={"identity": {"serial": "P1"}}), []),
-        (lambda found: found["scope"]["settings"].update(ch1_termination_ohm=50.0 + 1e-9), []),
+        (lambda found: found["scope"]["settings"].update(ch1_probe_ohm=50.0 + 1e-9), []),
         (lambda found: found["awg"]["identity"].update(serial="B2"), [("awg identity.serial", "B1", "B2")]),
         (
-            lambda found: found["scope"]["settings"].pop("ch1_termination_ohm"),
-            [("scope settings.ch1_termination_ohm", 50.0, None)],
+            lambda found: found["scope"]["settings"].pop("ch1_probe_ohm"),
+            [("scope settings.ch1_probe_ohm", 50.0, None)],
         ),
         (
             lambda found: found["awg"]["settings"].update(clock_phase_deg=10.0, filter="on"),

@@ -46,15 +46,20 @@ def test_every_encoding_means_the_same_volts(ask: Ask, scope: VirtualDpo72504dx,
         ask(scope, f"DATa:ENCdg {encoding}")
         step = number(ask, scope, "WFMOutpre:YMUlt?")
         assert np.allclose(volts(ask, scope, dtype) - offset * step, wanted, atol=1e-9), encoding
-    for encoding, dtype in [("FPBinary", ">f4"), ("SFPbinary", "<f4")]:
+    for encoding, dtype in [("FPBinary", f">i{width}"), ("SFPbinary", f"<i{width}")]:  # no floating point in a channel
         ask(scope, f"DATa:ENCdg {encoding}")
-        assert ask(scope, "WFMOutpre:BYT_Nr?;BN_Fmt?") == b"4;FP"
-        tolerance = 0.01 / 25 if mode == "AVErage" and width == 1 else 1e-9
-        assert np.allclose(volts(ask, scope, dtype), wanted, atol=tolerance), encoding
+        assert np.allclose(volts(ask, scope, dtype), wanted, atol=1e-9), encoding
     ask(scope, "DATa:ENCdg SRIbinary;ENCdg ASCIi")
     assert ask(scope, "DATa:ENCdg?;:WFMOutpre:ENCdg?") == b"ASCII;ASCII"
     text = np.array([int(word) for word in ask(scope, "CURVe?").split(b",")])
     assert np.allclose(text * number(ask, scope, "WFMOutpre:YMUlt?") + 0.02, wanted, atol=1e-9)
+
+
+def test_channels_have_no_other_widths_and_no_floating_point(ask: Ask, scope: VirtualDpo72504dx) -> None:
+    widths = [ask(scope, f"WFMOutpre:BYT_Nr {asked};BYT_Nr?;BIT_Nr?") for asked in (0, 1, 2, 8)]
+    assert widths == [b"1;8", b"1;8", b"2;16", b"2;16"]
+    assert ask(scope, "DATa:ENCdg SFPbinary;ENCdg?;:WFMOutpre:BN_Fmt?;BYT_Nr?") == b"SRIBINARY;RI;2"
+    assert events(ask, scope) == ""
 
 
 def test_preamble_fields_choose_the_encoding(ask: Ask, scope: VirtualDpo72504dx) -> None:
@@ -93,6 +98,23 @@ def test_stop_does_not_follow_a_longer_record(ask: Ask, scope: VirtualDpo72504dx
     assert list(block(ask(scope, "CURVe?"))) == [whole[-1]]
     ask(scope, "DATa:STARt 30;STOP 11")
     assert np.array_equal(block(ask(scope, "CURVe?")), whole[10:30])
+
+
+def test_points_that_were_not_to_be_sent_are_there_all_the_same(
+    ask: Ask, scope: VirtualDpo72504dx, world: Watched
+) -> None:
+    ask(scope, "ACQuire:STATE RUN")
+    like = volts(ask, scope)
+    ask(scope, "DATa:STOP 40;:ACQuire:STATE RUN")
+    first = volts(ask, scope)
+    world.emit(None)
+    ask(scope, "DATa:STOP 500")
+    whole = volts(ask, scope)
+    assert np.array_equal(whole[:40], first)
+    assert np.corrcoef(whole[40:], like[40:])[0, 1] > 0.9, "of the light as it was"
+    assert np.std(whole[40:] - like[40:]) == pytest.approx(np.std(first - like[:40]), rel=0.5), "with its own noise"
+    ask(scope, "DATa:SOUrce CH2;STARt 100;STOP 200")
+    assert volts(ask, scope).size == 101
 
 
 def test_several_sources_follow_one_another(ask: Ask, scope: VirtualDpo72504dx) -> None:
