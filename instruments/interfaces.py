@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.values import (
+    Answer,
     Change,
     Drive,
     EdgeTrigger,
@@ -65,6 +66,14 @@ class Instrument(ABC):
 
         Raises:
             LinkError: it does not answer.
+        """
+        return ()
+
+    def answers(self) -> tuple[Answer, ...]:
+        """What the instrument does where its documents leave a question open, measured on it alone and in the dark.
+
+        Raises:
+            InstrumentError: it refuses what it is asked for.
         """
         return ()
 
@@ -148,6 +157,10 @@ class Oscilloscope(Instrument):
         Raises:
             NoTrigger: no trigger came in time.
         """
+
+    @abstractmethod
+    def triggered(self) -> bool:
+        """Whether a trigger that repeats quickly comes: one acquisition is started, and stopped if it stays without."""
 
     @abstractmethod
     def read(self) -> Frames:
