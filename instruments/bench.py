@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.errors import NotConfigured, OutOfRange, SettingChanged
+from instruments.errors import InstrumentError, NotConfigured, OutOfRange, SettingChanged
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
 from instruments.limits import Levels, Limits
 from instruments.safe_state import UnsafeBench, ending_with, safe_state
@@ -246,11 +246,15 @@ class Bench:
 
         Raises:
             NotConfigured: the bench is not armed; nothing was sent.
+            InstrumentError: somebody left something that no run may change; the laser stays off.
             OverLimit: by its own answer, the laser gives more than the limit.
             UnsafeBench: an instrument did not obey. Where the block fails, this is a note to its error.
         """
         self.require_arm()
         with ending_with(self.make_safe):
+            for name, instrument in self.instruments.items():
+                for obstacle in instrument.obstacles():
+                    raise InstrumentError(f"{name}: {obstacle}")
             self.observer.before_light()
             self.set_light(wavelength_nm)
             self.lit = True

@@ -33,6 +33,9 @@ BYPASS_PORT = 0
 class Instrument(ABC):
     """What every instrument of the bench can be asked."""
 
+    self_test_s: float = 30.0
+    """How long `self_test` takes at most; one of minutes is run only where somebody asks for it."""
+
     @abstractmethod
     def identify(self) -> Identity:
         """Ask the instrument who it is.
@@ -56,6 +59,14 @@ class Instrument(ABC):
             LinkError: it does not answer.
         """
         return Examination()
+
+    def obstacles(self) -> tuple[str, ...]:
+        """What an earlier user has left that no run may change, and what to do about it: asked before there is light.
+
+        Raises:
+            LinkError: it does not answer.
+        """
+        return ()
 
     @abstractmethod
     def settings(self) -> dict[str, str | float]:

@@ -6,6 +6,7 @@ byte.
 
 import math
 import re
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Literal
 
@@ -18,14 +19,26 @@ from instruments.errors import InstrumentError, excerpt
 from instruments.interfaces import Awg
 from instruments.kept_settings import KeptSettings, Setting
 from instruments.sections import AwgSection, Timeout
+from instruments.units import Volts
 from instruments.values import Change, Drive, Examination, Identity, Loaded, Progress, Range
 from instruments.visa import VisaLink
+
+CLOCKS = {"internal": "INTernal", "reference": "EFIXed"}
+"""The argument of `CLOCk:SOURce` by the station's word."""
 
 
 class Awg70002aSection(AwgSection):
     """The arbitrary waveform generator."""
 
     channel: Annotated[Literal[1, 2], Field(description="Channel that plays the drive.")] = 1
+    clock: Annotated[
+        Literal["internal", "reference"],
+        Field(description='Its own, or locked to 10 MHz at Reference In: "reference".'),
+    ] = "internal"
+    trigger_high: Annotated[
+        Volts, Field(gt=0, description="Of the pulse at trigger input A, into an open end; from 50 ohm.")
+    ] = 3.3
+    trigger_impedance: Annotated[Literal[50, 1000], Field(description="Of trigger input A, ohm.")] = 50
     timeout: Timeout = 5.0
 
 
@@ -34,14 +47,24 @@ DRIVER = Driver(
     open=lambda section, opening: Awg70002a(
         VisaLink(opening.address, name="awg", timeout_s=section.timeout, transcript=opening.transcript),
         channel=section.channel,
+        clock=CLOCKS[section.clock],
+        trigger=TriggerInput(section.trigger_high, section.trigger_impedance),
     ),
     identity=re.compile(r"TEKTRONIX AWG70\d{3}", re.IGNORECASE),
     sent_anew=(
+        "mode",
         "sample_rate",
+        "clock_source",
         "amplitude_vpp",
         "dac_bits",
         "waveform",
         "run_mode",
+        "trigger_input",
+        "trigger_source",
+        "trigger_impedance_ohm",
+        "trigger_level_v",
+        "trigger_slope",
+        "trigger_mode",
         "skew_s",
         "marker_delay_s",
         "output",
@@ -57,6 +80,8 @@ SAMPLES_EVERY = 5
 """How often settings are asked for between two pieces of the waveform."""
 SLOW_S = 30.0
 """Bound on the commands that the manual calls overlapping: clock, assignment, run and stop."""
+SOURCE_OHM = 50.0
+TRIGGER_STEP_DECIMALS = 1  # the level is set in steps of 0.1 V; recalled
 
 
 class RunMode(StrEnum):
@@ -74,6 +99,20 @@ class RunMode(StrEnum):
         return cls.TRIGGERED_CONTINUOUS if periods_per_trigger == math.inf else cls.TRIGGERED
 
 
+@dataclass(frozen=True)
+class TriggerInput:
+    """Trigger input A and what is wired to it: `high_v` is that of its pulse into an open end, from 50 ohm."""
+
+    high_v: float = 3.3
+    impedance_ohm: int = 50
+
+    @property
+    def level_v(self) -> float:
+        """Half of what the input gets of the pulse, V."""
+        half = self.high_v * self.impedance_ohm / (self.impedance_ohm + SOURCE_OHM) / 2
+        return round(half, TRIGGER_STEP_DECIMALS)
+
+
 class Awg70002a(Awg):
     """One channel of an AWG70002A: 25 GS/s, 10-bit DAC shared with the markers.
 
@@ -89,15 +128,26 @@ class Awg70002a(Awg):
     MARKER_HIGH_V, MARKER_LOW_V = 1.0, 0.0
     MARKER_1 = 0x40
     MARKER_RESOLUTION_BITS = 9  # 10 bits would take the marker's place
-    TRIGGER_LEVEL_V = 1.4  # half of a TTL pulse
     WAITING, RUNNING = "1", "2"
     DIRECT = ("DIR", "DIRECT")
+    self_test_s = (
+        1200.0  # the power-on test, for which the vendor's own test framework (tektronix/lab-bot) waits so long
+    )
 
-    def __init__(self, link: VisaLink, *, channel: int = 1) -> None:
-        """Drive `channel` of the instrument behind `link`."""
+    def __init__(
+        self,
+        link: VisaLink,
+        *,
+        channel: int = 1,
+        clock: str = CLOCKS["internal"],
+        trigger: TriggerInput = TriggerInput(),
+    ) -> None:
+        """Drive `channel` of the instrument behind `link`; `clock` is the argument of `CLOCk:SOURce`."""
         self._link = link
         self._channel = channel
-        self._outputs = (f"OUTPut{channel}:STATe?", "OUTPut:OFF?")
+        self._clock = clock
+        self._trigger = trigger
+        self._outputs: tuple[str, ...] = (f"OUTPut{channel}:STATe?", "OUTPut:OFF?")
         self._kept = KeptSettings(link)
         self._loaded: tuple[Drive, int, bool] | None = None  # with its length in memory, and whether marked once
         self._asked = self._compared = 0
@@ -113,11 +163,22 @@ class Awg70002a(Awg):
 
     def self_test(self) -> None:
         """`*TST?`: 0 means passed."""
-        result = self._link.number("*TST?", timeout_s=SLOW_S)
+        result = self._link.number("*TST?", timeout_s=self.self_test_s)
         if result != 0:
             raise InstrumentError(
                 f"{self._link.name}: self-test failed with code {result:g}: see the instrument's screen"
             )
+
+    def obstacles(self) -> tuple[str, ...]:
+        """Other channels that are on: with this one's output they would be let out, with what was left there."""
+        channels = range(1, int(self._link.number("AWGControl:CONFigure:CNUMber?")) + 1)
+        others = {number: f"OUTPut{number}:STATe?" for number in channels if number != self._channel}
+        self._outputs = (f"OUTPut{self._channel}:STATe?", "OUTPut:OFF?", *others.values())
+        return tuple(
+            f"channel {number} is on, and would play what was left there: switch it off (OUTPut{number} OFF)"
+            for number, question in others.items()
+            if self._link.number(question)
+        )
 
     def load(
         self, drive: Drive, *, periods_per_trigger: float | None = None, progress: Progress | None = None
@@ -177,45 +238,67 @@ class Awg70002a(Awg):
 
     def _set(self, drive: Drive, mode: RunMode) -> Loaded:
         """Send every setting, and compare what became of it, and the way that the signal takes to its output."""
-        source, path = f"SOURce{self._channel}", f"OUTPut{self._channel}:PATH?"
-        rate_tolerance = RATE_TOLERANCE * drive.sample_rate
-        on_trigger = (
-            Setting(f"{source}:TINPut", "ATRigger"),
-            Setting("TRIGger:LEVel", str(self.TRIGGER_LEVEL_V), TRIGGER_TOLERANCE_V, "V", target="ATRigger"),
-            Setting("TRIGger:SLOPe", "NEGative", target="ATRigger"),
-        )
+        source = f"SOURce{self._channel}"
         settings = (
+            Setting("INSTrument:MODE", "AWG", name="instrument mode"),
             Setting(f"{source}:DAC:RESolution", str(self.MARKER_RESOLUTION_BITS), unit="bits", name="DAC resolution"),
             self._marker_level("HIGH", self.MARKER_HIGH_V),
             self._marker_level("LOW", self.MARKER_LOW_V),
             Setting(f"{source}:MARKer1:DELay", "0", unit="s", name="marker delay"),
             Setting(f"{source}:SKEW", "0", unit="s", name="skew"),
-            *(() if mode is RunMode.CONTINUOUS else on_trigger),
+            *(() if mode is RunMode.CONTINUOUS else self._on_trigger()),
             Setting(f"{source}:RMODe", mode),
             Setting(f"{source}:VOLTage", f"{drive.amplitude_vpp:.4f}", AMPLITUDE_TOLERANCE_V, "Vpp", "amplitude"),
-            Setting("CLOCk:SRATe", f"{drive.sample_rate:.9E}", rate_tolerance, "S/s", "sample rate"),
+            Setting("CLOCk:SOURce", self._clock, name="clock source"),
+            Setting(
+                "CLOCk:SRATe", f"{drive.sample_rate:.9E}", RATE_TOLERANCE * drive.sample_rate, "S/s", "sample rate"
+            ),
         )
         with self._link.checked():
             for setting in settings:
                 self._link.write(setting.message)
             self._link.write(f'{source}:CASSet:WAVeform "{drive.name}"')
             self._finish()
-        *_, amplitude, rate = self._kept.confirm(settings)
-        (found, *_) = self._kept.keep(
+        *_, amplitude, _, rate = self._kept.confirm(settings)
+        self._require_direct_path()
+        self._kept.keep(
             [
-                path,
-                "CLOCk:SOURce?",
                 f"{source}:CASSet?",
                 f'WLISt:WAVeform:LENGth? "{drive.name}"',
                 f'WLISt:WAVeform:TSTamp? "{drive.name}"',
             ]
         )
+        return Loaded(float(rate), float(amplitude))
+
+    def _on_trigger(self) -> tuple[Setting, ...]:
+        """Input A takes the falling edge of its pulse; the source comes first, it may choose an input of its own."""
+        level = str(self._trigger.level_v)
+        return (
+            Setting("TRIGger:SOURce", "EXTernal", name="trigger source"),
+            Setting(f"SOURce{self._channel}:TINPut", "ATRigger"),
+            Setting("TRIGger:IMPedance", str(self._trigger.impedance_ohm), unit="ohm", target="ATRigger"),
+            Setting("TRIGger:LEVel", level, TRIGGER_TOLERANCE_V, "V", target="ATRigger"),
+            Setting("TRIGger:SLOPe", "NEGative", target="ATRigger"),
+            Setting("TRIGger:MODE", "ASYNchronous", target="ATRigger"),
+        )
+
+    def _require_direct_path(self) -> None:
+        """Amplitudes hold for the direct path; where there is another to choose, this one is asked for and kept.
+
+        Without option AC or an MDC4500 the question may be refused (manual, `OUTPut[n]:PATH`): there is only one then.
+        """
+        path = f"OUTPut{self._channel}:PATH?"
+        try:
+            found, _ = self._kept.keep([path, "INSTrument:MODE?"])
+        except InstrumentError:
+            if not self._link.errors():
+                raise
+            return
         if found.upper() not in self.DIRECT:
             raise InstrumentError(
                 f"{self._link.name}: {path.rstrip('?')} is {excerpt(found)}: amplitudes hold for the direct path only: "
                 f"set it to DIRect"
             )
-        return Loaded(float(rate), float(amplitude))
 
     def _marker_level(self, which: str, level_v: float) -> Setting:
         command = f"SOURce{self._channel}:MARKer1:VOLTage:{which}"
@@ -243,6 +326,8 @@ class Awg70002a(Awg):
 
     def play(self) -> None:
         """Run, then let it out: `AWGControl:RUN`, all-outputs-off released, output on."""
+        for obstacle in self.obstacles():
+            raise InstrumentError(f"{self._link.name}: {obstacle}")
         with self._link.checked():
             self._link.write("AWGControl:RUN")
             self._finish()
@@ -266,15 +351,22 @@ class Awg70002a(Awg):
             self._finish()
 
     def settings(self) -> dict[str, str | float]:
-        """Sample rate, amplitude, resolution, assigned waveform, run state and output."""
+        """Mode, clock, amplitude, resolution, assigned waveform, run mode, trigger input and output."""
         source = f"SOURce{self._channel}"
         return {
+            "mode": self._link.query("INSTrument:MODE?"),
             "sample_rate": self._link.number("CLOCk:SRATe?"),
             "clock_source": self._link.query("CLOCk:SOURce?"),
             "amplitude_vpp": self._link.number(f"{source}:VOLTage?"),
             "dac_bits": int(self._link.number(f"{source}:DAC:RESolution?")),
             "waveform": self._link.query(f"{source}:WAVeform?").strip('"'),
             "run_mode": self._link.query(f"{source}:RMODe?"),
+            "trigger_input": self._link.query(f"{source}:TINPut?"),
+            "trigger_source": self._link.query("TRIGger:SOURce?"),
+            "trigger_impedance_ohm": self._link.number("TRIGger:IMPedance? ATRigger"),
+            "trigger_level_v": self._link.number("TRIGger:LEVel? ATRigger"),
+            "trigger_slope": self._link.query("TRIGger:SLOPe? ATRigger"),
+            "trigger_mode": self._link.query("TRIGger:MODE? ATRigger"),
             "skew_s": self._link.number(f"{source}:SKEW?"),
             "marker_delay_s": self._link.number(f"{source}:MARKer1:DELay?"),
             "output": int(self._link.number(f"OUTPut{self._channel}?")),

@@ -1,6 +1,7 @@
 """Is every instrument of a bench there and well? Each one is asked, whatever another one says."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +14,8 @@ from labctl.bench.opening import Access, opened_one_by_one
 from labctl.bench.station import Station
 
 PASSED, NOT_RUN = "passed", "not run"
+QUICK_S = 60.0
+"""Self-tests that may take longer are left out, unless somebody has asked for them."""
 UNKNOWN, UNTOLD = Identity("", "", "", ""), Examination()
 
 
@@ -26,6 +29,7 @@ class Finding:
         examination: Options, what the error queue held, limits of the driver.
         allowed: The limits of the station for what is set here, by the names of `examination`.
         self_test: `PASSED`, `NOT_RUN`, or its error.
+        self_test_s: How long that may take.
         problem: Why it is not well, and what to do; empty if it is.
     """
 
@@ -35,6 +39,7 @@ class Finding:
     examination: Examination = UNTOLD
     allowed: dict[str, Range] = field(default_factory=dict)
     self_test: str = NOT_RUN
+    self_test_s: float = 0.0
     problem: str = ""
 
     @property
@@ -43,8 +48,18 @@ class Finding:
         return not self.problem
 
 
-def check_bench(station: Station, transcript: Transcript, access: Access = Access()) -> dict[str, Finding]:
+def check_bench(
+    station: Station,
+    transcript: Transcript,
+    access: Access = Access(),
+    *,
+    patience_s: float = QUICK_S,
+    begins: Callable[[str, float], None] = lambda _name, _takes_s: None,
+) -> dict[str, Finding]:
     """Connect to every instrument in turn, ask who it is and how it is, and let it test itself; in the dark.
+
+    Self-tests that may take longer than `patience_s` are left out; `begins` is told the name and the time (s) of each
+    that is run.
 
     Raises:
         StationError: the station is wrong.
@@ -61,24 +76,38 @@ def check_bench(station: Station, transcript: Transcript, access: Access = Acces
             section = getattr(station, name)
             findings[name] = Finding(section.driver, section.address, allowed=allowed.get(name, {}))
             try:
+                if isinstance(instrument, InstrumentError):
+                    raise instrument
                 _ask(station, name, instrument, findings[name])
+                _test(name, instrument, findings[name], patience_s, begins)
+                _require_no_errors(name, findings[name])
             except InstrumentError as error:
                 findings[name].problem = str(error)
     return findings
 
 
-def _ask(station: Station, name: str, instrument: Instrument | InstrumentError, finding: Finding) -> None:
-    if isinstance(instrument, InstrumentError):
-        raise instrument
+def _ask(station: Station, name: str, instrument: Instrument, finding: Finding) -> None:
     finding.identity = instrument.identify()
     require_known(station, name, finding.identity)
     finding.examination = instrument.examine()
+
+
+def _test(
+    name: str, instrument: Instrument, finding: Finding, patience_s: float, begins: Callable[[str, float], None]
+) -> None:
+    finding.self_test_s = instrument.self_test_s
+    if instrument.self_test_s > patience_s:
+        return
+    begins(name, instrument.self_test_s)
     try:
         instrument.self_test()
     except InstrumentError as error:
         finding.self_test = str(error)
         raise
     finding.self_test = PASSED
+
+
+def _require_no_errors(name: str, finding: Finding) -> None:
     if finding.examination.errors:
         queue = "; ".join(dict.fromkeys(finding.examination.errors))
         raise InstrumentError(
@@ -97,6 +126,7 @@ def as_json(finding: Finding) -> dict[str, Any]:
         **vars(finding.identity),
         "options": finding.examination.options,
         "self_test": finding.self_test,
+        "self_test_s": finding.self_test_s,
         "errors": list(finding.examination.errors),
         "limits": {
             name: {"low": _bound(limit.low), "high": _bound(limit.high), "unit": limit.unit}

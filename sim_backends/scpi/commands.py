@@ -1,8 +1,9 @@
 """Tables of SCPI commands: one line a command, and the search of a header in the table.
 
-A header is written as in the manuals: capitals are the short form, `[:NODE]` may be left out, `#` stands for a numeric
-suffix: `SOURce#:VOLTage[:LEVel][:IMMediate][:AMPLitude]`. A table is searched once for each spelling a client uses;
-after that it is one dictionary look-up. Rules: SCPI-99, volume 1, chapter 6.
+A header is written as in the manuals: capitals are the short form, `[:NODE]` and `[ROOT:]` may be left out, `#` stands
+for a numeric suffix, the default one for a node that is left out: `[SOURce#:]VOLTage[:LEVel][:IMMediate][:AMPLitude]`.
+A table is searched once for each spelling a client uses; after that it is one dictionary look-up. Rules: SCPI-99, volume
+1, chapter 6.
 """
 
 import re
@@ -23,7 +24,6 @@ Answer = str | bool | int | float | bytes | memoryview | list[Chunk] | None
 """What a method returns to be sent; None: nothing."""
 
 _CACHED_SPELLINGS = 4096
-_OPTIONAL_NODE = re.compile(r"\[:\w+#?\]")
 _SENT_NODE = re.compile(r"([A-Z_*]+)(\d{0,9})")
 
 
@@ -216,10 +216,18 @@ class Found(NamedTuple):
     path: str
 
 
+class _Node(NamedTuple):
+    """A node of a header as declared; of a spelling, `sent` says whether it is there."""
+
+    name: str
+    suffixed: bool
+    optional: bool
+    sent: bool = True
+
+
 class _Entry(NamedTuple):
     command: Command
-    suffixed: tuple[bool, ...]
-    limits: tuple[int, ...]
+    nodes: tuple[_Node, ...]
 
 
 class CommandTable:
@@ -238,13 +246,13 @@ class CommandTable:
     def __init__(
         self, commands: Iterable[Command], suffixes: Mapping[str, int] | None = None, default_suffix: int | None = 1
     ) -> None:
+        self._limits = suffixes or {}
         self._default_suffix = default_suffix
         self._entries: dict[tuple[str, bool], list[_Entry]] = {}
         self.find = lru_cache(_CACHED_SPELLINGS)(self._search)
         for command in commands:
-            for key, suffixed, nodes in _spellings(command.header):
-                limits = tuple((suffixes or {}).get(node, 0) for node in nodes)
-                entry = _Entry(command, suffixed, limits)
+            for key, nodes in _spellings(command.header):
+                entry = _Entry(command, nodes)
                 for query, meant in ((True, command.answers), (False, command.acts)):
                     if meant:
                         self._entries.setdefault((key, query), []).append(entry)
@@ -267,15 +275,17 @@ class CommandTable:
     def _suffixes(self, entry: _Entry, sent: list[str], header: str) -> tuple[int, ...] | None:
         """The suffixes for `entry`; None: this entry is not meant."""
         suffixes = []
-        for digits, suffixed, limit in zip(sent, entry.suffixed, entry.limits, strict=True):
-            if not suffixed:
+        digits_sent = iter(sent)
+        for node in entry.nodes:
+            digits = next(digits_sent) if node.sent else ""
+            if not node.suffixed:
                 if digits:
                     return None
                 continue
             suffix = int(digits) if digits else self._default_suffix
             if suffix is None:
                 return None
-            if not 1 <= suffix <= limit:
+            if not 1 <= suffix <= self._limits.get(node.name, 0):
                 raise ScpiError(-114, _printable(header))
             suffixes.append(suffix)
         return tuple(suffixes)
@@ -287,10 +297,10 @@ def reply_header(command: Command, suffixes: Sequence[int], *, verbose: bool) ->
         return ""
     index = iter(suffixes)
     words = []
-    for node in _OPTIONAL_NODE.sub("", command.header).split(":"):
-        name = node.removesuffix("#")
-        word = name.upper() if verbose else short_form(name)
-        words.append(f"{word}{next(index)}" if node.endswith("#") else word)
+    for node in _nodes(command.header):
+        word = node.name.upper() if verbose else short_form(node.name)
+        word += str(next(index)) if node.suffixed else ""
+        words += [] if node.optional else [word]
     return ":" + ":".join(words)
 
 
@@ -298,17 +308,17 @@ def _printable(text: str) -> str:
     return "".join(character for character in text if character.isprintable())[:60]
 
 
-def _spellings(header: str) -> Iterator[tuple[str, tuple[bool, ...], tuple[str, ...]]]:
-    """Every way to write a header: its key without suffixes, which nodes take a suffix, and their declared names."""
-    spaced = header.replace("[:", ":[").strip(":")
+def _nodes(header: str) -> list[_Node]:
+    spaced = header.replace("[:", ":[").replace(":]", "]:").strip(":")
+    bare = [(node.strip("[]"), node.startswith("[")) for node in spaced.split(":")]
+    return [_Node(name.removesuffix("#"), name.endswith("#"), optional) for name, optional in bare]
+
+
+def _spellings(header: str) -> Iterator[tuple[str, tuple[_Node, ...]]]:
+    """Every way to write a header: its key without suffixes, and its nodes."""
     options = []
-    for node in spaced.split(":"):
-        bare = node.strip("[]")
-        name = bare.removesuffix("#")
-        forms: list[tuple[str, bool, str] | None] = [
-            (form, bare != name, name) for form in dict.fromkeys((name.upper(), short_form(name)))
-        ]
-        options.append([*forms, None] if node.startswith("[") else forms)
+    for node in _nodes(header):
+        forms = [(form, node) for form in dict.fromkeys((node.name.upper(), short_form(node.name)))]
+        options.append([*forms, ("", node._replace(sent=False))] if node.optional else forms)
     for choice in product(*options):
-        nodes = [node for node in choice if node is not None]
-        yield ":".join(form for form, _, _ in nodes), tuple(node[1] for node in nodes), tuple(node[2] for node in nodes)
+        yield ":".join(form for form, node in choice if node.sent), tuple(node for _, node in choice)

@@ -44,6 +44,7 @@ RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=2"
 TIMEOUT_S = 0.4
 BOUNDS = {
     "instruments.tektronix_awg70002a.SLOW_S": TIMEOUT_S,
+    "instruments.tektronix_awg70002a.Awg70002a.self_test_s": TIMEOUT_S,
     "instruments.tektronix_dpo72504dx.SELF_TEST_S": TIMEOUT_S,
     "instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S": TIMEOUT_S,
     "instruments.tektronix_dpo72504dx.BURST_WAIT_S": TIMEOUT_S,

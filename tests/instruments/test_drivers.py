@@ -1,5 +1,7 @@
 """The drivers, through real sockets, against the virtual instruments."""
 
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -8,10 +10,13 @@ import pytest
 from instruments.bench import Bench
 from instruments.errors import InstrumentError, LinkError, NoTrigger, OutOfRange
 from instruments.interfaces import BYPASS_PORT
+from instruments.tektronix_awg70002a import TriggerInput
 from instruments.tektronix_dpo72504dx import Dpo72504dx
-from instruments.values import Drive, EdgeTrigger, Loaded, Timebase, Vertical
+from instruments.values import Change, Drive, EdgeTrigger, Loaded, Timebase, Vertical
 from instruments.visa import VisaLink, tektronix_event_queue
 from sim_backends.bench import SimulatedBench
+from sim_backends.scpi.status import ScpiError
+from sim_backends.virtual.awg70002a.channels import Source
 
 AUX = EdgeTrigger("AUX", 0.5)
 
@@ -19,6 +24,14 @@ AUX = EdgeTrigger("AUX", 0.5)
 def drive(samples: int = 2500, *, rate: float = 25e9, amplitude: float = 0.5, name: str = "d") -> Drive:
     values = np.random.default_rng(0).uniform(-1, 1, samples).astype(np.float32)
     return Drive(name, values, rate, amplitude)
+
+
+@pytest.fixture
+def another_client(simulation: SimulatedBench, log: Any) -> Iterator[Callable[[str], str]]:
+    """Somebody else says something to the AWG; answers to questions."""
+    link = VisaLink(simulation.resources["awg"]["socket"], name="somebody", timeout_s=5, transcript=log)
+    with closing(link):
+        yield lambda text: link.query(text if "?" in text else f"{text};*OPC?")
 
 
 def test_every_instrument_says_who_it_is(bench: Bench) -> None:
@@ -40,6 +53,51 @@ class TestAwg:
         bench.awg.play()
         settings = bench.awg.settings()
         assert (settings["waveform"], settings["output"], settings["dac_bits"]) == ("d", 1, 9)
+
+    def test_what_an_earlier_user_left_is_set(self, bench: Bench, another_client: Callable[[str], str]) -> None:
+        for left in ("INSTrument:MODE FGEN", "CLOCk:SOURce EXTernal", "TRIGger:SOURce INTernal", "SOURce1:SKEW 1E-10"):
+            another_client(left)
+        another_client("TRIGger:IMPedance 1000;MODE SYNChronous;LEVel 4;:SOURce1:MARKer1:DELay 5E-11;TINPut BTRigger")
+        bench.awg.load(drive(), periods_per_trigger=3)
+        bench.awg.play()
+        found = bench.awg.settings()
+        assert (found["mode"], found["clock_source"], found["skew_s"], found["marker_delay_s"]) == ("AWG", "INT", 0, 0)
+        names = ("input", "source", "impedance_ohm", "level_v", "slope", "mode")
+        assert [found[f"trigger_{name}"] for name in names] == ["ATR", "EXT", 50, 0.8, "NEG", "ASYN"]
+
+    @pytest.mark.parametrize(("swing_v", "ohm", "level_v"), [(3.3, 50, 0.8), (3.3, 1000, 1.6), (5.0, 50, 1.2)])
+    def test_the_trigger_level_is_half_of_what_comes(self, swing_v: float, ohm: int, level_v: float) -> None:
+        assert TriggerInput(swing_v, ohm).level_v == pytest.approx(level_v)
+
+    def test_another_channel_that_is_on_is_refused_by_name_before_there_is_light(
+        self, bench: Bench, another_client: Callable[[str], str]
+    ) -> None:
+        another_client("OUTPut2 ON")
+        refused = r"^awg: channel 2 is on, and would play what was left there: switch it off \(OUTPut2 OFF\)$"
+        with pytest.raises(InstrumentError, match=refused), bench.emitting(1550.0):
+            pytest.fail("there is light")
+        bench.awg.load(drive())
+        with pytest.raises(InstrumentError, match=refused):
+            bench.awg.play()
+        assert another_client("OUTPut:OFF?;:OUTPut1?") == "1;0"
+
+    def test_another_channel_that_comes_on_is_noticed(self, bench: Bench, another_client: Callable[[str], str]) -> None:
+        bench.awg.load(drive())
+        bench.awg.play()
+        assert bench.awg.changes() == ()
+        another_client("OUTPut2 ON")
+        assert bench.awg.changes() == (Change("OUTPut2:STATe", "0", "1"),)
+
+    def test_without_an_option_there_is_no_path_to_choose(
+        self, bench: Bench, log: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def refused(source: Source) -> str:
+            raise ScpiError(-241, f"OUTPUT{source.number}:PATH")
+
+        monkeypatch.setattr(Source, "path", property(refused))
+        bench.awg.load(drive())
+        bench.awg.play()
+        assert bench.awg.changes() == ()
 
     def test_repeats_a_short_drive_instead_of_padding_it(self, bench: Bench, log: Any) -> None:
         bench.awg.load(drive(1000))

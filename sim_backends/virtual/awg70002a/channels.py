@@ -18,6 +18,7 @@ LOWEST_AMPLITUDE_V, HIGHEST_AMPLITUDE_V = AMPLITUDES_V
 MARKER_LIMIT_V = 1.4
 SMALLEST_MARKER_V, LARGEST_MARKER_V = 0.5, 1.4  # high minus low
 TRIGGER_LIMIT_V = 5.0  # recalled, for 1 kohm
+SOURCE_OHM = 50  # of what is wired to a trigger input: the DMD's frame synch output; recalled
 LARGEST_SKEW_S = 1e-9  # recalled
 
 TRIGGER_INPUT = keyword("ATRigger", "BTRigger")
@@ -39,22 +40,22 @@ class InputSetting(Setting):
         return chunks(self.kind.format(value, verbose=False))
 
 
-_LEVEL = "SOURce#:VOLTage[:LEVel][:IMMediate]"
-_MARKER = "SOURce#:MARKer#:VOLTage[:LEVel][:IMMediate]"
+_LEVEL = "[SOURce#:]VOLTage[:LEVel][:IMMediate]"
+_MARKER = "[SOURce#:]MARKer#:VOLTage[:LEVel][:IMMediate]"
 
 CHANNEL_COMMANDS = (
     Setting(_LEVEL + "[:AMPLitude]", "sources#.amplitude_v", real(LOWEST_AMPLITUDE_V, HIGHEST_AMPLITUDE_V)),
     Setting(_LEVEL + ":HIGH", "sources#.high_v", real(LOWEST_AMPLITUDE_V / 2, HIGHEST_AMPLITUDE_V / 2)),
     Setting(_LEVEL + ":LOW", "sources#.low_v", real(-HIGHEST_AMPLITUDE_V / 2, -LOWEST_AMPLITUDE_V / 2)),
     Setting(_LEVEL + ":OFFSet", "sources#.offset_v", real()),
-    Setting("SOURce#:DAC:RESolution", "sources#.dac_bits", integer(8, 10)),
-    Setting("SOURce#:SKEW", "sources#.skew_s", real(-LARGEST_SKEW_S, LARGEST_SKEW_S)),
-    Setting("SOURce#:TINPut?", "sources#.trigger_input", keyword("ITRigger", "ATRigger", "BTRigger")),
+    Setting("[SOURce#:]DAC:RESolution", "sources#.dac_bits", integer(8, 10)),
+    Setting("[SOURce#:]SKEW", "sources#.skew_s", real(-LARGEST_SKEW_S, LARGEST_SKEW_S)),
+    Setting("[SOURce#:]TINPut?", "sources#.trigger_input", keyword("ITRigger", "ATRigger", "BTRigger")),
     Setting(_MARKER + ":HIGH", "sources#.markers#.high_v", real(-MARKER_LIMIT_V, MARKER_LIMIT_V)),
     Setting(_MARKER + ":LOW", "sources#.markers#.low_v", real(-MARKER_LIMIT_V, MARKER_LIMIT_V)),
     Setting(_MARKER + "[:AMPLitude]", "sources#.markers#.amplitude_v", real(SMALLEST_MARKER_V, LARGEST_MARKER_V)),
     Setting(_MARKER + ":OFFSet", "sources#.markers#.offset_v", real(-MARKER_LIMIT_V, MARKER_LIMIT_V)),
-    Setting("SOURce#:MARKer#:DELay", "sources#.markers#.delay_s", real(0, LARGEST_SKEW_S)),
+    Setting("[SOURce#:]MARKer#:DELay", "sources#.markers#.delay_s", real(0, LARGEST_SKEW_S)),
     Setting("OUTPut#[:STATe]", "sources#.output", boolean),
     Setting("OUTPut#:PATH", "sources#.path", keyword("DIRect", "AC", "DCAmplified")),
     Setting("OUTPut#:WVALue:ANALog[:STATe]", "sources#.waiting", keyword("FIRSt", "ZERO")),
@@ -63,7 +64,7 @@ CHANNEL_COMMANDS = (
     Setting("OUTPut#:SVALue:MARKer#", "sources#.markers#.stopped", keyword("OFF", "LOW")),
     InputSetting("TRIGger[:SEQuence]:LEVel", "level_v", real(-TRIGGER_LIMIT_V, TRIGGER_LIMIT_V)),
     InputSetting("TRIGger[:SEQuence]:SLOPe", "slope", keyword("POSitive", "NEGative")),
-    InputSetting("TRIGger[:SEQuence]:IMPedance", "impedance_ohm", integer(50, 1000), effect=False),
+    InputSetting("TRIGger[:SEQuence]:IMPedance", "impedance_ohm", integer(50, 1000)),
     InputSetting("TRIGger[:SEQuence]:MODE", "mode", keyword("SYNChronous", "ASYNchronous")),
 )
 
@@ -87,6 +88,11 @@ class TriggerInput:
         if ohm not in (50, 1000):
             raise ScpiError(-224, f"{ohm} ohm")
         self._impedance_ohm = ohm
+
+    @property
+    def open_level_v(self) -> float:
+        """The level, seen at the open end of the cable: the input's impedance divides what comes."""
+        return self.level_v * (SOURCE_OHM + self._impedance_ohm) / self._impedance_ohm
 
 
 @dataclass

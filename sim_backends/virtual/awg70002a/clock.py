@@ -1,7 +1,7 @@
 """The clock of the virtual AWG: its source, rates, references and outputs.
 
-Source: instrument facts 1.3. Nothing is wired to the clock and reference inputs. Ranges of the reference and the phase,
-and the frequency of Clock Out, are recalled.
+Source: instrument facts 1.3. Nothing is wired to the clock and reference inputs: with a source there no clock runs, and
+nothing comes out. Ranges of the reference and the phase, and the frequency of Clock Out, are recalled.
 """
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, real
@@ -14,10 +14,12 @@ RATE_FOR_CLOCK = 2  # an AWG70002A samples at most twice a period of the externa
 REFERENCE_HZ = (35e6, 250e6)  # recalled
 PHASE_DEGREES = 10800  # recalled
 PHASE_S = 5e-9  # recalled
+CONNECTORS = {"EFIXed": "Reference In", "EVARiable": "Reference In", "EXTernal": "Clock In"}
 
 CLOCK_COMMANDS = (
     Setting("CLOCk:SRATe", "timing.sample_rate", real(*RATES)),
-    Setting("SOURce#:FREQuency", "timing.sample_rate", real(*RATES)),
+    Setting("[SOURce#:]FREQuency[:CW]", "timing.sample_rate", real(*RATES)),
+    Setting("[SOURce#:]FREQuency:FIXed", "timing.sample_rate", real(*RATES)),
     Setting("CLOCk:SOURce", "timing.source", keyword("INTernal", "EFIXed", "EVARiable", "EXTernal")),
     Setting("CLOCk:ECLock:FREQuency", "timing.external_hz", real(*EXTERNAL_CLOCK_HZ)),
     Action("CLOCk:ECLock:FREQuency:DETect", "timing.detect_clock"),
@@ -81,6 +83,16 @@ class Timing:
     def highest_rate(self) -> float:
         """The highest sample rate the clock allows (S/s)."""
         return min(RATES[1], RATE_FOR_CLOCK * self._external_hz) if self._source == "EXTernal" else RATES[1]
+
+    @property
+    def missing(self) -> str:
+        """The connector that the clock should come in at and does not; empty for the internal one."""
+        return CONNECTORS.get(self._source, "")
+
+    def require(self) -> None:
+        """-241 where no clock comes in."""
+        if self.missing:
+            raise ScpiError(-241, f"no signal at {self.missing}")
 
     def detect_clock(self) -> None:
         """`CLOCk:ECLock:FREQuency:DETect`: -241, nothing is wired to the input."""

@@ -1,7 +1,9 @@
 """The virtual arbitrary waveform generator: assignment, run control, and what channel 1 does to the light.
 
-Source: instrument facts 1.1 to 1.10. The level that an output holds while it waits for a trigger is 0 V and marker low
-whatever `OUTPut:WVALue` says; correction files are refused; flag outputs and channel 2 do not reach the light.
+Source: instrument facts 1.1 to 1.10; how long the self-test takes is recalled: the vendor's public test framework
+(tektronix/lab-bot) waits 20 minutes for `*TST?`, which is the power-on self-test. The level that an output holds while
+it waits for a trigger is 0 V and marker low whatever `OUTPut:WVALue` says; correction files are refused; flag outputs
+and channel 2 do not reach the light.
 """
 
 import math
@@ -30,6 +32,7 @@ JUMP = number_or_word(1, MOST_STEPS, "FIRSt", "CURRent", "LAST", "END")
 INTERVALS_S = (1e-6, 10.0)  # recalled
 RUN_TIME_S = 1.0  # recalled: the outputs settle for about a second after RUN
 POLL_S = 0.1  # what a query takes while an operation is under way
+SELF_TEST_S = 300.0
 
 
 class VirtualAwg70002a(VirtualInstrument):
@@ -54,26 +57,26 @@ class VirtualAwg70002a(VirtualInstrument):
         *SEQUENCE_COMMANDS,
         *FILE_COMMANDS,
         *FUNCTION_COMMANDS,
-        Action("SOURce#:CASSet:WAVeform", "assign", quoted, optional(COMPONENT)),
-        Action("SOURce#:CASSet:SEQuence", "assign_sequence", quoted, integer(1, 99), optional(COMPONENT)),
-        Action("SOURce#:WAVeform", "assign", quoted),
-        Query("SOURce#:WAVeform?", "assigned_waveform"),
-        Query("SOURce#:CASSet?", "assigned"),
-        Query("SOURce#:CASSet:TYPE?", "assigned_type"),
-        Action("SOURce#:CASSet:CLEar", "unassign"),
+        Action("[SOURce#:]CASSet:WAVeform", "assign", quoted, optional(COMPONENT)),
+        Action("[SOURce#:]CASSet:SEQuence", "assign_sequence", quoted, integer(1, 99), optional(COMPONENT)),
+        Action("[SOURce#:]WAVeform", "assign", quoted),
+        Query("[SOURce#:]WAVeform?", "assigned_waveform"),
+        Query("[SOURce#:]CASSet?", "assigned"),
+        Query("[SOURce#:]CASSet:TYPE?", "assigned_type"),
+        Action("[SOURce#:]CASSet:CLEar", "unassign"),
         *CHANNEL_COMMANDS,
-        Action("SOURce#:TINPut", "set_trigger_input", CHANNEL_INPUT),
-        Query("SOURce#:SCSTep?", "current_step"),
-        Action("SOURce#:JUMP:FORCe", "jump", JUMP),
+        Action("[SOURce#:]TINPut", "set_trigger_input", CHANNEL_INPUT),
+        Query("[SOURce#:]SCSTep?", "current_step"),
+        Action("[SOURce#:]JUMP:FORCe", "jump", JUMP),
         Setting("OUTPut:OFF", "outputs_off", boolean),
         Action("AWGControl:RUN[:IMMediate]", "start"),
         Action("AWGControl:STOP[:IMMediate]", "stop"),
         Query("AWGControl:RSTate?", "run_state"),
-        Action("SOURce#:RMODe", "set_run_mode", RUN_MODE),
-        Setting("SOURce#:RMODe?", "sources#.run_mode", RUN_MODE),
+        Action("[SOURce#:]RMODe", "set_run_mode", RUN_MODE),
+        Setting("[SOURce#:]RMODe?", "sources#.run_mode", RUN_MODE),
         Setting("AWGControl:RMODe", "run_mode", keyword("CONTinuous", "TRIGgered")),
         Setting("AWGControl:RMODe?", "run_mode", RUN_MODE),
-        Setting("SOURce:RCCouple", "run_modes_coupled", boolean),
+        Setting("[SOURce:]RCCouple", "run_modes_coupled", boolean),
         Setting("AWGControl:ARSettings", "apply_recommended_settings", boolean),
         Query("AWGControl:CONFigure:CNUMber?", "count_channels"),
         Action("TRIGger[:SEQuence][:IMMediate]", "trigger", optional(TRIGGER_INPUT)),
@@ -146,7 +149,7 @@ class VirtualAwg70002a(VirtualInstrument):
             self._playing = playing
             self.world.play(self._playback() if playing else None)
         entrance = self.inputs["ATRigger"]
-        level = entrance.level_v if self.players[1].external else math.inf
+        level = entrance.open_level_v if self.players[1].external else math.inf
         if self._listening != (level, entrance.slope == "POSitive"):
             self._listening = level, entrance.slope == "POSitive"
             self.world.awg_trigger_level(level, rising=self._listening[1])
@@ -166,7 +169,7 @@ class VirtualAwg70002a(VirtualInstrument):
     def _output_key(self) -> tuple[object, ...] | None:
         """Differs whenever something else comes out of channel 1; None: nothing does."""
         source, found = self.sources[1], self.players[1].schedule
-        if not (self.running and source.output) or self.outputs_off:
+        if not (self.running and source.output) or self.outputs_off or self.timing.missing:
             return None
         if self.mode == "FGEN":
             return (*self.functions[1].key(), source.skew_s)
@@ -186,7 +189,11 @@ class VirtualAwg70002a(VirtualInstrument):
     # --- run control
 
     def start(self) -> None:
-        """`AWGControl:RUN`: -221 with nothing assigned or a step of a sequence empty. Overlapping: `*OPC?` waits."""
+        """`AWGControl:RUN`: -221 with nothing assigned or a step of a sequence empty, -241 without a clock.
+
+        Overlapping: `*OPC?` waits.
+        """
+        self.timing.require()
         if self.mode == "AWG":
             if not any(source.assigned for source in self.sources.values()):
                 raise ScpiError(-221, "nothing is assigned to a channel")
@@ -316,6 +323,11 @@ class VirtualAwg70002a(VirtualInstrument):
         return "SEQ" if source.sequence else "WAV" if source.waveform else "NONE"
 
     # --- system
+
+    def self_test(self) -> int:
+        """`*TST?`: 0, passed, after minutes."""
+        self.world.clock.advance(SELF_TEST_S)
+        return super().self_test()
 
     def correct(self, path: str, name: str, quadrature_path: str | None) -> None:
         """`ACFile`: correction files are not simulated; -256 absent, otherwise -200."""

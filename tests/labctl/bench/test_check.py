@@ -1,6 +1,9 @@
 """`labctl check` over sockets: something is wrong with one instrument, and the others are checked all the same."""
 
 import json
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -16,6 +19,7 @@ from sim_backends.faults.distortions import instead
 from tests.command_line import labctl
 
 ROLES = ("awg", "scope", "laser", "dmd", "patch_panel")
+QUICKLY_TESTED = ("scope", "laser", "dmd", "patch_panel")
 NOBODY, START_OF_ALL = START["nobody there"], Moment("", 0)
 TEST_FAILED = Fault("the self-test fails", answers={"*TST?": instead(b"3")})
 
@@ -29,22 +33,22 @@ def station_of(bench: FaultyBench, path: Path) -> Iterator[Path]:
         yield path
 
 
-def checked(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
-    status, out, err = labctl(capsys, "check", "--station", path, "--json")
-    assert not err
+def checked(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, dict[str, Any]]:
+    status, out, err = labctl(capsys, "check", "--station", path, "--json", *options)
+    assert bool(err) == ("--deep" in options)
     return status, json.loads(out)
 
 
 def with_fault(
-    role: str, fault: Fault, moment: Moment, folder: Path, capsys: pytest.CaptureFixture[str]
+    role: str, fault: Fault, moment: Moment, folder: Path, capsys: pytest.CaptureFixture[str], *options: str
 ) -> dict[str, Any]:
     """What `labctl check` finds at the instrument with the fault; everything else must be well."""
     with station_of(FaultyBench([Befalling(role, fault, moment)]), folder / "bench.toml") as path:
-        status, found = checked(path, capsys)
+        status, found = checked(path, capsys, *options)
     assert status == 1
     assert not found["ok"]
     assert {name for name, finding in found["instruments"].items() if not finding["ok"]} == {role}
-    assert all(found["instruments"][name]["self_test"] == "passed" for name in ROLES if name != role)
+    assert all(found["instruments"][name]["self_test"] == "passed" for name in QUICKLY_TESTED if name != role)
     broken: dict[str, Any] = found["instruments"][role]
     return broken
 
@@ -56,7 +60,7 @@ def test_everything_is_told_of_a_bench_that_is_well(tmp_path: Path, capsys: pyte
     awg = found["instruments"]["awg"]
     assert awg["address"].startswith("TCPIP0::127.0.0.1::")
     assert (awg["manufacturer"], awg["model"], awg["firmware"]) == ("TEKTRONIX", "AWG70002A", "FV:6.1.0123")
-    assert (awg["options"], awg["self_test"], awg["errors"]) == ("03,225", "passed", [])
+    assert (awg["options"], awg["self_test"], awg["errors"]) == ("03,225", "not run", [])
     assert awg["limits"]["amplitude"] == {"low": 0.25, "high": 0.5, "unit": "Vpp"}
     assert awg["limits"]["awg.amplitude"]["high"] == 0.5
     assert found["instruments"]["scope"]["options"].startswith("STD")
@@ -82,9 +86,36 @@ def test_one_that_stops_answering(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "did not answer in time (at '*OPT?')" in found["problem"]
 
 
+def test_a_self_test_of_minutes_is_run_when_somebody_asks_for_it_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with station_of(FaultyBench([]), tmp_path / "bench.toml") as path:
+        status, out, err = labctl(capsys, "check", "--station", path, "--json", "--deep")
+    found = json.loads(out)["instruments"]
+    assert status == 0
+    assert {found[role]["self_test"] for role in ROLES} == {"passed"}
+    assert err == "awg: tests itself, which may take 20 minutes; Ctrl-C stops waiting for it\n"
+
+
+def test_whoever_does_not_want_to_wait_for_it_stops(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    silent = Befalling("awg", WIRE["no reply"], Moment("*TST?"))
+    with station_of(FaultyBench([silent]), tmp_path / "bench.toml") as path:
+        command = (sys.executable, "-m", "labctl", "check", "--deep", "--station", str(path))
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr is not None
+            told = process.stderr.readline()
+            process.send_signal(signal.SIGINT)
+            _, rest = process.communicate(timeout=60)
+        assert told.startswith("awg: tests itself")
+        assert process.returncode == 130
+        assert rest.count("\n") <= 1
+        assert "Traceback" not in rest
+        assert checked(path, capsys)[0] == 0, "nothing is left behind"
+
+
 @pytest.mark.parametrize("role", ["awg", "scope"])
 def test_one_whose_self_test_fails(role: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = with_fault(role, TEST_FAILED, Moment("*IDN?"), tmp_path, capsys)
+    found = with_fault(role, TEST_FAILED, Moment("*IDN?"), tmp_path, capsys, "--deep")
     assert (
         found["self_test"] == found["problem"] == f"{role}: self-test failed with code 3: see the instrument's screen"
     )
@@ -102,7 +133,7 @@ def test_what_the_error_queue_held_is_told_once(
         status, found = checked(path, capsys)
         assert status == 1
         assert "injected" in " ".join(found["instruments"][role]["errors"])
-        assert found["instruments"][role]["self_test"] == "passed"
+        assert found["instruments"][role]["self_test"] == ("not run" if role == "awg" else "passed")
         assert "repeat the check" in found["instruments"][role]["problem"]
         assert checked(path, capsys)[0] == 0
 
@@ -138,7 +169,8 @@ def test_people_read_addresses_options_limits_and_what_to_do(
     assert "FAILS" in out
     assert "03,225" in out
     assert "0.25 to 0.5" in out
-    assert out.count("self-test passed") == 4
+    assert out.count("self-test passed") == 3
+    assert "awg: self-test not run (it may take 20 minutes: labctl check --deep), no errors queued" in out
     (told,) = [line for line in out.splitlines() if line.startswith("scope at ")]
     assert told.endswith("check address, cable and power")
 

@@ -15,6 +15,8 @@ def test_clock(ask: Ask, awg: VirtualAwg70002a) -> None:
     assert errors(ask, awg) == "-222"
     ask(awg, "CLOC:ECL:FREQ 1e10;:CLOC:SRAT 2e10")
     assert ask(awg, "CLOC:SRAT?;:SOUR:FREQ?") == b"2.0000000000E+10;2.0000000000E+10"
+    ask(awg, "AWGC:RUN")
+    assert (ask(awg, "AWGC:RST?"), errors(ask, awg)) == (b"0", "-241"), "nothing is wired to Clock In"
     ask(awg, "CLOC:JITT 1;OUTP 1;SOUT:STAT 1;:CLOC:PHAS:ADJ:DEGR 10;TIM 1e-12;:CLOC:ECL:FREQ:ADJ")
     assert ask(awg, "CLOC:JITT?;OUTP?;SOUT?;PHAS:ADJ:DEGR?") == b"1;1;1;10"
     assert ask(awg, "CLOC:PHAS:ADJ:TIM?") == b"1.0000000000E-12"

@@ -71,6 +71,8 @@ def test_samples_beyond_full_scale_are_clipped(ask: Ask, awg: VirtualAwg70002a, 
         ("INST:MODE FGEN", True),
         ("SOUR1:MARK1:DEL 1e-10", True),
         ("SOUR1:SKEW 2e-10", True),
+        ("CLOC:SOUR EXT", False),
+        ("CLOC:SOUR EFIX", False),
         ("SOUR1:CASS:CLE", False),
         ('SOUR1:WAV ""', True),
         ("WLIS:WAV:DEL ALL", False),
@@ -147,9 +149,11 @@ def test_what_the_trigger_input_listens_to(ask: Ask, awg: VirtualAwg70002a, worl
     start(ask, awg)
     assert world.level == (math.inf, True)
     ask(awg, "SOUR1:RMOD TRIG")
-    assert world.level == (1.4, True)
+    assert world.level == (2.8, True), "50 ohm from 50 ohm: half of it is there"
     ask(awg, "TRIG:LEV 0.5;SLOP NEG")
-    assert world.level == (0.5, False)
+    assert world.level == (1.0, False)
+    ask(awg, "TRIG:IMP 1000")
+    assert world.level[0] == pytest.approx(0.525)
     ask(awg, "SOUR1:TINP BTR")
     assert world.level == (math.inf, False)
     ask(awg, "TRIG ATR")

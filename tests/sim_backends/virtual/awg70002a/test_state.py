@@ -84,3 +84,37 @@ def test_system_tree(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
     minutes = int(ask(awg, "SYST:TIME?").split(b",")[1])
     world.clock.advance(60.0)
     assert int(ask(awg, "SYST:TIME?").split(b",")[1]) == (minutes + 1) % 60
+
+
+def test_the_self_test_takes_minutes(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
+    assert ask(awg, "*TST?") == b"0"
+    assert world.clock.now >= 120.0
+
+
+def test_what_an_earlier_user_left_survives_until_it_is_set_anew(ask: Ask, awg: VirtualAwg70002a) -> None:
+    left = {
+        "TRIG:SOUR": "INT",
+        "TRIG:MODE": "SYNC",
+        "TRIG:IMP": "1000",
+        "SOUR1:SKEW": "1.0000000000E-10",
+        "SOUR1:MARK1:DEL": "5.0000000000E-11",
+        "CLOC:SOUR": "EFIX",
+        "CLOC:EREF:FREQ": "1.0000000000E+08",
+        "OUTP2": "1",
+        "INST:MODE": "FGEN",
+    }
+    for header, value in left.items():
+        ask(awg, f"{header} {value}")
+    ask(awg, "OUTP:OFF 1;OFF 0;:AWGC:STOP;*CLS")
+    assert {header: ask(awg, f"{header}?").decode() for header in left} == left
+
+
+def test_the_root_may_be_left_out_and_means_channel_1(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "VOLT 0.3;:FREQ 1e9;:TINP BTR;:RMOD TRIG;:SKEW 1e-10;:DAC:RES 8;:MARK2:DEL 5e-11;VOLT:HIGH 1.2;LOW 0.1")
+    assert ask(awg, "SOUR1:VOLT?;TINP?;RMOD?;DAC:RES?") == b"3.0000000000E-01;BTR;TRIG;8"
+    assert ask(awg, "SOUR:MARK2:DEL?;VOLT:LOW?;HIGH?") == b"5.0000000000E-11;1.0000000000E-01;1.2000000000E+00"
+    assert ask(awg, "CLOC:SRAT?;:FREQ:CW?;:SOUR1:FREQ:FIX?") == b";".join(3 * [b"1.0000000000E+09"])
+    assert ask(awg, "SOUR2:VOLT?;TINP?") == b"5.0000000000E-01;ATR"
+    assert errors(ask, awg) == "0"
+    ask(awg, "MARK3:DEL 0;:VOLT3 0.3;:RCC 1;:RCC3 1")
+    assert errors(ask, awg) == "-114,-113,-113"
