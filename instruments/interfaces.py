@@ -136,9 +136,15 @@ class Oscilloscope(Instrument):
     channels: tuple[int, ...]
     """The configured channels, in the order of the frames."""
 
+    bandwidth_hz: float | None = None
+    """What its inputs let through once it is configured; None where the driver does not know."""
+
     @abstractmethod
     def configure(self, timebase: Timebase, trigger: EdgeTrigger, channels: tuple[int, ...], averages: int) -> None:
-        """Set everything but the vertical ranges; `averages` > 1 gives int16 codes, the mean of that many triggers.
+        """Set everything but the vertical ranges.
+
+        With `averages` > 1 a frame is the mean of that many triggers, each with the same weight, in int16 codes: what
+        an instrument calls an average may be a running one, in which the last triggers weigh more.
 
         Raises:
             OutOfRange: a setting outside the limits.

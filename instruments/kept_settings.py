@@ -20,6 +20,7 @@ class Setting:
         value: what is sent, a number or a word in mixed case: its capitals are the short form (SCPI-99, 6.2.1).
         tolerance: of a number, in `unit`; instruments round to their own steps.
         name: for messages, the header where there is none.
+        surplus: how much more than was asked for it may give of its own accord, in `unit`.
         target: which of several it is for, as in `TRIGger:LEVel 1.4,ATRigger`.
     """
 
@@ -28,6 +29,7 @@ class Setting:
     tolerance: float = 0.0
     unit: str = ""
     name: str = ""
+    surplus: float = 0.0
     target: str = ""
 
     @property
@@ -49,7 +51,8 @@ class Setting:
         name = f"{instrument}: {self.name or self.command}"
         asked = number_in(self.value)
         if asked is not None and (got := number_in(answer)) is not None:
-            confirm(name, asked, got, self.tolerance, unit=self.unit)
+            if not asked <= got <= asked + self.surplus:
+                confirm(name, asked, got, self.tolerance, unit=self.unit)
         elif answer.upper() not in self._words():
             raise InstrumentError(
                 f"{name}: asked for {self.value}, got {excerpt(answer)}: choose a value the instrument supports"

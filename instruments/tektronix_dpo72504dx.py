@@ -1,34 +1,51 @@
 """Tektronix DPO72504DX digital phosphor oscilloscope.
 
 Commands: DPO/DSA/MSO70000 series programmer manual. Codes leave the instrument as it digitised them; they become volts
-only in analysis: volts = (code - YOFf) * YMUlt + YZEro.
+only in analysis. The mean of several triggers is made here, of the frames of FastFrame: what the instrument calls an
+average is a running exponential one (ACQuire:MODe).
 """
 
 import re
 import time
-from collections.abc import Callable, Sequence
-from datetime import datetime
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from instruments.driver import Driver
-from instruments.errors import InstrumentError, LinkError, NoTrigger, SettingChanged, excerpt
+from instruments.errors import InstrumentError, LinkError, NoTrigger, SettingChanged
 from instruments.interfaces import Oscilloscope
-from instruments.kept_settings import KeptSettings, Setting
+from instruments.kept_settings import KeptSettings
 from instruments.sections import ScopeSection, Timeout
-from instruments.values import (
-    Change,
-    EdgeTrigger,
-    Examination,
-    Frames,
-    Identity,
-    Range,
-    Scaling,
-    Timebase,
-    Vertical,
+from instruments.tektronix_dpo72504dx_records import (
+    CLIP_HIGH,
+    CLIP_LOW,
+    CODES_PER_DIVISION,
+    ELSEWHERE,
+    FINER,
+    PREAMBLE,
+    Meaning,
+    frame_offsets,
+    frame_times,
+    mean,
+    meaning,
+    require_range,
+    require_source,
 )
+from instruments.tektronix_dpo72504dx_settings import (
+    INPUTS,
+    SENT_ANEW,
+    configuration,
+    framed_records,
+    many_frames,
+    reported,
+    single_records,
+    vertical_range,
+)
+from instruments.units import Hertz
+from instruments.values import Change, EdgeTrigger, Examination, Frames, Identity, Range, Scaling, Timebase, Vertical
 from instruments.visa import NoAnswer, VisaLink, number_in, tektronix_event_queue
 
 
@@ -36,6 +53,7 @@ class Dpo72504dxSection(ScopeSection):
     """The oscilloscope and what triggers it."""
 
     timeout: Timeout = 10.0
+    bandwidth: Annotated[Hertz, Field(gt=0, le=25e9, description="Of its inputs: what lies above is cut off.")] = 25e9
 
 
 DRIVER = Driver(
@@ -47,22 +65,11 @@ DRIVER = Driver(
             timeout_s=section.timeout,
             transcript=opening.transcript,
             error_queue=tektronix_event_queue,
-        )
+        ),
+        bandwidth_hz=section.bandwidth,
     ),
     identity=re.compile(r"TEKTRONIX (DPO|DSA|MSO)7\d{4}", re.IGNORECASE),
-    sent_anew=(
-        "sample_rate",
-        "record_length",
-        "acquisition_mode",
-        "trigger_*",
-        "ch?_*_v*",
-        "ch?_position_div",
-        "ch?_bandwidth_hz",
-        "ch?_coupling",
-        "ch?_inverted",
-        "ch?_deskew_s",
-        "ch?_external_attenuation",
-    ),
+    sent_anew=SENT_ANEW,
 )
 
 SELF_TEST_S = 60.0
@@ -70,41 +77,12 @@ TRIGGER_WAIT_S = 10.0
 BURST_WAIT_S = 60.0
 STALLED_S = 3.0
 """A burst that got no frame for so long gets no more: its triggers are microseconds apart."""
-POLL_S = 10e-3
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1e-3, 50e-3
+"""Between questions whether it is ready, each pause twice the one before: a real one gets ready for frames in 400 ms
+and stands a question every 50 ms (a public FastFrame capture script); a simulated one is ready at the first."""
 TRIGGER_REMEDY = "check that the AWG plays, the trigger's cable and its level"
-RATE_TOLERANCE = 1e-6
-LEVEL_TOLERANCE_V = 0.02
-SCALE_TOLERANCE = 0.02
-OFFSET_TOLERANCE_DIV = 0.1
-CODES_PER_DIVISION = 25
-FULL_BANDWIDTH_HZ = 25e9
 LARGEST_OFFSET = 2.0
 """Samples that the trigger may lie beside the sample grid: one, and what its position is uncertain by."""
-ELSEWHERE = "its settings were changed from elsewhere, leave it to this program"
-PREAMBLE = tuple(f"WFMOutpre:{field}?" for field in ("YMUlt", "YZEro", "YOFf", "XZEro"))
-REPORTED = {
-    "sample_rate": "HORizontal:MODE:SAMPLERate?",
-    "record_length": "HORizontal:MODE:RECOrdlength?",
-    "acquisition_mode": "ACQuire:MODe?",
-    "trigger_source": "TRIGger:A:EDGE:SOUrce?",
-    "trigger_coupling": "TRIGger:A:EDGE:COUPling?",
-    "trigger_holdoff": "TRIGger:A:HOLDoff:BY?",
-}
-"""What the manifest has of the instrument."""
-WORDS = ("mode", "source", "coupling", "holdoff")
-"""What their names end in where the answer is no number."""
-REPORTED_OF_CHANNEL = {
-    "scale_v_per_div": "SCAle?",
-    "offset_v": "OFFSet?",
-    "position_div": "POSition?",
-    "bandwidth_hz": "BANdwidth?",
-    "coupling": "COUPling?",
-    "inverted": "INVert?",
-    "deskew_s": "DESKew?",
-    "external_attenuation": "PROBEFunc:EXTAtten?",
-    "termination_ohm": "TERmination?",
-}
-"""What the manifest has of each of its inputs."""
 
 
 class Dpo72504dx(Oscilloscope):
@@ -113,21 +91,20 @@ class Dpo72504dx(Oscilloscope):
     SAMPLE_RATE = Range(1.0, 100e9, "S/s")
     AVERAGES = Range(1, 10240, "triggers")
     vertical_scale = Range(6.25e-3, 0.6, "V/div")
-    SHORTEST_RECORD = 50  # points; of a shorter timebase only the first points are transferred
-    CLIP_LOW, CLIP_HIGH = -127, 126
-    INPUTS = (1, 2, 3, 4)
+    INPUTS = INPUTS
 
-    def __init__(self, link: VisaLink) -> None:
-        """Drive the instrument behind `link`."""
+    def __init__(self, link: VisaLink, *, bandwidth_hz: float = 25e9) -> None:
+        """Drive the instrument behind `link`, whose inputs are to have a bandwidth."""
         self._link = link
+        self.bandwidth_hz: float = bandwidth_hz
         self.channels = ()
         self._kept = KeptSettings(link)
         self._timebase = Timebase(1.0, 0)
+        self._averages = 1
         self._verticals: dict[int, Vertical] = {}
-        self._scalings: dict[int, Scaling] = {}
+        self._meanings: dict[int, Meaning] = {}
         self._described: dict[int, tuple[str, list[str]]] = {}  # source and preamble that were found right
         self._frames = 0
-        self._dtype: np.dtype[np.int8] | np.dtype[np.int16] = np.dtype(np.int8)
 
     def identify(self) -> Identity:
         """`*IDN?`."""
@@ -147,75 +124,41 @@ class Dpo72504dx(Oscilloscope):
             )
 
     def configure(self, timebase: Timebase, trigger: EdgeTrigger, channels: tuple[int, ...], averages: int) -> None:
-        """Manual horizontal mode, edge trigger in normal mode, the channels, sample or average acquisition.
+        """Manual horizontal mode, edge trigger in normal mode, the channels; FastFrame where there are averages.
 
-        Whatever else changes volts or time is set as well, as a former user may have left it otherwise: polarity,
-        coupling, bandwidth, deskew and attenuation of the channels, coupling and holdoff of the trigger. The front
-        panel is locked. `DATa:STOP` is set with every record length: the instrument does not move it by itself.
+        Whatever else changes volts or time is set as well, as a former user may have left it otherwise. The front panel
+        is locked.
         """
-        record_length = max(timebase.samples, self.SHORTEST_RECORD)
         self.SAMPLE_RATE.check("scope sample rate", timebase.sample_rate)
         self.AVERAGES.check("averages", averages)
-        settings = (
-            Setting("HEADer", "OFF"),
-            Setting("VERBose", "ON"),
-            Setting("FASTAcq:STATE", "OFF"),
-            Setting("HORizontal:FASTframe:STATE", "OFF"),
-            Setting("ACQuire:SAMPlingmode", "RT"),
-            Setting("ACQuire:STOPAfter", "SEQuence"),
-            *self._acquisition(averages),
-            *(Setting(f"SELect:CH{channel}", str(int(channel in channels))) for channel in self.INPUTS),
-            Setting("HORizontal:MODE", "MANual"),
-            Setting(
-                "HORizontal:MODE:SAMPLERate",
-                f"{timebase.sample_rate:.6E}",
-                RATE_TOLERANCE * timebase.sample_rate,
-                "S/s",
-            ),
-            Setting("HORizontal:MODE:RECOrdlength", str(record_length), unit="samples"),
-            *self._delay(timebase),
-            *(setting for channel in channels for setting in self._input(channel)),
-            *self._trigger(trigger),
-            Setting("DATa:STARt", "1"),
-            Setting("DATa:STOP", str(timebase.samples)),
-            Setting("DATa:ENCdg", "SRIbinary"),
-            Setting("WFMOutpre:BYT_Nr", "1" if averages == 1 else "2"),
-        )
         self._kept.forget()
         self._described.clear()
         for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL"):
             self._link.write(message)
-        self._kept.set(settings)
+        self._kept.set(tuple(configuration(timebase, trigger, channels, averages, self.bandwidth_hz)))
         self.channels = channels
         self._timebase = timebase
+        self._averages = averages
         self._frames = 0
-        self._dtype = np.dtype("<i1") if averages == 1 else np.dtype("<i2")
 
     def set_vertical(self, channel: int, vertical: Vertical) -> Vertical:
-        """Set scale and offset with the trace at mid-screen, and read them back.
-
-        Four digits, because replies carry five: a range can then be set again from what its preamble said, exactly.
-        """
-        scale = vertical.scale_v_per_div
-        self.vertical_scale.check(f"CH{channel} scale", scale)
-        settings = (
-            Setting(f"CH{channel}:SCAle", f"{scale:.3E}", SCALE_TOLERANCE * scale, "V/div"),
-            Setting(f"CH{channel}:POSition", "0"),
-            Setting(f"CH{channel}:OFFSet", f"{vertical.offset_v:.3E}", OFFSET_TOLERANCE_DIV * scale, "V"),
-        )
-        settled, _, offset = map(float, self._kept.set(settings))
+        """Set scale and offset with the trace at mid-screen, and read them back."""
+        self.vertical_scale.check(f"CH{channel} scale", vertical.scale_v_per_div)
+        settled, _, offset = map(float, self._kept.set(vertical_range(channel, vertical)))
         self._described.pop(channel, None)
         self._verticals[channel] = Vertical(settled, offset)
         return self._verticals[channel]
 
     def scalings(self) -> tuple[Scaling, ...]:
         """YMUlt, YZEro and YOFf of each channel: the preamble belongs to the waveform, not to the knobs."""
-        return tuple(self._scalings[channel] for channel in self.channels)
+        return tuple(
+            Scaling(found.scale_v / self._fineness, found.offset_v)
+            for found in (self._meanings[channel].scaling for channel in self.channels)
+        )
 
     def vertical_for(self, scaling: Scaling) -> Vertical:
-        """25 codes a division, two bytes a point 256 times finer."""
-        codes_per_division = CODES_PER_DIVISION * 256 ** (self._dtype.itemsize - 1)
-        return Vertical(scaling.scale_v * codes_per_division, scaling.offset_v)
+        """25 codes a division, those of a mean 256 times finer."""
+        return Vertical(scaling.scale_v * CODES_PER_DIVISION * self._fineness, scaling.offset_v)
 
     def arm(self) -> None:
         """Start a single acquisition."""
@@ -226,71 +169,55 @@ class Dpo72504dx(Oscilloscope):
         self._completed(TRIGGER_WAIT_S)
 
     def read(self) -> Frames:
-        """One question a channel: preamble, sub-sample trigger time and the codes they belong to."""
-        codes = np.empty((1, len(self.channels), self._timebase.samples), self._dtype)
+        """One question a channel: preamble, sub-sample trigger time and the codes they belong to.
+
+        A mean has all its triggers transferred, and of each the sub-sample time asked for.
+        """
+        if self._averages > 1:
+            return self._read_mean()
+        codes = np.empty((1, len(self.channels), self._timebase.samples), np.int8)
         offsets = np.array([[self._curve(channel, codes[0, place]) for place, channel in enumerate(self.channels)]])
         self._check_offsets(offsets)
-        return Frames(codes, offsets, np.zeros(1), self._clipped(codes))
+        return Frames(codes, offsets, np.zeros(1), _clipped(codes))
 
     def most_frames(self) -> int:
-        """`HORizontal:FASTframe:MAXFRames?` at the configured record length."""
-        return int(self._link.number("HORizontal:FASTframe:MAXFRames?"))
+        """`HORizontal:FASTframe:MAXFRames?` with FastFrame on, at the configured record length."""
+        self._kept.set(framed_records(self._timebase))
+        most = int(self._link.number("HORizontal:FASTframe:MAXFRames?"))
+        if not self._frames:
+            self._kept.set(single_records(self._timebase))
+        return most
 
     def arm_burst(self, frames: int) -> None:
         """FastFrame of `frames` frames, started; ready for triggers 400 ms later, as `TRIGger:A:READY?` confirms."""
         if frames != self._frames:
-            settings = (
-                Setting("HORizontal:FASTframe:STATE", "ON"),
-                Setting("HORizontal:FASTframe:COUNt", str(frames), unit="frames"),
-                Setting("HORizontal:FASTframe:SEQuence", "FIRst"),
-                Setting("HORizontal:FASTframe:SUMFrame", "NONe"),
-                Setting("DATa:FRAMESTARt", "1"),
-                Setting("DATa:FRAMESTOP", str(frames)),
-            )
-            self._kept.set(settings)
+            self._kept.set(many_frames(self._timebase, frames))
             self._frames = frames
         self._link.write("ACQuire:STATE RUN")
         deadline = time.monotonic() + TRIGGER_WAIT_S
-        while self._link.query("TRIGger:A:READY?") != "1":
+        for pause_s in _pauses():
+            if self._link.query("TRIGger:A:READY?") == "1":
+                return
             if time.monotonic() > deadline:
                 raise InstrumentError(
                     f"{self._link.name}: not ready for triggers after {TRIGGER_WAIT_S:g} s: see its screen"
                 )
+            time.sleep(pause_s)
 
     def read_burst(self) -> Frames:
         """Wait for the last frame; one `CURVe?`, one list of trigger offsets and of time stamps for each channel."""
         self._count_frames()
         self._completed(BURST_WAIT_S)
-        offsets = []
-        span = f"1,{self._frames}"
-        codes = np.empty((len(self.channels), self._frames, self._timebase.samples), self._dtype)
-        for place, channel in enumerate(self.channels):
-            self._curve(channel, codes[place])
-            found = self._of_each_frame(f"HORizontal:FASTframe:XZEro:ALL:CH{channel}? {span}", _numbers)
-            self._check_offsets(found)
-            offsets.append(found)
-        stamps = self._of_each_frame(f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}? {span}", _times)
+        codes = np.empty((len(self.channels), self._frames, self._timebase.samples), np.int8)
+        places = enumerate(self.channels)
+        offsets = [self._framed_curve(channel, codes[place]) for place, channel in places]
+        stamps = self._of_each_frame(f"TIMEStamp:ALL:CH{self.channels[0]}", self._frames, frame_times)
         codes = codes.swapaxes(0, 1)
-        return Frames(codes, np.stack(offsets, axis=1), stamps, self._clipped(codes))
+        return Frames(codes, np.stack(offsets, axis=1), stamps, _clipped(codes))
 
     def settings(self) -> dict[str, str | float]:
         """Timebase, acquisition, trigger, and how every channel is set, as a former user may have left it."""
-        names = {question: name for name, question in REPORTED.items()}
-        for channel in self.INPUTS:
-            names |= {
-                f"CH{channel}:{question}": f"ch{channel}_{name}" for name, question in REPORTED_OF_CHANNEL.items()
-            }
-        answers = self._link.query(";:".join(names)).split(";")
-        report = {
-            name: answer if name.endswith(WORDS) else number_in(answer)
-            for name, answer in zip(names.values(), answers, strict=False)
-        }
-        if len(answers) != len(names) or None in report.values():
-            raise InstrumentError(
-                f"{self._link.name} at {self._link.resource}: does not say in numbers how it is set: check that the "
-                f"driver fits the instrument"
-            )
-        return {name: value for name, value in report.items() if value is not None}
+        return reported(self._link)
 
     def changes(self) -> tuple[Change, ...]:
         """All settings that were sent, in one question."""
@@ -323,7 +250,7 @@ class Dpo72504dx(Oscilloscope):
 
         `*OPC?` alone would not show how many are missing, and how long to wait for all depends on the triggers' rate.
         """
-        frames, last = 0, time.monotonic()
+        frames, last, pauses = 0, time.monotonic(), _pauses()
         while (found := self._link.number("ACQuire:NUMFRAMESACQuired?", timeout_s=BURST_WAIT_S)) < self._frames:
             if found > frames:
                 frames, last = int(found), time.monotonic()
@@ -332,7 +259,25 @@ class Dpo72504dx(Oscilloscope):
                     f"{self._link.name} at {self._link.resource} took {frames} of {self._frames} frames, and none for "
                     f"{STALLED_S:g} s: {TRIGGER_REMEDY}"
                 )
-            time.sleep(POLL_S)
+            time.sleep(next(pauses))
+
+    def _read_mean(self) -> Frames:
+        """The mean of all frames, channel by channel, so that no more than one channel's are in memory."""
+        shape = (1, len(self.channels), self._timebase.samples)
+        codes, offsets, at_an_end = np.empty(shape, np.int16), np.empty(shape[:2]), np.empty(shape[:2], np.bool_)
+        frames = np.empty((self._averages, self._timebase.samples), np.int8)
+        for place, channel in enumerate(self.channels):
+            offsets[0, place] = self._framed_curve(channel, frames).mean()
+            codes[0, place], at_an_end[0, place] = mean(frames), _clipped(frames).any()
+        return Frames(codes, offsets, np.zeros(1), at_an_end)
+
+    def _framed_curve(self, channel: int, codes: NDArray[np.int8]) -> NDArray[np.float64]:
+        """`_curve` of all frames of a channel; returns the trigger offset of each, s."""
+        self._curve(channel, codes)
+        offsets = self._of_each_frame(f"XZEro:ALL:CH{channel}", len(codes), frame_offsets)
+        offsets += self._meanings[channel].late_s
+        self._check_offsets(offsets)
+        return offsets
 
     def _curve(self, channel: int, codes: NDArray[Any]) -> float:
         """`CURVe?` of a channel into `codes`, in one message with what they are; returns their trigger offset, s.
@@ -342,44 +287,32 @@ class Dpo72504dx(Oscilloscope):
         Raises:
             SettingChanged: source or preamble are not those of this channel as it was set.
         """
-        questions = (f"DATa:SOUrce CH{channel}", "DATa:SOUrce?", *PREAMBLE, "CURVe?")
+        questions = (f"DATa:SOUrce CH{channel}", "DATa:SOUrce?", *PREAMBLE, "WFMOutpre:XZEro?", "CURVe?")
         try:
-            source, *preamble = self._link.read_described_block(questions, codes)
+            source, *preamble, trigger_offset = self._link.read_described_block(questions, codes)
         except LinkError:
             with self._link.checked():
                 pass
             raise
-        *scaling, trigger_offset = preamble
-        if (described := (source, scaling)) != self._described.get(channel):
-            self._scalings[channel] = self._checked(channel, source, scaling)
+        if (described := (source, preamble)) != self._described.get(channel):
+            self._understand(channel, source, preamble)
             self._described[channel] = described
         if (trigger_offset_s := number_in(trigger_offset)) is None:
             raise SettingChanged(f"{self._link.name}: trigger offset of CH{channel} is {trigger_offset}: {ELSEWHERE}")
-        return trigger_offset_s
+        return self._meanings[channel].late_s + trigger_offset_s
 
-    def _checked(self, channel: int, source: str, preamble: Sequence[str]) -> Scaling:
-        """What the codes of a channel mean by source and preamble, which must be those of its range.
+    def _understand(self, channel: int, source: str, preamble: list[str]) -> None:
+        """Take in what the codes of a channel mean by source and preamble, which must be those of its range.
 
         Raises:
             SettingChanged: they are not.
         """
-        if source.upper() != f"CH{channel}":
-            raise SettingChanged(f"{self._link.name}: asked for CH{channel}, got {excerpt(source)}: {ELSEWHERE}")
-        numbers = [number for answer in preamble if (number := number_in(answer)) is not None]
-        if len(numbers) < len(preamble):
-            raise SettingChanged(f"{self._link.name}: CH{channel} is described by {preamble}: {ELSEWHERE}")
-        multiplier, zero, offset = numbers
-        found = Scaling(scale_v=multiplier, offset_v=zero - offset * multiplier)
-        wanted, described = self._verticals.get(channel), self.vertical_for(found)
-        if wanted is not None:
-            scale = wanted.scale_v_per_div
-            far = abs(described.scale_v_per_div - scale) > SCALE_TOLERANCE * scale
-            if far or abs(described.offset_v - wanted.offset_v) > OFFSET_TOLERANCE_DIV * scale:
-                raise SettingChanged(
-                    f"{self._link.name}: CH{channel} was set to {scale:.4g} V/div at {wanted.offset_v:.4g} V, its "
-                    f"preamble says {described.scale_v_per_div:.4g} V/div at {described.offset_v:.4g} V: {ELSEWHERE}"
-                )
-        return found
+        require_source(self._link.name, channel, source)
+        found = meaning(name := f"{self._link.name}: CH{channel}", preamble, self._timebase)
+        self._meanings[channel] = found
+        if (wanted := self._verticals.get(channel)) is not None:
+            scaling = found.scaling
+            require_range(name, wanted, Vertical(scaling.scale_v * CODES_PER_DIVISION, scaling.offset_v))
 
     def _check_offsets(self, offsets_s: NDArray[np.float64]) -> None:
         """Compare sub-sample trigger times with the sample interval.
@@ -391,76 +324,39 @@ class Dpo72504dx(Oscilloscope):
         if worst * self._timebase.sample_rate > LARGEST_OFFSET:
             raise SettingChanged(f"{self._link.name}: the trigger lies {worst:.3g} s beside the samples: {ELSEWHERE}")
 
-    def _of_each_frame(self, query: str, read: Callable[[str], NDArray[np.float64]]) -> NDArray[np.float64]:
-        """A list with a number for each frame of the burst, shape (frames,)."""
-        reply = self._link.query(query)
+    def _of_each_frame(
+        self, list_of: str, frames: int, read: Callable[[str], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """A list with a number for each of so many frames, shape (frames,)."""
+        header = f"HORizontal:FASTframe:{list_of}?"
+        reply = self._link.query(f"{header} 1,{frames}")
         try:
             found = read(reply)
-        except ValueError:  # a date that is none
+        except ValueError:
             found = np.empty(0)
         found = found[np.isfinite(found)]
-        if found.size != self._frames:
+        if found.size != frames:
             raise InstrumentError(
-                f"{self._link.name} at {self._link.resource}: {query.split()[0]} described {found.size} frames, not "
-                f"{self._frames}: check its trigger"
+                f"{self._link.name} at {self._link.resource}: {header} described {found.size} frames, not {frames}: "
+                f"check its trigger"
             )
         return found
 
-    def _clipped(self, codes: NDArray[np.integer]) -> NDArray[np.bool_]:
-        step = 256 ** (codes.dtype.itemsize - 1)
-        low, high = codes.min(axis=-1), codes.max(axis=-1)
-        clipped: NDArray[np.bool_] = (low <= self.CLIP_LOW * step) | (high >= self.CLIP_HIGH * step)
-        return clipped
-
-    def _delay(self, timebase: Timebase) -> tuple[Setting, ...]:
-        if timebase.delay_s == 0:
-            return (Setting("HORizontal:MAIn:DELay:MODe", "OFF"), Setting("HORizontal:POSition", "0"))
-        return (
-            Setting("HORizontal:MAIn:DELay:MODe", "ON"),
-            Setting("HORizontal:MAIn:DELay:POSition", "0"),
-            Setting("HORizontal:MAIn:DELay:TIMe", f"{timebase.delay_s:.6E}", 1 / timebase.sample_rate, "s"),
-        )
-
-    def _acquisition(self, averages: int) -> tuple[Setting, ...]:
-        if averages == 1:
-            return (Setting("ACQuire:MODe", "SAMple"),)
-        return (Setting("ACQuire:MODe", "AVErage"), Setting("ACQuire:NUMAVg", str(averages)))
-
-    def _input(self, channel: int) -> tuple[Setting, ...]:
-        return (
-            Setting(f"CH{channel}:INVert", "OFF"),
-            Setting(f"CH{channel}:COUPling", "DC"),
-            Setting(f"CH{channel}:BANdwidth", f"{FULL_BANDWIDTH_HZ:.1E}", FULL_BANDWIDTH_HZ / 2, "Hz"),
-            Setting(f"CH{channel}:DESKew", "0"),
-            Setting(f"CH{channel}:PROBEFunc:EXTAtten", "1"),
-        )
-
-    def _trigger(self, trigger: EdgeTrigger) -> tuple[Setting, ...]:
-        source, suffix = ("AUXiliary", "AUX") if trigger.source == "AUX" else (f"CH{trigger.source}",) * 2
-        level = "TRIGger:AUXLevel" if trigger.source == "AUX" else f"TRIGger:A:LEVel:{source}"
-        return (
-            Setting("TRIGger:A:TYPe", "EDGE"),
-            Setting("TRIGger:A:MODe", "NORMal"),
-            Setting("TRIGger:A:HOLDoff:BY", "DEFAult"),
-            Setting("TRIGger:A:EDGE:COUPling", "DC"),
-            Setting("TRIGger:A:EDGE:SOUrce", source),
-            Setting(f"TRIGger:A:EDGE:SLOpe:{suffix}", "RISe" if trigger.rising else "FALL"),
-            Setting(level, f"{trigger.level_v:.4f}", LEVEL_TOLERANCE_V, "V"),
-        )
+    @property
+    def _fineness(self) -> int:
+        return FINER if self._averages > 1 else 1
 
 
-_STAMP = re.compile(r"(\d{2} \w{3} \d{4} \d{2}:\d{2}:\d{2})\.(\d{3} \d{3} \d{3} \d{3})")
-_OFFSET = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)")
+def _clipped(codes: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Whether a point of each record, (..., points), reached an end of the range."""
+    low, high = codes.min(axis=-1), codes.max(axis=-1)
+    reached: NDArray[np.bool_] = (low <= CLIP_LOW) | (high >= CLIP_HIGH)
+    return reached
 
 
-def _times(reply: str) -> NDArray[np.float64]:
-    """Time stamps `DD MON YYYY HH:MM:SS.fff fff fff fff` as seconds after the first one's full second."""
-    stamps = [(match[1], int(match[2].replace(" ", ""))) for match in _STAMP.finditer(reply)]
-    clock = {text: datetime.strptime(text, "%d %b %Y %H:%M:%S") for text in {text for text, _ in stamps}}
-    start = min(clock.values())
-    return np.array([(clock[text] - start).total_seconds() + picoseconds * 1e-12 for text, picoseconds in stamps])
-
-
-def _numbers(reply: str) -> NDArray[np.float64]:
-    """The numbers with exponent in a list of frame numbers and trigger offsets."""
-    return np.array([float(text) for text in _OFFSET.findall(reply)])
+def _pauses() -> Iterator[float]:
+    """How long to wait before each further question to an instrument that is not ready yet, s."""
+    pause_s = FIRST_PAUSE_S
+    while True:
+        yield pause_s
+        pause_s = min(2 * pause_s, LONGEST_PAUSE_S)

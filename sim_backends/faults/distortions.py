@@ -132,15 +132,15 @@ def clipped(reply: bytes) -> Disturbed:
 
 def without_last_stamp(reply: bytes) -> Disturbed:
     """The last frame is missing in a list of frame numbers and time stamps."""
-    return Disturbed(b",".join(reply[:-1].split(b",")[:-2]) + b"\n")
+    return Disturbed(b",".join(reply[:-1].split(b",")[:-1]) + b"\n")
 
 
 def stamps_swapped(reply: bytes) -> Disturbed:
-    """The second and the third frame have changed places in a list of frame numbers and time stamps."""
-    items = reply[:-1].split(b",")
-    if len(items) >= 6:
-        items[3], items[5] = items[5], items[3]
-    return Disturbed(b",".join(items) + b"\n")
+    """The second and the third frame have changed their times in a list of frame numbers and time stamps."""
+    items = [item.split(b": ") for item in reply[:-1].split(b",")]
+    if len(items) >= 3:
+        items[1][-1], items[2][-1] = items[2][-1], items[1][-1]
+    return Disturbed(b",".join(b": ".join(item) for item in items) + b"\n")
 
 
 def underscored(reply: bytes) -> Disturbed:

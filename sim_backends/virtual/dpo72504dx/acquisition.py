@@ -16,8 +16,8 @@ from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_wi
 from sim_backends.scpi.commands import Command
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, READY_S, FastFrame
-from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, LONGEST_RECORD, RATES, Horizontal
+from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, READY_S, SUMMARY_FRAMES, FastFrame
+from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, LONGEST_RECORD, Horizontal
 from sim_backends.virtual.dpo72504dx.modes import (
     MODE_COMMANDS,
     NO_CODES,
@@ -27,6 +27,7 @@ from sim_backends.virtual.dpo72504dx.modes import (
     aligned,
     finished,
     kept,
+    run_on,
     summarised,
 )
 from sim_backends.virtual.dpo72504dx.plan import Plan, planned
@@ -53,7 +54,8 @@ _PLANNED_BY = frozenset(
 class Progress:
     """An acquisition under way: what has been recorded of it.
 
-    times: (triggers,) s, virtual, of each time that triggers were taken. offsets: how far from a sample (s).
+    times: (triggers,) s, virtual, of each time that triggers were taken. offsets: how far from a sample (s). goes_on:
+    whether it began with `frames`, the running average of the acquisition before.
     """
 
     plan: Plan
@@ -61,9 +63,11 @@ class Progress:
     offsets: list[NDArray[np.float64]] = field(default_factory=list)
     frames: Kept = field(default_factory=list)
     missing: int = 0
+    goes_on: bool = False
 
     def __post_init__(self) -> None:
         self.missing = self.plan.triggers
+        self.goes_on = bool(self.frames)
 
     def add(self, codes: NDArray[np.int8], offsets: NDArray[np.float64]) -> None:
         """Keep codes (channels, triggers, samples) and sub-sample times (s) of some triggers."""
@@ -73,13 +77,16 @@ class Progress:
         self.offsets.append(offsets)
         if plan.mode == "SAMple":
             self.frames.append(codes)
+        elif self.goes_on:
+            self.frames = run_on(self.frames, codes, plan.triggers)
         else:
             self.frames = kept(plan.mode, self.frames, codes, plan.acquisition.samples)
 
     def codes(self) -> Codes:
         """(channels, frames, samples) of what there is; at least one trigger must have come."""
         if self.plan.mode != "SAMple":
-            return finished(self.plan.mode, self.frames, sum(times.size for times in self.times))
+            triggers = self.plan.triggers if self.goes_on else sum(times.size for times in self.times)
+            return finished(self.plan.mode, self.frames, triggers)
         if len(self.frames) > 1:  # one array from now on: an acquisition is read many times
             self.frames = [np.concatenate(self.frames, axis=1)]
         return self.frames[0]
@@ -112,8 +119,8 @@ class AcquisitionSystem(VirtualInstrument):
     def changed(self, command: Command) -> None:
         """Plan anew after a setting; with more than two channels on, the highest sample rate is shared out."""
         if command in _PLANNED_BY:
-            shared = sum(channel.selected for channel in self.channels.values()) > 2
-            self.horizontal.highest_rate = RATES[1] if shared else RATES[0]
+            selected = sum(channel.selected for channel in self.channels.values())
+            self.horizontal.settle(channels=selected, frames=self.frames.on)
             self._planned = None
 
     @property
@@ -127,17 +134,20 @@ class AcquisitionSystem(VirtualInstrument):
     @property
     def frame_count(self) -> int:
         """Frames to take, at most what the memory holds at the present length; -222 beyond that."""
-        return min(self.frames.count, self.most_frames())
+        return min(self.frames.count, self._room())
 
     @frame_count.setter
     def frame_count(self, count: int) -> None:
-        if count > self.most_frames():
-            raise ScpiError(-222, f"{count} frames, the memory holds {self.most_frames()}")
+        if count > self._room():
+            raise ScpiError(-222, f"{count} frames, the memory holds {self._room()}")
         self.frames.count = count
 
     def most_frames(self) -> int:
         """`HORizontal:FASTframe:MAXFRames?`: what the acquisition memory holds at the present length."""
         return LONGEST_RECORD // self.horizontal.record_length
+
+    def _room(self) -> int:
+        return self.most_frames() - (0 if self.frames.summary == "NONe" else SUMMARY_FRAMES)
 
     # --- run control
 
@@ -193,9 +203,12 @@ class AcquisitionSystem(VirtualInstrument):
 
     def _under_way(self) -> Progress:
         if self._progress is None:
-            self._progress = Progress(self.plan)
+            before: Kept = []
             if self.mode.stop_after == "RUNSTop":
                 self._ready_s = max(self._ready_s, self.world.clock.now)
+                shown = self._shown if self._acquisitions and self.plan.mode == "AVErage" else None
+                before = shown.frames if shown is not None and shown.plan is self.plan else []
+            self._progress = Progress(self.plan, frames=before)
         return self._progress
 
     def _upcoming(self, count: int, after_s: float) -> NDArray[np.float64] | None:

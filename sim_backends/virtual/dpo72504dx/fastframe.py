@@ -1,6 +1,6 @@
 """FastFrame of the virtual oscilloscope: many triggers in one acquisition, each with its time stamp.
 
-Source: instrument facts 2.8.
+Source: instrument facts 2.8; hardware facts, DPO72504DX: lists as three public parsers read them, `"1: ...","2: ..."`.
 """
 
 from collections.abc import Callable
@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from sim_backends.scpi.arguments import boolean, integer, keyword, nr3
 from sim_backends.scpi.commands import Query, Setting
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.horizontal import LONGEST_RECORD, SHORTEST_RECORD
+from sim_backends.virtual.dpo72504dx.horizontal import LONGEST_RECORD
 from sim_backends.virtual.dpo72504dx.vertical import CHANNELS
 
 READY_S = 0.4  # from RUN until a burst of triggers is accepted
 SWITCHED_ON = datetime(2026, 1, 1)  # what the oscilloscope's clock shows when the virtual clock is at 0
 MOST_FRAMES = 2**31 - 1
+SUMMARY_FRAMES = 2  # whose memory a summary takes (Blackchirp)
 
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 _FRAME = integer(1, MOST_FRAMES)
@@ -29,7 +30,7 @@ _SPAN = (_FRAME, _FRAME)
 FASTFRAME_COMMANDS = (
     Setting("HORizontal:FASTframe:STATE", "frames.on", boolean),
     Setting("HORizontal:FASTframe:COUNt", "frame_count", _FRAME),
-    Setting("HORizontal:FASTframe:LENgth", "horizontal.record_length", integer(SHORTEST_RECORD, LONGEST_RECORD)),
+    Setting("HORizontal:FASTframe:LENgth", "horizontal.record_length", integer(1, LONGEST_RECORD)),
     Query("HORizontal:FASTframe:MAXFRames?", "most_frames"),
     Setting("HORizontal:FASTframe:SEQuence", "frames.sequence", keyword("FIRst", "LAST")),
     Setting("HORizontal:FASTframe:SUMFrame", "frames.summary", keyword("NONe", "AVErage", "ENVelope")),
@@ -114,7 +115,7 @@ class Stamps:
     def of_frames(self, channel: int, first: int, last: int) -> str:
         """Number, date and time of every frame between two."""
         times = self._acquired(channel).times_s
-        return ",".join(f'{index + 1},"{date_stamp(times[index])}"' for index in span(first, last, times.size))
+        return _listed(span(first, last, times.size), lambda index: date_stamp(times[index]))
 
     def to_reference(self, channel: int) -> str:
         """Time from the reference frame to the selected one."""
@@ -137,7 +138,7 @@ class Stamps:
     def offsets(self, channel: int, first: int, last: int) -> str:
         """Number and sub-sample trigger time (s) of every frame between two."""
         offsets = self._acquired(channel).offsets_s
-        return ",".join(f"{index + 1},{nr3(offsets[index])}" for index in span(first, last, offsets.size))
+        return _listed(span(first, last, offsets.size), lambda index: nr3(offsets[index]))
 
     def _time(self, channel: int, frame: int) -> float:
         times = self._acquired(channel).times_s
@@ -150,6 +151,10 @@ def span(first: int, last: int, acquired: int) -> range:
     if last > acquired:
         raise ScpiError(-222, f"frame {last} of {acquired}")
     return range(first - 1, last)
+
+
+def _listed(frames: range, item: Callable[[int], str]) -> str:
+    return ",".join(f'"{index + 1}: {item(index)}"' for index in frames)
 
 
 def date_stamp(time_s: float) -> str:

@@ -1,6 +1,6 @@
 """Time base of the virtual oscilloscope.
 
-Source: instrument facts 2.4. Numbers that are only recalled are module constants.
+Source: instrument facts 2.4; hardware facts, DPO72504DX. Numbers that are only recalled are module constants.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,8 @@ from sim_backends.scpi.commands import Setting
 from sim_backends.scpi.status import ScpiError
 
 RATES = tuple(100e9 / 2**octave for octave in range(18))  # S/s; 100 and 50 GS/s recalled, the lower steps assumed
-SHORTEST_RECORD, LONGEST_RECORD = 50, 31_250_000  # samples, recalled
+SHORTEST_RECORD, LONGEST_RECORD = 500, 31_250_000  # samples, recalled
+FRAME_LENGTHS = (50, 250)  # samples; permitted in FastFrame in addition (HORizontal:FASTframe:LENgth)
 RECORD_SHOWN = 5000  # samples; AUTO keeps records below
 DIVISIONS = 10
 DELAY_LIMIT_S = 1.0  # recalled
@@ -18,7 +19,7 @@ DELAY_LIMIT_S = 1.0  # recalled
 HORIZONTAL_COMMANDS = (
     Setting("HORizontal:MODE", "horizontal.mode", keyword("AUTO", "CONStant", "MANual")),
     Setting("HORizontal:MODE:SAMPLERate", "horizontal.sample_rate", real(RATES[-1] / 2, 2 * RATES[0])),
-    Setting("HORizontal:MODE:RECOrdlength", "horizontal.record_length", integer(SHORTEST_RECORD, LONGEST_RECORD)),
+    Setting("HORizontal:MODE:RECOrdlength", "horizontal.record_length", integer(1, LONGEST_RECORD)),
     Setting("HORizontal:MODE:SCAle", "horizontal.scale_s", real(1e-12, 1000)),
     Setting("HORizontal:POSition", "horizontal.position_percent", real(0, 100)),
     Setting("HORizontal[:MAIn]:DELay:MODe", "horizontal.delayed", boolean),
@@ -35,7 +36,10 @@ HORIZONTAL_COMMANDS = (
 
 @dataclass
 class Horizontal:
-    """Time base. MANual sets rate and record length, CONStant rate and scale, AUTO the scale alone."""
+    """Time base. MANual sets rate and record length, CONStant rate and scale, AUTO the scale alone.
+
+    `settle` goes to what is permitted after every setting, without a word, and stays there.
+    """
 
     mode: str = "AUTO"
     highest_rate: float = RATES[0]  # what the number of channels allows
@@ -54,14 +58,14 @@ class Horizontal:
     @property
     def sample_rate(self) -> float:
         """Samples per second; the nearest rate there is is taken, -221 when set in AUTO."""
-        return min(self._rate, self.highest_rate)
+        return self._rate
 
     @sample_rate.setter
     def sample_rate(self, rate: float) -> None:
         if self.mode == "AUTO":
             raise ScpiError(-221, "HORizontal:MODE is AUTO: the sample rate follows the scale")
         length_s = self.duration_s
-        self._rate = min(RATES, key=lambda step: max(step / rate, rate / step))
+        self._rate = min(self.highest_rate, min(RATES, key=lambda step: max(step / rate, rate / step)))
         if self.mode == "CONStant":
             self._record_length = self._fitting(length_s)
 
@@ -75,6 +79,14 @@ class Horizontal:
         if self.mode != "MANual":
             raise ScpiError(-221, f"HORizontal:MODE is {self.mode.upper()}: the record length follows the scale")
         self._record_length = samples
+
+    def settle(self, *, channels: int, frames: bool) -> None:
+        """So many channels share the rate; records are as long as one, or a frame of FastFrame, may be."""
+        self.highest_rate = RATES[1] if channels > 2 else RATES[0]
+        self._rate = min(self._rate, self.highest_rate)
+        short = FRAME_LENGTHS if frames else ()
+        longer = max(self._record_length, SHORTEST_RECORD)
+        self._record_length = next((length for length in short if length >= self._record_length), longer)
 
     @property
     def duration_s(self) -> float:

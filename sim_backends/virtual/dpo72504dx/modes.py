@@ -1,7 +1,9 @@
 """Acquisition modes of the virtual oscilloscope: what becomes of the samples behind each trigger.
 
 Source: instrument facts 2.5 and 2.8. High resolution and peak detection work on samples of the base rate and exist
-below it only. An envelope holds lowest and highest code in turn: each pair of points covers two intervals.
+below it only. An envelope holds lowest and highest code in turn: each pair of points covers two intervals. An average
+is that of all triggers until there are ACQuire:NUMAVg of them; running on, it is exponential with that weight
+(ACQuire:MODe: "a running exponential average"; MATH<x>:NUMAVg says from when on).
 """
 
 from dataclasses import dataclass
@@ -92,6 +94,14 @@ def kept(mode: str, before: Kept, codes: NDArray[np.int8], points: int) -> Kept:
     if mode == "HIRes":
         return [*before, np.rint(256 * blocks.mean(axis=3)).astype(np.int16)]
     return [*before, interleaved(blocks.min(axis=3), blocks.max(axis=3))]
+
+
+def run_on(total: Kept, codes: NDArray[np.int8], weight: int) -> Kept:
+    """What is kept of an average, the sum of `weight` triggers, after more: each takes the place of its mean once."""
+    running = total[0].astype(np.float64)
+    for trigger in range(codes.shape[1]):
+        running += codes[:, trigger : trigger + 1] - running / weight
+    return [running]
 
 
 def finished(mode: str, frames: Kept, triggers: int) -> Codes:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sim_backends.scpi.arguments import boolean, integer, keyword, quoted, real, several
 from sim_backends.scpi.commands import Action, Query, Setting, definite_block
 from sim_backends.scpi.messages import Chunk
-from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.dpo72504dx.horizontal import DIVISIONS, RECORD_SHOWN
 from sim_backends.virtual.dpo72504dx.modes import Codes
 from sim_backends.virtual.dpo72504dx.plan import Plan
@@ -40,8 +39,8 @@ _MODES = {
 }
 
 PREAMBLE = (
-    Setting("WFMOutpre:BYT_Nr", "transfer.width", integer(1, 2)),
-    Setting("WFMOutpre:BIT_Nr", "transfer.bits", integer(8, 16)),
+    Setting("WFMOutpre:BYT_Nr", "transfer.width", integer()),
+    Setting("WFMOutpre:BIT_Nr", "transfer.bits", integer()),
     Setting("WFMOutpre:ENCdg", "transfer.words", keyword("ASCii", "BINary")),
     Setting("WFMOutpre:BN_Fmt", "transfer.number_format", keyword("RI", "RP", "FP")),
     Setting("WFMOutpre:BYT_Or", "transfer.byte_order", keyword("MSB", "LSB")),
@@ -91,29 +90,36 @@ class Transfer:
     frame_stop: int = LAST_POINT
     synchronous_sources: bool = False
     words: str = "BINary"
-    number_format: str = "RI"
     byte_order: str = "MSB"
+    _number_format: str = "RI"
     _width: int = 1
 
     @property
+    def number_format(self) -> str:
+        """RI, RP or FP; of a channel, whose points are no floating-point numbers, RI in the place of FP."""
+        return "RI" if self._number_format == "FP" and self.sources[0] in CHANNELS else self._number_format
+
+    @number_format.setter
+    def number_format(self, word: str) -> None:
+        self._number_format = word
+
+    @property
     def width(self) -> int:
-        """Bytes a point: 1 or 2 as set, 4 for floating point."""
+        """Bytes a point: 1 or 2, the nearest to what is set, 4 for floating point. 8 would be a pixel map's."""
         return 4 if self.number_format == "FP" else self._width
 
     @width.setter
     def width(self, count: int) -> None:
-        self._width = count
+        self._width = 1 if count <= 1 else 2
 
     @property
     def bits(self) -> int:
-        """Bits a point: 8 or 16 as set, 32 for floating point."""
+        """Bits a point: 8, or 16 where that many are set, 32 for floating point."""
         return 8 * self.width
 
     @bits.setter
     def bits(self, count: int) -> None:
-        if count % 8:
-            raise ScpiError(-224, str(count))
-        self._width = count // 8
+        self.width = count // 8
 
     def points(self, samples: int) -> range:
         """Which of a record's samples; beyond its end, its last one."""

@@ -58,7 +58,7 @@ class Trigger:
     mode: str = "AUTO"
     source: str = "CH1"
     coupling: str = "DC"
-    level_preference: str = "SRCDependent"
+    level_preference: str = "SRCIndependent"
     holdoff_by: str = "DEFAult"
     holdoff_s: float = 0.0
     inputs: dict[int, TriggerInput] = field(

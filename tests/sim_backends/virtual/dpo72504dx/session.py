@@ -30,10 +30,10 @@ WHOLE_SESSION = (
 SHORT_RECORDS = (
     "SELect:CH2 ON;:CH1:SCAle 0.01;OFFSet 0.02;:CH2:SCAle 0.02;"
     ":TRIGger:A:EDGE:SOUrce AUXiliary;:TRIGger:AUXLevel 0.5;:TRIGger:A:MODe NORMal;"
-    ":HORizontal:MODE MANual;MODE:SAMPLERate 25E9;RECOrdlength 50;:HORizontal:POSition 0;"
+    ":HORizontal:MODE MANual;MODE:SAMPLERate 25E9;RECOrdlength 500;:HORizontal:POSition 0;"
     ":DATa:ENCdg SRIbinary;STOP 1e12;:ACQuire:STOPAfter SEQuence",
 )
-"""Two channels, 50 points."""
+"""Two channels, 500 points, the fewest of a single record."""
 
 
 def playback(*, triggered: bool = False) -> Playback:
@@ -60,7 +60,7 @@ def set_up(ask: Ask, world: Watched, session: tuple[str, ...] = SHORT_RECORDS) -
 
 
 def fast_frame(ask: Ask, scope: VirtualDpo72504dx, count: int, more: str = "") -> None:
-    ask(scope, f"HORizontal:FASTframe:STATE ON;COUNt {count};SEQuence FIRst;SUMFrame NONe" + more)
+    ask(scope, f"HORizontal:FASTframe:STATE ON;LENgth 50;COUNt {count};SEQuence FIRst;SUMFrame NONe" + more)
 
 
 def events(ask: Ask, scope: VirtualDpo72504dx) -> str:

@@ -62,6 +62,16 @@ def test_average(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
     assert np.std(volts(ask, scope, "<i2") - fine) < noise / 4
 
 
+def test_running_freely_an_average_is_exponential(ask: Ask, scope: VirtualDpo72504dx, world: Watched) -> None:
+    """Of all triggers at first, and from NUMAVg of them on each new one weighs 1/NUMAVg; a single sequence ends there."""
+    ask(scope, "ACQuire:MODe AVErage;NUMAVg 4;STOPAfter RUNSTop;STATE RUN;:WFMOutpre:BYT_Nr 2")
+    lit = volts(ask, scope, "<i2").mean()
+    world.emit(None)
+    assert volts(ask, scope, "<i2").mean() / lit == pytest.approx((1 - 1 / 4) ** 4, abs=0.05)
+    ask(scope, "ACQuire:STATE RUN")
+    assert volts(ask, scope, "<i2").mean() / lit == pytest.approx(0, abs=0.05), "begun anew"
+
+
 def test_waits_for_a_trigger_that_another_client_causes(
     ask: Ask, read: Read, scope: VirtualDpo72504dx, world: Watched
 ) -> None:

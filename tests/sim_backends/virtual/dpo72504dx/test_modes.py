@@ -20,12 +20,12 @@ def test_oversampling_modes_exist_below_the_base_rate_only(
 ) -> None:
     ask(scope, f"ACQuire:MODe {mode}")
     assert ask(scope, "ACQuire:MODe?;MODe:ACTUal?").decode() == f"{mode.upper()};SAMPLE"
-    ask(scope, "HORizontal:MODE:SAMPLERate 3.125e9;:HORizontal:MODE:RECOrdlength 64;:ACQuire:STATE RUN;*OPC?")
+    ask(scope, "HORizontal:MODE:SAMPLERate 3.125e9;:HORizontal:MODE:RECOrdlength 500;:ACQuire:STATE RUN;*OPC?")
     assert ask(scope, "ACQuire:MODe:ACTUal?").decode() == mode.upper()
     acquisition, _ = world.records[0]
-    assert (acquisition.sample_rate, acquisition.samples) == (6.25e9, 128)
+    assert (acquisition.sample_rate, acquisition.samples) == (6.25e9, 1000)
     assert acquisition.start_s == pytest.approx(-0.5 / 6.25e9)
-    assert ask(scope, "WFMOutpre:PT_Fmt?;NR_Pt?") == (b"ENV;64" if mode == "PEAKdetect" else b"Y;64")
+    assert ask(scope, "WFMOutpre:PT_Fmt?;NR_Pt?") == (b"ENV;500" if mode == "PEAKdetect" else b"Y;500")
     ask(scope, "WFMOutpre:BYT_Nr 2")
     points = block(ask(scope, "CURVe?"), "<i2")
     if mode == "PEAKdetect":
@@ -93,6 +93,6 @@ def test_free_running_in_automatic_mode(ask: Ask, scope: VirtualDpo72504dx, worl
     assert ask(scope, "TRIGger:STATE?") == b"TRIGGER"
     world.play(None)
     assert ask(scope, "TRIGger:STATE?") == b"AUTO"
-    assert len(block(ask(scope, "CURVe?"))) == 50
+    assert len(block(ask(scope, "CURVe?"))) == 500
     ask(scope, "TRIGger:A:MODe NORMal")
     assert ask(scope, "TRIGger:STATE?;:ACQuire:STATE STOP;:TRIGger:STATE?") == b"READY;SAVE"

@@ -70,7 +70,23 @@ def test_rates_are_stepped_and_shared(ask: Ask, scope: VirtualDpo72504dx) -> Non
     ask(scope, "HORizontal:MODE:SAMPLERate 100e9")
     assert number(ask, scope, "HORizontal:MODE:SAMPLERate?") == 50e9
     ask(scope, "SELect:CH3 OFF")
+    assert number(ask, scope, "HORizontal:MODE:SAMPLERate?") == 50e9, "it does not come back by itself"
+    ask(scope, "HORizontal:MODE:SAMPLERate 100e9")
     assert number(ask, scope, "HORizontal:MODE:SAMPLERate?") == 100e9
+    ask(scope, "SELect:CH3 ON")
+    assert number(ask, scope, "HORizontal:MODE:SAMPLERate?") == 50e9
+
+
+def test_a_single_record_has_five_hundred_points_and_a_frame_fifty(ask: Ask, scope: VirtualDpo72504dx) -> None:
+    def length(asked: int) -> bytes:
+        return ask(scope, f"HORizontal:MODE:RECOrdlength {asked};RECOrdlength?")
+
+    assert [length(asked) for asked in (1, 50, 499, 501)] == [b"500", b"500", b"500", b"501"]
+    ask(scope, "HORizontal:FASTframe:STATE ON")
+    assert [length(asked) for asked in (1, 51, 250, 251)] == [b"50", b"250", b"250", b"500"]
+    assert ask(scope, "HORizontal:FASTframe:LENgth 50;LENgth?;STATE OFF;LENgth?") == b"50;500"
+    assert ask(scope, "HORizontal:FASTframe:STATE ON;LENgth?") == b"500"
+    assert events(ask, scope) == ""
 
 
 @pytest.mark.parametrize(
@@ -105,8 +121,6 @@ def test_rates_are_stepped_and_shared(ask: Ask, scope: VirtualDpo72504dx) -> Non
         ("FASTAcq:STATE ON", "221"),
         ("HORizontal:MODE:RECOrdlength 1e9", "222"),
         ("DATa:SOUrce MATH5", "224"),
-        ("WFMOutpre:BIT_Nr 12", "224"),
-        ("WFMOutpre:BYT_Nr 8", "222"),
         ("TRIGger:A:EDGE:SOUrce", "109"),
         ("TRIGger:AUXLevel high", "104"),
         ("WFMOutpre:XINcr 1", "113"),

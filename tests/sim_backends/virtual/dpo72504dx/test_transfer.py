@@ -46,15 +46,20 @@ def test_every_encoding_means_the_same_volts(ask: Ask, scope: VirtualDpo72504dx,
         ask(scope, f"DATa:ENCdg {encoding}")
         step = number(ask, scope, "WFMOutpre:YMUlt?")
         assert np.allclose(volts(ask, scope, dtype) - offset * step, wanted, atol=1e-9), encoding
-    for encoding, dtype in [("FPBinary", ">f4"), ("SFPbinary", "<f4")]:
+    for encoding, dtype in [("FPBinary", f">i{width}"), ("SFPbinary", f"<i{width}")]:  # no floating point in a channel
         ask(scope, f"DATa:ENCdg {encoding}")
-        assert ask(scope, "WFMOutpre:BYT_Nr?;BN_Fmt?") == b"4;FP"
-        tolerance = 0.01 / 25 if mode == "AVErage" and width == 1 else 1e-9
-        assert np.allclose(volts(ask, scope, dtype), wanted, atol=tolerance), encoding
+        assert np.allclose(volts(ask, scope, dtype), wanted, atol=1e-9), encoding
     ask(scope, "DATa:ENCdg SRIbinary;ENCdg ASCIi")
     assert ask(scope, "DATa:ENCdg?;:WFMOutpre:ENCdg?") == b"ASCII;ASCII"
     text = np.array([int(word) for word in ask(scope, "CURVe?").split(b",")])
     assert np.allclose(text * number(ask, scope, "WFMOutpre:YMUlt?") + 0.02, wanted, atol=1e-9)
+
+
+def test_channels_have_no_other_widths_and_no_floating_point(ask: Ask, scope: VirtualDpo72504dx) -> None:
+    widths = [ask(scope, f"WFMOutpre:BYT_Nr {asked};BYT_Nr?;BIT_Nr?") for asked in (0, 1, 2, 8)]
+    assert widths == [b"1;8", b"1;8", b"2;16", b"2;16"]
+    assert ask(scope, "DATa:ENCdg SFPbinary;ENCdg?;:WFMOutpre:BN_Fmt?;BYT_Nr?") == b"SRIBINARY;RI;2"
+    assert events(ask, scope) == ""
 
 
 def test_preamble_fields_choose_the_encoding(ask: Ask, scope: VirtualDpo72504dx) -> None:

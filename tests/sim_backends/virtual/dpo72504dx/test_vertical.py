@@ -37,7 +37,7 @@ def test_words_that_change_no_light(ask: Ask, scope: VirtualDpo72504dx) -> None:
 
 def test_vertical_reply_forms(ask: Ask, scope: VirtualDpo72504dx) -> None:
     assert ask(scope, "CH1:TERmination?;BANdwidth:ENHanced:STATE?") == b"50.0000;1"
-    for word, realised in [("TWEnty", 20e6), ("ONEfifty", 150e6), ("TWOfifty", 250e6), ("FIVe", 5e6), ("FULl", 25e9)]:
+    for word, realised in [("TWEnty", 20e6), ("ONEfifty", 150e6), ("TWOfifty", 250e6), ("FIVe", 500e6), ("FULl", 25e9)]:
         assert float(ask(scope, f"CH1:BANdwidth {word}\nCH1:BANdwidth?")) == realised
     ask(scope, "CH1:VTERm:BIAS 0.5;:CH1:DESKew 90e-12")
     assert [float(ask(scope, query)) for query in ("CH1:VTERm:BIAS?", "CH1:DESKew?")] == pytest.approx([0.5, 80e-12])
