@@ -249,6 +249,9 @@ class Dmd(Instrument):
     shape: tuple[int, int]
     """Rows and columns of mirrors."""
 
+    settling_s: float
+    """How long after their command mirrors are taken to move at most."""
+
     @abstractmethod
     def show(self, mirrors: NDArray[np.uint8]) -> None:
         """Show one binary pattern and return when the mirrors rest.

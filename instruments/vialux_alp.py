@@ -89,6 +89,8 @@ class VialuxAlp(BurstDmd):
     order the API asks for.
     """
 
+    settling_s = SETTLING_S
+
     def __init__(self, library: AlpLibrary) -> None:
         """Drive the device behind `library`; it is allocated at the first use."""
         self._alp = library

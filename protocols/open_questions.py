@@ -12,7 +12,7 @@ from instruments.bench import Bench
 from instruments.interfaces import BurstDmd
 from instruments.safe_state import ending_with
 from instruments.values import Answer, Drive, Frames, Timebase
-from protocols.bursts import PICTURE_PERIOD_S, SETTLING_S, load_pictures, played
+from protocols.bursts import PICTURE_PERIOD_S, load_pictures, played
 from protocols.image_readout import DRIVE_RATE, pseudorandom_drive
 from protocols.ranging import find_ranges
 
@@ -26,13 +26,15 @@ CLOSE = 0.1
 SWITCH_AFTER_S = 4e-6
 EARLIER_S = 2e-6
 WINDOW_S = 16e-6
-BLUR_S = 20e-9
-"""Light is averaged over so long: noise goes, what mirrors do in microseconds stays."""
-SCENES = 16
+STEP_S = 0.25e-6
+"""Light is looked at so often from the drive's start on, over the window, each time for 20 ns."""
+LOOK = 500
+REST = 1000
+"""Samples of a drive that rests."""
 AT_REST = 0.05
 """Mirrors rest when the light stays within so much of its change."""
 LATE_S = 1e-6
-"""A switch that is seen so much beside its time: longer than any cable or electronics, shorter than pulses differ."""
+"""By so much two switches may be seen apart otherwise than commanded: half of what the pulses differ by."""
 
 
 def trigger_levels(bench: Bench, seed: int) -> Iterator[Answer]:
@@ -52,7 +54,9 @@ def trigger_levels(bench: Bench, seed: int) -> Iterator[Answer]:
         bench.play_drive()
         question, assumed = "levels at which the drive's marker triggers the oscilloscope", f"{wired.level_v:g} V"
         if not triggers(wired.level_v):
-            yield Answer(question, assumed, "none there: check the marker's cable and scope.trigger_level", agrees=False)
+            yield Answer(
+                question, assumed, "none there: check the marker's cable and scope.trigger_level", agrees=False
+            )
             return
         low = _last(triggers, wired.level_v, wired.level_v - FAR_V)
         high = _last(triggers, wired.level_v, wired.level_v + FAR_V)
@@ -64,37 +68,39 @@ def trigger_levels(bench: Bench, seed: int) -> Iterator[Answer]:
 class Switched:
     """Light on one channel while the mirrors turn from away to a picture.
 
-    volts: (samples,), mean over scenes. interval_s: of its samples. commanded_s: when the switch was commanded, by the
-    drive's start at the end of the DMD's pulse.
+    volts: (looks,), a look every `STEP_S` from the drive's start on. commanded_s: when the switch was commanded, if the
+    drive starts at the end of the DMD's pulse.
     """
 
     volts: NDArray[np.float64]
-    interval_s: float
     commanded_s: float
 
 
-def switches(bench: Bench, dmd: BurstDmd, picture: NDArray[np.uint8]) -> Iterator[Switched]:
+def switches(bench: Bench, dmd: BurstDmd, channel: int, picture: NDArray[np.uint8]) -> Iterator[Switched]:
     """The mirrors turn from away to `picture`, twice: the DMD's pulse ends `EARLIER_S` later the second time.
 
-    The bench emits already, and one channel is patched.
+    The bench emits already, and the channel is patched.
     """
-    channel = bench.scope.channels[0] if bench.scope.channels else bench.wiring.channels[0]
-    away = np.zeros_like(picture)
-    load_pictures(bench, [np.stack([away, picture])], 2)
-    rest = Drive("rest", np.zeros(round(1e-6 * DRIVE_RATE), np.float32), DRIVE_RATE, bench.levels.rf_amplitude_vpp)
+    load_pictures(bench, [np.stack([np.zeros_like(picture), picture])], 2)
+    rest = Drive("rest", np.zeros(REST, np.float32), DRIVE_RATE, bench.levels.rf_amplitude_vpp)
     bench.load_drive(rest, periods_per_trigger=math.inf)
-    bench.configure(Timebase(SAMPLE_RATE, round(WINDOW_S * SAMPLE_RATE)), (channel,))
-    for later_s in (0.0, EARLIER_S):
-        commanded_s = SWITCH_AFTER_S - later_s
-        capture = partial(_switch, bench, dmd, PICTURE_PERIOD_S - commanded_s)
-        if not later_s:
-            find_ranges(bench.scope, bench.limits, [capture], bench.require_unchanged)
-        volts = np.mean([_volts(bench, capture()) for _ in range(SCENES)], axis=0)
-        yield Switched(_blurred(volts), BLUR_S, commanded_s)
+    looks = np.arange(0, WINDOW_S, STEP_S)
+
+    def look(after_s: float) -> Frames:
+        bench.configure(Timebase(SAMPLE_RATE, LOOK, after_s), (channel,))
+        return _switch(bench, dmd, PICTURE_PERIOD_S - commanded_s)
+
+    commanded_s = SWITCH_AFTER_S
+    find_ranges(bench.scope, bench.limits, [partial(look, looks[-1])], bench.require_unchanged)
+    for commanded_s in (SWITCH_AFTER_S, SWITCH_AFTER_S - EARLIER_S):
+        yield Switched(np.array([_volts(bench, look(after_s)).mean() for after_s in looks]), commanded_s)
 
 
-def switching_answers(first: Switched, second: Switched) -> Iterator[Answer]:
-    """What two switches say: which end of the pulse starts the drive, how late the light is, when the mirrors rest."""
+def switching_answers(settling_s: float, first: Switched, second: Switched) -> Iterator[Answer]:
+    """What two switches say: which end of the pulse starts the drive, how late the light is, when the mirrors rest.
+
+    settling_s: how long `Dmd.show` takes them to need.
+    """
     seen = [_half(one) for one in (first, second)]
     moved = seen[0] - seen[1]
     follows = abs(moved - EARLIER_S) < LATE_S
@@ -106,11 +112,14 @@ def switching_answers(first: Switched, second: Switched) -> Iterator[Answer]:
     )
     late = float(np.mean([time - one.commanded_s for time, one in zip(seen, (first, second), strict=True)]))
     yield Answer(
-        "half of the light after the mirrors' command", "0 to 50 us", f"{late * 1e6:.2f} us", 0 <= late <= SETTLING_S
+        "half of the light after the mirrors' command",
+        f"0 to {settling_s * 1e6:g} us",
+        f"{late * 1e6:.2f} us",
+        0 <= late <= settling_s,
     )
     rest = max(_at_rest(one) - one.commanded_s for one in (first, second))
     yield Answer(
-        "mirrors at rest after their command", f"{SETTLING_S * 1e6:g} us", f"{rest * 1e6:.2f} us", rest <= SETTLING_S
+        "mirrors at rest after their command", f"{settling_s * 1e6:g} us", f"{rest * 1e6:.2f} us", rest <= settling_s
     )
 
 
@@ -137,25 +146,21 @@ def _volts(bench: Bench, frames: Frames) -> NDArray[np.float64]:
     return volts
 
 
-def _blurred(volts: NDArray[np.float64]) -> NDArray[np.float64]:
-    width = round(BLUR_S * SAMPLE_RATE)
-    means: NDArray[np.float64] = volts[: volts.size // width * width].reshape(-1, width).mean(axis=1)
-    return means
-
-
-def _ends(one: Switched) -> tuple[float, float]:
-    """Light long before and long after: means of the first and last eighth."""
-    eighth = max(1, one.volts.size // 16)
-    return float(one.volts[:eighth].mean()), float(one.volts[-eighth:].mean())
+def _part(one: Switched) -> NDArray[np.float64]:
+    """How much of its change the light has behind it: 0 at the first look, 1 at the last ones."""
+    before, after = one.volts[0], one.volts[-len(one.volts) // 8 :].mean()
+    part: NDArray[np.float64] = (one.volts - before) / (after - before)
+    return part
 
 
 def _half(one: Switched) -> float:
-    before, after = _ends(one)
-    passed = (one.volts - before) / (after - before) > 1 / 2
-    return float(np.argmax(passed)) * one.interval_s
+    """When the light passed the middle, by interpolation between two looks."""
+    part = _part(one)
+    place = int(np.argmax(part > 1 / 2))
+    low, high = part[place - 1], part[place]
+    return float(place - 1 + (1 / 2 - low) / (high - low)) * STEP_S
 
 
 def _at_rest(one: Switched) -> float:
-    before, after = _ends(one)
-    moving = np.abs((one.volts - after) / (after - before)) > AT_REST
-    return float(np.flatnonzero(moving)[-1] + 1) * one.interval_s if moving.any() else 0.0
+    """The first look from which on the light stays where it ends."""
+    return float(np.flatnonzero(np.abs(_part(one) - 1) > AT_REST)[-1] + 1) * STEP_S

@@ -16,12 +16,12 @@ from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
 from labctl.engine.inputs import images_for
 from labctl.runs.live.logs import CommandLog
+from protocols.base import Shot, ShotKind
 from protocols.image_readout import ImageReadout
 from protocols.open_questions import switches, switching_answers, trigger_levels
 from protocols.patterns import Patterns
-from protocols.base import Shot, ShotKind
 
-SEED = 1
+SEED, PROBES = 1, 16
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,9 @@ def _answers(bench: Bench, wavelength_nm: float, *, light: bool) -> Iterator[Ans
     dmd = bench.dmd
     if bench.wiring.burst and bench.wiring.projector and isinstance(dmd, BurstDmd):
         port = BYPASS_PORT if BYPASS_PORT in bench.patch_panel.ports else bench.patch_panel.ports[0]
-        images = images_for(ImageReadout(images=1, seed=SEED))
+        images = images_for(ImageReadout(images=PROBES, seed=SEED))
         picture = Patterns(images, dmd.shape)[Shot(0, ShotKind.IMAGE, int(images.indices[0]), 0, 0)]
-        bench.connect({bench.wiring.channels[0]: port})
+        channel = bench.wiring.channels[0]
+        bench.connect({channel: port})
         with bench.emitting(wavelength_nm):
-            yield from switching_answers(*switches(bench, dmd, picture))
+            yield from switching_answers(dmd.settling_s, *switches(bench, dmd, channel, picture))
