@@ -33,7 +33,7 @@ BYPASS_PORT = 0
 class Instrument(ABC):
     """What every instrument of the bench can be asked."""
 
-    self_test_s: float = 30.0
+    self_test_s: float = 60.0
     """How long `self_test` takes at most; one of minutes is run only where somebody asks for it."""
 
     @abstractmethod

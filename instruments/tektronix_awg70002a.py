@@ -36,7 +36,7 @@ class Awg70002aSection(AwgSection):
         Field(description='Its own, or locked to 10 MHz at Reference In: "reference".'),
     ] = "internal"
     trigger_high: Annotated[
-        Volts, Field(gt=0, description="Of the pulse at trigger input A, into an open end; from 50 ohm.")
+        Volts, Field(ge=0.5, le=10, description="Of the pulse at trigger input A, into an open end; from 50 ohm.")
     ] = 3.3
     trigger_impedance: Annotated[Literal[50, 1000], Field(description="Of trigger input A, ohm.")] = 50
     timeout: Timeout = 5.0
@@ -59,12 +59,7 @@ DRIVER = Driver(
         "dac_bits",
         "waveform",
         "run_mode",
-        "trigger_input",
-        "trigger_source",
-        "trigger_impedance_ohm",
-        "trigger_level_v",
-        "trigger_slope",
-        "trigger_mode",
+        "trigger_*",
         "skew_s",
         "marker_delay_s",
         "output",
@@ -128,11 +123,11 @@ class Awg70002a(Awg):
     MARKER_HIGH_V, MARKER_LOW_V = 1.0, 0.0
     MARKER_1 = 0x40
     MARKER_RESOLUTION_BITS = 9  # 10 bits would take the marker's place
+    CHANNELS = (1, 2)  # an AWG70001A has the first
     WAITING, RUNNING = "1", "2"
     DIRECT = ("DIR", "DIRECT")
-    self_test_s = (
-        1200.0  # the power-on test, for which the vendor's own test framework (tektronix/lab-bot) waits so long
-    )
+    self_test_s = 1200.0
+    """It is the power-on test: minutes, and so long waits the vendor's own public test framework."""
 
     def __init__(
         self,
@@ -171,7 +166,7 @@ class Awg70002a(Awg):
 
     def obstacles(self) -> tuple[str, ...]:
         """Other channels that are on: with this one's output they would be let out, with what was left there."""
-        channels = range(1, int(self._link.number("AWGControl:CONFigure:CNUMber?")) + 1)
+        channels = self.CHANNELS[: int(self._link.number("AWGControl:CONFigure:CNUMber?"))]
         others = {number: f"OUTPut{number}:STATe?" for number in channels if number != self._channel}
         self._outputs = (f"OUTPut{self._channel}:STATe?", "OUTPut:OFF?", *others.values())
         return tuple(
@@ -357,6 +352,8 @@ class Awg70002a(Awg):
             "mode": self._link.query("INSTrument:MODE?"),
             "sample_rate": self._link.number("CLOCk:SRATe?"),
             "clock_source": self._link.query("CLOCk:SOURce?"),
+            "clock_phase_deg": self._link.number("CLOCk:PHASe:ADJust:DEGRees?"),
+            "jitter_reduction": int(self._link.number("CLOCk:JITTer?")),
             "amplitude_vpp": self._link.number(f"{source}:VOLTage?"),
             "dac_bits": int(self._link.number(f"{source}:DAC:RESolution?")),
             "waveform": self._link.query(f"{source}:WAVeform?").strip('"'),

@@ -2,8 +2,8 @@
 
 A header is written as in the manuals: capitals are the short form, `[:NODE]` and `[ROOT:]` may be left out, `#` stands
 for a numeric suffix, the default one for a node that is left out: `[SOURce#:]VOLTage[:LEVel][:IMMediate][:AMPLitude]`.
-A table is searched once for each spelling a client uses; after that it is one dictionary look-up. Rules: SCPI-99, volume
-1, chapter 6.
+A table is searched once for each spelling a client uses; after that it is one dictionary look-up.
+Rules: SCPI-99, volume 1, chapter 6.
 """
 
 import re

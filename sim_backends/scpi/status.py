@@ -98,7 +98,13 @@ class Status:
         byte = EVENTS_AVAILABLE if self.queue else 0
         byte |= MESSAGE_AVAILABLE if message_available else 0
         byte |= EVENT_SUMMARY if self.events & self.event_mask else 0
+        byte |= self.registers
         return byte | (MASTER_SUMMARY if byte & self.service_mask & ~MASTER_SUMMARY else 0)
+
+    @property
+    def registers(self) -> int:
+        """The bits of the status byte that further registers set: there are none."""
+        return 0
 
     def clear(self) -> None:
         """`*CLS`: forget events and errors, keep the masks."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from instruments.bench import Bench
 from instruments.errors import InstrumentError, NoTrigger
-from instruments.tektronix_awg70002a import Awg70002a
+from instruments.tektronix_awg70002a import TriggerInput
 from instruments.values import Frames
 from labctl.bench.opening import opened
 from labctl.bench.station import Station, WiringSection
@@ -146,7 +146,7 @@ def test_only_what_is_missing_is_played(wired: Bench) -> None:
 
 def test_without_the_dmds_frame_sync_the_cables_are_named(wired: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("instruments.tektronix_dpo72504dx.STALLED_S", 0.05)
-    monkeypatch.setattr(Awg70002a, "TRIGGER_LEVEL_V", ABOVE_ANY_PULSE_V)
+    monkeypatch.setattr(TriggerInput, "level_v", ABOVE_ANY_PULSE_V)
     with pytest.raises(NoTrigger) as failure:
         measure(wired, timing="burst", ports=(2,))
     told = str(failure.value)

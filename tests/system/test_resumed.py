@@ -189,15 +189,15 @@ def test_two_processes_cannot_write_one_run(cut: Path, labctl: Labctl) -> None:
 def test_changed_settings_are_told_and_nothing_is_lit(
     simulation: SimulatedBench, cut: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    say(simulation, "awg", "CLOCk:SOURce EFIXed")
+    say(simulation, "awg", "CLOCk:JITTer ON")
     status, out, err = command_line.labctl(capsys, "resume", cut, "--json")
     assert status == 2
-    assert json.loads(out)["differences"] == [{"setting": "awg settings.clock_source", "then": "INT", "now": "EFIX"}]
+    assert json.loads(out)["differences"] == [{"setting": "awg settings.jitter_reduction", "then": 0, "now": 1}]
     assert re.fullmatch(r"labctl: .*run: 1 settings are not those that the run was begun with.*\n", err)
     assert laser(simulation) == "0"
     _, shown, _ = command_line.labctl(capsys, "resume", cut)
-    say(simulation, "awg", "CLOCk:SOURce INTernal")
-    assert re.search(r"setting +then +now *\nawg settings.clock_source +INT +EFIX *\n", shown)
+    say(simulation, "awg", "CLOCk:JITTer OFF")
+    assert re.search(r"setting +then +now *\nawg settings.jitter_reduction +0 +1 *\n", shown)
 
 
 def test_another_fibre_is_noticed_by_the_reference_image(cut: Path, labctl: Labctl, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ CLOCK_COMMANDS = (
     Setting("[SOURce#:]FREQuency[:CW]", "timing.sample_rate", real(*RATES)),
     Setting("[SOURce#:]FREQuency:FIXed", "timing.sample_rate", real(*RATES)),
     Setting("CLOCk:SOURce", "timing.source", keyword("INTernal", "EFIXed", "EVARiable", "EXTernal")),
+    Setting("AWGControl:CLOCk:SOURce", "timing.source", keyword("INTernal", "EFIXed", "EVARiable", "EXTernal")),
     Setting("CLOCk:ECLock:FREQuency", "timing.external_hz", real(*EXTERNAL_CLOCK_HZ)),
     Action("CLOCk:ECLock:FREQuency:DETect", "timing.detect_clock"),
     Action("CLOCk:ECLock:FREQuency:ADJust", "timing.adjust"),
@@ -28,6 +29,9 @@ CLOCK_COMMANDS = (
     Action("CLOCk:EREFerence:FREQuency:DETect", "timing.detect_reference"),
     Setting("CLOCk:JITTer", "timing.jitter_reduced", boolean, effect=False),
     Setting("CLOCk:PHASe:ADJust:DEGRees", "timing.phase_degrees", integer(-PHASE_DEGREES, PHASE_DEGREES), effect=False),
+    Setting(
+        "AWGControl:CLOCk:PHASe:ADJust", "timing.phase_degrees", integer(-PHASE_DEGREES, PHASE_DEGREES), effect=False
+    ),
     Setting("CLOCk:PHASe:ADJust:TIMe", "timing.phase_s", real(-PHASE_S, PHASE_S), effect=False),
     Setting("CLOCk:OUTPut[:STATe]", "timing.clock_output", boolean, effect=False),
     Query("CLOCk:OUTPut:FREQuency?", "timing.output_hz"),

@@ -18,6 +18,16 @@ def inverted(samples: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(samples.max() + samples.min() - samples, np.float32)
 
 
+def offset(samples: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
+    """Moved by a part of the full scale."""
+    return np.asarray(samples + np.float32(factor), np.float32)
+
+
+def scaled(samples: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
+    """So many times as large."""
+    return np.asarray(samples * np.float32(factor), np.float32)
+
+
 def normalised(samples: NDArray[np.float32], *, keep_zero: bool) -> NDArray[np.float32]:
     """Stretched to -1..1: by one factor with `keep_zero`, otherwise minimum to -1 and maximum to 1.
 

@@ -8,22 +8,23 @@ from pathlib import PureWindowsPath
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.scpi.arguments import block, integer, keyword, optional, quoted
+from sim_backends.scpi.arguments import block, integer, keyword, number_or_word, optional, quoted
 from sim_backends.scpi.commands import Action, Query, Setting, definite_block
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a import edits
 from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk
-from sim_backends.virtual.awg70002a.sequences import SequenceList
-from sim_backends.virtual.awg70002a.seqx import SequenceFile, read_seqx
-from sim_backends.virtual.awg70002a.waveforms import WaveformList, calendar
-from sim_backends.virtual.awg70002a.wfmx import WaveformFile, read_text, read_wfmx, write_wfmx
+from sim_backends.virtual.awg70002a.sequences import SequenceEntry, SequenceList
+from sim_backends.virtual.awg70002a.seqx import SequenceFile, read_seqx, write_archive
+from sim_backends.virtual.awg70002a.waveforms import Waveform, WaveformList, calendar
+from sim_backends.virtual.awg70002a.wfmx import WaveformFile, read_text, read_wfmx, write_text, write_wfmx
 from sim_backends.world.world import VirtualClock
 
 NORMALISATION = keyword("NONE", "FSCale", "ZREFerence")
 TEXT_BITS = {"TXT": None, "TXT8": 8, "TXT9": 9, "TXT10": 10}
 _FORMAT = keyword(*TEXT_BITS, "TXT14", "ISF", "TDS", "WFM", "PAT", "TFW", "IQT", "TIQ", "WFMX")
 _NUMBER = optional(integer(0, CAPACITY))
+_DEPTH = number_or_word(8, 10, "ANALog")  # the word is recalled
 
 FILE_COMMANDS = (
     Query("MMEMory:CATalog?", "files.catalogue", optional(quoted)),
@@ -41,8 +42,17 @@ FILE_COMMANDS = (
     Action("MMEMory:OPEN", "files.open", quoted),
     Action("MMEMory:OPEN:SASSet[:WAVeform]", "files.open_waveforms", quoted, optional(quoted)),
     Action("MMEMory:OPEN:SASSet:SEQuence", "files.open_sequences", quoted, optional(quoted)),
+    Action("MMEMory:OPEN:TXT", "files.open_text", quoted, _DEPTH),
+    Setting("MMEMory:IMPort:PARameter:NORMalize", "files.normalisation", NORMALISATION),
     Action("MMEMory:SAVE:WAVeform:WFMX", "files.save_waveform", quoted, quoted),
+    Action("MMEMory:SAVE:WAVeform:TXT", "files.save_text", quoted, quoted, _DEPTH, optional(keyword("I", "Q"))),
+    Action("MMEMory:SAVE:SEQuence", "files.save_sequence", quoted, quoted),
 )
+
+
+def _file(waveform: Waveform) -> WaveformFile:
+    recommended = (waveform.sample_rate, waveform.amplitude_v, waveform.offset_v)
+    return WaveformFile(waveform.samples, waveform.markers, *recommended)
 
 
 def _suffix(name: str) -> str:
@@ -140,18 +150,56 @@ class MassMemory:
         """Load all sequences of an archive with all its waveforms, or one with what it uses."""
         archive = self._archive(path)
         waveforms, sequences = (archive.waveforms, archive.sequences) if name is None else archive.needed(name)
-        for key, waveform in waveforms.items():
-            self.waveforms.put(key, waveform)
-        for sequence in sequences.values():
-            self.sequences.put(sequence)
+        self.load(SequenceFile(waveforms, sequences))
 
     def save_waveform(self, name: str, path: str) -> None:
         """Write a waveform to a `.wfmx` file."""
+        self.disk.write(path, memoryview(write_wfmx(_file(self.waveforms[name]), time_stamp=self._stamp())))
+
+    def open_text(self, path: str, depth: int | str) -> None:
+        """Load a text file under its own name."""
+        self._put_text(PureWindowsPath(path).stem, path, depth if isinstance(depth, int) else None)
+
+    def save_text(self, name: str, path: str, depth: int | str, component: str | None) -> None:
+        """Write a component of a waveform as text, as real numbers or as DAC codes."""
         waveform = self.waveforms[name]
-        recommended = (waveform.sample_rate, waveform.amplitude_v, waveform.offset_v)
-        file = WaveformFile(waveform.samples, waveform.markers, *recommended)
-        stamp = f"{calendar(self._clock.now):%Y-%m-%dT%H:%M:%S.000+00:00}"
-        self.disk.write(path, memoryview(write_wfmx(file, time_stamp=stamp)))
+        file = WaveformFile(waveform.component(component or "I"), waveform.markers)
+        self.disk.write(path, memoryview(write_text(file, depth if isinstance(depth, int) else None)))
+
+    def save_sequence(self, name: str, path: str) -> None:
+        """Write a sequence to a `.seqx` archive, with what it uses."""
+        everything = SequenceFile(*self._assets())
+        waveforms, sequences = everything.needed(self.sequences[name].name)
+        self._write_archive(path, SequenceFile(waveforms, sequences))
+
+    def save_setup(self, path: str, settings: str, *, with_assets: bool) -> None:
+        """Write settings to an archive, with all waveforms and sequences."""
+        assets = self._assets() if with_assets else ({}, {})
+        self._write_archive(path, SequenceFile(*assets, settings))
+
+    def setup(self, path: str) -> SequenceFile:
+        """An archive with a setup in it; -200 for one without."""
+        found = self._archive(path)
+        if found.setup is None:
+            raise ScpiError(-200, f"{path} holds no setup of a simulated instrument")
+        return found
+
+    def load(self, archive: SequenceFile) -> None:
+        """Put what an archive holds into the lists."""
+        for name, waveform in archive.waveforms.items():
+            self.waveforms.put(name, waveform)
+        for sequence in archive.sequences.values():
+            self.sequences.put(sequence)
+
+    def _assets(self) -> tuple[dict[str, WaveformFile], dict[str, SequenceEntry]]:
+        waveforms = {name: _file(self.waveforms[name]) for name in self.waveforms}
+        return waveforms, {name: self.sequences[name] for name in self.sequences}
+
+    def _write_archive(self, path: str, found: SequenceFile) -> None:
+        self.disk.write(path, memoryview(write_archive(found, time_stamp=self._stamp())))
+
+    def _stamp(self) -> str:
+        return f"{calendar(self._clock.now):%Y-%m-%dT%H:%M:%S.000+00:00}"
 
     def _archive(self, path: str) -> SequenceFile:
         data = self.disk.read(path)

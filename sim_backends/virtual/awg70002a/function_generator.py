@@ -23,6 +23,14 @@ FEWEST_POINTS, MOST_POINTS = 2400, 2**20
 PULSE_WIDTH = 1 / 8  # recalled: sigma and time constant of the pulses, in periods
 NOISE_SIGMA = 1 / 6  # recalled: of the peak-to-peak amplitude
 
+LOAD_OHM = 50
+
+
+def power_dbm(amplitude_v: float) -> float:
+    """The power (dBm) of a sine of a peak-to-peak amplitude (V) into 50 ohm."""
+    return 10 * math.log10(max(amplitude_v, 1e-9) ** 2 / 8 / LOAD_OHM / 1e-3)
+
+
 # the short form GAUSS is what the QCoDeS driver sends and expects; GAUS is accepted as well
 SHAPE = Keyword(
     forms={
@@ -36,6 +44,9 @@ FUNCTION_COMMANDS = (
     Setting("FGEN:CHANnel#:FREQuency", "functions#.frequency_hz", real(LOWEST_HZ, FASTEST_HZ)),
     Query("FGEN:CHANnel#:PERiod?", "function_period"),
     Setting("FGEN:CHANnel#:AMPLitude[:VOLTage]", "functions#.amplitude_v", real(0, LARGEST_V)),
+    Setting("FGEN:CHANnel#:AMPLitude:POWer", "functions#.amplitude_dbm", real(-100, power_dbm(LARGEST_V))),
+    Setting("FGEN:CHANnel#:HIGH", "functions#.high_v", real(-LARGEST_LEVEL_V, LARGEST_LEVEL_V)),
+    Setting("FGEN:CHANnel#:LOW", "functions#.low_v", real(-LARGEST_LEVEL_V, LARGEST_LEVEL_V)),
     Setting("FGEN:CHANnel#:OFFSet", "functions#.offset_v", real()),
     Setting("FGEN:CHANnel#:DCLevel", "functions#.dc_level_v", real(-LARGEST_LEVEL_V, LARGEST_LEVEL_V)),
     Setting("FGEN:CHANnel#:PHASe", "functions#.phase_deg", real(-180, 180)),
@@ -107,6 +118,38 @@ class Function:
         room = LARGEST_LEVEL_V - self._amplitude_v / 2
         self._offset_v = min(max(volts, -room), room)
 
+    @property
+    def amplitude_dbm(self) -> float:
+        """The amplitude as the power of a sine (dBm)."""
+        return power_dbm(self._amplitude_v)
+
+    @amplitude_dbm.setter
+    def amplitude_dbm(self, dbm: float) -> None:
+        self.amplitude_v = math.sqrt(8 * LOAD_OHM * 1e-3 * 10 ** (dbm / 10))
+
+    @property
+    def high_v(self) -> float:
+        """High level (V); -222 below the low one."""
+        return self._offset_v + self._amplitude_v / 2
+
+    @high_v.setter
+    def high_v(self, volts: float) -> None:
+        self._levels(self.low_v, volts)
+
+    @property
+    def low_v(self) -> float:
+        """Low level (V); -222 above the high one."""
+        return self._offset_v - self._amplitude_v / 2
+
+    @low_v.setter
+    def low_v(self, volts: float) -> None:
+        self._levels(volts, self.high_v)
+
+    def _levels(self, low_v: float, high_v: float) -> None:
+        if high_v < low_v:
+            raise ScpiError(-222, f"levels of {low_v:g} V and {high_v:g} V")
+        self._amplitude_v, self._offset_v = high_v - low_v, (low_v + high_v) / 2
+
     def key(self) -> tuple[Any, ...]:
         """Differs whenever something else comes out."""
         levels = (self._amplitude_v, self._offset_v, self.dc_level_v)
@@ -123,11 +166,11 @@ class Function:
         points = min(MOST_POINTS, math.floor(periods * DAC_RATE / self._frequency.hz))
         crest = 0.25 if points == 2 * periods else 0.0  # two samples a period: at its crests, not at its zeros
         turns = (np.arange(points) * periods / points + self.phase_deg / 360 + crest) % 1.0
-        volts = self._offset_v + self._amplitude_v / 2 * _shape(self._shape, turns, self.symmetry / 100)
+        volts = self._offset_v + self._amplitude_v / 2 * unit_shape(self._shape, turns, self.symmetry / 100)
         return np.asarray(volts, np.float32), points * self._frequency.hz / periods
 
 
-def _shape(word: str, turns: NDArray[np.float64], symmetry: float) -> NDArray[np.float64]:
+def unit_shape(word: str, turns: NDArray[np.float64], symmetry: float) -> NDArray[np.float64]:
     """A shape (-1..1) at `turns` (0..1 of its period); `symmetry` is the rising part of a triangle."""
     if word == "SINE":
         return np.sin(2 * np.pi * turns)

@@ -9,18 +9,25 @@ and channel 2 do not reach the light.
 import math
 from typing import ClassVar
 
+import numpy as np
+
 from sim_backends.scpi.arguments import boolean, integer, keyword, number_or_word, optional, quoted, real
 from sim_backends.scpi.commands import Action, Command, Query, Setting
+from sim_backends.scpi.messages import parse
+from sim_backends.scpi.registers import FREQUENCY, STATUS_COMMANDS, WAITING_FOR_TRIGGER, RegisterStatus
 from sim_backends.scpi.status import ScpiError
+from sim_backends.virtual.awg70002a import setups
+from sim_backends.virtual.awg70002a.basic_waveform import BASIC_COMMANDS, BasicWaveform
 from sim_backends.virtual.awg70002a.calendar import CALENDAR_COMMANDS, Calendar
 from sim_backends.virtual.awg70002a.channels import CHANNEL_COMMANDS, TRIGGER_INPUT, Source, TriggerInput
 from sim_backends.virtual.awg70002a.clock import CLOCK_COMMANDS, Timing
 from sim_backends.virtual.awg70002a.files import FILE_COMMANDS, MassMemory
 from sim_backends.virtual.awg70002a.function_generator import FUNCTION_COMMANDS, Function, SharedFrequency
 from sim_backends.virtual.awg70002a.output import played_function, played_schedule
-from sim_backends.virtual.awg70002a.player import INTERNAL, RUNNING, STOPPED, Player, playable
+from sim_backends.virtual.awg70002a.player import INTERNAL, RUNNING, STOPPED, WAITING, Player, playable
 from sim_backends.virtual.awg70002a.sequences import MOST_STEPS, SEQUENCE_COMMANDS, SequenceList
 from sim_backends.virtual.awg70002a.waveforms import AMPLITUDES_V, RATES, WAVEFORM_COMMANDS, WaveformList
+from sim_backends.virtual.awg70002a.wfmx import WaveformFile
 from sim_backends.virtual.instrument import ERROR_QUEUE, VirtualInstrument
 from sim_backends.world.signals import Playback
 from sim_backends.world.world import World
@@ -49,6 +56,7 @@ class VirtualAwg70002a(VirtualInstrument):
         "TASSet": 99,
         "TFLag": 99,
     }
+    status: RegisterStatus
     COMMANDS = (
         *CLOCK_COMMANDS,
         *WAVEFORM_COMMANDS,
@@ -56,6 +64,12 @@ class VirtualAwg70002a(VirtualInstrument):
         Action("WLISt:WAVeform:ACFile", "correct", quoted, quoted, optional(quoted)),
         *SEQUENCE_COMMANDS,
         *FILE_COMMANDS,
+        Action("MMEMory:SAVE:SETup", "save_setup", quoted, optional(boolean)),
+        Action("MMEMory:OPEN:SETup", "open_setup", quoted),
+        Action("AWGControl:SSAVe", "save_all", quoted, optional(quoted)),
+        Action("AWGControl:SREStore", "restore", quoted, optional(quoted)),
+        Setting("AWGControl:SNAMe?", "setup_name", quoted),
+        *BASIC_COMMANDS,
         *FUNCTION_COMMANDS,
         Action("[SOURce#:]CASSet:WAVeform", "assign", quoted, optional(COMPONENT)),
         Action("[SOURce#:]CASSet:SEQuence", "assign_sequence", quoted, integer(1, 99), optional(COMPONENT)),
@@ -85,6 +99,7 @@ class VirtualAwg70002a(VirtualInstrument):
         Setting("INSTrument:MODE", "mode", keyword("AWG", "FGEN")),
         Setting("INSTrument:COUPle:SOURce", "sources_coupled", boolean),
         *ERROR_QUEUE,
+        *STATUS_COMMANDS,
         Setting("SYSTem:ERRor:DIALog", "error_dialog", boolean, effect=False),
         Query("SYSTem:VERSion?", "scpi_version"),
         *CALENDAR_COMMANDS,
@@ -92,6 +107,9 @@ class VirtualAwg70002a(VirtualInstrument):
 
     def __init__(self, world: World) -> None:
         super().__init__(world)
+        self.status = RegisterStatus(self._operation, self._questionable)
+        self.setup_name = ""
+        self.basic = BasicWaveform()
         self._playing: tuple[object, ...] | None = None
         self._listening: tuple[float, bool] | None = None
         self.calendar = Calendar(world.clock)
@@ -110,6 +128,7 @@ class VirtualAwg70002a(VirtualInstrument):
         self.inputs = {name: TriggerInput() for name in ("ATRigger", "BTRigger")}
         frequency = SharedFrequency()
         self.functions = {number: Function(frequency) for number in self.sources}
+        self.basic.reset()
         self.trigger_source = "EXTernal"
         self.trigger_interval_s = 1e-3
         self.outputs_off = self.running = False
@@ -133,7 +152,7 @@ class VirtualAwg70002a(VirtualInstrument):
     # --- what comes out of channel 1
 
     def changed(self, _command: Command) -> None:
-        """Let go of deleted assets, and pass on what has changed of channel 1's playback and its trigger."""
+        """Let go of deleted assets, note events, and pass on what has changed of channel 1's playback and trigger."""
         for source in self.sources.values():
             gone = source.waveform is not None and source.waveform not in self.waveforms
             if gone or (source.sequence is not None and source.sequence not in self.sequences):
@@ -150,6 +169,7 @@ class VirtualAwg70002a(VirtualInstrument):
             self.world.play(self._playback() if playing else None)
         entrance = self.inputs["ATRigger"]
         level = entrance.open_level_v if self.players[1].external else math.inf
+        self.status.look()
         if self._listening != (level, entrance.slope == "POSitive"):
             self._listening = level, entrance.slope == "POSitive"
             self.world.awg_trigger_level(level, rising=self._listening[1])
@@ -213,7 +233,7 @@ class VirtualAwg70002a(VirtualInstrument):
             return STOPPED
         if self.mode == "FGEN":
             return RUNNING
-        return min(player.state() for player in self.players.values() if player.source.assigned)
+        return min((player.state() for player in self.players.values() if player.source.assigned), default=STOPPED)
 
     def trigger(self, name: str | None = None) -> None:
         """A trigger at an input, A if none is named."""
@@ -321,6 +341,69 @@ class VirtualAwg70002a(VirtualInstrument):
         """WAV, SEQ or NONE."""
         source = self.sources[number]
         return "SEQ" if source.sequence else "WAV" if source.waveform else "NONE"
+
+    # --- setups
+
+    def save_setup(self, path: str, with_assets: bool | None) -> None:
+        """Write the setup to a file, with waveforms and sequences unless it is told otherwise."""
+        settings = "\n".join(setups.commands(self._answer, self.sources.values()))
+        self.files.save_setup(path, settings, with_assets=with_assets is not False)
+        self.setup_name = str(self.files.disk.path(path))
+
+    def open_setup(self, path: str) -> None:
+        """Restore a setup, outputs off; -256 no such file, -200 one that holds none."""
+        found = self.files.setup(path)
+        lines = setups.checked(found.setup or "")
+        self.reset()
+        self.files.load(found)
+        for line in lines:
+            self._say(line)
+
+    def save_all(self, path: str, drive: str | None) -> None:
+        """`AWGControl:SSAVe`: the setup with its waveforms."""
+        self.files.change_drive(drive)
+        self.save_setup(path, with_assets=None)
+
+    def restore(self, path: str, drive: str | None) -> None:
+        """`AWGControl:SREStore`."""
+        self.files.change_drive(drive)
+        self.open_setup(path)
+
+    def _say(self, line: str) -> bytes:
+        """What this instrument answers a client who sends it `line`; errors are queued."""
+        execution = self.run(parse(line.encode("latin-1", "replace"), []))
+        try:
+            while True:
+                next(execution)
+        except StopIteration as end:
+            return b"".join(map(bytes, end.value))
+
+    def _answer(self, question: str) -> str:
+        return self._say(question).decode("latin-1")
+
+    # --- the basic waveform editor
+
+    def compile_basic(self) -> None:
+        """Put what the editor makes on the list, and on a channel, and play it, as it is told."""
+        basic, name, number = self.basic, self.basic.name, 0
+        while self.waveforms.find(name) is not None:
+            number += 1
+            name = f"{basic.name}_{number}"
+        made = basic.compiled(self.world.generator("basic waveform", "noise"))
+        markers = np.zeros(made.samples.size, np.uint8)
+        self.waveforms.put(name, WaveformFile(made.samples, markers, made.sample_rate, made.amplitude_v, made.offset_v))
+        if basic.assigns and basic.channel != "NONE":
+            self.assign(int(basic.channel), name)
+            if basic.plays:
+                self.start()
+
+    # --- status
+
+    def _operation(self) -> int:
+        return WAITING_FOR_TRIGGER if self.run_state() == WAITING else 0
+
+    def _questionable(self) -> int:
+        return FREQUENCY if self.timing.missing else 0
 
     # --- system
 

@@ -193,6 +193,9 @@ class SequenceList:
     def __len__(self) -> int:
         return len(self._sequences)
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._sequences)
+
     def __contains__(self, sequence: object) -> bool:
         return isinstance(sequence, SequenceEntry) and self._sequences.get(sequence.name) is sequence
 

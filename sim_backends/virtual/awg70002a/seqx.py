@@ -23,10 +23,15 @@ from sim_backends.virtual.awg70002a.sequences import (
     Step,
     new_step,
 )
-from sim_backends.virtual.awg70002a.wfmx import WaveformFile, parse_xml, read_wfmx, text_at
+from sim_backends.virtual.awg70002a.wfmx import WaveformFile, parse_xml, read_wfmx, text_at, write_wfmx
 
 LARGEST_UNPACKED = 2**28  # bytes
 MOST_MEMBERS = 10_000
+SETUP = "setup.scpi"
+"""The member of an archive that a simulated instrument keeps its settings in."""
+
+_NO_FILE_NAME = '/\\:*?"<>|'
+_NO_DATE = (1980, 1, 1, 0, 0, 0)
 
 _ZIP_ERRORS = (
     *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError),
@@ -41,10 +46,11 @@ _TIMING = {"JumpImmed": "IMMediate", "JumpAtEnd": "END"}
 
 @dataclass(frozen=True)
 class SequenceFile:
-    """What an archive holds: waveforms and sequences by name, in the order of the archive."""
+    """What an archive holds: waveforms and sequences by name, in the order of the archive, and perhaps a setup."""
 
     waveforms: dict[str, WaveformFile]
     sequences: dict[str, SequenceEntry]
+    setup: str | None = None
 
     def needed(self, name: str) -> tuple[dict[str, WaveformFile], dict[str, SequenceEntry]]:
         """A sequence, the sub-sequences and waveforms it uses; -224 if it is not in the archive."""
@@ -67,6 +73,7 @@ def read_seqx(data: memoryview) -> SequenceFile:
     """Read a `.seqx` or `.awgx` archive; -200 for anything else."""
     waveforms: dict[str, WaveformFile] = {}
     sequences: dict[str, SequenceEntry] = {}
+    setup: str | None = None
     try:
         with zipfile.ZipFile(BytesIO(data)) as archive:
             members = archive.infolist()
@@ -76,7 +83,7 @@ def read_seqx(data: memoryview) -> SequenceFile:
                 raise ScpiError(-225, f"more than {LARGEST_UNPACKED} bytes in the archive")
             for member in members:
                 path = PurePosixPath(member.filename.replace("\\", "/"))
-                if path.suffix.lower() not in (".wfmx", ".sml"):
+                if path.suffix.lower() not in (".wfmx", ".sml") and path.name != SETUP:
                     continue
                 if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                     raise ScpiError(-200, "an archive packed in an unusual way")
@@ -84,6 +91,8 @@ def read_seqx(data: memoryview) -> SequenceFile:
                     content = file.read(member.file_size + 1)  # without a number: all it unpacks to, whatever it says
                 if path.suffix.lower() == ".wfmx":
                     waveforms[path.stem] = read_wfmx(memoryview(content))
+                elif path.name == SETUP:
+                    setup = content.decode("latin-1")
                 else:
                     sequence = read_sml(content, path.stem)
                     sequences[sequence.name] = sequence
@@ -91,7 +100,73 @@ def read_seqx(data: memoryview) -> SequenceFile:
         raise ScpiError(-200, f"no archive that can be read: {str(error)[:200]}") from None
     if not all(name.isprintable() for name in (*waveforms, *sequences)):
         raise ScpiError(-200, "an archive with a name that does not fit on one line")
-    return SequenceFile(waveforms, sequences)
+    return SequenceFile(waveforms, sequences, setup)
+
+
+def write_archive(found: SequenceFile, *, time_stamp: str) -> bytes:
+    """An archive that `read_seqx` reads; -257 for a name that cannot be a file's."""
+    file = BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+
+        def put(name: str, content: bytes) -> None:
+            if any(character in _NO_FILE_NAME for character in name.partition("/")[2]):
+                raise ScpiError(-257, name)
+            archive.writestr(zipfile.ZipInfo(name, _NO_DATE), content)
+
+        for name, waveform in found.waveforms.items():
+            put(f"Waveforms/{name}.wfmx", write_wfmx(waveform, time_stamp=time_stamp))
+        for name, sequence in found.sequences.items():
+            put(f"Sequences/{name}.sml", write_sml(sequence, time_stamp=time_stamp))
+        if found.setup is not None:
+            put(f"Setup/{SETUP}", found.setup.encode("latin-1", "replace"))
+    return file.getvalue()
+
+
+def write_sml(sequence: SequenceEntry, *, time_stamp: str) -> bytes:
+    """The `.sml` file of a sequence."""
+    root = ElementTree.Element("DataFile", offset="0", version="0.1")
+    sets = ElementTree.SubElement(ElementTree.SubElement(root, "DataSetsCollection"), "DataSets", version="1")
+    said = ElementTree.SubElement(sets, "DataDescription")
+    _say(said, "SequenceName", sequence.name)
+    _say(said, "Timestamp", time_stamp)
+    _say(said, "JumpTiming", _key(_TIMING, sequence.jump_timing))
+    _say(said, "RecSampleRate", str(sequence.sample_rate))
+    count, tracks = str(len(sequence.entries)), str(sequence.tracks)
+    steps = ElementTree.SubElement(said, "Steps", StepCount=count, TrackCount=tracks)
+    for number, step in enumerate(sequence.entries, 1):
+        _write_step(ElementTree.SubElement(steps, "Step"), number, step)
+    return bytes(ElementTree.tostring(root, "utf-8"))
+
+
+def _write_step(element: ElementTree.Element, number: int, step: Step) -> None:
+    _say(element, "StepNumber", str(number))
+    counted = isinstance(step.repeats, int)
+    _say(element, "Repeat", "RepeatCount" if counted else _key(_REPEATS, str(step.repeats)))
+    _say(element, "RepeatCount", str(step.repeats) if counted else "1")
+    _say(element, "WaitInput", _key(_INPUTS, step.wait))
+    _say(element, "EventJumpInput", _key(_INPUTS, step.jump_input))
+    for name, goal in (("EventJumpTo", step.jump_to), ("GoTo", step.goto)):
+        indexed = isinstance(goal, int)
+        _say(element, name, "StepIndex" if indexed else _key(_TARGETS, str(goal)))
+        _say(element, f"{name}Step", str(goal) if indexed else "1")
+    assets = ElementTree.SubElement(element, "Assets")
+    for name in step.assets:
+        asset = ElementTree.SubElement(assets, "Asset")
+        _say(asset, "AssetName", name)
+        _say(asset, "AssetType", "Sequence" if step.subsequence else "Waveform")
+    flags = ElementTree.SubElement(element, "Flags")
+    for track in step.track_flags:
+        found = ElementTree.SubElement(flags, "FlagSet")
+        for name, word in vars(track).items():
+            ElementTree.SubElement(found, "Flag", name=name.upper()).text = _key(_FLAGS, word)
+
+
+def _say(element: ElementTree.Element, name: str, text: str) -> None:
+    ElementTree.SubElement(element, name).text = text
+
+
+def _key(words: dict[str, str], meant: str) -> str:
+    return next(key for key, word in words.items() if word == meant)
 
 
 def read_sml(text: bytes, name: str) -> SequenceEntry:

@@ -24,6 +24,7 @@ SHORTEST = 2400  # points that can be assigned to a channel
 LONGEST = 2_000_000_000
 RATES = (1.49e3, 25e9)  # S/s
 AMPLITUDES_V = (0.25, 0.5)  # Vpp, direct path; 0.125 V is claimed elsewhere
+LARGEST_FACTOR = 1e6  # recalled
 OFFSETS_V = (-0.4, 0.8)  # behind the external DC amplifier
 
 MARKER_1 = 0x40  # bit 6 of a marker byte; marker 2 is bit 7
@@ -79,6 +80,10 @@ WAVEFORM_COMMANDS = (
     ),
     Action("WLISt:WAVeform:NORMalize", "waveforms.normalise", quoted, keyword("FSCale", "ZREFerence")),
     Action("WLISt:WAVeform:SHIFt", "waveforms.shift", quoted, real(-360, 360)),
+    Action("WLISt:WAVeform:ROTate:DEGRees", "waveforms.shift", quoted, real(-360, 360)),
+    Action("WLISt:WAVeform:AOFFset", "waveforms.move", quoted, real(-2, 2)),
+    Action("WLISt:WAVeform:SCALe", "waveforms.scale", quoted, real(-LARGEST_FACTOR, LARGEST_FACTOR)),
+    Action("WLISt:WAVeform:REVerse", "waveforms.reverse", quoted),
     Action("WLISt:WAVeform:ROTate:POINts", "waveforms.rotate", quoted, integer(-LONGEST, LONGEST)),
     Action("WLISt:WAVeform:INVert", "waveforms.invert", quoted),
     Action("WLISt:WAVeform:RESample", "waveforms.resample", quoted, integer(1, LONGEST)),
@@ -292,6 +297,25 @@ class WaveformList:
         """Turn a waveform upside down; its offset stays."""
         waveform = self[name]
         waveform.replace(edits.inverted(waveform.samples))
+
+    def move(self, name: str, factor: float) -> None:
+        """Add an offset, a part of the full scale."""
+        waveform = self[name]
+        waveform.replace(edits.offset(waveform.samples, factor))
+
+    def scale(self, name: str, factor: float) -> None:
+        """Multiply the samples, both components of an IQ waveform."""
+        waveform = self[name]
+        if waveform.quadrature is not None:
+            waveform.quadrature = edits.scaled(waveform.quadrature, factor)
+        waveform.replace(edits.scaled(waveform.samples, factor))
+
+    def reverse(self, name: str) -> None:
+        """Turn a waveform's order around, markers too."""
+        waveform = self[name]
+        if waveform.quadrature is not None:
+            waveform.quadrature = waveform.quadrature[::-1].copy()
+        waveform.replace(waveform.samples[::-1].copy(), waveform.markers[::-1].copy())
 
     def resample(self, name: str, size: int) -> None:
         """Put a waveform on `size` points; -225 if memory does not suffice."""

@@ -319,7 +319,7 @@ class TestLooking:
     def test_check_prints_a_table(self, capsys: pytest.CaptureFixture[str]) -> None:
         status, out, _ = labctl(capsys, "check")
         assert status == 0
-        assert out.count("self-test passed") == 5
+        assert out.count("self-test passed") == 4
 
 
 def test_a_demonstration_is_an_object_for_scripts_and_a_table_for_people(

@@ -28,7 +28,7 @@ from protocols.wavelength_scan import WavelengthScan
 
 HERE = Path("run")
 INSTRUMENTS = {
-    "awg": {"identity": {"serial": "B1"}, "settings": {"clock_source": "INT", "run_mode": "CONT"}},
+    "awg": {"identity": {"serial": "B1"}, "settings": {"clock_phase_deg": 0.0, "run_mode": "CONT"}},
     "scope": {"identity": {"serial": "C1"}, "settings": {"ch1_termination_ohm": 50.0, "ch1_offset_v": 0.0}},
 }
 MANIFEST = {"instruments": INSTRUMENTS, "format_version": FORMAT_VERSION}
@@ -122,8 +122,8 @@ def test_a_station_comes_back_from_a_manifest_of_when_all_drivers_of_a_role_had_
             [("scope settings.ch1_termination_ohm", 50.0, None)],
         ),
         (
-            lambda found: found["awg"]["settings"].update(clock_source="EXT", filter="on"),
-            [("awg settings.clock_source", "INT", "EXT"), ("awg settings.filter", None, "on")],
+            lambda found: found["awg"]["settings"].update(clock_phase_deg=10.0, filter="on"),
+            [("awg settings.clock_phase_deg", 0.0, 10.0), ("awg settings.filter", None, "on")],
         ),
     ],
 )

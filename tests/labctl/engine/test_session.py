@@ -8,7 +8,7 @@ import pytest
 
 from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import NoTrigger
-from instruments.tektronix_awg70002a import Awg70002a
+from instruments.tektronix_awg70002a import TriggerInput
 from labctl.bench.opening import opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station, WiringSection
@@ -40,7 +40,7 @@ def test_a_frame_sync_that_stays_away_is_no_lost_link_and_loses_nothing(
 
     def cable_out_after_the_first_pass(done: int, _total: int) -> None:
         if done == SHOTS:
-            monkeypatch.setattr(Awg70002a, "TRIGGER_LEVEL_V", ABOVE_ANY_PULSE_V)
+            monkeypatch.setattr(TriggerInput, "level_v", ABOVE_ANY_PULSE_V)
 
     with pytest.raises(NoTrigger, match="DMD frame sync -> AWG trigger input"):
         acquire(Acquisition(bursts(), BURSTS, tmp_path / "run"), observer=Follower(cable_out_after_the_first_pass))

@@ -35,6 +35,16 @@ def test_levels(ask: Ask, awg: VirtualAwg70002a) -> None:
     assert errors(ask, awg) == "0"
 
 
+def test_levels_and_power_say_the_same(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, "FGEN:CHAN1:LOW -0.05;HIGH 0.15")
+    assert [float(ask(awg, f"FGEN:CHAN1:{node}?")) for node in ("AMPL", "OFFS")] == pytest.approx([0.2, 0.05])
+    ask(awg, "FGEN:CHAN1:AMPL:POW -2.0412")
+    assert float(ask(awg, "FGEN:CHAN1:AMPL?")) == pytest.approx(0.5, rel=1e-4)
+    assert errors(ask, awg) == "0"
+    ask(awg, "FGEN:CHAN1:LOW 0;HIGH -0.1")
+    assert errors(ask, awg) == "-222"
+
+
 @pytest.mark.parametrize(
     ("sent", "reply"), [("GAUS", "GAUSS"), ("GAUSS", "GAUSS"), ("SQUARE", "SQU"), ("EXPR", "EXPR")]
 )

@@ -10,6 +10,7 @@ def test_waiting_values(ask: Ask, awg: VirtualAwg70002a) -> None:
     assert ask(awg, "OUTP2:WVAL:ANAL?;MARK2?;:OUTP1:WVAL:ANAL?") == b"FIRS;FIRS;ZERO"
     ask(awg, "OUTP1:SVAL:ANAL:STAT OFF;:OUTP1:SVAL:MARK1 OFF;:OUTP1:WVAL:MARK1 HIGH")
     assert ask(awg, "OUTP1:SVAL:ANAL?;MARK1?;:OUTP1:WVAL:MARK1?") == b"OFF;OFF;HIGH"
+    assert ask(awg, "OUTP1:SVAL?;SVAL:STAT?;MARK1:STAT?") == b"OFF;OFF;OFF"
 
 
 def test_error_queue_overflow(ask: Ask, awg: VirtualAwg70002a) -> None:

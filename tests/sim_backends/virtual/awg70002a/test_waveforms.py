@@ -187,3 +187,12 @@ def test_resampling(ask: Ask, awg: VirtualAwg70002a) -> None:
     samples = np.frombuffer(ask(awg, 'WLIS:WAV:DATA? "m"')[7:], "<f4")
     assert np.allclose(samples, np.sin(2 * np.pi * np.arange(5000) / 5000), atol=1e-5)
     assert ask(awg, 'WLIS:WAV:MARK:DATA? "m",0,101')[5:] == b"\x40" * 100 + b"\x00"
+
+
+def test_further_edits(ask: Ask, awg: VirtualAwg70002a) -> None:
+    upload(ask, awg)
+    ask(awg, 'WLIS:WAV:REV "m"')
+    assert np.array_equal(awg.waveforms["m"].samples, SAMPLES[::-1])
+    ask(awg, 'WLIS:WAV:REV "m";SCAL "m",0.5;AOFF "m",0.25;ROT:DEGR "m",180')
+    assert np.allclose(awg.waveforms["m"].samples, np.roll(SAMPLES / 2 + 0.25, 1250), atol=1e-6)
+    assert errors(ask, awg) == "0"
