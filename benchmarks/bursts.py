@@ -33,7 +33,7 @@ from labctl.errors import DatasetError
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.runs.write.writer import RunWriter
-from protocols.bursts import PICTURE_PERIOD_S, UPLOAD_BLOCK
+from protocols.bursts import UPLOAD_BLOCK
 from protocols.image_readout import ImageReadout
 from protocols.patterns import Patterns
 from sim_backends.virtual.alp.instrument import VirtualAlp
@@ -166,7 +166,7 @@ def measure_speed(images: int, folder: Path) -> None:
     def step(*names: str) -> float:
         return sum(spans.total(name, *pass_) for name in names for pass_ in passes)
 
-    pictures, limit = 2 * outcome.shots, 1 / PICTURE_PERIOD_S
+    pictures, limit = 2 * outcome.shots, 1 / VialuxAlp.picture_period_s
     size = outcome.shots * PICTURE_BYTES
     bare_s = bare_socket_s(-(-outcome.shots // UPLOAD_BLOCK), UPLOAD_BLOCK * PICTURE_BYTES)
     physics_s = step("project", "record")

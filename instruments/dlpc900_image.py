@@ -14,32 +14,36 @@ SIGNATURE = b"Spld"
 ENHANCED_RUN_LENGTH = 2
 END_OF_LINE = b"\0\0"
 END_OF_IMAGE = b"\0\1\0"
-ON, OFF = b"\x00\x00\x01", b"\x00\x00\x00"  # pixels, blue green red: bit position 0
+PLANES = 24
 
 
-def encode(mirrors: NDArray[np.uint8]) -> bytes:
-    """A binary picture as bit position 0 of an image.
+def encode(pictures: NDArray[np.uint8]) -> bytes:
+    """Binary pictures as the bit positions 0, 1, ... of an image.
 
-    mirrors: packed bits, shape (rows, columns / 8), most significant bit leftmost.
+    pictures: packed bits, shape (n, rows, columns / 8) with n up to 24, most significant bit leftmost.
     """
-    rows, columns = mirrors.shape[0], 8 * mirrors.shape[1]
+    rows, columns = pictures.shape[1], 8 * pictures.shape[2]
     lines: list[bytes] = []
     same = b"\0\1" + _count(columns) + END_OF_LINE
-    for row, packed in enumerate(mirrors):
-        repeats = row > 0 and np.array_equal(packed, mirrors[row - 1])
-        lines.append(same if repeats else _line(np.unpackbits(packed)))
+    repeats = np.all(pictures[:, 1:] == pictures[:, :-1], axis=(0, 2))
+    weights = np.uint32(1) << np.arange(len(pictures), dtype=np.uint32)
+    for row in range(rows):
+        if row > 0 and repeats[row - 1]:
+            lines.append(same)
+        else:
+            lines.append(_line(weights @ np.unpackbits(pictures[:, row], axis=1)))
     body = b"".join(lines) + END_OF_IMAGE
     body += bytes(-(HEADER.size + len(body)) % 4)
     size = HEADER.size + len(body)
     return HEADER.pack(SIGNATURE, columns, rows, size, b"\xff" * 8, 0, 0, ENHANCED_RUN_LENGTH, 1) + body
 
 
-def _line(bits: NDArray[np.uint8]) -> bytes:
-    """Runs of equal pixels: how many, then the pixel."""
-    begins = np.concatenate(([0], np.flatnonzero(np.diff(bits)) + 1, [bits.size]))
+def _line(pixels: NDArray[np.uint32]) -> bytes:
+    """Runs of equal pixels: how many, then the pixel: blue, green, red."""
+    begins = np.concatenate(([0], np.flatnonzero(np.diff(pixels)) + 1, [pixels.size]))
     lengths = np.diff(begins).tolist()
-    values = bits[begins[:-1]].tolist()
-    runs = (_count(length) + (ON if value else OFF) for length, value in zip(lengths, values, strict=True))
+    values = pixels[begins[:-1]].tolist()
+    runs = (_count(length) + value.to_bytes(3, "big") for length, value in zip(lengths, values, strict=True))
     return b"".join(runs) + END_OF_LINE
 
 

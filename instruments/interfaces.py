@@ -249,9 +249,6 @@ class Dmd(Instrument):
     shape: tuple[int, int]
     """Rows and columns of mirrors."""
 
-    settling_s: float
-    """How long after their command mirrors are taken to move at most."""
-
     @abstractmethod
     def show(self, mirrors: NDArray[np.uint8]) -> None:
         """Show one binary pattern and return when the mirrors rest.
@@ -267,6 +264,12 @@ class Dmd(Instrument):
 
 class BurstDmd(Dmd):
     """A DMD that plays pictures from its own memory and pulses its synchronisation output at each."""
+
+    picture_period_s: float
+    """The time between pictures that are played as fast as its mirrors follow, s."""
+
+    settling_s: float
+    """How long after their command mirrors are taken to move at most."""
 
     @abstractmethod
     def capacity(self) -> int:

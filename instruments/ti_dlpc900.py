@@ -1,87 +1,93 @@
-"""TI DLPC900 DMD controllers (LightCrafter 6500) over USB HID.
+"""TI DLPC900 DMD controllers (LightCrafter 6500), on USB or served on the network.
 
-The driver talks to a `HidDevice`: reports of 64 bytes out and in. The extra `dlpc900` puts `hidapi` behind it; the
-simulated device offers the same two calls. Source: instrument facts 4.3.
+Source: TI DLPC900 programmer's guide (DLPU018J; sections beside the commands), its data sheet (DLPS037H), instrument
+facts 4.3.
 """
 
-import importlib
 import struct
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any, Literal, Protocol
+import time
+from collections.abc import Iterable, Iterator
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
 
 from instruments import dlpc900_image
+from instruments.dlpc900_commands import Commands
+from instruments.dlpc900_reports import SERVED, reports
 from instruments.driver import Driver
-from instruments.errors import InstrumentError, LinkError, NotConfigured
-from instruments.interfaces import Dmd
-from instruments.sections import USB, DmdSection
-from instruments.values import Identity
+from instruments.errors import InstrumentError
+from instruments.interfaces import BurstDmd
+from instruments.sections import SIMULATED, USB, Address, DmdSection, Timeout
+from instruments.values import Change, Identity, Progress, Range
+
+
+def _reachable(address: str) -> str:
+    if address not in (USB, SIMULATED) and SERVED.fullmatch(address) is None:
+        raise ValueError(
+            f"a DLPC900 is on USB, or served on a raw socket: write {USB!r}, or an address such as "
+            "TCPIP0::192.0.2.1::5025::SOCKET"
+        )
+    return address
 
 
 class TiDlpc900Section(DmdSection):
-    """The micromirror device, on USB only."""
+    """The micromirror device, on USB or served on the network."""
 
-    address: Literal["usb"] = USB
+    address: Annotated[
+        Address,
+        AfterValidator(_reachable),
+        Field(description='"usb", "simulated", or the raw socket at which its reports are served.'),
+    ] = USB
+    timeout: Timeout = 5.0
 
 
 DRIVER = Driver(
     section=TiDlpc900Section,
-    open=lambda _section, opening: TiDlpc900(HidApi.at(opening.address)),
+    open=lambda section, opening: TiDlpc900(
+        Commands(reports(opening.address, section.timeout, opening.transcript), opening.transcript)
+    ),
     sent_anew=("display_mode",),
 )
 
-VENDOR, PRODUCT = 0x0451, 0xC900
-REPORT = 64  # bytes
-WRITE, READ = 0x40, 0xC0  # flags: both ask for a reply
-REFUSED = 0x20  # flag of a reply
-IMAGE_CHUNK = 504  # bytes of image data in one command
+POWER, FIRMWARE_VERSION, FIRMWARE_TYPE = 0x0200, 0x0205, 0x0206  # 2.3.1.1, 2.1.4, 2.1.5
+HARDWARE_STATUS, SYSTEM_STATUS, MAIN_STATUS = 0x1A0A, 0x1A0B, 0x1A0C  # 2.1.1, 2.1.2, 2.1.3
+DISPLAY_MODE, RUN = 0x1A1B, 0x1A24  # 2.4.1, 2.4.4.3.1
+TRIGGER_OUT_2, INVERT = 0x1A1E, 0x1A30
+ANNOUNCE_IMAGE, LOAD_IMAGE = 0x1A2A, 0x1A2B  # 2.4.4.4.1, 2.4.4.4.2
+CONFIGURE_PATTERNS, DEFINE_PATTERN = 0x1A31, 0x1A34  # 2.4.4.3.3, 2.4.4.3.5
 
-LAST_ERROR, ERROR_TEXT = 0x0100, 0x0101
-POWER, FIRMWARE_VERSION, FIRMWARE_TYPE = 0x0200, 0x0205, 0x0206
-HARDWARE_STATUS, SYSTEM_STATUS = 0x1A0A, 0x1A0B
-DISPLAY_MODE, RUN = 0x1A1B, 0x1A24
-ANNOUNCE_IMAGE, LOAD_IMAGE = 0x1A2A, 0x1A2B
-CONFIGURE_PATTERNS, DEFINE_PATTERN = 0x1A31, 0x1A34
-
-AWAKE = 0
-PATTERN_ON_THE_FLY = 3
-STOP, START = 0, 2
+AWAKE = b"\0"
+PATTERN_ON_THE_FLY = b"\3"
+NOT_INVERTED = b"\0"
+STOP, PAUSE, START = b"\0", b"\1", b"\2"
 FOR_EVER = 0
 ALL_COLOURS = 0b111
+NO_PULSE = 1
+PARKED, RUNNING = 1, 2
+"""Bits of the main status."""
 
+IMAGE_CHUNK = 504
+"""Bytes of image data in one command."""
+BURST_IMAGES = 16
+"""Images with pictures to play. The memory holds 400 binary patterns (DLPS037H): these, and the picture to show."""
+SHOWN_IMAGE = BURST_IMAGES
+"""Where the picture to show is. Images are loaded in reverse order: this one without those below."""
+
+SHORTEST_US = 105
+"""The shortest exposure of a binary pattern on all blocks of a DLP6500 (DLPU018J, DMD block load)."""
+LONGEST_US = 2**24 - 1
 EXPOSURE_US = 100_000
 """How long a picture is shown before it is shown again. Any time will do: the picture is static."""
+PULSE_US = 20
+"""The pulse of TRIG_OUT_2, without delays of its edges."""
+LONGEST_DELAY_US = 20_000
 
-ERROR_BYTES = (4, 6)
-"""Where the reply to `LAST_ERROR` may hold the code: public drivers of the device disagree; elsewhere it is zero."""
-
-TIMEOUT_S = 5.0
+MODE_POLL_S = 0.01
+MODE_TIMEOUT_S = 10.0
+"""A change to video pattern mode takes 0.3 s (DLPU018J, 2.4.1); other times are not told."""
 ROWS, COLUMNS = 1080, 1920
-
-ERRORS = {
-    1: "batch file checksum error",
-    2: "device failure",
-    3: "invalid command number",
-    4: "controller and DMD do not fit",
-    5: "command not allowed in the present mode",
-    6: "invalid command parameter",
-    7: "the item a parameter refers to is not present",
-    8: "out of memory",
-    9: "invalid image compression",
-    10: "pattern bit number out of range",
-    11: "pattern image not present in flash",
-    12: "pattern dark time out of range",
-    13: "signal delay out of range",
-    14: "pattern exposure time out of range",
-    15: "pattern number out of range",
-    16: "invalid pattern definition",
-    17: "pattern image address out of range",
-    255: "internal error",
-}
-"""What the controller's error codes mean, as public drivers of the device list them."""
 
 HARDWARE_FAULTS = {
     1: "controller and DMD do not fit",
@@ -93,202 +99,181 @@ HARDWARE_FAULTS = {
 """Bits of the hardware status that report a fault; bit 0 is set once the controller has initialised itself."""
 
 
-class HidDevice(Protocol):
-    """A USB HID device that exchanges reports of 64 bytes."""
+class _Pattern(NamedTuple):
+    """An entry of the pattern table: a plane of an image, and how it is shown."""
 
-    def write(self, report: bytes) -> None:
-        """Send one report."""
+    image: int
+    bit: int
+    exposure_us: int
+    pulse: bool
 
-    def read(self) -> bytes:
-        """Receive one report; nothing if none came in time."""
-
-    def close(self) -> None:
-        """Release the device."""
-
-
-class HidApi:
-    """The first DLPC900 on USB, through `hidapi`."""
-
-    def __init__(self) -> None:
-        """Open the device.
-
-        Raises:
-            NotConfigured: hidapi is not installed.
-            LinkError: there is no such device, or it may not be opened.
-        """
-        try:
-            hid: Any = importlib.import_module("hid")
-        except ImportError:
-            raise NotConfigured("dmd: hidapi is not installed: pip install 'photonic-labctl[dlpc900]'") from None
-        self._hid = hid
-        self._device: Any = None
-        self._open()
-
-    @classmethod
-    def at(cls, address: str) -> "HidApi":
-        """The device at `address`, of which there is one only: a replay has another.
-
-        Raises:
-            NotConfigured: it is not `USB`.
-        """
-        if address != USB:
-            raise NotConfigured(f"dmd.address = {address!r}: a DLPC900 is on USB only: write address = {USB!r}")
-        return cls()
-
-    def write(self, report: bytes) -> None:
-        """Send one report; report number 0, which hidapi wants in front, is not part of it.
-
-        Raises:
-            LinkError: the cable is out; the next report opens the device anew.
-        """
-        with self._conversation() as device:
-            if device.write(b"\0" + report) < 0:
-                raise OSError("it takes no report")
-
-    def read(self) -> bytes:
-        """Receive one report; nothing if none came within `TIMEOUT_S`.
-
-        Raises:
-            LinkError: as `write`.
-        """
-        with self._conversation() as device:
-            return bytes(device.read(REPORT, int(TIMEOUT_S * 1e3)))
-
-    def close(self) -> None:
-        """Release the device."""
-        device, self._device = self._device, None
-        if device is not None:
-            device.close()
-
-    @contextmanager
-    def _conversation(self) -> Iterator[Any]:
-        """The open device; what breaks inside closes it."""
-        if self._device is None:
-            self._open()
-        try:
-            yield self._device
-        except OSError as error:
-            self.close()
-            raise LinkError(f"dmd: the link to the DLPC900 is lost ({error}): check power and USB cable") from None
-
-    def _open(self) -> None:
-        device = self._hid.device()
-        try:
-            device.open(VENDOR, PRODUCT)
-        except OSError as error:
-            raise LinkError(f"dmd: no DLPC900 on USB ({error}): check power, cable and permissions") from None
-        self._device = device
+    def packed(self, index: int) -> bytes:
+        """As `DEFINE_PATTERN` wants it: one bit, all colours, no trigger in, no dark time."""
+        exposure = self.exposure_us.to_bytes(3, "little")
+        where = self.image | self.bit << 11
+        return struct.pack("<H3sB3xBH", index, exposure, ALL_COLOURS << 4, 0 if self.pulse else NO_PULSE, where)
 
 
-class TiDlpc900(Dmd):
-    """A DLPC900 in pattern-on-the-fly mode, showing one binary picture for ever.
-
-    Every command asks for a reply, and after every command the controller is asked for its last error: it takes a wrong
-    command silently.
-    """
+class TiDlpc900(BurstDmd):
+    """A DLPC900 in pattern-on-the-fly mode: one binary picture for ever, or pictures in turn with TRIG_OUT_2 pulses."""
 
     shape = (ROWS, COLUMNS)
+    picture_period_s = SHORTEST_US * 1e-6
+    settling_s = picture_period_s
 
-    def __init__(self, device: HidDevice) -> None:
-        """Drive the controller behind `device`."""
-        self._device = device
-        self._sequence = 0
+    def __init__(self, commands: Commands) -> None:
+        """Drive the controller that takes `commands`."""
+        self._commands = commands
+        self._loaded = 0
+        self._showing = False  # one picture for ever
+        self._wanted: dict[str, tuple[int, bytes]] = {}
 
     def identify(self) -> Identity:
         """Firmware tag and version; the controller has no serial number to ask for."""
-        tag = self._read(FIRMWARE_TYPE)[1:].split(b"\0")[0].decode("ascii", "replace")
-        patch, minor, major = struct.unpack("<HBB", self._read(FIRMWARE_VERSION)[:4])
+        tag = self._commands.read(FIRMWARE_TYPE)[1:].split(b"\0")[0].decode("ascii", "replace")
+        patch, minor, major = struct.unpack("<HBB", self._commands.read(FIRMWARE_VERSION)[:4])
         return Identity("Texas Instruments", f"DLPC900 {COLUMNS}x{ROWS}", "", f"{tag} {major}.{minor}.{patch}".strip())
 
     def self_test(self) -> None:
         """Turn every mirror away and read the controller's status."""
         self.blank()
-        status = self._read(HARDWARE_STATUS)[0]
+        status = self._commands.read(HARDWARE_STATUS)[0]
         faults = [text for bit, text in HARDWARE_FAULTS.items() if status >> bit & 1]
         if not status & 1:
             faults.append("the controller has not initialised itself")
-        if not self._read(SYSTEM_STATUS)[0] & 1:
+        if not self._commands.read(SYSTEM_STATUS)[0] & 1:
             faults.append("memory test failed")
         if faults:
             raise InstrumentError(f"dmd: {'; '.join(faults)}: switch the controller off and on")
 
     def show(self, mirrors: NDArray[np.uint8]) -> None:
-        """Stop, define one pattern, load its image, start."""
+        """Stop, define one pattern without pulse, load its image, start."""
         if mirrors.shape != (ROWS, COLUMNS // 8):
             raise InstrumentError(f"dmd: a picture of {mirrors.shape} bytes: give ({ROWS}, {COLUMNS // 8}) packed bits")
-        self._command(POWER, bytes((AWAKE,)))
-        self._command(RUN, bytes((STOP,)))
-        self._command(DISPLAY_MODE, bytes((PATTERN_ON_THE_FLY,)))
-        self._command(RUN, bytes((STOP,)))  # a change of mode may have started the last sequence again
-        self._command(DEFINE_PATTERN, _pattern(EXPOSURE_US))
-        self._command(CONFIGURE_PATTERNS, struct.pack("<HI", 1, FOR_EVER))
-        self._load(dlpc900_image.encode(mirrors))
-        self._command(RUN, bytes((START,)))
+        self._prepare(PULSE_US)
+        self._define([_Pattern(SHOWN_IMAGE, 0, EXPOSURE_US, pulse=False)], FOR_EVER)
+        self._load(SHOWN_IMAGE, dlpc900_image.encode(mirrors[np.newaxis]))
+        self._commands.write(RUN, START)
+        self._showing = True
 
     def blank(self) -> None:
         """Show a picture with every mirror off."""
         self.show(np.zeros((ROWS, COLUMNS // 8), np.uint8))
 
+    def capacity(self) -> int:
+        """Twenty-four pictures an image."""
+        return BURST_IMAGES * dlpc900_image.PLANES
+
+    def load(self, mirrors: Iterable[NDArray[np.uint8]], count: int, *, progress: Progress | None = None) -> None:
+        """Images of 24 pictures, the last one first; `progress` is called after each image."""
+        Range(1, self.capacity(), "pictures").check("pictures in the DMD's memory", count)
+        images = [dlpc900_image.encode(pictures) for pictures in _by_images(mirrors)]
+        self._prepare(PULSE_US)
+        self._loaded = 0
+        for done, (index, image) in enumerate(reversed(list(enumerate(images))), 1):
+            self._load(index, image)
+            if progress is not None:
+                progress(count * done // len(images), count)
+        self._loaded = count
+
+    def hold(self) -> None:
+        """Pause the sequence, if one runs."""
+        self._showing = False
+        if self._commands.read(MAIN_STATUS)[0] & RUNNING:
+            self._commands.write(RUN, PAUSE)
+
+    def play(self, first: int, count: int, period_s: float, *, pulse_s: float | None = None) -> None:
+        """Define the pictures as patterns of one period each, and start them once; without a `pulse_s` it is 20 us."""
+        if not self._loaded:
+            raise InstrumentError("dmd: no pictures are loaded: load them before playing")
+        Range(1, self._loaded - first, "pictures").check("pictures to play", count)
+        period_us = round(period_s * 1e6)
+        Range(SHORTEST_US, LONGEST_US, "us").check("time between pictures", period_us)
+        pulse_us = PULSE_US if pulse_s is None else round(pulse_s * 1e6)
+        Range(1, min(period_us, PULSE_US + LONGEST_DELAY_US), "us").check("pulse of a picture", pulse_us)
+        self._prepare(pulse_us)
+        places = (divmod(picture, dlpc900_image.PLANES) for picture in range(first, first + count))
+        self._define([_Pattern(image, bit, period_us, pulse=True) for image, bit in places], count)
+        self._commands.write(RUN, START)
+
+    def changes(self) -> tuple[Change, ...]:
+        """What turns pictures into others or keeps pulses away: mode, inversion, pulse, mirrors parked, no sequence."""
+        found = [
+            Change(name, then.hex(" "), now.hex(" "))
+            for name, (command, then) in self._wanted.items()
+            if (now := self._commands.read(command)[: len(then)]) != then
+        ]
+        status = self._commands.read(MAIN_STATUS)[0] if self._wanted else 0
+        if status & PARKED:
+            found.append(Change("mirrors", "in use", "parked"))
+        if self._showing and not status & RUNNING:
+            found.append(Change("sequence", "running", "stopped"))
+        return tuple(found)
+
     def settings(self) -> dict[str, str | float]:
         """Mirrors and display mode."""
-        return {"rows": ROWS, "columns": COLUMNS, "display_mode": self._read(DISPLAY_MODE)[0]}
+        return {"rows": ROWS, "columns": COLUMNS, "display_mode": self._commands.read(DISPLAY_MODE)[0]}
 
     def make_safe(self) -> None:
         """Every mirror off."""
         self.blank()
 
     def close(self) -> None:
-        """Release the USB device."""
-        self._device.close()
+        """Release the device."""
+        self._commands.close()
 
-    def _load(self, image: bytes) -> None:
-        self._command(ANNOUNCE_IMAGE, struct.pack("<HI", 0, len(image)))
+    def _prepare(self, pulse_us: int) -> None:
+        """Awake, stopped, in the mode whose images come over the link, with pulses of so long."""
+        self._showing = False
+        self._commands.write(POWER, AWAKE)
+        self._commands.write(RUN, STOP)
+        self._wanted = {
+            "display mode": (DISPLAY_MODE, PATTERN_ON_THE_FLY),
+            "inversion": (INVERT, NOT_INVERTED),
+            "trigger output 2": (TRIGGER_OUT_2, struct.pack("<Bhh", 0, 0, pulse_us - PULSE_US)),
+        }
+        for command, data in self._wanted.values():
+            if self._commands.read(command)[: len(data)] != data:
+                self._commands.write(command, data)
+                self._await(command, data)
+                self._commands.write(RUN, STOP)  # a change of mode may have started the last sequence again
+
+    def _await(self, command: int, data: bytes) -> None:
+        """Return when the controller reads back what it was set to: a change of mode takes its time.
+
+        Raises:
+            InstrumentError: it does not within `MODE_TIMEOUT_S`.
+        """
+        ends = time.monotonic() + MODE_TIMEOUT_S
+        while self._commands.read(command)[: len(data)] != data:
+            if time.monotonic() > ends:
+                raise InstrumentError(
+                    f"dmd: 0x{command:04X} does not become {data.hex(' ')} within {MODE_TIMEOUT_S:g} s: switch the "
+                    f"controller off and on"
+                )
+            time.sleep(MODE_POLL_S)
+
+    def _define(self, patterns: list[_Pattern], to_display: int) -> None:
+        for index, pattern in enumerate(patterns):
+            self._commands.send(DEFINE_PATTERN, pattern.packed(index))
+        self._commands.check(DEFINE_PATTERN)
+        self._commands.write(CONFIGURE_PATTERNS, struct.pack("<HI", len(patterns), to_display))
+
+    def _load(self, index: int, image: bytes) -> None:
+        self._commands.write(ANNOUNCE_IMAGE, struct.pack("<HI", index, len(image)))
         for start in range(0, len(image), IMAGE_CHUNK):
             chunk = image[start : start + IMAGE_CHUNK]
-            self._transact(WRITE, LOAD_IMAGE, struct.pack("<H", len(chunk)) + chunk)
-        self._check(LOAD_IMAGE)
-
-    def _command(self, command: int, data: bytes) -> None:
-        self._transact(WRITE, command, data)
-        self._check(command)
-
-    def _read(self, command: int) -> bytes:
-        return self._transact(READ, command, b"")
-
-    def _check(self, command: int) -> None:
-        """Raise the error the controller has kept of `command`."""
-        reply = self._exchange(READ, LAST_ERROR, b"")
-        code = next((reply[at] for at in ERROR_BYTES if reply[at]), 0)
-        if code:
-            self._raise(command, code)
-
-    def _transact(self, flags: int, command: int, data: bytes) -> bytes:
-        """Send a command and return the data of its reply."""
-        reply = self._exchange(flags, command, data)
-        if reply[0] & REFUSED:
-            self._check(command)
-            raise InstrumentError(f"dmd: the DLPC900 refused command 0x{command:04X} and gives no reason")
-        return reply[4:]
-
-    def _exchange(self, flags: int, command: int, data: bytes) -> bytes:
-        self._sequence = (self._sequence + 1) % 256
-        packet = struct.pack("<BBHH", flags, self._sequence, len(data) + 2, command) + data
-        for start in range(0, len(packet), REPORT):
-            self._device.write(packet[start : start + REPORT].ljust(REPORT, b"\0"))
-        reply = self._device.read()
-        if not reply:
-            raise LinkError(f"dmd: no answer to command 0x{command:04X}: check the USB cable and the power supply")
-        if len(reply) != REPORT or reply[1] != self._sequence:
-            raise LinkError(f"dmd: the reply to command 0x{command:04X} does not belong to it: close other programs")
-        return reply
-
-    def _raise(self, command: int, code: int) -> None:
-        own = self._exchange(READ, ERROR_TEXT, b"")[4:].split(b"\0")[0].decode("ascii", "replace").strip()
-        meaning = ERRORS.get(code, "unknown error")
-        raise InstrumentError(f"dmd: command 0x{command:04X} refused, error {code}: {own or meaning}")
+            self._commands.send(LOAD_IMAGE, struct.pack("<H", len(chunk)) + chunk)
+        self._commands.check(LOAD_IMAGE)
 
 
-def _pattern(exposure_us: int) -> bytes:
-    """Entry 0 of the pattern table: bit 0 of image 0, all colours, no trigger, no dark time."""
-    options = ALL_COLOURS << 4
-    return struct.pack("<H", 0) + exposure_us.to_bytes(3, "little") + bytes((options, 0, 0, 0, 0, 0, 0))
+def _by_images(blocks: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
+    """The pictures of blocks, 24 at a time; the last ones may be fewer."""
+    rest = np.empty((0, ROWS, COLUMNS // 8), np.uint8)
+    for block in blocks:
+        rest = np.concatenate([rest, block])
+        while len(rest) >= dlpc900_image.PLANES:
+            yield rest[: dlpc900_image.PLANES]
+            rest = rest[dlpc900_image.PLANES :]
+    if len(rest):
+        yield rest

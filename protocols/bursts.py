@@ -16,8 +16,6 @@ from instruments.values import Drive, Frames, Timebase
 from protocols.base import Part, ProtocolError, Record, Shot
 from protocols.patterns import Patterns
 
-PICTURE_PERIOD_S = 44e-6
-"""One picture every 44 us: the fastest a DMD of this class follows (22 727 pictures a second)."""
 PERIODS_PER_TRIGGER = 3
 SETTLED_PERIODS = 2
 """Of the periods the AWG plays at each trigger, those that pass before the frame: fibre and chip then carry light of
@@ -100,8 +98,8 @@ def measure_bursts(
         for burst_of in stretches([shot.index for shot in part.shots if shot.index in held], longest):
             memory.load(held)
             count = len(burst_of)
-            burst = played(bench, count, partial(dmd.play, burst_of.start - held.start, count, PICTURE_PERIOD_S))
-            check_times(burst, count)
+            burst = played(bench, count, partial(dmd.play, burst_of.start - held.start, count, dmd.picture_period_s))
+            check_times(burst, count, dmd.picture_period_s)
             yield Record(part.pass_, burst_of.start, burst)
 
 
@@ -130,19 +128,19 @@ def stretches(indices: Sequence[int], longest: int) -> Iterator[range]:
             start = place
 
 
-def check_times(burst: Frames, count: int) -> None:
-    """Compare number and time stamps of the frames with the pictures that were played.
+def check_times(burst: Frames, count: int, period_s: float) -> None:
+    """Compare number and time stamps of the frames with the pictures that were played, one every `period_s`.
 
     Raises:
         InstrumentError: a frame is missing, or two are not one picture apart.
     """
     if burst.time_s.shape != (count,):
         raise InstrumentError(f"scope: {burst.time_s.size} frames for {count} pictures: check the trigger wiring")
-    late = np.abs(np.diff(burst.time_s) - PICTURE_PERIOD_S) > PICTURE_PERIOD_S / 2
+    late = np.abs(np.diff(burst.time_s) - period_s) > period_s / 2
     if late.any():
         frame = int(np.argmax(late)) + 1
         gap = burst.time_s[frame] - burst.time_s[frame - 1]
         raise InstrumentError(
             f"scope: frame {frame} came {gap * 1e6:.1f} us after the one before, pictures are "
-            f"{PICTURE_PERIOD_S * 1e6:g} us apart: a trigger was missed or came twice; check its wiring and levels"
+            f"{period_s * 1e6:g} us apart: a trigger was missed or came twice; check its wiring and levels"
         )

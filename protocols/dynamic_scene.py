@@ -27,7 +27,7 @@ from protocols.base import (
     Shot,
     ShotKind,
 )
-from protocols.bursts import PICTURE_PERIOD_S, burst_dmd, load_pictures, played
+from protocols.bursts import burst_dmd, load_pictures, played
 from protocols.image_readout import pseudorandom_drive
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
@@ -144,8 +144,9 @@ class DynamicScene(Measurement[Images]):
         dmd.hold()
         bench.stop_drive()
         bench.play_drive()
-        pulse_s = PICTURE_PERIOD_S - lead_s - self.switch_after
-        return played(bench, 1, partial(dmd.play, 2 * scene.index, 2, PICTURE_PERIOD_S, pulse_s=pulse_s))
+        period_s = dmd.picture_period_s
+        pulse_s = period_s - lead_s - self.switch_after
+        return played(bench, 1, partial(dmd.play, 2 * scene.index, 2, period_s, pulse_s=pulse_s))
 
     def _drawn(self, inputs: Images, label: int, draw: int) -> NDArray[np.intp]:
         members = np.flatnonzero(inputs.labels == label)

@@ -12,7 +12,7 @@ from instruments.bench import Bench
 from instruments.interfaces import BurstDmd
 from instruments.safe_state import ending_with
 from instruments.values import Answer, Drive, Frames, Timebase
-from protocols.bursts import PICTURE_PERIOD_S, load_pictures, played
+from protocols.bursts import load_pictures, played
 from protocols.image_readout import DRIVE_RATE, pseudorandom_drive
 from protocols.ranging import find_ranges
 
@@ -88,7 +88,7 @@ def switches(bench: Bench, dmd: BurstDmd, channel: int, picture: NDArray[np.uint
 
     def look(after_s: float) -> Frames:
         bench.configure(Timebase(SAMPLE_RATE, LOOK, after_s), (channel,))
-        return _switch(bench, dmd, PICTURE_PERIOD_S - commanded_s)
+        return _switch(bench, dmd, commanded_s)
 
     commanded_s = SWITCH_AFTER_S
     find_ranges(bench.scope, bench.limits, [partial(look, looks[-1])], bench.require_unchanged)
@@ -123,11 +123,12 @@ def switching_answers(settling_s: float, first: Switched, second: Switched) -> I
     )
 
 
-def _switch(bench: Bench, dmd: BurstDmd, pulse_s: float) -> Frames:
+def _switch(bench: Bench, dmd: BurstDmd, commanded_s: float) -> Frames:
+    period_s = dmd.picture_period_s
     dmd.hold()
     bench.stop_drive()
     bench.play_drive()
-    return played(bench, 1, partial(dmd.play, 0, 2, PICTURE_PERIOD_S, pulse_s=pulse_s))
+    return played(bench, 1, partial(dmd.play, 0, 2, period_s, pulse_s=period_s - commanded_s))
 
 
 def _last(triggers: Callable[[float], bool], there: float, away: float) -> float:

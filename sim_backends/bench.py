@@ -1,6 +1,6 @@
-"""The simulated bench: one world, five virtual instruments, two or three network addresses for each."""
+"""The simulated bench: one world, five virtual instruments, up to three network addresses for each."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, Self
 
@@ -9,10 +9,12 @@ from threadpoolctl import threadpool_limits
 from sim_backends.parameters import Parameters
 from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Instrument, Loop
+from sim_backends.servers.reports import REPORTS
 from sim_backends.servers.socket import serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
 from sim_backends.virtual.alp.instrument import VirtualAlp
 from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
+from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
 from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
 from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
 from sim_backends.virtual.tlg220.instrument import VirtualTlg220
@@ -32,6 +34,7 @@ class SimulatedBench:
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
             ports 10 higher, VXI-11 20 higher; None: any free ports.
         laser_table: The commands the laser obeys, in the form of `virtual/tlg220/commands.toml`; None: that file.
+        dmd: Which DMD there is. A DLPC900 has a raw socket only: it speaks by HID reports, see `servers.reports`.
     """
 
     def __init__(
@@ -42,6 +45,7 @@ class SimulatedBench:
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
+        dmd: Callable[[World], Instrument] = VirtualAlp,
     ) -> None:
         self.world = World(parameters, twin_seed=twin_seed)
         self.resources: dict[str, dict[str, str]] = {}
@@ -52,7 +56,7 @@ class SimulatedBench:
             "awg": VirtualAwg70002a(self.world),
             "scope": VirtualDpo72504dx(self.world),
             "laser": VirtualTlg220(self.world, laser_table),
-            "dmd": VirtualAlp(self.world),
+            "dmd": dmd(self.world),
             "patch_panel": VirtualFibreSwitch(self.world),
         }
 
@@ -113,6 +117,8 @@ class SimulatedBench:
         def port(offset: int) -> int:
             return 0 if self._port_base is None else self._port_base + offset + rank
 
+        if isinstance(self._instruments[role], VirtualDlpc900):
+            return {"socket": f"TCPIP0::{host}::{serve_socket(loop, instrument, host, port(0), REPORTS)}::SOCKET"}
         addresses = {
             "socket": f"TCPIP0::{host}::{serve_socket(loop, instrument, host, port(0))}::SOCKET",
             "hislip": f"TCPIP0::{host}::hislip0,{serve_hislip(loop, instrument, host, port(HISLIP_OFFSET))}::INSTR",

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from instruments.alnair_tlg220 import Tlg220Section
 from instruments.laser_table import CommandTable
 from instruments.sections import SIMULATED
+from instruments.ti_dlpc900 import TiDlpc900Section
 from instruments.toml_files import describe, read_toml
 from labctl.bench.station import Station
 from labctl.errors import StationError
@@ -46,6 +47,8 @@ def simulated_bench(
     """
     from sim_backends.faults.bench import FaultyBench
     from sim_backends.faults.specification import FaultError, read_fault
+    from sim_backends.virtual.alp.instrument import VirtualAlp
+    from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
 
     try:
         befalling = [read_fault(fault) for fault in faults]
@@ -63,6 +66,7 @@ def simulated_bench(
         host=host,
         port_base=port_base,
         laser_table=laser_table,
+        dmd=VirtualDlpc900 if isinstance(station.dmd, TiDlpc900Section) else VirtualAlp,
     )
 
 

@@ -1,6 +1,6 @@
 """The simulated bench with faulty instruments, on every transport."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from sim_backends.bench import SimulatedBench
@@ -8,6 +8,8 @@ from sim_backends.faults.catalogue import Fault, Moment
 from sim_backends.faults.injection import Faulty, Injection
 from sim_backends.parameters import Parameters
 from sim_backends.servers.loop import Instrument, Loop
+from sim_backends.virtual.alp.instrument import VirtualAlp
+from sim_backends.world.world import World
 
 
 class Befalling(NamedTuple):
@@ -33,8 +35,11 @@ class FaultyBench(SimulatedBench):
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
+        dmd: Callable[[World], Instrument] = VirtualAlp,
     ) -> None:
-        super().__init__(parameters, twin_seed=twin_seed, host=host, port_base=port_base, laser_table=laser_table)
+        super().__init__(
+            parameters, twin_seed=twin_seed, host=host, port_base=port_base, laser_table=laser_table, dmd=dmd
+        )
         self._injections: dict[str, list[Injection]] = {role: [] for role in self._instruments}
         for role, fault, moment in faults:
             self._injections[role].append(Injection(role, self._instruments[role], fault, moment))

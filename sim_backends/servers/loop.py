@@ -49,6 +49,24 @@ class Instrument(Protocol):
         """The status byte of IEEE 488.2, as a serial poll reads it."""
 
 
+class Reader(Protocol):
+    """What cuts the bytes of a connection into messages; see `MessageReader`, whose words these are."""
+
+    begun: bytes
+
+    def buffer(self) -> memoryview:
+        """Where the next bytes belong; never empty."""
+
+    def received(self, count: int) -> list[Message]:
+        """Take over `count` bytes written to the start of `buffer()`; returns the messages they complete."""
+
+    def end(self) -> list[Message]:
+        """End the present message here; the messages that this completes."""
+
+    def clear(self) -> None:
+        """Forget everything that has not been handed out."""
+
+
 class Request(NamedTuple):
     """A message that waits to be executed."""
 
@@ -63,10 +81,10 @@ class Client(ABC):
     Its transport makes it and joins it to the loop.
     """
 
-    def __init__(self, loop: "Loop", instrument: Instrument) -> None:
+    def __init__(self, loop: "Loop", instrument: Instrument, reader: Reader | None = None) -> None:
         self.loop = loop
         self.instrument = instrument
-        self.reader = MessageReader()
+        self.reader: Reader = reader or MessageReader()
         self.number = 0  # its rank among clients with queries at the same time; the loop gives it
         self.waiting: deque[Request] = deque()
         self.blocked: tuple[Execution, int] | None = None

@@ -1,4 +1,4 @@
-"""TCP connections that never wait, and raw sockets: messages and replies end at a newline.
+"""TCP connections that never wait, and raw sockets: messages and replies end at a newline, unless framed otherwise.
 
 The address of a raw socket is `TCPIP0::host::port::SOCKET`.
 """
@@ -7,10 +7,11 @@ import selectors
 import socket
 from collections import deque
 from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
-from sim_backends.scpi.messages import Chunk
+from sim_backends.scpi.messages import Chunk, MessageReader
 from sim_backends.servers.disturbed import Disturbed, pieces
-from sim_backends.servers.loop import MOST_WAITING, Client, Instrument, Loop
+from sim_backends.servers.loop import MOST_WAITING, Client, Instrument, Loop, Reader
 
 # Linux only. Without it a client that writes a setting and then a query waits 40 ms: its Nagle algorithm holds the
 # query back until the setting is acknowledged, and acknowledgements are delayed unless asked for. It does not stick.
@@ -127,20 +128,33 @@ class Channel:
         self._watched = wanted
 
 
-def serve_socket(loop: Loop, instrument: Instrument, host: str = "127.0.0.1", port: int = 0) -> int:
+class Framing(NamedTuple):
+    """How messages follow one another on a raw socket: what cuts them out, and what ends each reply."""
+
+    reader: Callable[[], Reader]
+    ending: bytes
+
+
+LINES = Framing(MessageReader, b"\n")
+
+
+def serve_socket(
+    loop: Loop, instrument: Instrument, host: str = "127.0.0.1", port: int = 0, framing: Framing = LINES
+) -> int:
     """Serve `instrument` on a raw socket of `loop`; returns the port (0: any free one).
 
     Raises:
         OSError: The port is taken or the address is not one of this machine.
     """
-    return loop.listen(host, port, lambda connection: loop.join(SocketClient(loop, instrument, connection)))
+    return loop.listen(host, port, lambda connection: loop.join(SocketClient(loop, instrument, connection, framing)))
 
 
 class SocketClient(Client):
     """A client on a raw socket."""
 
-    def __init__(self, loop: Loop, instrument: Instrument, connection: socket.socket) -> None:
-        super().__init__(loop, instrument)
+    def __init__(self, loop: Loop, instrument: Instrument, connection: socket.socket, framing: Framing = LINES) -> None:
+        super().__init__(loop, instrument, framing.reader())
+        self._ending = framing.ending
         self._channel = Channel(loop.selector, connection, readable=self._readable, lost=self._end)
         self._ended = False
         self._late = b""
@@ -151,16 +165,17 @@ class SocketClient(Client):
         return bool(self._channel.unsent)
 
     def reply(self, chunks: list[Chunk], tag: int) -> None:
-        """Send `chunks` and a newline."""
-        self._channel.send((*chunks, b"\n"))
+        """Send `chunks` and what ends a reply."""
+        self._channel.send((*chunks, self._ending))
 
     def disturb(self, disturbed: Disturbed, tag: int) -> None:
-        """Send what a fault has made of a reply."""
+        """Send what a fault has made of a reply; faults end it with a newline."""
+        data = disturbed.data if self._ending else disturbed.data.removesuffix(b"\n")
         if disturbed.late:
-            self._late += disturbed.data
+            self._late += data
             return
         late, self._late = self._late, b""
-        for piece in (late, *pieces(disturbed.data[: disturbed.ends_after], disturbed.packet)):
+        for piece in (late, *pieces(data[: disturbed.ends_after], disturbed.packet)):
             self._channel.send((piece,))
         if disturbed.hangs_up:
             self.hang_up()

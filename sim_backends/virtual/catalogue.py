@@ -11,6 +11,7 @@ from typing import Any
 from sim_backends import virtual
 from sim_backends.scpi.commands import Command
 from sim_backends.virtual import VirtualInstrument
+from sim_backends.virtual.dlpc900 import commands as dlpc900
 from sim_backends.virtual.instrument import COMMON
 from sim_backends.virtual.tlg220.instrument import default_table
 
@@ -24,7 +25,8 @@ _INTRODUCTION = """\
 
 Every command the virtual instruments understand. Capitals are the short form, `[...]` may be left out, `#` stands for
 a numeric suffix. *Accepted without effect*: the value is checked, kept and read back, and nothing else changes. Any
-other command gets the error that the model gives for an unknown one: -113, or 113 on the oscilloscope.
+other command gets the error that the model gives for an unknown one: -113, or 113 on the oscilloscope. The DLPC900 has
+numbers for commands, and refuses others with its error 3.
 
 This document is generated: `python -m sim_backends.virtual.catalogue`.
 """
@@ -60,6 +62,7 @@ def document() -> str:
             parts.append(_section(name, model.IDENTITY, states(model.COMMANDS)))
         else:
             parts.append(_laser_section(name, model.IDENTITY, default_table()))
+    parts.append(_section("VirtualDlpc900", "", dlpc900.states()))
     return "\n".join(parts)
 
 

@@ -51,7 +51,7 @@ class Scene:
 
     from_s: since when. shown: pictures until the last one stays, repetitions counted; infinite for a loop. state:
     names the pictures and their timing, but not when they started. amplitudes: (1 + n, r). names: one digest a row.
-    latched_s: in slave mode, when pictures were latched so far.
+    latched_s: in slave mode, when pictures were latched so far, `trigger_delay_s` after each edge.
     """
 
     from_s: float
@@ -62,6 +62,7 @@ class Scene:
     names: tuple[bytes, ...]
     amplitudes: NDArray[np.float32]
     latched_s: list[float] | None = field(default=None)
+    trigger_delay_s: float = 0.0
 
     @property
     def still(self) -> bool:
@@ -78,8 +79,9 @@ class Scene:
         if self.latched_s is None:
             return
         earliest = self.latched_s[-1] + self.picture_time_s if self.latched_s else self.start_s
-        if time_s >= earliest - _SLACK_S and len(self.latched_s) < self.shown:
-            self.latched_s.append(time_s)
+        latch_s = time_s + self.trigger_delay_s
+        if latch_s >= earliest - _SLACK_S and len(self.latched_s) < self.shown:
+            self.latched_s.append(latch_s)
 
     def number(self, times: NDArray[np.float64]) -> NDArray[np.int64]:
         """Number of the picture latched at each of `times`, counted from 0 through all repetitions; -1: none yet."""
@@ -142,11 +144,12 @@ class Pictures:
                 from_s=now_s,
                 start_s=projection.start_s,
                 picture_time_s=projection.picture_time_s,
-                shown=math.inf if projection.loop else len(names) * projection.repeats,
+                shown=math.inf if projection.loop else len(names) * projection.repeats - projection.left_out,
                 state=state,
                 names=(name, *names),
                 amplitudes=rows,
                 latched_s=[] if projection.triggered else None,
+                trigger_delay_s=projection.trigger_delay_s,
             )
         self._keep(scene)
         return state != present.state
@@ -227,4 +230,6 @@ def state_of(names: tuple[bytes, ...], projection: Projection | None) -> bytes:
         projection.loop,
         projection.repeats,
         projection.triggered,
+        *((projection.left_out,) if projection.left_out else ()),
+        *((float(projection.trigger_delay_s),) if projection.trigger_delay_s else ()),
     )

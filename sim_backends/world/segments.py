@@ -197,12 +197,14 @@ class SegmentStarts:
     def _resume(self, now_s: float) -> None:
         """Frame synch pulses from now on."""
         projection = self._projection
-        if projection is None or projection.triggered or not 0 < self._level_v < SYNCH_HIGH_V:
+        if projection is None or projection.triggered or projection.synch_pulse_s <= 0:
+            return
+        if not 0 < self._level_v < SYNCH_HIGH_V:
             return
         first = projection.start_s + projection.synch_delay_s
         if self._rising != projection.synch_high:
             first += projection.synch_pulse_s
-        count = math.inf if projection.loop else len(projection.counts) * projection.repeats
+        count = math.inf if projection.loop else len(projection.counts) * projection.repeats - projection.left_out
         self._open(first, projection.picture_time_s, count, now_s)
 
     def _open(self, edge_s: float, every_s: float, count: float, now_s: float) -> None:

@@ -99,8 +99,10 @@ class Projection:
     loop: from the beginning again after the last one, for ever; otherwise the last one stays.
     triggered: slave mode; each edge at the DMD's trigger input latches the next one, the first one included, but none
         sooner than `picture_time_s` after the one before. The generator's marker 1 supplies the edges, one a segment.
-    synch_pulse_s: width of the frame synch pulse. synch_high: whether the pulse goes from 0 up to 3.3 V or down.
-    repeats: how often a finite projection shows all its patterns.
+    synch_pulse_s: width of the frame synch pulse; 0: there is none. synch_high: whether it goes from 0 up to 3.3 V or
+        down.
+    repeats: how often a finite projection shows all its patterns. left_out: so many of the last repetition are not.
+    trigger_delay_s: from an edge at the trigger input to the latch.
     """
 
     counts: NDArray[np.uint16]
@@ -112,6 +114,8 @@ class Projection:
     synch_pulse_s: float = 10e-6
     synch_high: bool = True
     repeats: int = 1
+    left_out: int = 0
+    trigger_delay_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """The DLPC900 driver against the virtual device, and against a device that misbehaves."""
 
 import sys
+from collections.abc import Iterator
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,20 +11,28 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from instruments import dlpc900_image as encoding
+from instruments.dlpc900_commands import Commands
+from instruments.dlpc900_reports import HidApi, ReportsOverTcp
 from instruments.driver import Opening
-from instruments.errors import InstrumentError, LinkError, NotConfigured
-from instruments.ti_dlpc900 import COLUMNS, DRIVER, ROWS, HidApi, TiDlpc900, TiDlpc900Section
+from instruments.errors import InstrumentError, LinkError, NotConfigured, OutOfRange
+from instruments.interfaces import BurstDmd
+from instruments.ti_dlpc900 import COLUMNS, DRIVER, ROWS, TiDlpc900, TiDlpc900Section
+from sim_backends.bench import SimulatedBench
+from sim_backends.optics.mirrors import MIRRORS_PER_SUPERPIXEL
 from sim_backends.virtual.dlpc900 import planes
 from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
-from sim_backends.world.world import World
+from sim_backends.world.signals import Projection
+from tests.sim_backends.virtual.dlpc900.cable import Cable
+from tests.sim_backends.virtual.watched import SMALL, Watched
 
 
-class Altered(VirtualDlpc900):
-    """A controller whose reports can be lost, mixed up or changed."""
+class Altered(Cable):
+    """A cable on which replies can be lost, mixed up or changed."""
 
     silent = False
     number_offset = 0
     status_answer: bytes | None = None
+    closed = 0
 
     def read(self) -> bytes:
         report = super().read()
@@ -33,79 +42,182 @@ class Altered(VirtualDlpc900):
             report = report[:4] + self.status_answer + report[5:]
         return report[:1] + bytes(((report[1] + self.number_offset) % 256,)) + report[2:]
 
+    def close(self) -> None:
+        self.closed += 1
+        super().close()
+
 
 @pytest.fixture
-def device() -> Altered:
-    return Altered(World())
+def world() -> Watched:
+    return Watched()
 
 
-def some_picture() -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
-    mirrors = np.zeros((ROWS, COLUMNS // 8), np.uint8)
-    mirrors[200:400, 100:130] = 0xFF
-    mirrors[400:402, 100:130] = 0b01010011
-    return mirrors
+@pytest.fixture
+def device(world: Watched) -> Altered:
+    return Altered(VirtualDlpc900(world))
+
+
+@pytest.fixture
+def dmd(device: Altered) -> TiDlpc900:
+    return TiDlpc900(Commands(device, unheard))
+
+
+def unheard(*_: str) -> None:
+    """A transcript."""
+
+
+def superpixels(*lit: int) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+    """A picture with some of the 28 x 28 superpixels on."""
+    image = np.zeros(784, bool)
+    image[list(lit)] = True
+    mirrors = np.zeros((ROWS, COLUMNS), bool)
+    mirrors[8:-8, 428:-428] = image.reshape(28, 28).repeat(38, axis=0).repeat(38, axis=1)
+    return np.packbits(mirrors, axis=1)
+
+
+def lit_in(world: Watched) -> list[int]:
+    """Which superpixels are on now."""
+    assert world.picture is not None
+    assert set(world.picture.tolist()) <= {0, MIRRORS_PER_SUPERPIXEL**2}
+    return np.flatnonzero(world.picture).tolist()
+
+
+def projected(world: Watched) -> Projection:
+    found = world.shown[-1]
+    assert isinstance(found, Projection)
+    return found
 
 
 @settings(max_examples=10, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 20, 300]))
-def test_an_image_is_decoded_to_what_was_encoded(seed: int, repeats: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 20, 300]), st.sampled_from([1, 5, 24]))
+def test_an_image_is_decoded_to_what_was_encoded(seed: int, repeats: int, pictures: int) -> None:
     random = np.random.default_rng(seed)
-    lines = random.integers(0, 256, (4, COLUMNS // 8), dtype=np.uint8)
-    mirrors = np.zeros((ROWS, COLUMNS // 8), np.uint8)
-    block = np.repeat(lines, repeats, axis=0)[:ROWS]
-    mirrors[: len(block)] = block
+    lines = random.integers(0, 256, (pictures, 4, COLUMNS // 8), dtype=np.uint8)
+    mirrors = np.zeros((pictures, ROWS, COLUMNS // 8), np.uint8)
+    block = np.repeat(lines, repeats, axis=1)[:, :ROWS]
+    mirrors[:, : block.shape[1]] = block
     image = encoding.encode(mirrors)
     assert len(image) % 4 == 0
-    np.testing.assert_array_equal(planes.plane(planes.decode(image), 0), mirrors)
+    decoded = planes.decode(image)
+    for bit, picture in enumerate(mirrors):
+        np.testing.assert_array_equal(np.packbits((decoded >> bit & 1).astype(bool), axis=1), picture)
+    assert not (decoded >> pictures).any()
 
 
-def test_show_reaches_the_mirrors(device: Altered) -> None:
-    dmd = TiDlpc900(device)
-    dmd.show(some_picture())
-    np.testing.assert_array_equal(planes.plane(device.images[0], 0), some_picture())
-    assert device.running == 2
-    dmd.show(~some_picture())
-    np.testing.assert_array_equal(planes.plane(device.images[0], 0), ~some_picture())
+def test_show_reaches_the_mirrors(dmd: TiDlpc900, world: Watched) -> None:
+    dmd.show(superpixels(3, 400, 783))
+    assert lit_in(world) == [3, 400, 783]
+    assert projected(world).synch_pulse_s == 0, "a picture that is shown again and again must not pulse"
+    dmd.show(superpixels(0))
+    assert lit_in(world) == [0]
     dmd.make_safe()
-    assert not device.images[0].any()
+    assert lit_in(world) == []
     assert dmd.settings() == {"rows": 1080, "columns": 1920, "display_mode": 3}
     dmd.close()
 
 
-def test_identity_and_self_test(device: Altered) -> None:
-    dmd = TiDlpc900(device)
+def test_pictures_in_turn_each_with_a_pulse(dmd: TiDlpc900, world: Watched) -> None:
+    assert isinstance(dmd, BurstDmd)
+    assert dmd.capacity() == 384
+    done: list[tuple[int, int]] = []
+    blocks = (np.stack([superpixels(first + n) for n in range(20)]) for first in (0, 20, 40))
+    dmd.load(blocks, 60, progress=lambda *progress: done.append(progress))
+    assert done == [(20, 60), (40, 60), (60, 60)]
+    dmd.show(superpixels(700))
+    dmd.hold()
+    assert lit_in(world) == [700]
+    dmd.play(22, 5, dmd.picture_period_s, pulse_s=60e-6)
+    shown = projected(world)
+    assert [np.flatnonzero(row).tolist() for row in shown.counts] == [[22], [23], [24], [25], [26]]
+    assert (shown.picture_time_s, shown.synch_delay_s, shown.synch_pulse_s) == pytest.approx((105e-6, 0, 60e-6))
+    assert shown.synch_high
+    assert not shown.loop
+    assert shown.repeats == 1
+    dmd.play(0, 1, 200e-6)
+    assert projected(world).synch_pulse_s == pytest.approx(20e-6)
+
+
+def test_holding_stops_pictures_in_turn(dmd: TiDlpc900, world: Watched) -> None:
+    dmd.load([np.stack([superpixels(n) for n in range(3)])], 3)
+    dmd.play(0, 3, 1.0)
+    dmd.hold()
+    assert lit_in(world) == [0]
+    world.clock.advance(2.0)
+    assert lit_in(world) == [0]
+
+
+def test_what_cannot_be_played(dmd: TiDlpc900) -> None:
+    with pytest.raises(InstrumentError, match="no pictures are loaded"):
+        dmd.play(0, 1, 105e-6)
+    with pytest.raises(OutOfRange, match="pictures in the DMD's memory = 385"):
+        dmd.load([], 385)
+    dmd.load([np.stack([superpixels(n) for n in range(3)])], 3)
+    with pytest.raises(OutOfRange, match="time between pictures = 44"):
+        dmd.play(0, 3, 44e-6)
+    with pytest.raises(OutOfRange, match="pictures to play = 3"):
+        dmd.play(1, 3, 105e-6)
+    with pytest.raises(OutOfRange, match="pulse of a picture = 110"):
+        dmd.play(0, 3, 105e-6, pulse_s=110e-6)
+
+
+def test_what_somebody_else_changed_is_told_and_set_anew(dmd: TiDlpc900, device: Altered, world: Watched) -> None:
+    assert dmd.changes() == ()
+    dmd.show(superpixels(5))
+    assert dmd.changes() == ()
+    other = Commands(device, unheard)
+    other.write(0x1A24, b"\0")
+    other.write(0x1A30, b"\1")
+    other.write(0x1A1B, b"\0")
+    other.write(0x0200, b"\1")
+    for _ in range(3):
+        other.read(0x1A1B)
+    assert [change.setting for change in dmd.changes()] == ["display mode", "inversion", "mirrors", "sequence"]
+    dmd.show(superpixels(5))
+    assert dmd.changes() == ()
+    assert lit_in(world) == [5]
+
+
+def test_a_mode_that_never_comes(dmd: TiDlpc900, device: Altered, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("instruments.ti_dlpc900.MODE_TIMEOUT_S", 0.0)
+    device.status_answer = b"\1"
+    with pytest.raises(InstrumentError, match="0x1A1B does not become 03 within 0 s"):
+        dmd.blank()
+
+
+def test_identity_and_self_test(dmd: TiDlpc900) -> None:
     identity = dmd.identify()
     assert identity.model == "DLPC900 1920x1080"
     assert identity.firmware == "LCR6500 simulated 6.0.0"
     dmd.self_test()
 
 
-def test_a_refusal_is_told_in_words(device: Altered) -> None:
-    dmd = TiDlpc900(device)
+def test_a_refusal_is_told_in_words(dmd: TiDlpc900, device: Altered) -> None:
+    commands = Commands(device, unheard)
     with pytest.raises(InstrumentError, match="0x1A1B refused, error 6: invalid command parameter"):
-        dmd._command(0x1A1B, b"\7")
+        commands.write(0x1A1B, b"\7")
     with pytest.raises(InstrumentError, match="0x1A2B refused, error 5"):
-        dmd._transact(0x40, 0x1A2B, b"\0\0")
+        commands.send(0x1A2B, b"\0\0")
     with pytest.raises(InstrumentError, match=r"give \(1080, 240\)"):
         dmd.show(np.zeros((768, 128), np.uint8))
 
 
-def test_faults_of_the_hardware(device: Altered) -> None:
-    dmd = TiDlpc900(device)
-    dmd.blank()
+def test_faults_of_the_hardware(dmd: TiDlpc900, device: Altered, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TiDlpc900, "blank", lambda _dmd: None)
     device.status_answer = b"\x80"
     with pytest.raises(InstrumentError, match="sequencer error; the controller has not initialised itself; memory"):
         dmd.self_test()
 
 
-def test_a_device_that_does_not_answer(device: Altered) -> None:
-    dmd = TiDlpc900(device)
+def test_a_device_that_does_not_answer(dmd: TiDlpc900, device: Altered) -> None:
     device.silent = True
     with pytest.raises(LinkError, match="no answer"):
         dmd.identify()
     device.silent, device.number_offset = False, 3
     with pytest.raises(LinkError, match="does not belong"):
         dmd.identify()
+    assert device.closed == 2, "a reply that is late must not answer the next command"
+    device.number_offset = 0
+    dmd.identify()
 
 
 class Usb:
@@ -114,7 +226,7 @@ class Usb:
     present = True
 
     def __init__(self) -> None:
-        self.controller = VirtualDlpc900(World())
+        self.cable = Cable(VirtualDlpc900(Watched()))
         self.closed = False
 
     def open(self, vendor: int, product: int) -> None:
@@ -124,11 +236,11 @@ class Usb:
 
     def write(self, report: bytes) -> int:
         assert report[0] == 0
-        self.controller.write(report[1:])
+        self.cable.write(report[1:])
         return len(report)
 
     def read(self, size: int, _timeout_ms: int) -> list[int]:
-        return list(self.controller.read())[:size]
+        return list(self.cable.read())[:size]
 
     def close(self) -> None:
         self.closed = True
@@ -136,8 +248,8 @@ class Usb:
 
 def test_hidapi(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hid", SimpleNamespace(device=Usb))
-    usb = HidApi()
-    dmd = TiDlpc900(usb)
+    usb = HidApi(5.0)
+    dmd = TiDlpc900(Commands(usb, unheard))
     assert dmd.settings()["display_mode"] == 1
     device = usb._device
     dmd.close()
@@ -150,18 +262,50 @@ def test_hidapi(monkeypatch: pytest.MonkeyPatch) -> None:
     assert dmd.identify().manufacturer == "Texas Instruments", "the next command opens it anew"
     monkeypatch.setattr(Usb, "present", False)
     with pytest.raises(LinkError, match="no DLPC900 on USB"):
-        HidApi()
+        HidApi(5.0)
     monkeypatch.setitem(sys.modules, "hid", None)
     with pytest.raises(NotConfigured, match="hidapi is not installed"):
         DRIVER.open(TiDlpc900Section(driver="ti-dlpc900"), opening("usb"))
 
 
-def test_it_is_on_usb_only() -> None:
-    with pytest.raises(ValidationError, match="Input should be 'usb'"):
-        TiDlpc900Section.model_validate({"driver": "ti-dlpc900", "address": "TCPIP0::127.0.0.1::5000::SOCKET"})
-    with pytest.raises(NotConfigured, match="a DLPC900 is on USB only"):
-        DRIVER.open(TiDlpc900Section(driver="ti-dlpc900"), opening("TCPIP0::127.0.0.1::5000::SOCKET"))
+@pytest.fixture(scope="module")
+def served() -> Iterator[str]:
+    """Address of a DLPC900 on the network."""
+    with SimulatedBench(SMALL, dmd=VirtualDlpc900) as bench:
+        yield bench.resources["dmd"]["socket"]
+
+
+def test_over_the_network(served: str) -> None:
+    told: list[tuple[str, str, str]] = []
+    section = TiDlpc900Section(driver="ti-dlpc900", address=served)
+    dmd = DRIVER.open(section, Opening(served, lambda *said: told.append(said), lambda _request: "", attended=True))
+    dmd.self_test()
+    assert dmd.identify().firmware == "LCR6500 simulated 6.0.0"
+    assert ("dmd", ">", "0x1A24 02") in told
+    assert ("dmd", ">", "0x0206 ?") in told
+    dmd.close()
+    assert dmd.settings()["display_mode"] == 3, "the next command connects anew"
+    dmd.close()
+
+
+def test_a_link_that_is_lost(served: str) -> None:
+    host, port = served.split("::")[1:3]
+    nowhere = ReportsOverTcp(f"TCPIP0::{host}::1::SOCKET", 1.0, unheard)
+    with pytest.raises(LinkError, match="cannot be reached"):
+        nowhere.write(bytes(64))
+    hears_nothing = ReportsOverTcp(f"TCPIP0::{host}::{port}::SOCKET", 0.05, unheard)
+    hears_nothing.write(bytes(64))
+    assert hears_nothing.read() == b""
+    hears_nothing.close()
+
+
+def test_where_it_can_be() -> None:
+    for address in ("GPIB0::3::INSTR", "tcpip::here"):
+        with pytest.raises(ValidationError, match="a DLPC900 is on USB, or served on a raw socket"):
+            TiDlpc900Section.model_validate({"driver": "ti-dlpc900", "address": address})
+        with pytest.raises(NotConfigured, match="a DLPC900 is on USB, or served on a raw socket"):
+            DRIVER.open(TiDlpc900Section(driver="ti-dlpc900"), opening(address))
 
 
 def opening(address: str) -> Opening:
-    return Opening(address, lambda *_: None, lambda _request: "", attended=True)
+    return Opening(address, unheard, lambda _request: "", attended=True)

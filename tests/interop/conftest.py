@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,16 +23,32 @@ Open = Callable[[str], Any]
 _SERVE = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 
 
-@pytest.fixture(scope="session")
-def resources() -> Iterator[Resources]:
+@contextmanager
+def served(*options: str) -> Iterator[Resources]:
     """Addresses of a bench served by the command in `LABCTL` (by this interpreter without it)."""
     command = shlex.split(os.environ["LABCTL"]) if "LABCTL" in os.environ else _SERVE
-    with subprocess.Popen([*command, "sim", "serve", "--json"], stdout=subprocess.PIPE, text=True) as server:
+    with subprocess.Popen([*command, "sim", "serve", "--json", *options], stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         yield json.loads(server.stdout.readline())["resources"]
         server.send_signal(signal.SIGTERM)
         server.communicate(timeout=30)
     assert server.returncode == 0
+
+
+@pytest.fixture(scope="session")
+def resources() -> Iterator[Resources]:
+    """Addresses of a bench."""
+    with served() as addresses:
+        yield addresses
+
+
+@pytest.fixture(scope="session")
+def resources_with_dlpc900(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Resources]:
+    """Addresses of a bench whose DMD is a DLPC900."""
+    station: Path = tmp_path_factory.mktemp("station") / "bench.toml"
+    station.write_text("[dmd]\ndriver = 'ti-dlpc900'\naddress = 'simulated'\n")
+    with served("--station", str(station)) as addresses:
+        yield addresses
 
 
 @pytest.fixture(params=TRANSPORTS)

@@ -1,69 +1,68 @@
-"""The virtual DLPC900 (LightCrafter 6500): HID reports in and out, and which way the mirrors point.
+"""The virtual DLPC900 (LightCrafter 6500): packets of HID reports in and out, and what its mirrors show when.
 
-Source: instrument facts 4.3, and public drivers of the device for error codes, status and firmware version. Its 1920 x
-1080 mirrors of 7.56 um are where the world has 1024 x 768 of 13.68 um: each of those takes the state of the mirror
-at its centre, and those above and below the smaller device get no mirror and send no light on. Not simulated: patterns
-in turn and grey scales (the first pattern of the table stays, its first bit plane), triggers, images in flash.
+Source: `commands`, and instrument facts 4.3. The optics in front of it are made for it: the light fills a square as
+high as its 1080 rows of mirrors, 28 superpixels of 38 mirrors a side, so that it sees of a picture what any other DMD
+of the world sees. TRIG_OUT_2, a pulse at the start of each pattern, is wired to the generator's trigger input A; the
+generator's marker 1 to TRIG_IN_1. Not simulated: grey scales (the first bit plane counts), the dark time's darkness,
+patterns of a sequence that differ in length, trigger input or trigger output (refused), TRIG_OUT_1 and TRIG_IN_2 beyond
+their settings, the edge of TRIG_IN_1, video, images in flash.
 """
 
 import struct
-from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.optics import mirrors
-from sim_backends.virtual.dlpc900 import planes
+from sim_backends.scpi.messages import Chunk, Message
+from sim_backends.virtual.dlpc900 import commands, planes
+from sim_backends.virtual.dlpc900.commands import (
+    AWAKE,
+    ON_THE_FLY,
+    PAUSE,
+    PRE_STORED,
+    RESET,
+    STANDBY,
+    START,
+    STOP,
+    VIDEO,
+    Refusal,
+)
+from sim_backends.virtual.instrument import Execution
+from sim_backends.world.signals import Projection
 from sim_backends.world.world import World
 
 REPORT = 64  # bytes
-READS, REPLIES, REFUSED = 0x80, 0x40, 0x20  # flags
-PITCH_M = 7.56e-6  # of the mirrors, a recalled figure
+READS, WANTS_REPLY, REFUSED = 0x80, 0x40, 0x20  # flags
 REPORT_S = 1e-3  # a report on USB: one interrupt transfer a millisecond
-SHOW_S = 105e-6  # the shortest exposure of a binary pattern, a recalled figure
-MOST_PATTERNS = 511  # as public drivers have it
-MOST_IMAGES = 18  # 24 patterns each; about 400 patterns, a recalled figure
+MODE_S = 3e-3  # a change of mode, a guess: long enough to catch who does not wait for it
+LOAD_S = 105e-6  # all blocks of mirrors: the shortest exposure, and from start to the first pattern (DLPU018J, 2.4.4.1)
+MOST_PATTERNS = 400  # of the table (DLPU018J, 2.4.4.3.3), and of the memory (DLPC900 data sheet DLPS037H)
+MOST_IMAGES = 18  # (DLPU018J, 2.4.4.4.1)
 LARGEST_IMAGE = 1 << 23  # bytes; more than an uncompressed image
 LARGEST_CHUNK = 504
+PULSE_US = 20  # of TRIG_OUT_2 without delays
 ERROR_BYTES = (4, 6)  # of the reply about the last error: public drivers look in different places
 FIRMWARE_TAG, FIRMWARE = b"LCR6500 simulated", (6, 0, 0)
 DLP6500 = 1
-VIDEO, PRE_STORED, VIDEO_PATTERN, ON_THE_FLY = range(4)
-STOP, PAUSE, START = range(3)
-AWAKE, STANDBY, RESET = range(3)
-
-INVALID_COMMAND, NOT_IN_THIS_MODE, INVALID_PARAMETER, NOT_PRESENT = 3, 5, 6, 7
-OUT_OF_MEMORY, INVALID_COMPRESSION, BAD_BIT, NOT_IN_FLASH = 8, 9, 10, 11
-BAD_EXPOSURE, BAD_PATTERN_NUMBER, BAD_DEFINITION, BAD_IMAGE_ADDRESS = 14, 15, 16, 17
-ERROR_TEXTS = {
-    0: "no error",
-    INVALID_COMMAND: "invalid command number",
-    NOT_IN_THIS_MODE: "command not allowed in current mode",
-    INVALID_PARAMETER: "invalid command parameter",
-    NOT_PRESENT: "item referred by the parameter is not present",
-    OUT_OF_MEMORY: "out of resource",
-    INVALID_COMPRESSION: "invalid BMP compression type",
-    BAD_BIT: "pattern bit number out of range",
-    NOT_IN_FLASH: "pattern BMP not present in flash",
-    BAD_EXPOSURE: "pattern exposure time out of range",
-    BAD_PATTERN_NUMBER: "pattern number out of range",
-    BAD_DEFINITION: "invalid pattern definition",
-    BAD_IMAGE_ADDRESS: "pattern image memory address out of range",
-}
-
-
-class Refusal(Exception):
-    """The device refuses a command; the argument is its error code."""
 
 
 class Pattern(NamedTuple):
-    """An entry of the pattern table."""
+    """An entry of the pattern table; exposure and dark time in us."""
 
+    exposure: int
+    dark: int
+    waits: bool
+    pulses: bool
     image: int
     bit: int
+
+    @property
+    def manner(self) -> tuple[int, bool, bool]:
+        """What must be the same throughout a sequence."""
+        return self.exposure + self.dark, self.waits, self.pulses
 
 
 @dataclass
@@ -72,116 +71,154 @@ class Upload:
 
     index: int
     size: int
-    data: bytearray
+    data: bytearray = field(default_factory=bytearray)
 
 
 class VirtualDlpc900:
-    """What a client of the controller can see: `write` takes one report, `read` returns the next one, or nothing."""
+    """What a client of the controller can see."""
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self._replies: deque[bytes] = deque()
-        self._packet = bytearray()
         self._error = 0
-        self._mapping = _mapping()
-        self._writes: dict[int, tuple[str, Callable[..., None]]] = {
-            0x0200: ("<B", self.set_power),
-            0x0201: ("<B", self.set_idle),
-            0x1A1B: ("<B", self.set_mode),
-            0x1A24: ("<B", self.run_patterns),
-            0x1A31: ("<HI", self.configure),
-            0x1A34: ("<H3sB3sBH", self.define),
-            0x1A2A: ("<HI", self.announce),
-        }
-        self._reads: dict[int, Callable[[], bytes]] = {
-            0x0101: lambda: ERROR_TEXTS[self._error].encode() + b"\0",
-            0x0205: lambda: struct.pack("<HBB", *FIRMWARE[::-1]) * 4,
-            0x0206: lambda: bytes((DLP6500,)) + FIRMWARE_TAG + b"\0",
-            0x1A0A: lambda: b"\x01",  # initialised, no fault
-            0x1A0B: lambda: b"\x01",  # memory test passed
-            0x1A0C: self.status,
-            0x1A1B: lambda: bytes((self.mode,)),
-            0x1A24: lambda: bytes((self.running,)),
-        }
         self._power_on()
 
     def _power_on(self) -> None:
         self.power = AWAKE
         self.mode = PRE_STORED
+        self._coming: tuple[int, float] | None = None  # a mode, and when it is there
         self.running = STOP
+        self._ends_s = np.inf  # of a sequence that was started
+        self._begins_with = 0  # of the sequence's patterns, counted through all repetitions
+        self.settings = {number: setting.values for number, setting in commands.SETTINGS.items()}
         self.patterns: dict[int, Pattern] = {}
         self.configured = 0
-        self.images: dict[int, NDArray[np.uint32]] = {}
+        self.to_display = 0
+        self.images: dict[int, NDArray[np.uint16]] = {}
         self._upload: Upload | None = None
         self.world.show(None)
 
-    # --- reports
+    # --- packets
 
-    def write(self, report: bytes) -> None:
-        """Take one report: the first of a command, or more of its data."""
-        self.world.clock.advance(REPORT_S)
-        self._packet += report.ljust(REPORT, b"\0")
-        flags, number, length, command = struct.unpack_from("<BBHH", self._packet)
-        if len(self._packet) < 4 + length:
-            return
-        data = bytes(self._packet[6 : 4 + length])
-        self._packet.clear()
-        if command == 0x0100 and flags & READS:
-            self._reply(flags, number, self._last_error())
-            return
+    def run(self, message: Message) -> Execution:
+        """Execute a message of the transport: each unit's argument is a packet."""
+        replies: list[Chunk] = [self.transact(bytes(unit.arguments[0])) for unit in message.units]  # type: ignore[arg-type]
+        yield from ()
+        return [reply for reply in replies if reply]
+
+    def listens(self, begun: bytes) -> bool:
+        """There are no blocks."""
+        return True
+
+    def clear(self) -> None:
+        """USB has no device clear."""
+
+    def status_byte(self) -> int:
+        """There is none."""
+        return 0
+
+    def transact(self, packet: bytes) -> bytes:
+        """Execute one packet of whole reports; returns the reply, a report, or nothing if none was asked for."""
+        self.world.clock.advance(REPORT_S * (len(packet) // REPORT))
+        if self._coming is not None and self.world.clock.now >= self._coming[1]:
+            self.mode, self._coming = self._coming[0], None
+        flags, number, length, command = struct.unpack_from("<BBHH", packet)
+        reads = bool(flags & READS)
         try:
-            answer = self._execute(command, data, reads=bool(flags & READS))
+            answer = self._read(command) if reads else self._write(command, packet[6 : 4 + length])
         except Refusal as refusal:
             self._error = int(refusal.args[0])
             flags |= REFUSED
             answer = b""
         else:
-            self._error = self._error if command == 0x0101 else 0
-        if flags & REPLIES:
-            self._reply(flags, number, answer)
+            if not (reads and command in (commands.LAST_ERROR, commands.ERROR_TEXT)):
+                self._error = 0
+        if not flags & WANTS_REPLY:
+            return b""
+        return (struct.pack("<BBH", flags, number, len(answer)) + answer).ljust(REPORT, b"\0")
 
-    def read(self) -> bytes:
-        """The next report of 64 bytes; nothing if there is none, as after a time-out."""
-        return self._replies.popleft() if self._replies else b""
+    def _read(self, command: int) -> bytes:
+        if command in self.settings:
+            return struct.pack(commands.SETTINGS[command].layout, *self.settings[command])
+        if command not in commands.READINGS:
+            raise Refusal(commands.INVALID_COMMAND)
+        answer: bytes = getattr(self, commands.READINGS[command].method)()
+        return answer
 
-    def close(self) -> None:
-        """Release the device; its state stays."""
+    def _write(self, command: int, data: bytes) -> bytes:
+        if command in self.settings:
+            self._set(command, data)
+        elif command not in commands.ACTIONS:
+            raise Refusal(commands.INVALID_COMMAND)
+        elif command == commands.LOAD_IMAGE:
+            self.load(data)
+        else:
+            action = commands.ACTIONS[command]
+            getattr(self, action.method)(*_unpacked(action.layout, data))
+        return b""
 
-    def _reply(self, flags: int, number: int, data: bytes) -> None:
-        self._replies.append((struct.pack("<BBH", flags, number, len(data)) + data).ljust(REPORT, b"\0"))
+    def _set(self, command: int, data: bytes) -> None:
+        setting = commands.SETTINGS[command]
+        values = _unpacked(setting.layout, data)
+        if any(not low <= value <= high for value, (low, high) in zip(values, setting.limits, strict=True)):
+            raise Refusal(commands.INVALID_PARAMETER)
+        self._require(self.running == STOP)  # "before executing this command, stop the current pattern sequence"
+        self.settings[command] = values
 
-    def _last_error(self) -> bytes:
+    # --- what is read
+
+    def last_error(self) -> bytes:
+        """0x0100: of the command before."""
         answer = bytearray(max(ERROR_BYTES) - 3)
         for at in ERROR_BYTES:
             answer[at - 4] = self._error
         return bytes(answer)
 
-    def _execute(self, command: int, data: bytes, *, reads: bool) -> bytes:
-        if reads:
-            if command not in self._reads:
-                raise Refusal(INVALID_COMMAND)
-            return self._reads[command]()
-        if command == 0x1A2B:
-            self.load(data)
-            return b""
-        if command not in self._writes:
-            raise Refusal(INVALID_COMMAND)
-        form, action = self._writes[command]
-        if len(data) != struct.calcsize(form):
-            raise Refusal(INVALID_PARAMETER)
-        action(*struct.unpack(form, data))
-        return b""
+    def error_text(self) -> bytes:
+        """0x0101."""
+        return commands.ERROR_TEXTS[self._error].encode() + b"\0"
 
-    # --- commands
+    def firmware_version(self) -> bytes:
+        """0x0205: application, API, software configuration, sequence configuration."""
+        return struct.pack("<HBB", *FIRMWARE[::-1]) * 4
 
-    def status(self) -> bytes:
-        """Main status: bit 0 mirrors parked, bit 1 sequencer running."""
-        return bytes(((self.power == STANDBY) | (self.running == START) << 1,))
+    def firmware_tag(self) -> bytes:
+        """0x0206: which DMD, and the firmware's tag."""
+        return bytes((DLP6500,)) + FIRMWARE_TAG + b"\0"
+
+    def hardware_status(self) -> bytes:
+        """0x1A0A: initialised, no fault."""
+        return b"\x01"
+
+    def system_status(self) -> bytes:
+        """0x1A0B: memory test passed."""
+        return b"\x01"
+
+    def main_status(self) -> bytes:
+        """0x1A0C: bit 0 mirrors parked, bit 1 sequencer running."""
+        return bytes(((self.power == STANDBY) | self.active << 1,))
+
+    def display_mode(self) -> bytes:
+        """0x1A1B: the mode before, until a change has taken place."""
+        return bytes((self.mode,))
+
+    def configuration(self) -> bytes:
+        """0x1A31."""
+        return struct.pack("<HI", self.configured, self.to_display)
+
+    @property
+    def active(self) -> bool:
+        """Whether the sequencer runs: a finite sequence ends by itself, and its last pattern stays."""
+        if self.running != START or self.world.clock.now >= self._ends_s:
+            return False
+        waits = self.patterns[0].waits and self.to_display > 0
+        return not waits or self._begins_with + self.world.pictures_shown() < self.to_display
+
+    # --- what is done
 
     def set_power(self, state: int) -> None:
         """0x0200: awake, standby (mirrors parked), reset."""
         if state > RESET:
-            raise Refusal(INVALID_PARAMETER)
+            raise Refusal(commands.INVALID_PARAMETER)
         if state == RESET:
             self._power_on()
         elif state != self.power:
@@ -191,112 +228,138 @@ class VirtualDlpc900:
     def set_idle(self, state: int) -> None:
         """0x0201: idle mode flips the mirrors all the time; here it is dark."""
         if state > 1:
-            raise Refusal(INVALID_PARAMETER)
+            raise Refusal(commands.INVALID_PARAMETER)
         if state:
-            _require(self.running == STOP)
+            self._require(self.running == STOP)
             self.world.show(None)
 
     def set_mode(self, mode: int) -> None:
-        """0x1A1B: video, pre-stored, video pattern, pattern on the fly; the pattern table is emptied."""
+        """0x1A1B: video, pre-stored, video pattern, pattern on the fly; takes a while and empties the pattern table."""
         if mode > ON_THE_FLY:
-            raise Refusal(INVALID_PARAMETER)
+            raise Refusal(commands.INVALID_PARAMETER)
         if mode != self.mode:
-            _require(self.running == STOP)
-            self.mode = mode
+            self._require(self.running == STOP)
+            self._coming = mode, self.world.clock.now + MODE_S
             self.patterns.clear()
-            self.configured = 0
+            self.configured = self.to_display = 0
 
-    def define(self, index: int, exposure: bytes, options: int, _dark: bytes, _trigger_out: int, where: int) -> None:
+    def define(self, index: int, exposure: bytes, options: int, dark: bytes, triggers: int, where: int) -> None:
         """0x1A34: entry `index` of the pattern table."""
-        _require(self.mode != VIDEO and self.running == STOP)
+        self._require(self.mode != VIDEO and self.running == STOP)
         if index >= MOST_PATTERNS:
-            raise Refusal(BAD_PATTERN_NUMBER)
-        if int.from_bytes(exposure, "little") < SHOW_S * 1e6:
-            raise Refusal(BAD_EXPOSURE)
+            raise Refusal(commands.BAD_PATTERN_NUMBER)
+        exposure_us = int.from_bytes(exposure, "little")
+        if exposure_us < LOAD_S * 1e6:
+            raise Refusal(commands.BAD_EXPOSURE)
         depth = (options >> 1 & 0b111) + 1
         image, bit = where & 0x7FF, where >> 11
         if bit + depth > planes.PLANES:
-            raise Refusal(BAD_BIT)
+            raise Refusal(commands.BAD_BIT)
         if image >= MOST_IMAGES:
-            raise Refusal(BAD_IMAGE_ADDRESS)
-        self.patterns[index] = Pattern(image, bit)
+            raise Refusal(commands.BAD_IMAGE_ADDRESS)
+        dark_us = int.from_bytes(dark, "little")
+        self.patterns[index] = Pattern(exposure_us, dark_us, bool(options & 0x80), not triggers & 1, image, bit)
 
-    def configure(self, count: int, _repeat: int) -> None:
-        """0x1A31: how many entries of the table are played."""
-        _require(self.mode != VIDEO and self.running == STOP)
+    def configure(self, count: int, to_display: int) -> None:
+        """0x1A31: how many entries the table has, and how many patterns are displayed; 0: for ever."""
+        self._require(self.mode != VIDEO and self.running == STOP)
         if not 1 <= count <= MOST_PATTERNS:
-            raise Refusal(BAD_PATTERN_NUMBER)
+            raise Refusal(commands.BAD_PATTERN_NUMBER)
         if any(index not in self.patterns for index in range(count)):
-            raise Refusal(BAD_DEFINITION)
-        self.configured = count
+            raise Refusal(commands.BAD_DEFINITION)
+        self.configured, self.to_display = count, to_display
 
     def announce(self, index: int, size: int) -> None:
         """0x1A2A: the image that comes, and its bytes."""
-        _require(self.mode == ON_THE_FLY and self.running == STOP)
+        self._require(self.mode == ON_THE_FLY and self.running == STOP)
         if index >= MOST_IMAGES:
-            raise Refusal(BAD_IMAGE_ADDRESS)
+            raise Refusal(commands.BAD_IMAGE_ADDRESS)
         if size > LARGEST_IMAGE:
-            raise Refusal(OUT_OF_MEMORY)
-        self._upload = Upload(index, size, bytearray())
+            raise Refusal(commands.OUT_OF_MEMORY)
+        self._upload = Upload(index, size)
 
     def load(self, data: bytes) -> None:
         """0x1A2B: bytes of the announced image, their number in front."""
         upload = self._upload
         if upload is None:
-            raise Refusal(NOT_IN_THIS_MODE)
+            raise Refusal(commands.NOT_IN_THIS_MODE)
         chunk = data[2:]
         if len(data) < 2 or len(chunk) > LARGEST_CHUNK or len(chunk) != int.from_bytes(data[:2], "little"):
-            raise Refusal(INVALID_PARAMETER)
+            raise Refusal(commands.INVALID_PARAMETER)
         if len(upload.data) + len(chunk) > upload.size:
-            raise Refusal(INVALID_PARAMETER)
+            raise Refusal(commands.INVALID_PARAMETER)
         upload.data += chunk
         if len(upload.data) == upload.size:
             self._upload = None
             try:
-                self.images[upload.index] = planes.decode(bytes(upload.data))
+                self.images[upload.index] = planes.on_counts(planes.decode(bytes(upload.data)))
             except planes.BadImage:
-                raise Refusal(INVALID_COMPRESSION) from None
+                raise Refusal(commands.INVALID_COMPRESSION) from None
 
     def run_patterns(self, action: int) -> None:
-        """0x1A24: stop (dark), pause (the pattern stays), start."""
+        """0x1A24: stop (dark), pause (the pattern stays), start: from the beginning, or from where it was paused."""
         if action > START:
-            raise Refusal(INVALID_PARAMETER)
+            raise Refusal(commands.INVALID_PARAMETER)
         if action == START:
             self._start()
-        elif action == STOP and self.running != STOP:
-            self.world.show(None)
+        elif action == PAUSE:
+            if not self.active:
+                return
+            self._begins_with += max(0, self.world.pictures_shown() - 1)
+            self.world.hold()
+        else:
+            self._begins_with = 0
+            if self.running != STOP:
+                self.world.show(None)
         self.running = action
 
     def _start(self) -> None:
-        _require(self.mode != VIDEO and self.power == AWAKE)
+        self._require(self.mode != VIDEO and self.power == AWAKE)
         if not self.configured:
-            raise Refusal(BAD_DEFINITION)
-        wanted = {self.patterns[index].image for index in range(self.configured)}
-        if not wanted <= self.images.keys():
-            raise Refusal(NOT_PRESENT if self.mode == ON_THE_FLY else NOT_IN_FLASH)
-        first = self.patterns[0]
-        self.world.show(self._mapped(planes.plane(self.images[first.image], first.bit)))
-        self.world.clock.advance(SHOW_S)
+            raise Refusal(commands.BAD_DEFINITION)
+        patterns = [self.patterns[index] for index in range(self.configured)]
+        if len({pattern.manner for pattern in patterns}) > 1:
+            raise Refusal(commands.BAD_DEFINITION)
+        if not {pattern.image for pattern in patterns} <= self.images.keys():
+            raise Refusal(commands.NOT_PRESENT if self.mode == ON_THE_FLY else commands.NOT_IN_FLASH)
+        if self.running != PAUSE:
+            self._begins_with = 0
+        counts = np.stack([self.images[pattern.image][pattern.bit] for pattern in patterns])
+        if self.settings[commands.INVERT][0]:
+            counts = mirrors.inverted(counts)
+        self.world.project(self._projection(np.roll(counts, -self._begins_with, axis=0), patterns[0]))
+        self.world.clock.advance(LOAD_S)
 
-    def _mapped(self, packed: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Packed (1080, 240) as the world sees it: (768, 128)."""
-        rows, columns, inside = self._mapping
-        return np.packbits(np.unpackbits(packed, axis=1)[rows[:, None], columns] & inside, axis=1)
+    def _projection(self, counts: NDArray[np.uint16], pattern: Pattern) -> Projection:
+        """The sequence from now on, all patterns in the manner of one; notes when it ends by itself."""
+        low, rising_us, falling_us = self.settings[commands.TRIGGER_OUT_2]
+        pulse_us = max(0, PULSE_US + falling_us - rising_us) if pattern.pulses else 0
+        period_s = 1e-6 * (pattern.exposure + pattern.dark)
+        start_s = self.world.clock.now + (0.0 if pattern.waits else LOAD_S)
+        left = self.to_display - self._begins_with
+        repeats = -(-left // len(counts)) if self.to_display else 1
+        self._ends_s = start_s + left * period_s if self.to_display and not pattern.waits else np.inf
+        return Projection(
+            counts,
+            start_s,
+            period_s,
+            synch_delay_s=1e-6 * rising_us,
+            loop=not self.to_display,
+            triggered=pattern.waits,
+            synch_pulse_s=1e-6 * pulse_us,
+            synch_high=not low,
+            repeats=repeats,
+            left_out=repeats * len(counts) - left if self.to_display else 0,
+            trigger_delay_s=1e-6 * self.settings[commands.TRIGGER_IN_1][0],
+        )
+
+    def _require(self, allowed: bool) -> None:
+        """Refuse what the mode or the state does not allow, a mode that is still to come included."""
+        if not allowed or self._coming is not None:
+            raise Refusal(commands.NOT_IN_THIS_MODE)
 
 
-def _require(allowed: bool) -> None:
-    if not allowed:
-        raise Refusal(NOT_IN_THIS_MODE)
-
-
-def _mapping() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """For every mirror of the world: row and column of the one at its centre, and whether there is one."""
-
-    def along(theirs: int, ours: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        at_m = (np.arange(theirs) - (theirs - 1) / 2) * mirrors.PITCH_M
-        index = np.round(at_m / PITCH_M + (ours - 1) / 2).astype(np.intp)
-        return index.clip(0, ours - 1), (index >= 0) & (index < ours)
-
-    rows, row_inside = along(mirrors.ROWS, planes.ROWS)
-    columns, column_inside = along(mirrors.COLUMNS, planes.COLUMNS)
-    return rows, columns, row_inside[:, None] & column_inside
+def _unpacked(layout: str, data: bytes) -> tuple[int, ...]:
+    if len(data) != struct.calcsize(layout):
+        raise Refusal(commands.INVALID_PARAMETER)
+    return struct.unpack(layout, data)

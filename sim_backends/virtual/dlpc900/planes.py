@@ -9,8 +9,14 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backends.optics import mirrors
+
 ROWS, COLUMNS = 1080, 1920
 PLANES = 24
+PER_SUPERPIXEL = ROWS // mirrors.SIDE
+"""Mirrors along a side: the light fills as much of the smaller side as whole mirrors allow."""
+_LIT = PER_SUPERPIXEL * mirrors.SIDE
+_TOP, _LEFT = (ROWS - _LIT) // 2, (COLUMNS - _LIT) // 2
 _HEADER = struct.Struct("<4sHHI8sIBB22x")  # signature, columns, rows, bytes, -, background, -, compression, -
 _UNCOMPRESSED, _RUN_LENGTH, _ENHANCED = 0, 1, 2
 
@@ -38,9 +44,16 @@ def decode(data: bytes) -> NDArray[np.uint32]:
     return _Runs(body, enhanced=compression == _ENHANCED).picture()
 
 
-def plane(pixels: NDArray[np.uint32], position: int) -> NDArray[np.uint8]:
-    """Bit `position` of every pixel, packed: shape (1080, 240)."""
-    return np.packbits((pixels >> np.uint32(position) & np.uint32(1)).astype(bool), axis=1)
+def on_counts(pixels: NDArray[np.uint32]) -> NDArray[np.uint16]:
+    """Mirrors on in every superpixel of the 24 planes, as many as `mirrors.on_counts` has of a whole one: (24, 784)."""
+    lit = pixels[_TOP : _TOP + _LIT, _LEFT : _LEFT + _LIT]
+    begins = np.concatenate([[0], np.flatnonzero(np.any(lit[1:] != lit[:-1], axis=1)) + 1])  # equal rows count once
+    bits = np.unpackbits(lit[begins].astype("<u4").view(np.uint8), axis=1, bitorder="little")
+    across = bits.reshape(len(begins), mirrors.SIDE, PER_SUPERPIXEL, 32)[..., :PLANES].sum(axis=2, dtype=np.int64)
+    row_of = np.repeat(np.arange(len(begins)), np.diff([*begins, _LIT])).reshape(mirrors.SIDE, PER_SUPERPIXEL)
+    on = across[row_of].sum(axis=1).transpose(2, 0, 1).reshape(PLANES, -1)
+    counts: NDArray[np.uint16] = np.rint(on * (mirrors.MIRRORS_PER_SUPERPIXEL / PER_SUPERPIXEL) ** 2).astype(np.uint16)
+    return counts
 
 
 def _uncompressed(body: bytes) -> NDArray[np.uint32]:

@@ -65,6 +65,7 @@ STATIONS_THAT_ARE_TAKEN = (
     "[laser]\ndriver = 'alnair-tlg-220'\ncommands = 'table.toml'",
     "[laser]\ndriver = 'manual-laser'\npower = '10 mW'",
     "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'usb'",
+    "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'TCPIP0::192.0.2.1::5000::SOCKET'",
 )
 STATIONS_THAT_ARE_NOT = (
     "colour = 'red'",
@@ -84,7 +85,6 @@ STATIONS_THAT_ARE_NOT = (
     "[laser]\ndriver = 'nothing'",
     "[laser]\ndriver = 'vialux-alp'",
     "[laser]\ndriver = 'manual-laser'\ncolour = 'red'",
-    "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'TCPIP0::192.0.2.1::5000::SOCKET'",
 )
 
 

@@ -86,7 +86,7 @@ def test_a_section_has_the_keys_of_its_driver_and_those_that_every_driver_once_t
     station = read_station(write(tmp_path, text))
     said = station.model_dump(mode="json")
     assert said["laser"].keys() == {"driver", "address", "identity", "armed", "power", "wavelength"}
-    assert said["dmd"] == {"driver": "ti-dlpc900", "address": "usb", "identity": None}
+    assert said["dmd"] == {"driver": "ti-dlpc900", "address": "usb", "identity": None, "timeout": 5.0}
     assert said["patch_panel"].keys() == {"driver", "address", "identity", "ports", "bypass"}
     assert station.by_hand == ("laser", "patch_panel")
 

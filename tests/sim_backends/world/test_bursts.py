@@ -175,6 +175,20 @@ def test_triggers_come_with_the_frame_synch() -> None:
     assert falling == pytest.approx(times[:1] + 30e-9)
 
 
+def test_a_projection_without_pulses_triggers_nothing() -> None:
+    world = bench()
+    burst(world, synch_pulse_s=0.0)
+    assert world.next_triggers(MARKER, 1) is None
+
+
+def test_a_projection_may_end_in_the_middle_of_a_repetition() -> None:
+    world = bench()
+    projection = burst(world, 3, repeats=3, left_out=2)
+    assert coming(world, 99).size == 7
+    world.clock.advance(projection.start_s + 20 * PICTURE_S)
+    assert world.pictures_shown() == 7
+
+
 def test_an_endless_projection_triggers_for_ever() -> None:
     world = bench()
     projection = burst(world, 3, loop=True)
@@ -294,6 +308,15 @@ def test_holding_stops_pictures_and_triggers() -> None:
     volts = world.record(WINDOW, coming(world)).volts[0]
     assert np.array_equal(volts, still(PATTERNS[2], WINDOW))
     world.hold()
+
+
+def test_slave_mode_may_be_late() -> None:
+    world = bench(parameters=dim())
+    burst(world, 2, triggered=True, trigger_delay_s=15e-6)
+    world.trigger_awg()
+    assert world.pictures_shown() == 0
+    world.clock.advance(15e-6)
+    assert world.pictures_shown() == 1
 
 
 def test_slave_mode_follows_the_marker() -> None:
