@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.values import (
+    Answer,
     Change,
     Drive,
     EdgeTrigger,
@@ -76,6 +77,14 @@ class Instrument(ABC):
 
         Raises:
             LinkError: it does not answer.
+        """
+        return ()
+
+    def answers(self) -> tuple[Answer, ...]:
+        """What the instrument does where its documents leave a question open, measured on it alone and in the dark.
+
+        Raises:
+            InstrumentError: it refuses what it is asked for.
         """
         return ()
 
@@ -167,6 +176,10 @@ class Oscilloscope(Instrument):
         """
 
     @abstractmethod
+    def triggered(self) -> bool:
+        """Whether a trigger that repeats quickly comes: one acquisition is started, and stopped if it stays without."""
+
+    @abstractmethod
     def read(self) -> Frames:
         """Transfer the completed acquisition, a burst of one; channels in the configured order."""
 
@@ -254,6 +267,9 @@ class BurstDmd(Dmd):
 
     picture_period_s: float
     """The time between pictures that are played as fast as its mirrors follow, s."""
+
+    settling_s: float
+    """How long after their command mirrors are taken to move at most."""
 
     @abstractmethod
     def capacity(self) -> int:

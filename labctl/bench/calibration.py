@@ -88,7 +88,7 @@ def save(
         format_version=FORMAT_VERSION,
         date=started,
         good=all(finding["good"] for finding in findings),
-        bench=_bench(station),
+        bench=bench_of(station),
         settings=_settings(station),
         instruments=instruments,
         findings=[dict(finding) for finding in findings],
@@ -101,7 +101,7 @@ def save(
 def newest(station: Station) -> Calibration | None:
     """The latest calibration of the bench that `station` describes; None without any that can be read."""
     found = [one for path in folder_of(station).glob(f"*/{FILE}") if (one := read(path)) is not None]
-    same = [one for one in found if one.stored.bench == _bench(station)]
+    same = [one for one in found if one.stored.bench == bench_of(station)]
     return max(same, key=lambda one: one.stored.date, default=None)
 
 
@@ -154,7 +154,7 @@ def read(path: Path) -> Calibration | None:
     return Calibration(path, hashlib.sha256(content).hexdigest(), stored)
 
 
-def _bench(station: Station) -> dict[str, Any]:
+def bench_of(station: Station) -> dict[str, Any]:
     """What tells one bench from another: its name, the light's way, the twin where one stands in for instruments."""
     twin = station.sim.model_dump(mode="json") if station.simulated else None
     return {"name": station.name, "projector": station.wiring.projector, "twin": twin}
