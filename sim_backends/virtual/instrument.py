@@ -2,7 +2,8 @@
 
 import logging
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from typing import ClassVar
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, ClassVar, Protocol
 
 from sim_backends.scpi.arguments import integer
 from sim_backends.scpi.commands import Action, Command, CommandTable, Query, Setting, reply_header
@@ -40,12 +41,26 @@ ERROR_QUEUE = (
 )
 
 
+class Connected(Protocol):
+    """A virtual instrument as one of its clients has it; the methods are those of `VirtualInstrument`."""
+
+    def run(self, message: Message) -> Execution: ...  # noqa: D102
+    def connection(self) -> AbstractContextManager["Connected"]: ...  # noqa: D102
+    def listens(self, begun: bytes) -> bool: ...  # noqa: D102
+    def clear(self) -> None: ...  # noqa: D102
+    def status_byte(self) -> int: ...  # noqa: D102
+
+
 class VirtualInstrument:
     """One instrument as its clients see it.
 
     A model adds `COMMANDS` and the attributes and methods they name. Nothing a client sends raises: what a command
     refuses is queued as the model's error, leaves the state as it was, and the rest of the message goes on. A header
     that the model's `FAMILY` has and its commands have not is an error with a text of its own, and a line in the log.
+
+    Args:
+        world: Where its light comes from and goes to.
+        section: What the station file says of it, as JSON has it; a model that is plugged in may heed it.
     """
 
     COMMANDS: ClassVar[tuple[Command, ...]] = ()
@@ -54,6 +69,7 @@ class VirtualInstrument:
     IDENTITY: ClassVar[str] = ""
     OPTIONS: ClassVar[str] = "0"
     FAMILY: ClassVar[Family | None] = None
+    TERMINATOR: ClassVar[bytes] = b"\n"  # of messages and replies on a raw socket
     _TABLE: ClassVar[CommandTable]
 
     def __init_subclass__(cls) -> None:
@@ -61,8 +77,9 @@ class VirtualInstrument:
         super().__init_subclass__()
         cls._TABLE = CommandTable(COMMON + cls.COMMANDS, cls.SUFFIXES, cls.DEFAULT_SUFFIX, cls.FAMILY)
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, section: Mapping[str, Any] | None = None) -> None:
         self.world = world
+        self.section = section or {}
         self.status = Status()
         self.headers = False  # replies begin with the header of their query
         self.verbose = False  # replies use long words
@@ -104,6 +121,10 @@ class VirtualInstrument:
                 part = self.refused(unit, error)
             reply = _joined(reply, part)
         return reply
+
+    def connection(self) -> AbstractContextManager["Connected"]:
+        """The instrument as one client has it, as long as the client is there: as all have it."""
+        return nullcontext(self)
 
     def listens(self, begun: bytes) -> bool:
         """Whether it receives the rest of a message that has begun with `begun`: always."""

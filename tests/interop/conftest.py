@@ -70,7 +70,8 @@ def lit(resources: Resources, visa: Open) -> Iterator[None]:
     dmd.query("*RST;*OPC?")
     assert dmd.query("ALP:DEVALLOC") == "0"
     sequence = dmd.query("ALP:SEQALLOC 1,1").removeprefix("0,")
-    assert dmd.query(f"ALP:SEQCONTROL {sequence},2110,2") == "0"
+    for line in ("SEQCONTROL {},2110,2", "SEQCONTROL {},2104,2106", "SEQTIMING {},0,0,0,0,0"):
+        assert dmd.query("ALP:" + line.format(sequence)) == "0"
     half = (b"\xff" * 128 + b"\x00" * 128) * 384
     dmd.write_raw(f"ALP:SEQPUT {sequence},0,1,#598304".encode() + half + b"\n")
     assert dmd.read() == "0"
