@@ -1,14 +1,18 @@
 """What every virtual instrument is: a table of commands, IEEE 488.2 status, and the execution of messages."""
 
-from collections.abc import Generator, Mapping, Sequence
+import logging
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, ClassVar, Protocol
 
 from sim_backends.scpi.arguments import integer
 from sim_backends.scpi.commands import Action, Command, CommandTable, Query, Setting, reply_header
+from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Chunk, Malformed, Message, Unit
-from sim_backends.scpi.status import ScpiError, Status
+from sim_backends.scpi.status import NotSimulated, ScpiError, Status
 from sim_backends.world.world import World
+
+_logger = logging.getLogger(__name__)
 
 Execution = Generator[list[Chunk] | None, None, list[Chunk]]
 
@@ -51,7 +55,8 @@ class VirtualInstrument:
     """One instrument as its clients see it.
 
     A model adds `COMMANDS` and the attributes and methods they name. Nothing a client sends raises: what a command
-    refuses is queued as the model's error, leaves the state as it was, and the rest of the message goes on.
+    refuses is queued as the model's error, leaves the state as it was, and the rest of the message goes on. A header
+    that the model's `FAMILY` has and its commands have not is an error with a text of its own, and a line in the log.
 
     Args:
         world: Where its light comes from and goes to.
@@ -63,13 +68,14 @@ class VirtualInstrument:
     DEFAULT_SUFFIX: ClassVar[int | None] = 1
     IDENTITY: ClassVar[str] = ""
     OPTIONS: ClassVar[str] = "0"
+    FAMILY: ClassVar[Family | None] = None
     TERMINATOR: ClassVar[bytes] = b"\n"  # of messages and replies on a raw socket
     _TABLE: ClassVar[CommandTable]
 
     def __init_subclass__(cls) -> None:
         """Index the model's table of commands."""
         super().__init_subclass__()
-        cls._TABLE = CommandTable(COMMON + cls.COMMANDS, cls.SUFFIXES, cls.DEFAULT_SUFFIX)
+        cls._TABLE = CommandTable(COMMON + cls.COMMANDS, cls.SUFFIXES, cls.DEFAULT_SUFFIX, cls.FAMILY)
 
     def __init__(self, world: World, section: Mapping[str, Any] | None = None) -> None:
         self.world = world
@@ -79,6 +85,11 @@ class VirtualInstrument:
         self.verbose = False  # replies use long words
         self._completion_asked = False
         self._replying = False
+
+    @classmethod
+    def lacks(cls) -> Iterator[tuple[str, bool]]:
+        """Headers of the model's family that it does not simulate, and whether the query is meant."""
+        return cls._TABLE.missing()
 
     def run(self, message: Message) -> Execution:
         """Execute `message`; returns its reply as the chunks to send, [] for none.
@@ -105,6 +116,8 @@ class VirtualInstrument:
                     yield _joined(reply, part)
                     reply = []
             except ScpiError as error:
+                if isinstance(error, NotSimulated):
+                    _logger.warning("%s: %s", type(self).__name__, error.detail)
                 part = self.refused(unit, error)
             reply = _joined(reply, part)
         return reply
