@@ -234,8 +234,16 @@ class VialuxAlp(BurstDmd):
         }
 
     def make_safe(self) -> None:
-        """Every mirror off; a device that no longer knows this driver, after a loss of power say, is allocated anew."""
+        """Every mirror off; a device that no longer knows this driver, after a loss of power say, is allocated anew.
+
+        Whatever turned pictures into others is set back first: a dark picture that is inverted would be all light.
+        """
         try:
+            self._prepare()
+            self._halt()
+            self._alp.DevControl(ALP_DEV_DMD_MODE, ALP_DEFAULT)
+            self._alp.ProjControl(ALP_PROJ_INVERSION, ALP_DEFAULT)
+            self._alp.ProjControl(ALP_PROJ_UPSIDE_DOWN, ALP_DEFAULT)
             self.blank()
         except LinkError:
             raise

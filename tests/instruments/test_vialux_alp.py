@@ -23,6 +23,7 @@ from instruments.vialux_alp import DRIVER, VialuxAlp, VialuxAlpSection
 from instruments.visa import VisaLink
 from sim_backends.bench import SimulatedBench
 from sim_backends.optics.mirrors import on_counts
+from sim_backends.virtual.alp import codes
 from sim_backends.virtual.alp.instrument import MEMORY, SERIAL, VirtualAlp
 from sim_backends.world.keyed_random import digest
 from tests.alp_shared_library import SharedLibrary, in_place_of_the_vendors
@@ -201,6 +202,15 @@ class TestByUsbWhatGoesWrong:
             dmd.show(PATTERN)
         assert not isinstance(failed.value, LinkError)
         assert "\n" not in str(failed.value)
+
+    def test_pictures_that_somebody_inverted_are_dark_when_it_is_safe(
+        self, dmd: BurstDmd, simulation: SimulatedBench
+    ) -> None:
+        dmd.show(PATTERN)
+        virtual(simulation).halt_projection()
+        virtual(simulation).control_projection(codes.INVERSION, 1)
+        dmd.make_safe()
+        assert shows(simulation, np.zeros_like(PATTERN))
 
     def test_memory_that_cannot_be_freed_is_told(self, dmd: BurstDmd, library: SharedLibrary) -> None:
         dmd.load(iter([PATTERN[np.newaxis]]), 1)
