@@ -21,7 +21,7 @@ ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: demo test test-full test-kill test-light docs picture interop fuzz audit check format lock clean
+.PHONY: demo test test-full test-kill test-light docs picture interop truth fuzz audit check format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
@@ -46,6 +46,10 @@ test-light: $(TESTED)
 interop: $(TESTED) $(INTEROP)/.installed
 	LABCTL=$(abspath $(BIN)/labctl) $(INTEROP)/bin/pytest -c tests/interop/interop.ini --rootdir=. --confcutdir=tests/interop \
 		tests/interop tests/instruments/test_vendor_tree.py
+
+# The virtual Tektronix instruments against the manufacturer's descriptions; every difference is listed with its reason.
+truth: $(TESTED) $(INTEROP)/.installed
+	LABCTL=$(abspath $(BIN)/labctl) $(INTEROP)/bin/python -m tests.truth
 
 # The documents as a site; a warning, a link that leads nowhere and an example that prints something else are errors.
 # Figures and the small run of the examples are measured anew, in docs/made. The dashboard is photographed with Chromium;

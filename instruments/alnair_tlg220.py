@@ -8,10 +8,11 @@ from typing import Annotated
 
 from pydantic import Field
 
+from instruments.command_table import UNKNOWN, Command
 from instruments.driver import Driver
 from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import TunableLaser
-from instruments.laser_table import DEFAULT_TABLE, UNKNOWN, Command, CommandTable
+from instruments.laser_table import DEFAULT_TABLE, LaserTable
 from instruments.readback import confirm
 from instruments.sections import File, LaserSection
 from instruments.transcripts import Transcript
@@ -53,7 +54,7 @@ class Tlg220(TunableLaser):
 
     switches_itself = True
 
-    def __init__(self, resource: str, table: CommandTable, transcript: Transcript) -> None:
+    def __init__(self, resource: str, table: LaserTable, transcript: Transcript) -> None:
         """Drive the laser at the VISA address `resource` with the commands of `table`."""
         self._table = table
         self._settled: dict[str, float] = {}
@@ -211,8 +212,8 @@ class Tlg220(TunableLaser):
         return errors
 
 
-def _table(section: Tlg220Section) -> CommandTable:
-    return CommandTable.read(section.commands or DEFAULT_TABLE)
+def _table(section: Tlg220Section) -> LaserTable:
+    return LaserTable.read(section.commands or DEFAULT_TABLE)
 
 
 def _watts(dbm: float) -> float:

@@ -1,4 +1,4 @@
-"""The bench: five opened instruments with their wiring and limits, what they do together, and who follows it."""
+"""The bench: opened instruments with their wiring and limits, what they do together, and who follows it."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from instruments.errors import InstrumentError, NotConfigured, OutOfRange, SettingChanged
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
 from instruments.limits import Levels, Limits
-from instruments.safe_state import UnsafeBench, ending_with, safe_state
+from instruments.optical_train import OpticalTrain
+from instruments.safe_state import UnsafeBench, ending_with, in_order, safe_state
 from instruments.values import Drive, EdgeTrigger, Frames, Timebase
 
 
@@ -143,6 +144,8 @@ class Light:
 class Bench:
     """The opened instruments of a station, and what a protocol does with them.
 
+    Five there always are. `train` has those behind the laser; `others`, by role, those that only their drivers know:
+    they are identified, noted, made safe and closed with the rest, and what else is asked of them a protocol decides.
     A protocol works through the methods here, so that `observer` follows it; of the instruments themselves it asks
     what they can do. `armed` says that a person has allowed light. `source` is the file that describes the bench, for
     messages. `now` gives the time of the bench in seconds: a monotonic clock on a real bench, the virtual clock of a
@@ -161,6 +164,8 @@ class Bench:
     armed: bool
     source: str
     now: Callable[[], float]
+    train: OpticalTrain = field(default_factory=OpticalTrain)
+    others: Mapping[str, Instrument] = field(default_factory=dict)
     observer: Observer = field(default_factory=Observer)
     undisturbed: Callable[[], AbstractContextManager[None]] = nullcontext
     lit: bool = field(default=False, init=False)
@@ -168,19 +173,20 @@ class Bench:
     @property
     def instruments(self) -> dict[str, Instrument]:
         """The instruments by name, in the order of the safe state where it has one."""
-        return {
+        always = {
             "laser": self.laser,
             "awg": self.awg,
             "dmd": self.dmd,
             "scope": self.scope,
             "patch_panel": self.patch_panel,
         }
+        return in_order({**always, **self.train.instruments, **self.others})
 
     def __post_init__(self) -> None:
         """Compare the levels with the limits and with what the AWG can give, before anything can be sent.
 
         Raises:
-            OutOfRange: the optical power or the RF amplitude exceeds its limit, or the AWG does not give it.
+            OutOfRange: a power or the RF amplitude exceeds its limit, or the AWG does not give it.
         """
         self.limits.check_levels(self.levels, self.source)
         self.awg.amplitude.check(f"{self.source}: awg.amplitude", self.levels.rf_amplitude_vpp)
@@ -235,9 +241,13 @@ class Bench:
         return Light(wavelength_nm=self.tune(wavelength_nm), power_w=power_w)
 
     def tune(self, wavelength_nm: float) -> float:
-        """`TunableLaser.tune`."""
+        """`TunableLaser.tune`; a laser that tunes may be dark, so that no amplifier is on meanwhile."""
+        self.train.shut()
         settled = self.laser.tune(wavelength_nm)
+        self.train.follow(settled)
         self.observer.event("tuned", wavelength_nm=settled)
+        if self.lit:
+            self.train.let_through(self.laser, self.limits)
         return settled
 
     @contextmanager
@@ -247,7 +257,7 @@ class Bench:
         Raises:
             NotConfigured: the bench is not armed; nothing was sent.
             InstrumentError: somebody left something that no run may change; the laser stays off.
-            OverLimit: by its own answer, the laser gives more than the limit.
+            OverLimit: by its own answer or the power meter's, the laser gives more than the limit; or the amplifier.
             UnsafeBench: an instrument did not obey. Where the block fails, this is a note to its error.
         """
         self.require_arm()
@@ -261,10 +271,13 @@ class Bench:
             self.observer.emission(on=True)
             self.laser.emit()
             self.limits.check_power(self.laser.power())
+            self.train.let_through(self.laser, self.limits)
             yield
 
     def make_safe(self) -> None:
         """Laser off, AWG off, DMD blank, oscilloscope stopped: in this order, and each one even if another fails.
+
+        Before the laser, where the bench has them, attenuator shut and amplifier off; behind the rest, the others.
 
         Raises:
             UnsafeBench: an instrument did not obey.
@@ -292,14 +305,15 @@ class Bench:
     # --- what somebody else may do meanwhile
 
     def require_unchanged(self) -> None:
-        """Compare the optical power with its limit, and every instrument with what it was set to.
+        """Compare the optical powers with their limits, and every instrument with what it was set to.
 
         Raises:
-            OverLimit: the laser gives more than the limit.
+            OverLimit: the laser gives more than the limit, by its own answer or the power meter's; or the amplifier.
             SettingChanged: something was changed from elsewhere; the message has its old and its new value.
             LinkError: an instrument does not answer.
         """
         self.limits.check_power(self.laser.power())
+        self.train.check_powers(self.limits)
         for name, instrument in self.instruments.items():
             for change in instrument.changes():
                 raise SettingChanged(

@@ -73,5 +73,5 @@ class Driver(Generic[SectionT]):
 
     @property
     def role(self) -> str:
-        """Which instrument of the bench it drives: `awg`, `scope`, `laser`, `dmd` or `patch_panel`."""
+        """Which instrument of the bench it drives: one of `interfaces.INTERFACES`, or another with its own name."""
         return self.section.role

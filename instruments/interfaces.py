@@ -1,10 +1,10 @@
-"""The five instruments a protocol may speak to.
+"""The instruments a protocol may speak to: five that every bench has, three that some have.
 
 Protocols are written against these classes and nothing else, so the same protocol runs on any bench whose drivers
 implement them. Every driver is reached through the entry-point group `labctl.instruments`.
 """
 
-from abc import ABC, abstractmethod
+from abc import ABC, ABCMeta, abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.values import (
+    Answer,
     Change,
     Drive,
     EdgeTrigger,
@@ -77,6 +78,14 @@ class Instrument(ABC):
 
         Raises:
             LinkError: it does not answer.
+        """
+        return ()
+
+    def answers(self) -> tuple[Answer, ...]:
+        """What the instrument does where its documents leave a question open, measured on it alone and in the dark.
+
+        Raises:
+            InstrumentError: it refuses what it is asked for.
         """
         return ()
 
@@ -174,6 +183,10 @@ class Oscilloscope(Instrument):
         """
 
     @abstractmethod
+    def triggered(self) -> bool:
+        """Whether a trigger that repeats quickly comes: one acquisition is started, and stopped if it stays without."""
+
+    @abstractmethod
     def read(self) -> Frames:
         """Transfer the completed acquisition, a burst of one; channels in the configured order."""
 
@@ -262,6 +275,9 @@ class BurstDmd(Dmd):
     picture_period_s: float
     """The time between pictures that are played as fast as its mirrors follow, s."""
 
+    settling_s: float
+    """How long after their command mirrors are taken to move at most."""
+
     @abstractmethod
     def capacity(self) -> int:
         """How many pictures its memory holds."""
@@ -305,3 +321,76 @@ class PatchPanel(Instrument):
         Raises:
             OutOfRange: a port that is not wired.
         """
+
+
+class PowerMeter(Instrument):
+    """An optical power meter behind a tap of the laser's output: it knows better than the laser what leaves it."""
+
+    @abstractmethod
+    def set_wavelength(self, wavelength_nm: float) -> float:
+        """Correct for the sensor's response at this wavelength, and return the one it settled on, nm.
+
+        Raises:
+            OutOfRange: outside the sensor's range.
+        """
+
+    @abstractmethod
+    def power(self) -> float:
+        """Measure the optical power at the sensor, W.
+
+        Raises:
+            InstrumentError: it cannot be told, for instance because there is more than the sensor measures.
+        """
+
+
+class Amplifier(Instrument):
+    """An optical amplifier between modulator and fibre. It starts off and is off unless it is switched on."""
+
+    @abstractmethod
+    def set_power(self, power_w: float) -> float:
+        """Set the output power, without switching it on, and return the one it settled on, W.
+
+        Raises:
+            OutOfRange: outside the amplifier's range.
+        """
+
+    @abstractmethod
+    def power(self) -> float:
+        """The output power that the amplifier says it gives, W."""
+
+    @abstractmethod
+    def switch_on(self) -> None:
+        """Switch the pump on, confirmed. Its input must be lit: what is stored without comes out in one pulse."""
+
+    @abstractmethod
+    def switch_off(self) -> None:
+        """Switch the pump off, confirmed; this is the amplifier's safe state."""
+
+
+class Attenuator(Instrument):
+    """A variable attenuator behind the amplifier, where there is one, and before the fibre."""
+
+    @abstractmethod
+    def open(self, attenuation_db: float) -> float:
+        """Let light through, attenuated by so many dB, and return the attenuation it settled on.
+
+        Raises:
+            OutOfRange: outside the attenuator's range.
+        """
+
+    @abstractmethod
+    def shut(self) -> None:
+        """Let nothing through, or as little as it can; confirmed. This is the attenuator's safe state."""
+
+
+INTERFACES: Mapping[str, ABCMeta] = {
+    "awg": Awg,
+    "scope": Oscilloscope,
+    "laser": TunableLaser,
+    "dmd": Dmd,
+    "patch_panel": PatchPanel,
+    "power_meter": PowerMeter,
+    "amplifier": Amplifier,
+    "attenuator": Attenuator,
+}
+"""What the bench asks of an instrument, by its role; of one with another role, what it asks of every `Instrument`."""

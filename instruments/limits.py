@@ -1,5 +1,6 @@
 """What must never be exceeded on a bench: compared before anything is sent, and again with what instruments answer."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,25 +20,30 @@ class OverLimit(InstrumentError):
 
 @dataclass(frozen=True)
 class Levels:
-    """The optical and RF levels the bench works at."""
+    """The optical and RF levels the bench works at; without an amplifier there is no amplified power."""
 
     optical_power_w: float
     rf_amplitude_vpp: float
+    amplified_power_w: float = 0.0
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What must never be exceeded: light out of the laser, volts into the RF amplifier, volts out of a detector."""
+    """What must never be exceeded: light out of the laser, volts into the RF amplifier, volts out of a detector.
+
+    And light out of the optical amplifier, where there is one.
+    """
 
     optical_power_w: float
     rf_amplitude_vpp: float
     detector_v: float
+    amplified_power_w: float = math.inf
 
     def check_levels(self, levels: Levels, source: str) -> None:
         """Compare what the file `source` asks for, before anything is sent.
 
         Raises:
-            OutOfRange: the optical power or the RF amplitude exceeds its limit.
+            OutOfRange: a power or the RF amplitude exceeds its limit.
         """
         if levels.optical_power_w > self.optical_power_w:
             raise OutOfRange(
@@ -48,6 +54,11 @@ class Limits:
             raise OutOfRange(
                 f"{source}: awg.amplitude = {levels.rf_amplitude_vpp:g} V exceeds limits.rf_amplitude = "
                 f"{self.rf_amplitude_vpp:g} V: lower the amplitude"
+            )
+        if levels.amplified_power_w > self.amplified_power_w:
+            raise OutOfRange(
+                f"{source}: amplifier.power = {levels.amplified_power_w * 1e3:g} mW exceeds limits.amplified_power = "
+                f"{self.amplified_power_w * 1e3:g} mW: lower the power"
             )
 
     def check_power(self, answered_w: float) -> None:
@@ -60,6 +71,30 @@ class Limits:
             raise OverLimit(
                 f"laser: gives {answered_w * 1e3:.4g} mW, above limits.optical_power = "
                 f"{self.optical_power_w * 1e3:g} mW: lower laser.power, or check its front panel"
+            )
+
+    def check_measured_power(self, measured_w: float) -> None:
+        """Compare the optical power that the power meter sees leave the laser.
+
+        Raises:
+            OverLimit: it is more, by more than the laser's steps explain.
+        """
+        if _exceeds(measured_w, self.optical_power_w):
+            raise OverLimit(
+                f"power_meter: the laser gives {measured_w * 1e3:.4g} mW, above limits.optical_power = "
+                f"{self.optical_power_w * 1e3:g} mW: lower laser.power, or correct power_meter.tap"
+            )
+
+    def check_amplified_power(self, answered_w: float) -> None:
+        """Compare the optical power that the amplifier answers it gives.
+
+        Raises:
+            OverLimit: it is more, by more than its steps explain.
+        """
+        if _exceeds(answered_w, self.amplified_power_w):
+            raise OverLimit(
+                f"amplifier: gives {answered_w * 1e3:.4g} mW, above limits.amplified_power = "
+                f"{self.amplified_power_w * 1e3:g} mW: lower amplifier.power, or check its front panel"
             )
 
     def check_amplitude(self, answered_vpp: float) -> None:

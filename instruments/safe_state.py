@@ -1,9 +1,30 @@
-"""The safe state: laser off, AWG off, DMD blank, oscilloscope stopped; every step taken however another one ends."""
+"""The safe state: laser off, AWG off, DMD blank, oscilloscope stopped; every step taken however another one ends.
 
-from collections.abc import Callable, Iterable, Iterator
+What stands behind the laser comes before it: attenuator shut, amplifier off.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from typing import TypeVar
 
 from instruments.errors import InstrumentError, LinkError
+
+ORDER: Mapping[str, str] = {
+    "attenuator": "attenuator shut",
+    "amplifier": "amplifier off",
+    "laser": "laser off",
+    "awg": "AWG output off",
+    "dmd": "DMD blank",
+    "scope": "oscilloscope stopped",
+}
+"""The safe state in its order: what is reached with each instrument. Those with other roles follow."""
+MAY_EMIT: Mapping[str, str] = {
+    "laser": "the laser may still emit, switch it off by its key switch",
+    "amplifier": "the amplifier may still emit, switch it off at its front panel",
+}
+"""What is said of the instruments that emit, an amplifier by itself among them, when they do not obey."""
+
+Of = TypeVar("Of")
 
 
 class UnsafeBench(InstrumentError):
@@ -41,6 +62,12 @@ def ending_with(end: Callable[[], None]) -> Iterator[None]:
         end()
 
 
+def in_order(by_role: Mapping[str, Of]) -> dict[str, Of]:
+    """What there is of each instrument, in the order of the safe state; those that it does not name keep theirs."""
+    named = {role: by_role[role] for role in ORDER if role in by_role}
+    return {**named, **by_role}
+
+
 def safe_state(steps: dict[str, Callable[[], None]]) -> None:
     """Take the steps of instruments, by name, into the safe state: in their order, each one however another ends.
 
@@ -61,7 +88,9 @@ def safe_state(steps: dict[str, Callable[[], None]]) -> None:
     if failures:
         failed = "; ".join(f"{name}: {error}" for name, error in failures.items())
         dark = "laser" in steps and "laser" not in failures
-        advice = "the laser is off" if dark else "the laser may still emit, switch it off by its key switch"
+        advice = "the laser is off" if dark else MAY_EMIT["laser"]
+        if "amplifier" in failures:
+            advice += f"; {MAY_EMIT['amplifier']}"
         raise UnsafeBench(f"the safe state is not confirmed ({failed}): {advice}", failures)
 
 

@@ -128,3 +128,27 @@ class PatchPanelSection(InstrumentSection):
     bypass: Annotated[bool, Field(description="The fibre that would enter the chip is wired to the first channel.")] = (
         False
     )
+
+
+class PowerMeterSection(InstrumentSection):
+    """The optical power meter, behind a tap of the laser's output."""
+
+    role = "power_meter"
+
+    tap: Annotated[float, Field(gt=0, le=1, description="Part of the laser's light that reaches the sensor.")]
+
+
+class AmplifierSection(InstrumentSection):
+    """The optical amplifier between modulator and fibre."""
+
+    role = "amplifier"
+
+    power: Annotated[Watts, Field(gt=0, description="Optical output power.")]
+
+
+class AttenuatorSection(InstrumentSection):
+    """The variable attenuator behind the amplifier and before the fibre."""
+
+    role = "attenuator"
+
+    attenuation_db: Annotated[float, Field(ge=0, description="While there is light; otherwise it is shut.")] = 0.0

@@ -19,6 +19,7 @@ from instruments.errors import InstrumentError, LinkError, NoTrigger, SettingCha
 from instruments.interfaces import Oscilloscope
 from instruments.kept_settings import KeptSettings
 from instruments.sections import ScopeSection, Timeout
+from instruments.tektronix_dpo72504dx_answers import answers
 from instruments.tektronix_dpo72504dx_records import (
     CLIP_HIGH,
     CLIP_LOW,
@@ -48,6 +49,7 @@ from instruments.tektronix_dpo72504dx_settings import (
 )
 from instruments.units import Hertz
 from instruments.values import (
+    Answer,
     Change,
     Codes,
     EdgeTrigger,
@@ -89,6 +91,7 @@ SELF_TEST_S = 60.0
 TRIGGER_WAIT_S = 10.0
 BURST_WAIT_S = 60.0
 STALLED_S = 3.0
+REPEATED_S = 0.5
 """A burst that got no frame for so long gets no more: its triggers are microseconds apart."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1e-3, 50e-3
 """Between questions whether it is ready, each pause twice the one before: a real one gets ready for frames in 400 ms
@@ -178,6 +181,19 @@ class Dpo72504dx(Oscilloscope):
         """`*OPC?` answers when the single acquisition is complete."""
         await_completion(self._link, TRIGGER_WAIT_S)
 
+    def triggered(self) -> bool:
+        """Whether the acquisition ends within half a second; `ACQuire:STATE?` says when."""
+        self.arm()
+        deadline = time.monotonic() + REPEATED_S
+        for pause_s in pauses():
+            if self._link.query("ACQuire:STATE?") == "0":
+                return True
+            if time.monotonic() > deadline:
+                break
+            time.sleep(pause_s)
+        self._link.write("ACQuire:STATE STOP")
+        return False
+
     def read(self) -> Frames:
         """One question a channel: preamble, sub-sample trigger time and the codes they belong to.
 
@@ -227,6 +243,11 @@ class Dpo72504dx(Oscilloscope):
     def changes(self) -> tuple[Change, ...]:
         """All settings that were sent, in one question."""
         return self._kept.changes()
+
+    def answers(self) -> tuple[Answer, ...]:
+        """Of record lengths and unsigned codes."""
+        self._kept.forget()
+        return tuple(answers(self._link))
 
     def make_safe(self) -> None:
         """Stop acquiring and unlock the front panel; errors of what went before are not held against it."""

@@ -119,6 +119,7 @@ class TiDlpc900(BurstDmd):
 
     shape = (ROWS, COLUMNS)
     picture_period_s = SHORTEST_US * 1e-6
+    settling_s = picture_period_s
 
     def __init__(self, commands: Commands) -> None:
         """Drive the controller that takes `commands`."""

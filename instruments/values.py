@@ -83,6 +83,20 @@ class Change:
 
 
 @dataclass(frozen=True)
+class Answer:
+    """What was measured where documents leave a question open.
+
+    question: what nobody can know without this bench. assumed: what labctl takes for granted. found: what the bench
+    says. agrees: whether the assumption holds here.
+    """
+
+    question: str
+    assumed: str
+    found: str
+    agrees: bool
+
+
+@dataclass(frozen=True)
 class Drive:
     """The phase sequence the AWG plays for ever: `samples` in -1..1, shape (n,), float32, one period."""
 

@@ -1,6 +1,5 @@
 """ViALUX DMD controllers (ALP-4) through the calls of the vendor's library."""
 
-import contextlib
 import os
 import re
 import time
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from instruments.alp_library import AlpByVendorLibrary, AlpLibrary, AlpOverVisa
+from instruments.alp_library import ALP_PROJ_STATE, AlpByVendorLibrary, AlpLibrary, AlpOverVisa
 from instruments.driver import Driver, Opening
 from instruments.errors import InstrumentError, LinkError
 from instruments.interfaces import BurstDmd
@@ -46,12 +45,21 @@ class VialuxAlpSection(DmdSection):
             description=f"Folder of the vendor's ALP library, as {LIBRARY_VARIABLE} has it; without both the system's."
         ),
     ] = None
+    serial_number: Annotated[
+        int | None, Field(ge=1, lt=1 << 31, description="Serial number of the device, where there are several.")
+    ] = None
+    trigger_in: Annotated[
+        Literal["rising", "falling"] | None,
+        Field(description="Edge at the trigger input that shows the next picture of a burst; without, its own clock."),
+    ] = None
     timeout: Timeout = 5.0
 
 
 DRIVER = Driver(
     section=VialuxAlpSection,
-    open=lambda section, opening: VialuxAlp(_library(section, opening)),
+    open=lambda section, opening: VialuxAlp(
+        _library(section, opening), serial_number=section.serial_number, trigger_in=section.trigger_in
+    ),
     identity=re.compile("ViALUX ALP", re.IGNORECASE),
     sent_anew=("free_pictures",),
 )
@@ -60,6 +68,8 @@ ALP_DEFAULT = 0
 ALP_DEVICE_NUMBER = 2000
 ALP_VERSION = 2001
 ALP_AVAIL_MEMORY = 2003
+ALP_TRIGGER_EDGE = 2005
+TRIGGER_EDGES = {"falling": 2008, "rising": 2009}
 ALP_DEV_DISPLAY_HEIGHT = 2057
 ALP_DEV_DISPLAY_WIDTH = 2058
 ALP_DEV_DMD_MODE = 2064
@@ -70,14 +80,20 @@ ALP_BIN_UNINTERRUPTED = 2106
 ALP_DATA_FORMAT = 2110
 ALP_DATA_BINARY_TOPDOWN = 2
 ALP_MIN_PICTURE_TIME = 2211
+ALP_PROJ_MODE = 2300
+ALP_MASTER = 2301
+ALP_SLAVE = 2302
 ALP_PROJ_INVERSION = 2306
 ALP_PROJ_UPSIDE_DOWN = 2307
-ALP_PROJ_STATE = 2400
 ALP_PROJ_ACTIVE = 1200
 MOST_MIRRORS = 1 << 13  # along a side
 
 SETTLING_S = 50e-6
-"""Longer than a mirror needs: reset, flight and settling end within 13 us, the load of a frame within 44 us."""
+"""How long mirrors take to rest behind the start of a picture: an assumption, to be measured on the bench.
+
+The load of a frame takes 44 us (picture rate of the ALP-4 controllers), reset, flight and settling 13 us by a published
+model of the mirrors; no source gives the two together, and nobody has measured them here.
+"""
 SYNCH_PULSE_US = 20
 """The frame synchronisation pulse begins with the picture and ends when the mirrors have rested for microseconds."""
 
@@ -85,16 +101,31 @@ SYNCH_PULSE_US = 20
 class VialuxAlp(BurstDmd):
     """A DMD behind the ALP library: a binary sequence of one picture to show, and one of many pictures to play.
 
-    Pictures are shown without dark phase. A sequence in use cannot be loaded, so every `show` is halt, put, run: the
-    order the API asks for.
+    Pictures are shown without dark phase: AlpSeqTiming activates the binary mode that AlpSeqControl has set, so it
+    follows it, also where its own defaults are wanted (vendor's sample in C). A sequence in use cannot be loaded, so
+    every `show` is halt, put, run: the order the API asks for. AlpProjHalt keeps the picture on the mirrors; AlpDevHalt
+    would park them (a public wrapper for MATLAB says so).
     """
 
     picture_period_s = 44e-6
     """22 727 pictures a second, the most of a DLP7000; a device that needs longer says so when it is to play."""
+    settling_s = SETTLING_S
 
-    def __init__(self, library: AlpLibrary) -> None:
-        """Drive the device behind `library`; it is allocated at the first use."""
+    def __init__(
+        self,
+        library: AlpLibrary,
+        *,
+        serial_number: int | None = None,
+        trigger_in: Literal["rising", "falling"] | None = None,
+    ) -> None:
+        """Drive the device with a serial number behind `library`, or any; it is allocated at the first use.
+
+        trigger_in: the edge at the trigger input that shows the next picture of those that are played.
+        """
         self._alp = library
+        self._serial_number = serial_number
+        self._trigger_in = trigger_in
+        self._slave = False
         self._sequence: int | None = None
         self._pictures: int | None = None
         self._showing = False  # one picture for ever
@@ -121,6 +152,8 @@ class VialuxAlp(BurstDmd):
         """Halt, load the picture, run, and wait until the mirrors rest."""
         sequence = self._prepare()
         self._halt()
+        if self._slave:
+            self._obey_trigger(slave=False)
         self._alp.SeqPut(sequence, 0, mirrors[np.newaxis])
         self._alp.Run(sequence, loop=True)
         self._showing = True
@@ -141,9 +174,7 @@ class VialuxAlp(BurstDmd):
         """A new sequence of `count` pictures, put block by block."""
         room = self.capacity()
         Range(1, room, "pictures").check("pictures in the DMD's memory", count)
-        sequence = self._pictures = self._alp.SeqAlloc(count, 1)
-        self._alp.SeqControl(sequence, ALP_DATA_FORMAT, ALP_DATA_BINARY_TOPDOWN)
-        self._alp.SeqControl(sequence, ALP_BIN_MODE, ALP_BIN_UNINTERRUPTED)
+        sequence = self._pictures = self._allocate(count)
         first = 0
         for block in mirrors:
             self._alp.SeqPut(sequence, first, block)
@@ -152,11 +183,14 @@ class VialuxAlp(BurstDmd):
                 progress(first, count)
 
     def hold(self) -> None:
-        """AlpDevHalt."""
+        """AlpProjHalt."""
         self._halt()
 
     def play(self, first: int, count: int, period_s: float, *, pulse_s: float | None = None) -> None:
-        """Once from the first to the last picture, one every `period_s`, with a pulse (20 us) from its start on."""
+        """Once from the first to the last picture, one every `period_s`, with a pulse (20 us) from its start on.
+
+        With `trigger_in` each edge shows the next one, if it comes `period_s` after the one before or later.
+        """
         if self._pictures is None:
             raise InstrumentError("dmd: no pictures are loaded: load them before playing")
         shortest = self._alp.SeqInquire(self._pictures, ALP_MIN_PICTURE_TIME)
@@ -168,6 +202,9 @@ class VialuxAlp(BurstDmd):
         self._alp.SeqControl(self._pictures, ALP_LASTFRAME, first + count - 1)
         self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, first)
         self._alp.SeqTiming(self._pictures, period_us, SYNCH_PULSE_US if pulse_s is None else round(pulse_s * 1e6))
+        if self._trigger_in is not None:
+            self._alp.DevControl(ALP_TRIGGER_EDGE, TRIGGER_EDGES[self._trigger_in])
+            self._obey_trigger(slave=True)
         self._alp.Run(self._pictures, loop=False)
 
     def changes(self) -> tuple[Change, ...]:
@@ -197,15 +234,22 @@ class VialuxAlp(BurstDmd):
         }
 
     def make_safe(self) -> None:
-        """Every mirror off; a device that no longer knows this driver, after a loss of power say, is allocated anew."""
+        """Every mirror off; a device that no longer knows this driver, after a loss of power say, is allocated anew.
+
+        Whatever turned pictures into others is set back first: a dark picture that is inverted would be all light.
+        """
         try:
+            self._prepare()
+            self._halt()
+            self._alp.DevControl(ALP_DEV_DMD_MODE, ALP_DEFAULT)
+            self._alp.ProjControl(ALP_PROJ_INVERSION, ALP_DEFAULT)
+            self._alp.ProjControl(ALP_PROJ_UPSIDE_DOWN, ALP_DEFAULT)
             self.blank()
         except LinkError:
             raise
         except InstrumentError:
             self._sequence = self._pictures = None
-            with contextlib.suppress(InstrumentError):
-                self._alp.Free()
+            self._alp.close()
             self.blank()
 
     def close(self) -> None:
@@ -223,7 +267,7 @@ class VialuxAlp(BurstDmd):
 
     def _halt(self) -> None:
         self._showing = False
-        self._alp.Halt()
+        self._alp.ProjHalt()
 
     def _free_pictures(self) -> None:
         pictures, self._pictures = self._pictures, None
@@ -231,14 +275,30 @@ class VialuxAlp(BurstDmd):
             self._halt()
             self._alp.FreeSeq(pictures)
 
+    def _obey_trigger(self, *, slave: bool) -> None:
+        """Whether pictures wait for edges at the trigger input; while nothing is projected."""
+        self._alp.ProjControl(ALP_PROJ_MODE, ALP_SLAVE if slave else ALP_MASTER)
+        self._slave = slave
+
     def _prepare(self) -> int:
         if self._sequence is None:
-            self._alp.Initialize()
-            self._shape = (self._mirrors(ALP_DEV_DISPLAY_HEIGHT), self._mirrors(ALP_DEV_DISPLAY_WIDTH))
-            self._sequence = self._alp.SeqAlloc(1, 1)
-            self._alp.SeqControl(self._sequence, ALP_DATA_FORMAT, ALP_DATA_BINARY_TOPDOWN)
-            self._alp.SeqControl(self._sequence, ALP_BIN_MODE, ALP_BIN_UNINTERRUPTED)
+            self._alp.Initialize(self._serial_number)
+            try:
+                self._shape = (self._mirrors(ALP_DEV_DISPLAY_HEIGHT), self._mirrors(ALP_DEV_DISPLAY_WIDTH))
+                self._sequence = self._allocate(1)
+            except InstrumentError:
+                self._alp.close()
+                raise
+            self._slave = False  # as every device is that was just allocated
         return self._sequence
+
+    def _allocate(self, pictures: int) -> int:
+        """A sequence that takes packed bits and shows each picture until the next."""
+        sequence = self._alp.SeqAlloc(pictures, 1)
+        self._alp.SeqControl(sequence, ALP_DATA_FORMAT, ALP_DATA_BINARY_TOPDOWN)
+        self._alp.SeqControl(sequence, ALP_BIN_MODE, ALP_BIN_UNINTERRUPTED)
+        self._alp.SeqTiming(sequence, ALP_DEFAULT, ALP_DEFAULT)
+        return sequence
 
     def _mirrors(self, side: int) -> int:
         """How many mirrors there are along a side.

@@ -1,4 +1,4 @@
-"""The simulated bench: one world, five virtual instruments, up to three network addresses for each."""
+"""The simulated bench: one world, its virtual instruments, up to three network addresses for each."""
 
 from collections.abc import Callable, Mapping
 from types import TracebackType
@@ -10,18 +10,22 @@ from sim_backends.parameters import Parameters
 from sim_backends.servers.hislip import serve_hislip
 from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.reports import REPORTS
-from sim_backends.servers.socket import serve_socket
+from sim_backends.servers.socket import LINES, CarriageReturns, Framing, serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
 from sim_backends.virtual.alp.instrument import VirtualAlp
 from sim_backends.virtual.awg70002a.instrument import VirtualAwg70002a
 from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
 from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
 from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
+from sim_backends.virtual.instrument import VirtualInstrument
 from sim_backends.virtual.tlg220.instrument import VirtualTlg220
-from sim_backends.world.world import World
+from sim_backends.world.world import Noise, World
 
 HISLIP_OFFSET, VXI11_OFFSET = 10, 20  # of the other ports from the ports of the raw sockets
 SPEAK_VXI11 = ("awg", "scope")  # as the Tektronix instruments do
+
+Make = Callable[[World], Instrument]
+"""Makes a virtual instrument of a world."""
 
 
 class SimulatedBench:
@@ -30,11 +34,12 @@ class SimulatedBench:
     Args:
         parameters: The physics; None: the defaults.
         twin_seed: Which fibre, which chip, which noise.
+        noise: New for every trigger; "by-state": the same whenever the instruments are set to the same again.
         host: The address to listen on. The default is reachable from this machine only: clients are not checked.
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
             ports 10 higher, VXI-11 20 higher; None: any free ports.
         laser_table: The commands the laser obeys, in the form of `virtual/tlg220/commands.toml`; None: that file.
-        scope: Which oscilloscope there is.
+        plugged_in: What makes further instruments of this world, or others in the place of those that there always are.
         dmd: Which DMD there is. A DLPC900 has a raw socket only: it speaks by HID reports, see `servers.reports`.
     """
 
@@ -43,23 +48,27 @@ class SimulatedBench:
         parameters: Parameters | None = None,
         *,
         twin_seed: int = 1,
+        noise: Noise = "by-trigger",
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
-        scope: Callable[[World], Instrument] = VirtualDpo72504dx,
-        dmd: Callable[[World], Instrument] = VirtualAlp,
+        plugged_in: Mapping[str, Make] | None = None,
+        dmd: Make = VirtualAlp,
     ) -> None:
-        self.world = World(parameters, twin_seed=twin_seed)
+        self.world = World(parameters, twin_seed=twin_seed, noise=noise)
         self.resources: dict[str, dict[str, str]] = {}
         self._host = host
         self._port_base = port_base
         self._loop: Loop | None = None
+        always: dict[str, Make] = {
+            "awg": VirtualAwg70002a,
+            "scope": VirtualDpo72504dx,
+            "laser": lambda world: VirtualTlg220(world, laser_table),
+            "dmd": dmd,
+            "patch_panel": VirtualFibreSwitch,
+        }
         self._instruments: dict[str, Instrument] = {
-            "awg": VirtualAwg70002a(self.world),
-            "scope": scope(self.world),
-            "laser": VirtualTlg220(self.world, laser_table),
-            "dmd": dmd(self.world),
-            "patch_panel": VirtualFibreSwitch(self.world),
+            role: make(self.world) for role, make in {**always, **(plugged_in or {})}.items()
         }
 
     def start(self) -> None:
@@ -121,8 +130,12 @@ class SimulatedBench:
 
         if isinstance(self._instruments[role], VirtualDlpc900):
             return {"socket": f"TCPIP0::{host}::{serve_socket(loop, instrument, host, port(0), REPORTS)}::SOCKET"}
+        made = self._instruments[role]
+        terminator = made.TERMINATOR if isinstance(made, VirtualInstrument) else LINES.ending
+        framing = LINES if terminator == LINES.ending else Framing(CarriageReturns, terminator)
+        socket_port = serve_socket(loop, instrument, host, port(0), framing)
         addresses = {
-            "socket": f"TCPIP0::{host}::{serve_socket(loop, instrument, host, port(0))}::SOCKET",
+            "socket": f"TCPIP0::{host}::{socket_port}::SOCKET",
             "hislip": f"TCPIP0::{host}::hislip0,{serve_hislip(loop, instrument, host, port(HISLIP_OFFSET))}::INSTR",
         }
         if role in SPEAK_VXI11:

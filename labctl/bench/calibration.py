@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
 
-from labctl.bench.station import USUAL, Station
+from labctl.bench.station import Station
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.own_files import read_own
 
@@ -22,7 +22,6 @@ FILE = "calibration.json"
 FORMAT_VERSION = "1.0"
 LARGEST = 1 << 20
 """Bytes; a calibration has some ten thousand."""
-SECTIONS = (*USUAL, "wiring")
 SET_ASIDE = ("timeout", "armed")
 """Keys that change nothing of what is measured."""
 
@@ -89,7 +88,7 @@ def save(
         format_version=FORMAT_VERSION,
         date=started,
         good=all(finding["good"] for finding in findings),
-        bench=_bench(station),
+        bench=bench_of(station),
         settings=_settings(station),
         instruments=instruments,
         findings=[dict(finding) for finding in findings],
@@ -102,7 +101,7 @@ def save(
 def newest(station: Station) -> Calibration | None:
     """The latest calibration of the bench that `station` describes; None without any that can be read."""
     found = [one for path in folder_of(station).glob(f"*/{FILE}") if (one := read(path)) is not None]
-    same = [one for one in found if one.stored.bench == _bench(station)]
+    same = [one for one in found if one.stored.bench == bench_of(station)]
     return max(same, key=lambda one: one.stored.date, default=None)
 
 
@@ -155,7 +154,7 @@ def read(path: Path) -> Calibration | None:
     return Calibration(path, hashlib.sha256(content).hexdigest(), stored)
 
 
-def _bench(station: Station) -> dict[str, Any]:
+def bench_of(station: Station) -> dict[str, Any]:
     """What tells one bench from another: its name, the light's way, the twin where one stands in for instruments."""
     twin = station.sim.model_dump(mode="json") if station.simulated else None
     return {"name": station.name, "projector": station.wiring.projector, "twin": twin}
@@ -168,7 +167,7 @@ def _settings(station: Station) -> dict[str, dict[str, Any]]:
             for key, value in getattr(station, section).model_dump(mode="json").items()
             if key not in SET_ASIDE
         }
-        for section in SECTIONS
+        for section in (*station.roles, "wiring")
     }
     whole: dict[str, dict[str, Any]] = json.loads(json.dumps(sections))
     return whole

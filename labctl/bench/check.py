@@ -9,7 +9,7 @@ from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
 from instruments.transcripts import Transcript
 from instruments.values import Examination, Identity, Range
-from labctl.bench.identity import require_known
+from labctl.bench.identity import asked, require_known
 from labctl.bench.opening import Access, opened_one_by_one
 from labctl.bench.station import Station
 
@@ -69,11 +69,12 @@ def check_bench(
         "laser": {"laser.power": Range(0.0, station.limits.optical_power, "W")},
         "awg": {"awg.amplitude": Range(0.0, station.limits.rf_amplitude, "Vpp")},
         "scope": {"detector": Range(-station.limits.detector, station.limits.detector, "V")},
+        "amplifier": {"amplifier.power": Range(0.0, station.limits.amplified_power, "W")},
     }
     with opened_one_by_one(station, transcript, access) as instruments:
         findings = {}
         for name, instrument in instruments.items():
-            section = getattr(station, name)
+            section = station.section_of(name)
             findings[name] = Finding(section.driver, section.address, allowed=allowed.get(name, {}))
             try:
                 if isinstance(instrument, InstrumentError):
@@ -87,7 +88,7 @@ def check_bench(
 
 
 def _ask(station: Station, name: str, instrument: Instrument, finding: Finding) -> None:
-    finding.identity = instrument.identify()
+    finding.identity = asked(station, name, instrument)
     require_known(station, name, finding.identity)
     finding.examination = instrument.examine()
 

@@ -9,12 +9,14 @@ from pyvisa.highlevel import get_wrapper_class, list_backends
 
 from instruments.errors import InstrumentError
 from instruments.values import Identity
-from instruments.visa import VisaLink
+from instruments.visa import NoAnswer, VisaLink
 from labctl.bench.drivers import installed
 
 SERIAL = "ASRL"
 PATIENCE_S = 1.0
 """How long an address may take to answer; those that nobody named are instruments or nothing."""
+TERMINATORS = ("\n", "\r")
+"""How messages end: as IEEE 488.2 says, or as on some lasers. Who hears no end does not answer."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +48,29 @@ def visible_addresses() -> tuple[str, ...]:
 def answers_at(addresses: Iterable[str]) -> Iterator[Answer]:
     """Ask each address who is there; those that do not answer in time are left out. Nothing else is sent."""
     for address in dict.fromkeys(addresses):
-        link = VisaLink(address, name="somebody", timeout_s=PATIENCE_S, transcript=lambda *_: None)
+        if (identity := _identity_at(address)) is not None:
+            yield recognised(address, identity)
+
+
+def _identity_at(address: str) -> Identity | None:
+    for terminator in TERMINATORS:
+        link = VisaLink(
+            address,
+            name="somebody",
+            timeout_s=PATIENCE_S,
+            transcript=lambda *_: None,
+            write_eol=terminator,
+            read_eol=terminator,
+        )
         try:
-            identity = Identity.parse(link.query("*IDN?"))
-        except InstrumentError:
+            return Identity.parse(link.query("*IDN?"))
+        except NoAnswer:
             continue
+        except InstrumentError:
+            break
         finally:
             link.close()
-        yield recognised(address, identity)
+    return None
 
 
 def recognised(address: str, identity: Identity) -> Answer:

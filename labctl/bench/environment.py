@@ -116,7 +116,7 @@ def _visa() -> Iterator[Finding]:
 
 def _plug_ins() -> Iterator[Finding]:
     from labctl.bench.drivers import GROUP as DRIVERS
-    from labctl.bench.drivers import load
+    from labctl.bench.drivers import VIRTUAL_GROUP, load
     from protocols.registry import GROUP as PROTOCOLS
 
     for about, group in (("driver", DRIVERS), ("protocol", PROTOCOLS)):
@@ -124,6 +124,8 @@ def _plug_ins() -> Iterator[Finding]:
         yield from (_plug_in(about, point, load if group == DRIVERS else EntryPoint.load) for point in points)
         if not any(_is_own(point) for point in points):
             yield Finding(about, "all", BROKEN, f"none of labctl's own is registered: pip install {DISTRIBUTION}")
+    twins = sorted(entry_points(group=VIRTUAL_GROUP), key=lambda point: point.name)
+    yield from (_plug_in("virtual instrument", point, EntryPoint.load) for point in twins)
 
 
 def _plug_in(about: str, point: EntryPoint, load: Callable[[EntryPoint], Any]) -> Finding:

@@ -4,6 +4,8 @@ from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
 from instruments.sections import SIMULATED
 from instruments.values import Identity
+from instruments.visa import NoAnswer
+from labctl.bench.discovery import answers_at
 from labctl.bench.station import Station
 
 
@@ -13,9 +15,23 @@ def identified(station: Station, name: str, instrument: Instrument) -> Identity:
     Raises:
         InstrumentError: it does not answer, or is another instrument than its driver is for.
     """
-    identity = instrument.identify()
+    identity = asked(station, name, instrument)
     require_known(station, name, identity)
     return identity
+
+
+def asked(station: Station, name: str, instrument: Instrument) -> Identity:
+    """Who is at the address of `instrument`: one that its driver is not for may not hear where its messages end.
+
+    Raises:
+        LinkError: nobody answers.
+    """
+    try:
+        return instrument.identify()
+    except NoAnswer:
+        for answer in answers_at([station.section_of(name).address]):
+            return answer.identity
+        raise
 
 
 def require_known(station: Station, name: str, identity: Identity) -> None:
@@ -28,7 +44,7 @@ def require_known(station: Station, name: str, identity: Identity) -> None:
     """
     found, section, driver = (
         f"{identity.manufacturer} {identity.model}",
-        getattr(station, name),
+        station.section_of(name),
         station.driver_of(name),
     )
     expected = section.identity

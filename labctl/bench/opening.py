@@ -4,17 +4,18 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from instruments.bench import Bench, Observer, Wiring
 from instruments.driver import Opening
 from instruments.errors import InstrumentError, NotConfigured
-from instruments.interfaces import Awg, Instrument
+from instruments.interfaces import INTERFACES, Awg, Instrument
 from instruments.limits import Levels, Limits
-from instruments.safe_state import ending_with
-from instruments.sections import SIMULATED
+from instruments.optical_train import OpticalTrain
+from instruments.safe_state import ending_with, in_order
+from instruments.sections import SIMULATED, AmplifierSection, AttenuatorSection, PowerMeterSection
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
 from labctl.bench.recording.recorder import recorded
@@ -93,7 +94,7 @@ def opened_one_by_one(
     with ExitStack() as stack:
         reach = stack.enter_context(_reached(station, transcript, access))
         found: dict[str, Instrument | InstrumentError] = {}
-        for name in ("laser", "awg", "dmd", "scope", "patch_panel"):
+        for name in in_order(station.addresses):
             try:
                 found[name] = instrument = reach.open(name)
                 stack.enter_context(ending_with(instrument.close))
@@ -122,14 +123,28 @@ class _Reach:
         return self.access.armed or self.station.laser.armed or replayed or "laser" in self.station.simulations
 
     def open(self, name: str) -> Any:
-        """The instrument called `name`; no message is sent."""
-        section = getattr(self.station, name)
+        """The instrument called `name`; no message is sent.
+
+        Raises:
+            StationError: nothing simulates it, or its driver gives something else than an instrument of this role.
+        """
+        section, driver = self.station.section_of(name), self.station.driver_of(name)
         address = section.address
-        if self.simulation is not None and address == SIMULATED:
+        if self.simulation is not None and address == SIMULATED and not driver.by_hand:
+            if name not in self.simulation.resources:
+                raise StationError(
+                    f"{name}.address = {SIMULATED!r}, but nothing simulates what driver {section.driver!r} is for: "
+                    f"write its VISA address"
+                )
             address = self.simulation.resources[name]["socket"]
-        return self.station.driver_of(name).open(
-            section, Opening(address, self.transcript, ask_operator, self.access.attended)
-        )
+        opened = driver.open(section, Opening(address, self.transcript, ask_operator, self.access.attended))
+        interface = INTERFACES.get(name, Instrument)
+        if not isinstance(opened, interface):
+            raise StationError(
+                f"{name}.driver = {section.driver!r} gives {type(opened).__name__}, which is no {interface.__name__}: "
+                f"correct the driver"
+            )
+        return opened
 
 
 @contextmanager
@@ -146,11 +161,28 @@ def _reached(station: Station, transcript: Transcript, access: Access) -> Iterat
 
 
 def _levels(station: Station) -> Levels:
-    return Levels(station.laser.power, station.awg.amplitude)
+    amplifier = station.others.get("amplifier")
+    amplified = amplifier.power if isinstance(amplifier, AmplifierSection) else 0.0
+    return Levels(station.laser.power, station.awg.amplitude, amplified)
 
 
 def _limits(station: Station) -> Limits:
-    return Limits(station.limits.optical_power, station.limits.rf_amplitude, station.limits.detector)
+    limits = station.limits
+    return Limits(limits.optical_power, limits.rf_amplitude, limits.detector, limits.amplified_power)
+
+
+def _train(reach: _Reach) -> OpticalTrain:
+    """What stands behind the laser."""
+    train = OpticalTrain()
+    for name, section in reach.station.others.items():
+        match section:
+            case PowerMeterSection(tap=tap):
+                train = replace(train, power_meter=reach.open(name), tap=tap)
+            case AmplifierSection(power=power_w):
+                train = replace(train, amplifier=reach.open(name), amplified_w=power_w)
+            case AttenuatorSection(attenuation_db=attenuation_db):
+                train = replace(train, attenuator=reach.open(name), attenuation_db=attenuation_db)
+    return train
 
 
 def _bench(reach: _Reach, observer: Observer) -> Bench:
@@ -162,12 +194,15 @@ def _bench(reach: _Reach, observer: Observer) -> Bench:
             f"the only interlock: stay at the bench and repeat with --attended"
         )
     trigger = station.scope
+    train = _train(reach)
     return Bench(
         awg=reach.open("awg"),
         scope=reach.open("scope"),
         laser=laser,
         dmd=reach.open("dmd"),
         patch_panel=reach.open("patch_panel"),
+        train=train,
+        others={name: reach.open(name) for name in station.others if name not in train.instruments},
         levels=_levels(station),
         limits=_limits(station),
         wiring=Wiring(

@@ -38,6 +38,7 @@ def schema_of(name: str) -> Schema:
     if name == STATION:
         found: Schema = _tidy(_station().model_json_schema())
         del found["properties"]["source"]  # which the reader sets
+        found["additionalProperties"] = False  # a table that no installed driver is for is refused
         return {"$schema": DIALECT, "title": "Station file"} | found
     if name not in protocol_names():
         raise UsageError(f"schema of {name!r}: there is none: choose one of {', '.join(names())}")
@@ -57,7 +58,7 @@ def _station() -> type[BaseModel]:
     """The model of station files whose instruments have one of the installed drivers, told apart by `driver`."""
     sections = {
         role: reduce(or_, (_section(role, name, found.section) for name, found in installed(role).items()))
-        for role in USUAL
+        for role in (*USUAL, *sorted({found.role for found in installed().values()} - USUAL.keys()))
     }
     fields: dict[str, Any] = {role: (section, Field(default_factory=dict)) for role, section in sections.items()}
     return create_model("Station", __base__=Station, __doc__=Station.__doc__, **fields)
@@ -66,7 +67,7 @@ def _station() -> type[BaseModel]:
 def _section(role: str, name: str, section: type[InstrumentSection]) -> Any:
     """The section of one driver; only of the usual one the name may be left out."""
     about = Field(description=section.model_fields["driver"].description)
-    named: dict[str, Any] = {"driver": (Annotated[Literal[name], about], USUAL[role] if USUAL[role] == name else ...)}
+    named: dict[str, Any] = {"driver": (Annotated[Literal[name], about], name if USUAL.get(role) == name else ...)}
     return create_model(name, __base__=section, __doc__=section.__doc__, **named)
 
 

@@ -1,22 +1,25 @@
 """The simulated bench of a station, in this process."""
 
 from collections.abc import Sequence
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import Tlg220Section
-from instruments.laser_table import CommandTable
+from instruments.laser_table import LaserTable
 from instruments.sections import SIMULATED
-from instruments.tektronix_mso6b import Mso6bSection
 from instruments.ti_dlpc900 import TiDlpc900Section
 from instruments.toml_files import describe, read_toml
-from labctl.bench.station import Station
-from labctl.errors import StationError
+from labctl.bench.drivers import VIRTUAL_GROUP
+from labctl.bench.plug_ins import plug_ins
+from labctl.bench.station import USUAL, Station
+from labctl.errors import IMPORT_FAILURES, StationError
 
 if TYPE_CHECKING:  # a bench of real instruments does without
+    from sim_backends.bench import Make
     from sim_backends.bench import SimulatedBench as SimulatedBench
     from sim_backends.faults.bench import FaultyBench
     from sim_backends.faults.specification import Listed
@@ -24,6 +27,8 @@ if TYPE_CHECKING:  # a bench of real instruments does without
 
 SIMULATED_LASER = Path(str(files("sim_backends") / "virtual" / "tlg220" / "commands.toml"))
 """Command table of the simulated laser."""
+SIMULATED_DRIVERS = (*USUAL.values(), "ti-dlpc900")
+"""The drivers whose instruments the simulated bench has without a plug-in."""
 
 
 def with_laser_commands(station: Station) -> Station:
@@ -41,17 +46,16 @@ def simulated_bench(
 ) -> "FaultyBench":
     """The simulated bench of `station`, not started; its laser speaks the station's command table if it names one.
 
-    `faults` befall its instruments, each as `sim_backends.faults.specification` reads it.
+    Its instruments are those that the station's drivers are for, as far as a package simulates them. `faults` befall
+    them, each as `sim_backends.faults.specification` reads it.
 
     Raises:
-        StationError: there is no such fault.
+        StationError: there is no such fault; or a package that simulates an instrument does not load.
     """
     from sim_backends.faults.bench import FaultyBench
     from sim_backends.faults.specification import FaultError, read_fault
     from sim_backends.virtual.alp.instrument import VirtualAlp
     from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
-    from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
-    from sim_backends.virtual.mso6b.instrument import VirtualMso6b
 
     try:
         befalling = [read_fault(fault) for fault in faults]
@@ -60,16 +64,17 @@ def simulated_bench(
     laser = with_laser_commands(station).laser
     laser_table = None
     if isinstance(laser, Tlg220Section) and laser.commands is not None:
-        CommandTable.read(laser.commands)
+        LaserTable.read(laser.commands)
         laser_table = read_toml(laser.commands)
     return FaultyBench(
         befalling,
         _parameters(station),
         twin_seed=station.sim.twin_seed,
+        noise=station.sim.noise,
         host=host,
         port_base=port_base,
         laser_table=laser_table,
-        scope=VirtualMso6b if isinstance(station.scope, Mso6bSection) else VirtualDpo72504dx,
+        plugged_in={role: make for role in station.roles if (make := _plugged_in(station, role)) is not None},
         dmd=VirtualDlpc900 if isinstance(station.dmd, TiDlpc900Section) else VirtualAlp,
     )
 
@@ -79,6 +84,25 @@ def known_faults() -> "list[Listed]":
     from sim_backends.faults.specification import listed
 
     return listed()
+
+
+def _plugged_in(station: Station, role: str) -> "Make | None":
+    """What makes the virtual instrument of a role, given the world; None where no package plugs one in.
+
+    What the entry point names is called with the world, and with what the station says of the instrument as JSON has
+    it.
+    """
+    section = station.section_of(role)
+    point = plug_ins(VIRTUAL_GROUP).get(section.driver)
+    if point is None:
+        return None
+    try:
+        make: Any = point.load()
+    except IMPORT_FAILURES as error:
+        raise StationError(
+            f"{role}.driver = {section.driver!r}: its virtual instrument does not load ({' '.join(str(error).split())})"
+        ) from None
+    return partial(make, section=section.model_dump(mode="json"))
 
 
 def _parameters(station: Station) -> "Parameters":

@@ -7,9 +7,11 @@ which file is wrong and what to do.
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import (
+    BeforeValidator,
+    ConfigDict,
     Field,
     NonNegativeInt,
     PositiveInt,
@@ -17,7 +19,9 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
+from pydantic_core import PydanticCustomError
 
 from instruments.alnair_tlg220 import Tlg220Section
 from instruments.driver import Driver
@@ -27,6 +31,7 @@ from instruments.sections import (
     SIMULATED,
     AwgSection,
     DmdSection,
+    InstrumentSection,
     LaserSection,
     PatchPanelSection,
     ScopeSection,
@@ -35,7 +40,7 @@ from instruments.sections import (
 )
 from instruments.toml_files import TomlError, describe, read_toml
 from instruments.units import Seconds, Volts, Watts
-from labctl.bench.drivers import driver
+from labctl.bench.drivers import driver, installed
 from labctl.errors import StationError
 
 USUAL = {
@@ -45,7 +50,7 @@ USUAL = {
     "dmd": "vialux-alp",
     "patch_panel": "scpi-fibre-switch",
 }
-"""The instruments of a bench, and the driver of each where its section names none."""
+"""The instruments that every bench has, and the driver of each where its section names none."""
 
 ONCE_COMMON = {
     "awg": {"channel", "timeout"},
@@ -66,6 +71,7 @@ class LimitsSection(Section):
     optical_power: Annotated[Watts, Field(description="What laser.power may not exceed.")] = 0.03
     rf_amplitude: Annotated[Volts, Field(description="What awg.amplitude may not exceed.")] = 0.5
     detector: Annotated[Volts, Field(gt=0, description="What a detector may show at most.")] = 1.5
+    amplified_power: Annotated[Watts, Field(description="What may leave the optical amplifier.")] = 0.2
 
 
 class WiringSection(Section):
@@ -104,16 +110,34 @@ class SimSection(Section):
     """
 
     twin_seed: Annotated[NonNegativeInt, Field(description="Which fibre, chip and noise.")] = 1
+    noise: Annotated[
+        Literal["by-trigger", "by-state"],
+        Field(description="New for every trigger; by-state: the same in the same state, for tests, not for results."),
+    ] = "by-trigger"
     parameters: dict[str, float | int | bool | str] = Field(
         {}, description="Physical parameters that differ from their defaults."
     )
 
 
+def _of_any_driver(section: object, info: ValidationInfo) -> object:
+    """The section of an instrument that not every bench has, by the model of its driver, which is known to be there."""
+    if isinstance(section, InstrumentSection):
+        return section
+    if not isinstance(section, Mapping) or not isinstance(section.get("driver"), str):
+        raise PydanticCustomError("extra_forbidden", "unknown key")
+    return installed()[section["driver"]].section.model_validate(section, context=info.context)
+
+
 class Station(Section):
     """A bench as its file describes it; `source` is where it came from, for messages.
 
-    The section of an instrument is the one that its driver declares.
+    The section of an instrument is the one that its driver declares. Besides the instruments that every bench has there
+    may be any others that a driver is installed for, each in the table that its driver names.
     """
+
+    model_config = ConfigDict(extra="allow")
+
+    __pydantic_extra__: dict[str, Annotated[SerializeAsAny[InstrumentSection], BeforeValidator(_of_any_driver)]]
 
     source: str = "built-in station"
     name: Text = "simulated bench"
@@ -127,6 +151,23 @@ class Station(Section):
     durability: DurabilitySection = DurabilitySection()
     calibration: CalibrationSection = CalibrationSection()
     sim: SimSection = SimSection()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _others_have_drivers(cls, values: object) -> object:
+        """A table besides those that every station has must name a driver that is for it.
+
+        Raises:
+            StationError: it names none, or one that is not installed, or not for this table.
+        """
+        if isinstance(values, Mapping):
+            for role in values.keys() - cls.model_fields.keys():
+                if isinstance(section := values[role], Mapping):
+                    if isinstance(name := section.get("driver"), str):
+                        driver(role, name)
+                    elif known := installed(role):
+                        raise StationError(f"{role}.driver is missing: choose one of {', '.join(known)}")
+        return values
 
     @field_validator(*USUAL, mode="before")
     @classmethod
@@ -149,23 +190,38 @@ class Station(Section):
         }
         return model.model_validate(kept, context=info.context)
 
+    @property
+    def others(self) -> Mapping[str, InstrumentSection]:
+        """The sections of the instruments that not every bench has."""
+        return self.__pydantic_extra__
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """Every instrument by name."""
+        return (*USUAL, *self.others)
+
+    def section_of(self, role: str) -> InstrumentSection:
+        """What the file says of an instrument."""
+        section: InstrumentSection = getattr(self, role)
+        return section
+
     def driver_of(self, role: str) -> Driver[Any]:
         """The driver of an instrument.
 
         Raises:
             StationError: it is not installed any more.
         """
-        return driver(role, getattr(self, role).driver)
+        return driver(role, self.section_of(role).driver)
 
     @property
     def addresses(self) -> dict[str, str]:
         """Instrument -> VISA address."""
-        return {role: getattr(self, role).address for role in USUAL}
+        return {role: self.section_of(role).address for role in self.roles}
 
     @property
     def by_hand(self) -> tuple[str, ...]:
         """The instruments that a person sets."""
-        return tuple(role for role in USUAL if self.driver_of(role).by_hand)
+        return tuple(role for role in self.roles if self.driver_of(role).by_hand)
 
     @property
     def simulations(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO, cast
 
 from instruments.bench import Observer
-from instruments.safe_state import UnsafeBench
+from instruments.safe_state import MAY_EMIT, UnsafeBench
 from labctl.bench.recording.wire import Wire
 from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
@@ -93,8 +93,8 @@ class _Supervisor(Observer):
             self._say_if_there(json.dumps(self._lit))
 
     def safe_state(self, error: UnsafeBench | None) -> None:
-        """Seen to, unless the laser did not obey."""
-        self._lit = self._lit and error is not None and "laser" in error.disobeyed
+        """Seen to, unless what emits did not obey."""
+        self._lit = self._lit and error is not None and not error.disobeyed.isdisjoint(MAY_EMIT)
         self._say_if_there(json.dumps(self._lit))
 
     def end(self) -> None:

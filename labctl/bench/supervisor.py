@@ -27,7 +27,8 @@ from pydantic import BaseModel
 
 from instruments.driver import Driver, Opening
 from instruments.errors import InstrumentError, LinkError
-from instruments.safe_state import UnsafeBench, safe_state
+from instruments.interfaces import INTERFACES
+from instruments.safe_state import MAY_EMIT, ORDER, UnsafeBench, in_order, safe_state
 from instruments.sections import SIMULATED
 from labctl.bench.stand_in import Followed, alone, kill_when_stopped, with_a_copy
 from labctl.bench.station import Station
@@ -42,14 +43,10 @@ TELL_EVERY = 10
 """After so many attempts people are told again."""
 AT_ONCE_S = (0.02, 0.05, 0.1)
 """The waits before an instrument that answers, but did not obey, is told again."""
-ORDER = {"laser": "laser off", "awg": "AWG output off", "dmd": "DMD blank", "scope": "oscilloscope stopped"}
-"""The safe state in its order: what is reached with each instrument."""
 UNSAFE = "ended without making the bench safe"
 STOPPED = f"{UNSAFE} (it was stopped with light on, so the supervisor killed it)"
-AT_LAST = f"the supervisor did at last: {ORDER['laser']}"
+AT_LAST = "the supervisor did at last"
 SEEN = "somebody has seen that the laser is dark"
-LIT = "the laser may still emit, switch it off by its key switch"
-NEVER = "the laser could not be reached, switch it off by its key switch"
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR = 0, 1, 2
 
@@ -71,7 +68,11 @@ def within_reach(station: Station) -> tuple[str, ...]:
     A bench simulated in this process ends with it; what is set by hand, only a person can switch off.
     """
     by_hand = station.by_hand
-    return tuple(name for name in ORDER if station.addresses[name] != SIMULATED and name not in by_hand)
+    return tuple(
+        name
+        for name, address in in_order(station.addresses).items()
+        if (name in ORDER or name not in INTERFACES) and address != SIMULATED and name not in by_hand
+    )
 
 
 class _Parent:
@@ -173,33 +174,35 @@ def _see_to_it(
         log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
         text = f"the run {what}"
         events.event("safe state", reached=reached, disobeyed=sorted(disobeyed), by="supervisor", text=text)
-        _tell(text, alarming=by_hand or "laser" in disobeyed)
+        _tell(text, alarming=by_hand or not MAY_EMIT.keys().isdisjoint(disobeyed))
 
     with CommandLog(started=task.log_started) as log, EventLog() as events:
         unsafe = _make_safe(task, drivers, log)
         left = unsafe.disobeyed if unsafe is not None else frozenset()
         outcome = _done(drivers, by_hand=by_hand) if unsafe is None else f", and the supervisor could not: {unsafe}"
-        if goes_on := "laser" in left:
-            outcome += f"; the laser is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min"
+        lit = {name: found for name, found in drivers.items() if name in MAY_EMIT and name in left}
+        may_emit = "; ".join(MAY_EMIT[name] for name in lit)
+        outcome += "".join(f"; the {name} is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min" for name in lit)
         report(end + outcome, left, reached=not (left or by_hand))
         if path is not None:
             events.stored_in(path.parent)
             with suppress(OSError):
                 log.keep_in(path)
         dismiss()
-        if goes_on:
+        if lit:
             say(TRYING)
             for attempt in range(1, ATTEMPTS + 1):
                 pause(AGAIN_S)
-                if _make_safe(task, {"laser": drivers["laser"]}, log) is None:
-                    report(f"{end}, {AT_LAST}", left - {"laser"}, reached=left == {"laser"})
+                if _make_safe(task, lit, log) is None:
+                    done = ", ".join(ORDER[name] for name in lit)
+                    report(f"{end}, {AT_LAST}: {done}", left - lit.keys(), reached=left == lit.keys())
                     return
                 if path is not None and word_in(path.parent) is Word.DARK:
                     log("run", "!", SEEN)
                     return
                 if attempt % TELL_EVERY == 0:
-                    report(f"{end}: {LIT}; tried again {attempt} times", left)
-            report(f"{end}: {NEVER}", left)
+                    report(f"{end}: {may_emit}; tried again {attempt} times", left)
+            report(f"{end}: {may_emit.replace('may still emit', 'could not be reached')}", left)
 
 
 def _make_safe(task: Task, drivers: dict[str, Driver[Any]], log: CommandLog) -> UnsafeBench | None:
@@ -207,7 +210,7 @@ def _make_safe(task: Task, drivers: dict[str, Driver[Any]], log: CommandLog) -> 
 
     def step(name: str) -> Callable[[], None]:
         def make_safe() -> None:
-            section = getattr(task.station, name)
+            section = task.station.section_of(name)
             with closing(
                 drivers[name].open(section, Opening(section.address, log, _nobody, attended=True))
             ) as instrument:
@@ -237,7 +240,7 @@ def _patiently(make_safe: Callable[[], None]) -> None:
 
 
 def _done(drivers: Iterable[str], *, by_hand: bool) -> str:
-    reached = ", ".join(ORDER[name] for name in drivers)
+    reached = ", ".join(ORDER.get(name, f"{name} made safe") for name in drivers)
     laser = "; the laser is set by hand: switch it off by its key switch" if by_hand else ""
     return f", the supervisor did: {reached}{laser}"
 

@@ -26,6 +26,7 @@ COMMANDS = {
     "data": "labctl.commands.data:app",
     "sim": "labctl.commands.sim:app",
     "schema": "labctl.commands.schema:schema",
+    "drivers": "labctl.commands.drivers:drivers",
     "doctor": "labctl.commands.doctor:doctor",
 }
 """Name -> where it is, in the order of `labctl --help`: a function, or `app` for a module of commands.

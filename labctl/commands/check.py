@@ -1,7 +1,8 @@
-"""`labctl check`: is every instrument of the station there and well?"""
+"""`labctl check`: is every instrument of the station there and well, and does it do what labctl takes for granted?"""
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import typer
@@ -9,13 +10,20 @@ import typer
 from labctl.bench.check import NOT_RUN, QUICK_S, check_bench
 from labctl.bench.check import as_json as in_json
 from labctl.bench.station import read_station
-from labctl.commands.access import AttendedOption, access_of
+from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, say, show, table, tell
+from labctl.errors import UsageError
 from labctl.runs.live.logs import CommandLog
+from labctl.studies.open_questions import Asked, ask_bench
 
-DeepOption = Annotated[bool, typer.Option("--deep", help="Self-tests that take minutes, too.")]
+DeepOption = Annotated[
+    bool,
+    typer.Option(
+        "--deep", help="Self-tests that take minutes too, and what documents leave open; with light if --arm."
+    ),
+]
 
 
 def check(
@@ -23,21 +31,31 @@ def check(
     station: StationOption = None,
     attended: AttendedOption = False,
     deep: DeepOption = False,
+    armed: ArmOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Connect, identify and self-test every instrument; no light is switched on."""
+    """Connect, identify and self-test every instrument; no light is switched on, but with --deep --arm."""
+    if armed and not deep:
+        raise UsageError("--arm: this check needs no light: leave it out, or ask for --deep too")
+    described, access, asked = read_station(station), access_of(context, attended=attended, armed=armed), None
     with CommandLog() as log:
         checked = check_bench(
-            read_station(station),
+            described,
             log,
-            access_of(context, attended=attended),
+            access,
             patience_s=math.inf if deep else QUICK_S,
             begins=_tell_of_minutes,
         )
+        well = all(finding.ok for finding in checked.values())
+        if deep and well:
+            asked = ask_bench(described, log, access, light=armed)
     findings = {name: in_json(finding) for name, finding in checked.items()}
-    well = all(finding["ok"] for finding in findings.values())
-    show({"ok": well, "instruments": findings}, as_json, lambda: _print(findings))
-    return DONE if well else FELL_SHORT
+    result: dict[str, Any] = {"ok": well, "instruments": findings}
+    if asked is not None:
+        result |= {"answers": [asdict(answer) for answer in asked.answers], "kept_in": str(asked.path)}
+    show(result, as_json, lambda: _print(findings, asked))
+    agree = asked is None or all(answer.agrees for answer in asked.answers)
+    return DONE if well and agree else FELL_SHORT
 
 
 def _tell_of_minutes(name: str, takes_s: float) -> None:
@@ -45,7 +63,7 @@ def _tell_of_minutes(name: str, takes_s: float) -> None:
         tell(f"{name}: tests itself, which may take {takes_s / 60:.0f} minutes; Ctrl-C stops waiting for it")
 
 
-def _print(findings: dict[str, dict[str, Any]]) -> None:
+def _print(findings: dict[str, dict[str, Any]], asked: Asked | None) -> None:
     table(
         ("instrument", "", "address", "identity", "serial", "firmware", "options"),
         (
@@ -68,6 +86,16 @@ def _print(findings: dict[str, dict[str, Any]]) -> None:
     say("")
     for name, found in findings.items():
         say(found["problem"] or f"{name}: {_self_test(found)}, no errors queued")
+    if asked is not None:
+        say("")
+        table(
+            ("what documents leave open", "", "taken for granted", "found"),
+            (
+                (answer.question, "ok" if answer.agrees else "DIFFERS", answer.assumed, answer.found)
+                for answer in asked.answers
+            ),
+        )
+        say(f"kept in {asked.path}")
 
 
 def _self_test(found: dict[str, Any]) -> str:

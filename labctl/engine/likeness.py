@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from instruments.values import Codes
 from protocols.base import Images, Inputs, Shot, ShotKind
 
-UNLIKELY = 1e-9
-"""How improbable it must be that a channel repeats itself by chance."""
-REPEATED = 0.12
-"""Part of the samples that repeat themselves, before any were compared: noise of some two codes makes it so."""
+UNLIKELY = 1e-7
+"""How improbable it must be that channels repeat themselves by chance."""
+REPEATED = 0.17
+"""Part of the samples that repeat themselves at least: 1 / (2 s sqrt pi), where noise is the digitiser's alone.
+
+Of 5.5 effective bits it has s = 1.65 codes, rounding included (IEEE 1241); light and more noise only make it less.
+"""
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
 SURE = 2.5
@@ -80,7 +83,7 @@ class Likeness:
         self._repeated = self._lit & np.isin(self._picture, references[:1])
         self._last: tuple[int, Codes] | None = None
         self._frozen = np.empty(0, np.int64)  # records in a row that each channel repeated itself
-        self._equal, self._compared = 10 * REPEATED, 10.0  # samples that repeated themselves, of how many
+        self._equal, self._compared = 0.0, 1.0  # samples that repeated themselves, of how many
         self._reference_record: tuple[int, NDArray[np.float32]] | None = None
         self._dark_record: NDArray[np.float32] | None = None
         self._noise = self._most_noise = math.nan  # of the difference of two dark records, as they say, and at most
@@ -102,20 +105,22 @@ class Likeness:
         return self._repetition(begin, part) or self._pictures(begin, part.astype(np.float32), new=first - begin)
 
     def _repetition(self, begin: int, codes: Codes) -> Finding | None:
-        """A channel that gives the same codes again and again, more often than noise would."""
+        """A channel that gives the same codes again and again, more often than noise would; or all of them at once."""
         equal = codes[1:] == codes[:-1]
         whole = equal.all(axis=2)
-        likely = codes.shape[2] * math.log(self._equal / self._compared)
+        likely = codes.shape[2] * math.log(max(REPEATED, self._equal / self._compared))
         self._equal += float(np.count_nonzero(equal))
         self._compared += equal.size
         if self._frozen.size != codes.shape[1] or not whole.any():
             self._frozen = np.zeros(codes.shape[1], np.int64)
-        for place in np.flatnonzero(whole.any(axis=1)) if whole.any() else ():
-            self._frozen = np.where(whole[place], self._frozen + 1, 0)
-            stuck = np.flatnonzero(self._frozen * likely < math.log(UNLIKELY))
+        for shot, again in enumerate(whole, begin + 1) if whole.any() else ():
+            self._frozen = np.where(again, self._frozen + 1, 0)
+            chance = self._frozen * likely
+            if again.all():  # the noise of channels is independent
+                chance = np.full_like(chance, chance.sum())
+            stuck = np.flatnonzero(chance < math.log(UNLIKELY))
             if stuck.size:
-                shot = begin + int(place) + 1
-                since = shot - int(self._frozen[stuck[0]])
+                since = shot - int(self._frozen[stuck].max())
                 which = "all channels" if stuck.size == codes.shape[1] else f"channel {stuck[0] + 1} of the pass"
                 return Finding(
                     since + 1,

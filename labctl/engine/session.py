@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from instruments.bench import Observer, Observers
+from labctl.bench import answers
 from labctl.bench.calibration import newest, warnings
 from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import Access, OpenBench, opened
@@ -75,7 +76,7 @@ def acquire(
             observers.add(profile)
         calibrated = newest(station)
         reference = None if calibrated is None else calibrated.reference()
-        _warn(warnings(reference, station), observers)
+        _warn([*warnings(reference, station), *answers.warnings(station)], observers)
         remember(Path(station.source))
         request = Request(protocol, inputs, station, reference)
         outcome = carry_out(request, open_bench.bench, interruption or Interruption(), acquisition.directory)

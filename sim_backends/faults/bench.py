@@ -1,16 +1,15 @@
 """The simulated bench with faulty instruments, on every transport."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from sim_backends.bench import SimulatedBench
+from sim_backends.bench import Make, SimulatedBench
 from sim_backends.faults.catalogue import Fault, Moment
 from sim_backends.faults.injection import Faulty, Injection
 from sim_backends.parameters import Parameters
 from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.virtual.alp.instrument import VirtualAlp
-from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
-from sim_backends.world.world import World
+from sim_backends.world.world import Noise
 
 
 class Befalling(NamedTuple):
@@ -33,19 +32,21 @@ class FaultyBench(SimulatedBench):
         parameters: Parameters | None = None,
         *,
         twin_seed: int = 1,
+        noise: Noise = "by-trigger",
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
-        scope: Callable[[World], Instrument] = VirtualDpo72504dx,
-        dmd: Callable[[World], Instrument] = VirtualAlp,
+        plugged_in: Mapping[str, Make] | None = None,
+        dmd: Make = VirtualAlp,
     ) -> None:
         super().__init__(
             parameters,
             twin_seed=twin_seed,
+            noise=noise,
             host=host,
             port_base=port_base,
             laser_table=laser_table,
-            scope=scope,
+            plugged_in=plugged_in,
             dmd=dmd,
         )
         self._injections: dict[str, list[Injection]] = {role: [] for role in self._instruments}

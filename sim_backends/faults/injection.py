@@ -1,7 +1,8 @@
 """A faulty instrument: it is between the transports and a virtual one, and passes on what the faults let pass."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from itertools import zip_longest
@@ -105,6 +106,12 @@ class Faulty:
         reply = yield from self._instrument.run(message)
         self._go_on()
         return reply
+
+    @contextmanager
+    def connection(self) -> Iterator["Faulty"]:
+        """As one client has it: the faults are those of all clients."""
+        with self._instrument.connection() as instrument:
+            yield Faulty(instrument, self._injections)
 
     def clear(self) -> None:
         """Device clear."""

@@ -8,6 +8,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -196,6 +197,19 @@ class Quoted(Kind):
 
 
 @dataclass(frozen=True)
+class FileOr(Kind):
+    """A file's path in quotes, or what `other` reads; the value of a file is a path."""
+
+    other: Kind = Integer()
+
+    def parse(self, argument: Argument) -> Any:
+        """The path between the quotes, or the other kind's value."""
+        if text_of(argument)[:1] in ("'", '"'):
+            return PureWindowsPath(quoted.parse(argument))
+        return self.other.parse(argument)
+
+
+@dataclass(frozen=True)
 class Block(Kind):
     """A block of numbers; its value is a read-only view of the received bytes."""
 
@@ -264,6 +278,11 @@ def keyword(*words: str) -> Keyword:
 def number_or_word(minimum: int, maximum: int, *words: str) -> NumberOrWord:
     """A whole number within limits, or one of `words`."""
     return NumberOrWord(number=integer(minimum, maximum), word=keyword(*words))
+
+
+def file_or(kind: Kind) -> FileOr:
+    """A file's path in quotes, or what `kind` reads."""
+    return FileOr(other=kind)
 
 
 def block(dtype: str) -> Block:

@@ -17,8 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sim_backends.scpi.arguments import Kind, Several, nr3, short_form
+from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Argument, Chunk
-from sim_backends.scpi.status import ScpiError
+from sim_backends.scpi.status import NotSimulated, ScpiError
 
 Answer = str | bool | int | float | bytes | memoryview | list[Chunk] | None
 """What a method returns to be sent; None: nothing."""
@@ -237,17 +238,23 @@ class CommandTable:
         commands: The table.
         suffixes: For each node that is declared with `#`, its highest suffix (the lowest is 1).
         default_suffix: What a missing suffix means; None: it may not be missing.
+        family: Every header that instruments like this model have, if they are known.
 
     Attributes:
         find: The command that a header means behind a path, as a query or not; raises ScpiError -113 (undefined) or
-            -114 (bad suffix).
+            -114 (bad suffix), NotSimulated for a header that only the family has.
     """
 
     def __init__(
-        self, commands: Iterable[Command], suffixes: Mapping[str, int] | None = None, default_suffix: int | None = 1
+        self,
+        commands: Iterable[Command],
+        suffixes: Mapping[str, int] | None = None,
+        default_suffix: int | None = 1,
+        family: Family | None = None,
     ) -> None:
         self._limits = suffixes or {}
         self._default_suffix = default_suffix
+        self._family = family
         self._entries: dict[tuple[str, bool], list[_Entry]] = {}
         self.find = lru_cache(_CACHED_SPELLINGS)(self._search)
         for command in commands:
@@ -270,7 +277,17 @@ class CommandTable:
                 suffixes = self._suffixes(entry, [digits for _, digits in parts], whole)
                 if suffixes is not None:
                     return Found(entry.command, suffixes, path_after)
+        if self._family and (known := self._family.known(whole, query=query)):
+            raise NotSimulated(known)
         raise ScpiError(-113, _printable(header))
+
+    def missing(self) -> Iterator[tuple[str, bool]]:
+        """Headers of the family that the table lacks, and whether the query is meant."""
+        for header, query in self._family or ():
+            try:
+                self._search("", header.replace("#", "1"), query)
+            except NotSimulated:
+                yield header, query
 
     def _suffixes(self, entry: _Entry, sent: list[str], header: str) -> tuple[int, ...] | None:
         """The suffixes for `entry`; None: this entry is not meant."""

@@ -29,6 +29,9 @@ TEXTS = {
     -350: "Queue overflow",
     -410: "Query INTERRUPTED",
     -420: "Query UNTERMINATED",
+    2202: "Measurement error, No period found",
+    2216: "Measurement error, No crossing, target waveform",
+    2225: "Measurement error, No waveform to measure",
     2241: "Waveform request is invalid",
     2244: "Source waveform is not active",
 }
@@ -61,6 +64,13 @@ class ScpiError(Exception):
         if self.code > 0:
             return EXECUTION_ERROR
         return {1: COMMAND_ERROR, 2: EXECUTION_ERROR, 3: DEVICE_ERROR, 4: QUERY_ERROR}[-self.code // 100]
+
+
+class NotSimulated(ScpiError):
+    """-113 for a header that instruments of the family have and their twin has not."""
+
+    def __init__(self, header: str) -> None:
+        super().__init__(-113, f"{header} is a real header that is not simulated")
 
 
 class Status:

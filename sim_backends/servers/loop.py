@@ -13,7 +13,7 @@ import threading
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator
-from contextlib import suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from itertools import count
 from typing import NamedTuple, Protocol
 
@@ -41,6 +41,9 @@ class Instrument(Protocol):
 
     def listens(self, begun: bytes) -> bool:
         """Whether it goes on to receive a message that has begun with `begun` and is inside a block."""
+
+    def connection(self) -> AbstractContextManager["Instrument"]:
+        """The instrument as one client has it, entered when it comes and left when all it has sent is executed."""
 
     def clear(self) -> None:
         """Drop pending output and blocked execution (device clear)."""
@@ -83,7 +86,8 @@ class Client(ABC):
 
     def __init__(self, loop: "Loop", instrument: Instrument, reader: Reader | None = None) -> None:
         self.loop = loop
-        self.instrument = instrument
+        self.connection = ExitStack()
+        self.instrument = self.connection.enter_context(instrument.connection())
         self.reader: Reader = reader or MessageReader()
         self.number = 0  # its rank among clients with queries at the same time; the loop gives it
         self.waiting: deque[Request] = deque()
@@ -231,6 +235,7 @@ class Loop:
         if client.blocked:
             client.abandon()
         self._leaving.append(client)
+        self._bid_farewell(client)
 
     def when_idle(self, call: Callable[[], None]) -> None:
         """Call once, as soon as everything that can be executed is executed."""
@@ -301,7 +306,13 @@ class Loop:
         client.blocked = (client.instrument.run(request.message), request.tag)
         if not self._advance(client):
             client.pace()
+        self._bid_farewell(client)
         self._retry_blocked()
+
+    def _bid_farewell(self, client: Client) -> None:
+        """What others send after the last message of a client that leaves, they send to an instrument without it."""
+        if client in self._leaving and not client.waiting and not client.blocked:
+            client.connection.close()
 
     def _retry_blocked(self) -> None:
         while any(self._advance(client) for client in self._clients if client.blocked):
@@ -339,6 +350,7 @@ class Loop:
             if client.blocked:
                 client.abandon()
             if not client.waiting and not client.sending:
+                self._bid_farewell(client)
                 self._leaving.remove(client)
                 self._clients.remove(client)
                 client.close()

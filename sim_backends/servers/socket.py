@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from sim_backends.scpi.messages import Chunk, MessageReader
+from sim_backends.scpi.messages import Chunk, Message, MessageReader
 from sim_backends.servers.disturbed import Disturbed, pieces
 from sim_backends.servers.loop import MOST_WAITING, Client, Instrument, Loop, Reader
 
@@ -138,6 +138,16 @@ class Framing(NamedTuple):
 LINES = Framing(MessageReader, b"\n")
 
 
+class CarriageReturns(MessageReader):
+    """Messages that end at a carriage return, as those of some lasers do; they hold no blocks."""
+
+    def received(self, count: int) -> list[Message]:
+        """As of messages that end at a newline."""
+        room = self.buffer()
+        room[:count] = bytes(room[:count]).replace(b"\r", LINES.ending)
+        return super().received(count)
+
+
 def serve_socket(
     loop: Loop, instrument: Instrument, host: str = "127.0.0.1", port: int = 0, framing: Framing = LINES
 ) -> int:
@@ -170,7 +180,9 @@ class SocketClient(Client):
 
     def disturb(self, disturbed: Disturbed, tag: int) -> None:
         """Send what a fault has made of a reply; faults end it with a newline."""
-        data = disturbed.data if self._ending else disturbed.data.removesuffix(b"\n")
+        data = disturbed.data
+        if self._ending != LINES.ending:
+            data = data.removesuffix(LINES.ending) + self._ending
         if disturbed.late:
             self._late += data
             return

@@ -1,10 +1,12 @@
-"""What the virtual instruments understand, as a document made from their tables of commands.
+"""What the virtual instruments understand and what they lack, as documents made from their tables of commands.
 
-`python -m sim_backends.virtual.catalogue` writes `docs/reference/virtual-instruments.md` of the checkout it runs in.
+`python -m sim_backends.virtual.catalogue` writes `docs/reference/virtual-instruments.md` and
+`docs/reference/not-simulated.md` of the checkout it runs in.
 """
 
 import sys
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from sim_backends.virtual.instrument import COMMON
 from sim_backends.virtual.tlg220.instrument import default_table
 
 DOCUMENT = Path("docs/reference/virtual-instruments.md")
+LACKING = Path("docs/reference/not-simulated.md")
 
 WORKS = "works"
 WITHOUT_EFFECT = "accepted without effect"
@@ -25,8 +28,22 @@ _INTRODUCTION = """\
 
 Every command the virtual instruments understand. Capitals are the short form, `[...]` may be left out, `#` stands for
 a numeric suffix. *Accepted without effect*: the value is checked, kept and read back, and nothing else changes. Any
-other command gets the error that the model gives for an unknown one: -113, or 113 on the oscilloscope. The DLPC900 has
-numbers for commands, and refuses others with its error 3.
+other command gets the error that the model gives for an unknown one: -113, or 113 on the oscilloscope. Where the header
+is one that real instruments of the family have, the error says so: [not simulated](not-simulated.md). The
+DLPC900 has numbers for commands, and refuses others with its error 3.
+
+This document is generated: `python -m sim_backends.virtual.catalogue`.
+"""
+
+_WHAT_IS_LACKING = """\
+# Not simulated
+
+Headers that instruments of these families have by their maker's own list, and that their virtual instruments lack. They
+get the error for an unknown header, -113 or 113, with a text of its own: `Undefined header; CURSor:FUNCtion is a real
+header that is not simulated`. The log of the simulated bench has a line too. Nonsense gets the plain error.
+
+The lists come from the command tree of the package [tm_devices](https://github.com/tektronix/tm_devices), which has the
+Apache License 2.0: only names, and whether there is a command and a query. `#` stands for a numeric suffix.
 
 This document is generated: `python -m sim_backends.virtual.catalogue`.
 """
@@ -66,9 +83,32 @@ def document() -> str:
     return "\n".join(parts)
 
 
+def missing(model: type[VirtualInstrument]) -> list[tuple[str, str]]:
+    """Headers of the model's family that it lacks, and which forms of each."""
+    forms: dict[str, list[str]] = {}
+    for header, query in model.lacks():
+        forms.setdefault(header, []).append("query" if query else "set")
+    return [(header, " and ".join(lacked)) for header, lacked in forms.items()]
+
+
+def lacking() -> str:
+    """The whole document of what is not simulated."""
+    parts = [_WHAT_IS_LACKING]
+    for name, model in models().items():
+        if model.FAMILY:
+            rows = missing(model)
+            headers = len({header for header, _ in model.FAMILY})
+            parts.append(f"## {name}\n\n{len(rows)} of {headers} headers.\n")
+            for subsystem, group in groupby(rows, key=lambda row: row[0].partition(":")[0]):
+                lines = "\n".join(f"| `{header}` | {forms} |" for header, forms in group)
+                parts.append(f"### {subsystem}\n\n| header | not simulated |\n| --- | --- |\n{lines}\n")
+    return "\n".join(parts)
+
+
 def main(root: Path = Path()) -> int:
-    """Write the document below `root`."""
+    """Write both documents below `root`."""
     (root / DOCUMENT).write_text(document(), encoding="utf-8")
+    (root / LACKING).write_text(lacking(), encoding="utf-8")
     return 0
 
 

@@ -1,13 +1,18 @@
 """What every virtual instrument is: a table of commands, IEEE 488.2 status, and the execution of messages."""
 
-from collections.abc import Generator, Mapping, Sequence
-from typing import ClassVar
+import logging
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, ClassVar, Protocol
 
 from sim_backends.scpi.arguments import integer
 from sim_backends.scpi.commands import Action, Command, CommandTable, Query, Setting, reply_header
+from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Chunk, Malformed, Message, Unit
-from sim_backends.scpi.status import ScpiError, Status
+from sim_backends.scpi.status import NotSimulated, ScpiError, Status
 from sim_backends.world.world import World
+
+_logger = logging.getLogger(__name__)
 
 Execution = Generator[list[Chunk] | None, None, list[Chunk]]
 
@@ -36,11 +41,26 @@ ERROR_QUEUE = (
 )
 
 
+class Connected(Protocol):
+    """A virtual instrument as one of its clients has it; the methods are those of `VirtualInstrument`."""
+
+    def run(self, message: Message) -> Execution: ...  # noqa: D102
+    def connection(self) -> AbstractContextManager["Connected"]: ...  # noqa: D102
+    def listens(self, begun: bytes) -> bool: ...  # noqa: D102
+    def clear(self) -> None: ...  # noqa: D102
+    def status_byte(self) -> int: ...  # noqa: D102
+
+
 class VirtualInstrument:
     """One instrument as its clients see it.
 
     A model adds `COMMANDS` and the attributes and methods they name. Nothing a client sends raises: what a command
-    refuses is queued as the model's error, leaves the state as it was, and the rest of the message goes on.
+    refuses is queued as the model's error, leaves the state as it was, and the rest of the message goes on. A header
+    that the model's `FAMILY` has and its commands have not is an error with a text of its own, and a line in the log.
+
+    Args:
+        world: Where its light comes from and goes to.
+        section: What the station file says of it, as JSON has it; a model that is plugged in may heed it.
     """
 
     COMMANDS: ClassVar[tuple[Command, ...]] = ()
@@ -48,20 +68,28 @@ class VirtualInstrument:
     DEFAULT_SUFFIX: ClassVar[int | None] = 1
     IDENTITY: ClassVar[str] = ""
     OPTIONS: ClassVar[str] = "0"
+    FAMILY: ClassVar[Family | None] = None
+    TERMINATOR: ClassVar[bytes] = b"\n"  # of messages and replies on a raw socket
     _TABLE: ClassVar[CommandTable]
 
     def __init_subclass__(cls) -> None:
         """Index the model's table of commands."""
         super().__init_subclass__()
-        cls._TABLE = CommandTable(COMMON + cls.COMMANDS, cls.SUFFIXES, cls.DEFAULT_SUFFIX)
+        cls._TABLE = CommandTable(COMMON + cls.COMMANDS, cls.SUFFIXES, cls.DEFAULT_SUFFIX, cls.FAMILY)
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, section: Mapping[str, Any] | None = None) -> None:
         self.world = world
+        self.section = section or {}
         self.status = Status()
         self.headers = False  # replies begin with the header of their query
         self.verbose = False  # replies use long words
         self._completion_asked = False
         self._replying = False
+
+    @classmethod
+    def lacks(cls) -> Iterator[tuple[str, bool]]:
+        """Headers of the model's family that it does not simulate, and whether the query is meant."""
+        return cls._TABLE.missing()
 
     def run(self, message: Message) -> Execution:
         """Execute `message`; returns its reply as the chunks to send, [] for none.
@@ -88,9 +116,15 @@ class VirtualInstrument:
                     yield _joined(reply, part)
                     reply = []
             except ScpiError as error:
+                if isinstance(error, NotSimulated):
+                    _logger.warning("%s: %s", type(self).__name__, error.detail)
                 part = self.refused(unit, error)
             reply = _joined(reply, part)
         return reply
+
+    def connection(self) -> AbstractContextManager["Connected"]:
+        """The instrument as one client has it, as long as the client is there: as all have it."""
+        return nullcontext(self)
 
     def listens(self, begun: bytes) -> bool:
         """Whether it receives the rest of a message that has begun with `begun`: always."""

@@ -51,7 +51,9 @@ class Scene:
 
     from_s: since when. shown: pictures until the last one stays, repetitions counted; infinite for a loop. state:
     names the pictures and their timing, but not when they started. amplitudes: (1 + n, r). names: one digest a row.
-    latched_s: in slave mode, when pictures were latched so far, `trigger_delay_s` after each edge.
+    latched_s: in slave mode, when pictures were latched so far, `trigger_delay_s` after each edge. lit_s: finite where
+    a dark phase follows so long after each latch: its row then stands behind that of each picture, and counts as a
+    picture of its own in `number`.
     """
 
     from_s: float
@@ -63,6 +65,7 @@ class Scene:
     amplitudes: NDArray[np.float32]
     latched_s: list[float] | None = field(default=None)
     trigger_delay_s: float = 0.0
+    lit_s: float = math.inf
 
     @property
     def still(self) -> bool:
@@ -84,24 +87,42 @@ class Scene:
             self.latched_s.append(latch_s)
 
     def number(self, times: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Number of the picture latched at each of `times`, counted from 0 through all repetitions; -1: none yet."""
+        """Number of the picture latched at each of `times`, counted from 0 through all repetitions; -1: none yet.
+
+        Where there are dark phases, the number of its row.
+        """
         if self.latched_s is not None:
             latched = np.searchsorted(np.array(self.latched_s), times + _SLACK_S, side="right") - 1.0
         elif self.still:
             latched = np.where(times < self.start_s - _SLACK_S, -1.0, 0.0)
         else:
             latched = np.floor((times - self.start_s + _SLACK_S) / self.picture_time_s)
-        return np.asarray(np.clip(latched, -1.0, self.shown - 1), np.int64)
+        picture = np.asarray(np.clip(latched, -1.0, self.shown - 1), np.int64)
+        if math.isinf(self.lit_s):
+            return picture
+        dark = (picture >= 0) & (times - self._picture_s(picture) >= self.lit_s - _SLACK_S)
+        return np.where(picture < 0, -1, 2 * picture + dark)
+
+    def pictures(self, time_s: float) -> int:
+        """How many pictures have been latched by `time_s`."""
+        number = int(self.number(np.array([time_s]))[0])
+        return number + 1 if math.isinf(self.lit_s) else number // 2 + 1
 
     def _row(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.where(number < 0, 0, 1 + number % (len(self.names) - 1))
 
     def _latch_s(self, number: NDArray[np.int64]) -> NDArray[np.float64]:
+        if math.isinf(self.lit_s):
+            return self._picture_s(number)
+        return self._picture_s(number // 2) + np.where(number % 2, self.lit_s, 0.0)
+
+    def _picture_s(self, picture: NDArray[np.int64]) -> NDArray[np.float64]:
+        """When pictures of these numbers were latched (s)."""
         if self.latched_s is not None:
             known = np.array([-math.inf, *self.latched_s])
-            return np.asarray(known[np.maximum(number + 1, 0)], np.float64)
-        latch = self.start_s + (0.0 if self.still else np.maximum(number, 0) * self.picture_time_s)
-        return np.where(number < 0, -math.inf, latch)
+            return np.asarray(known[np.maximum(picture + 1, 0)], np.float64)
+        latch = self.start_s + (0.0 if self.still else np.maximum(picture, 0) * self.picture_time_s)
+        return np.where(picture < 0, -math.inf, latch)
 
 
 def still_scene(from_s: float, before: bytes, state: bytes, amplitudes: NDArray[np.float32]) -> Scene:
@@ -130,6 +151,8 @@ class Pictures:
     def latch(self, counts: NDArray[np.uint16] | None, projection: Projection | None, now_s: float) -> bool:
         """Show pictures, (n, 784) mirrors on, as `projection` says or one for good; whether that is another state."""
         present = self._scenes[-1]
+        if counts is not None and projection is not None and math.isfinite(projection.lit_s):
+            counts = np.stack([counts, np.zeros_like(counts)], axis=1).reshape(-1, counts.shape[1])
         names, amplitudes = self._named(counts)
         state = state_of(names, projection)
         still = len(names) == 1 and (projection is None or not projection.triggered)
@@ -144,12 +167,15 @@ class Pictures:
                 from_s=now_s,
                 start_s=projection.start_s,
                 picture_time_s=projection.picture_time_s,
-                shown=math.inf if projection.loop else len(names) * projection.repeats - projection.left_out,
+                shown=math.inf
+                if projection.loop
+                else len(projection.counts) * projection.repeats - projection.left_out,
                 state=state,
                 names=(name, *names),
                 amplitudes=rows,
                 latched_s=[] if projection.triggered else None,
                 trigger_delay_s=projection.trigger_delay_s,
+                lit_s=projection.lit_s,
             )
         self._keep(scene)
         return state != present.state
@@ -167,7 +193,7 @@ class Pictures:
 
     def latched_count(self, now_s: float) -> int:
         """How many pictures of the present scene have been latched."""
-        return int(self._scenes[-1].number(np.array([now_s]))[0]) + 1
+        return self._scenes[-1].pictures(now_s)
 
     def advance(self, now_s: float) -> None:
         """An edge at the trigger input: in slave mode it latches the next picture."""
@@ -232,4 +258,5 @@ def state_of(names: tuple[bytes, ...], projection: Projection | None) -> bytes:
         projection.triggered,
         *((projection.left_out,) if projection.left_out else ()),
         *((float(projection.trigger_delay_s),) if projection.trigger_delay_s else ()),
+        *((projection.lit_s,) if math.isfinite(projection.lit_s) else ()),
     )

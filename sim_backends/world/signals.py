@@ -1,5 +1,6 @@
 """What travels between the instruments and the world: light, waveforms, patterns, trigger conditions, records."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -104,6 +105,7 @@ class Projection:
         down.
     repeats: how often a finite projection shows all its patterns. left_out: so many of the last repetition are not.
     trigger_delay_s: from an edge at the trigger input to the latch.
+    lit_s: how long each picture is shown before every mirror turns away until the next one; infinite: all the time.
     """
 
     counts: NDArray[np.uint16]
@@ -117,6 +119,7 @@ class Projection:
     repeats: int = 1
     left_out: int = 0
     trigger_delay_s: float = 0.0
+    lit_s: float = math.inf
 
 
 @dataclass(frozen=True)

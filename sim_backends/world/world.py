@@ -4,18 +4,22 @@ The world knows what is on the wires and in the fibres, never why: no label, no 
 The wires: DMD frame synch -> generator's trigger input A, generator's marker 1 -> oscilloscope's AUX input and DMD's
 trigger input. Every random number of a record is a function of the twin's seed, the instruments' state when the
 trigger comes (the pattern on the mirrors, not the ones before or after it in a projection), the acquisition and how
-many triggers were recorded in that state since a setting was last changed. Byte-equality holds on one machine with one
-number of BLAS threads; matrix shapes are kept fixed so that the number of triggers in a record changes nothing.
+many triggers were recorded before: since the world began, or, where noise is "by-state", in that state since a setting
+was last changed. Byte-equality holds on one machine with one number of BLAS threads; matrix shapes are kept fixed so
+that the number of triggers in a record changes nothing.
 """
 
 import math
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backends.optics.launch import Launch
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
 from sim_backends.world.keyed_random import Rekeyed, digest, generator
@@ -36,6 +40,8 @@ from sim_backends.world.triggers import marker_edges
 from sim_backends.world.twin import Setting
 
 CHANNELS = (1, 2, 3, 4)
+Noise = Literal["by-trigger", "by-state"]
+"""New for every trigger, as on a bench; or the same whenever a state is set anew, whatever was measured before."""
 _SHIFT_STEP_S = 2.5e-12
 _ONSET_S = 15e-9  # longer than fibre, chip and filters remember
 _LONGEST_ONSET = 2**22  # samples of a repeated segment that are followed from its first one on
@@ -61,13 +67,17 @@ class VirtualClock:
 class World:
     """The bench's light, from the laser to the oscilloscope's inputs, under the settings of the instruments."""
 
-    def __init__(self, parameters: Parameters | None = None, *, twin_seed: int = 1) -> None:
+    def __init__(
+        self, parameters: Parameters | None = None, *, twin_seed: int = 1, noise: Noise = "by-trigger"
+    ) -> None:
         began = perf_counter()
         self.parameters = parameters or Parameters()
         self.twin_seed = twin_seed
         self.clock = VirtualClock()
         self._light_path = LightPath(self.parameters, twin_seed)
-        self._emission: Emission | None = None
+        self._laser: Emission | None = None
+        self._launch = Launch()
+        self._emission: Emission | None = None  # of the laser as the launch leaves it
         self._lit_from_s = 0.0
         self._playback: Playback | None = None
         self._starts: SegmentStarts | None = None  # of a triggered playback
@@ -83,18 +93,38 @@ class World:
             arrives_s=self.parameters.mirror_arrives_s,
         )
         self._state: bytes | None = None  # names everything but the pictures
-        self._recorded: Counter[bytes] = Counter()
+        self._by_state = noise == "by-state"
+        self._recorded: Counter[bytes] = Counter()  # of every pattern, in this state
+        self._triggers = 0  # recorded since the world began
         self._marker_phases = self._light_phases = np.empty(0)
         self.physics_seconds = perf_counter() - began
 
     def emit(self, emission: Emission | None, *, lit_from_s: float = 0.0) -> None:
         """Laser output; None is dark. Light starts at virtual time `lit_from_s` (a tuning laser is dark until then)."""
-        if emission is not None and emission.power_w <= 0:
-            emission = None
-        if emission != self._emission:
-            self._emission = emission
-            self._changed()
+        self._laser = emission if emission is not None and emission.power_w > 0 else None
+        self._launch_light()
         self._lit_from_s = lit_from_s
+
+    @property
+    def laser_light(self) -> Emission | None:
+        """What leaves the laser now, in front of modulator and fibre; None: it is dark."""
+        return self._laser if self.clock.now >= self._lit_from_s else None
+
+    def amplify(self, power_w: float) -> None:
+        """An amplifier with this output power in the place of the booster behind the modulator; 0: it is off."""
+        self._launch = replace(self._launch, amplified_w=power_w)
+        self._launch_light()
+
+    def attenuate(self, attenuation_db: float) -> None:
+        """An attenuator between booster or amplifier and fibre; infinity: it is shut."""
+        self._launch = replace(self._launch, attenuation_db=attenuation_db)
+        self._launch_light()
+
+    @property
+    def amplified_power_w(self) -> float:
+        """What leaves the amplifier (W); 0 without light."""
+        laser = self.laser_light
+        return 0.0 if laser is None else self._launch.amplified_power_w(self.parameters, laser.power_w)
 
     def play(self, playback: Playback | None) -> None:
         """Generator output; None leaves the modulator idle and the marker without edges."""
@@ -282,6 +312,14 @@ class World:
         if self._starts:
             self._starts.project(projection, self.clock.now)
 
+    def _launch_light(self) -> None:
+        laser, emission = self._laser, None
+        if laser is not None and (transmission := self._launch.transmission(self.parameters, laser.power_w)) > 0:
+            emission = replace(laser, power_w=laser.power_w * transmission)
+        if emission != self._emission:
+            self._emission = emission
+            self._changed()
+
     def _changed(self) -> None:
         self._state = None
         self._recount()
@@ -300,8 +338,9 @@ class World:
         for name in shown:
             if name not in frames:
                 frames[name] = digest(self.twin_seed, self._state, name, acquisition.digest, setting)
-            keys.append(digest(frames[name], self._recorded[name]))
+            keys.append(digest(frames[name], self._recorded[name] if self._by_state else self._triggers))
             self._recorded[name] += 1
+            self._triggers += 1
         return keys
 
     def _setting(

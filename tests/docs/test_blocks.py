@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from instruments.laser_table import DEFAULT_TABLE, UNKNOWN, CommandTable
+from instruments.command_table import UNKNOWN
+from instruments.laser_table import DEFAULT_TABLE, LaserTable
+from instruments.sections import InstrumentSection
 from labctl.bench.drivers import installed
 from labctl.bench.station import Station, read_station
 from labctl.commands.main import main
@@ -48,7 +50,7 @@ def test_a_station_file_is_read(block: str, tmp_path: Path) -> None:
 def test_what_a_new_role_touches_is_there() -> None:
     text = (ROOT / "docs" / "how-to" / "add-an-instrument-role.md").read_text("utf-8")
     named = re.findall(r"`((?:docs|instruments|labctl|sim_backends|tests)/[\w/.-]+)`", text)
-    assert len(named) > 10
+    assert named
     assert not [path for path in named if not (ROOT / path).exists()]
 
 
@@ -56,8 +58,8 @@ def test_the_reference_names_every_driver_and_its_keys() -> None:
     text = (ROOT / "docs" / "reference" / "station.md").read_text("utf-8")
     for name, found in installed().items():
         assert f"`{name}`" in text
-        of_every_driver = Station.model_fields[found.role].annotation.model_fields  # type: ignore[union-attr]
-        assert not [key for key in found.section.model_fields if key not in of_every_driver and f"`{key}`" not in text]
+        own = found.section.model_fields.keys() - InstrumentSection.model_fields.keys()
+        assert not [key for key in own if f"`{key}`" not in text and f"`{found.role}.{key}`" not in text]
 
 
 def test_the_lasers_commands_are_taken() -> None:
@@ -65,7 +67,7 @@ def test_the_lasers_commands_are_taken() -> None:
     table = tomllib.loads(DEFAULT_TABLE.read_text("utf-8"))
     entries = tomllib.loads(block)["commands"]
     assert entries.keys() <= table["commands"].keys()
-    read = CommandTable.model_validate(table | {"commands": table["commands"] | entries})
+    read = LaserTable.model_validate(table | {"commands": table["commands"] | entries})
     assert all(read.commands[name].write != UNKNOWN for name in entries)
 
 

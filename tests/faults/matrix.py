@@ -208,7 +208,7 @@ def carried_out(case: Case, folder: Path) -> Ended:
     table["transport"]["timeout_s"] = TIMEOUT_S
     table["commands"]["is_settled"] |= {"timeout_s": TIMEOUT_S, "poll_s": 0.01}
     written, errors = io.StringIO(), io.StringIO()
-    bench = FaultyBench([Befalling(case.role, case.fault, case.moment)], SMALL, laser_table=table)
+    bench = FaultyBench([Befalling(case.role, case.fault, case.moment)], SMALL, noise="by-state", laser_table=table)
     with bench, short_waits(), contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
         try:
             labctl(

@@ -12,7 +12,7 @@ from instruments.alp_library import AlpOverVisa
 from instruments.errors import InstrumentError
 from instruments.fibre_switch import ScpiFibreSwitch
 from instruments.interfaces import Instrument
-from instruments.laser_table import CommandTable
+from instruments.laser_table import LaserTable
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.values import Drive, EdgeTrigger, Timebase, Vertical
@@ -86,7 +86,7 @@ def _link(addresses: Addresses, role: str, transport: str, timeout_s: float = TI
 
 
 def _laser(addresses: Addresses, transport: str) -> Tlg220:
-    table = CommandTable.read(SIMULATED_LASER)
+    table = LaserTable.read(SIMULATED_LASER)
     settling = table.commands["is_settled"].model_copy(update={"timeout_s": TIMEOUT_S, "poll_s": 0.01})
     hasty = {
         "commands": {**table.commands, "is_settled": settling},

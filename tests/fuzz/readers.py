@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from instruments.errors import NotConfigured
-from instruments.laser_table import CommandTable
+from instruments.laser_table import LaserTable
 from labctl.bench import calibration
 from labctl.bench.recording.format import read_recording
 from labctl.bench.station import Station, read_station
@@ -102,7 +102,7 @@ READERS: Mapping[str, Reader] = {
     "station": Reader(read_station, StationError),
     "protocol": Reader(lambda path: read_protocol(str(path), []), ProtocolError),
     "experiment": Reader(_experiment, (ExperimentError, ProtocolError)),
-    "laser table": Reader(CommandTable.read, NotConfigured),
+    "laser table": Reader(LaserTable.read, NotConfigured),
     "recording": Reader(_recording, RecordingError),
     "run": Reader(_run, RunError),
     "shard": Reader(lambda path: Shard.decode(path.read_bytes(), SHAPE, path.name), RunError),

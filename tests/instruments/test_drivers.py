@@ -16,6 +16,7 @@ from instruments.values import Change, Drive, EdgeTrigger, Loaded, Timebase, Ver
 from instruments.visa import VisaLink, tektronix_event_queue
 from sim_backends.bench import SimulatedBench
 from sim_backends.scpi.status import ScpiError
+from sim_backends.virtual import VirtualAlp
 from sim_backends.virtual.awg70002a.channels import Source
 
 AUX = EdgeTrigger("AUX", 0.5)
@@ -383,20 +384,34 @@ class TestDmd:
         bench.dmd.blank()
         bench.dmd.close()
 
-    def test_a_device_left_allocated_is_taken_over(self, bench: Bench, simulation: SimulatedBench, log: Any) -> None:
-        forgotten = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
-        assert forgotten.query("ALP:DEVALLOC") == "0"
-        forgotten.close()
+    @pytest.mark.parametrize("transport", ["socket", "hislip"])
+    def test_a_device_that_a_client_left_allocated_is_free(
+        self, bench: Bench, simulation: SimulatedBench, log: Any, transport: str
+    ) -> None:
+        for _ in range(20):
+            forgotten = VisaLink(simulation.resources["dmd"][transport], name="dmd", timeout_s=5, transcript=log)
+            assert forgotten.query("ALP:DEVALLOC") == "0"
+            forgotten.close()
         bench.dmd.blank()
 
-    def test_a_device_that_forgot_the_driver_is_made_safe(
+    def test_a_device_that_somebody_has_is_nobody_elses(
         self, bench: Bench, simulation: SimulatedBench, log: Any
     ) -> None:
         pattern = np.full((768, 128), 255, np.uint8)
         bench.dmd.show(pattern)
-        power = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
-        assert [power.query(line) for line in ("ALP:DEVHALT", "ALP:DEVFREE")] == ["0", "0"]
-        power.close()
+        other = VisaLink(simulation.resources["dmd"]["socket"], name="dmd", timeout_s=5, transcript=log)
+        answers = [other.query(line) for line in ("ALP:DEVALLOC", "ALP:DEVHALT", "ALP:DEVFREE")]
+        assert answers == ["1004", "1003", "1003"]
+        other.close()
+        assert bench.dmd.changes() == ()
+        bench.dmd.show(pattern)
+
+    def test_a_device_that_forgot_the_driver_is_made_safe(self, bench: Bench, simulation: SimulatedBench) -> None:
+        pattern = np.full((768, 128), 255, np.uint8)
+        bench.dmd.show(pattern)
+        dmd = simulation._instruments["dmd"]
+        assert isinstance(dmd, VirtualAlp)
+        dmd.reset()
         with pytest.raises(InstrumentError, match="returned 10"):
             bench.dmd.show(pattern)
         bench.dmd.make_safe()

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from instruments.errors import NotConfigured
-from instruments.laser_table import DEFAULT_TABLE, CommandTable
+from instruments.laser_table import DEFAULT_TABLE, LaserTable
 from labctl.bench.simulation import SIMULATED_LASER
 
 
@@ -17,19 +17,19 @@ def write(folder: Path, text: str) -> Path:
 
 def test_the_shipped_table_is_refused_until_somebody_fills_it_in() -> None:
     with pytest.raises(NotConfigured, match=r"alnair_tlg220\.toml: commands\.\w+\.write = '<unknown>'.*manual-laser"):
-        CommandTable.read(DEFAULT_TABLE).require_complete()
+        LaserTable.read(DEFAULT_TABLE).require_complete()
 
 
 def test_a_complete_table_still_has_to_be_verified(tmp_path: Path) -> None:
     text = SIMULATED_LASER.read_text("utf-8").replace("verified = true", "verified = false")
-    table = CommandTable.read(write(tmp_path, text))
+    table = LaserTable.read(write(tmp_path, text))
     table.require_complete()
     with pytest.raises(NotConfigured, match="verified = false"):
         table.require_verified()
 
 
 def test_the_simulated_lasers_table_is_ready() -> None:
-    table = CommandTable.read(SIMULATED_LASER)
+    table = LaserTable.read(SIMULATED_LASER)
     table.require_complete()
     table.require_verified()
 
@@ -44,9 +44,9 @@ def test_the_simulated_lasers_table_is_ready() -> None:
 )
 def test_a_damaged_table_is_named(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(NotConfigured, match=message):
-        CommandTable.read(write(tmp_path, text))
+        LaserTable.read(write(tmp_path, text))
 
 
 def test_a_missing_table_is_named(tmp_path: Path) -> None:
     with pytest.raises(NotConfigured, match=r"nowhere\.toml"):
-        CommandTable.read(tmp_path / "nowhere.toml")
+        LaserTable.read(tmp_path / "nowhere.toml")

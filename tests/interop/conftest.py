@@ -1,38 +1,19 @@
 """A served bench for drivers nobody here wrote: `labctl sim serve` in a process and an environment of its own."""
 
-import json
-import os
 import re
-import shlex
-import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.truth.served import served
 
 TRANSPORTS = ("socket", "hislip", "vxi11")
 TIMEOUT_MS = 10_000
 
 Resources = dict[str, dict[str, str]]
 Open = Callable[[str], Any]
-
-_SERVE = (sys.executable, "-c", "from labctl.commands.main import main; main()")
-
-
-@contextmanager
-def served(*options: str) -> Iterator[Resources]:
-    """Addresses of a bench served by the command in `LABCTL` (by this interpreter without it)."""
-    command = shlex.split(os.environ["LABCTL"]) if "LABCTL" in os.environ else _SERVE
-    with subprocess.Popen([*command, "sim", "serve", "--json", *options], stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        yield json.loads(server.stdout.readline())["resources"]
-        server.send_signal(signal.SIGTERM)
-        server.communicate(timeout=30)
-    assert server.returncode == 0
 
 
 @pytest.fixture(scope="session")
@@ -98,7 +79,8 @@ def lit(resources: Resources, visa: Open) -> Iterator[None]:
     dmd.query("*RST;*OPC?")
     assert dmd.query("ALP:DEVALLOC") == "0"
     sequence = dmd.query("ALP:SEQALLOC 1,1").removeprefix("0,")
-    assert dmd.query(f"ALP:SEQCONTROL {sequence},2110,2") == "0"
+    for line in ("SEQCONTROL {},2110,2", "SEQCONTROL {},2104,2106", "SEQTIMING {},0,0,0,0,0"):
+        assert dmd.query("ALP:" + line.format(sequence)) == "0"
     half = (b"\xff" * 128 + b"\x00" * 128) * 384
     dmd.write_raw(f"ALP:SEQPUT {sequence},0,1,#598304".encode() + half + b"\n")
     assert dmd.read() == "0"

@@ -176,3 +176,30 @@ def test_a_scaled_trace(awg: Any, scope: Any, encoding: str, width: int, samples
     assert axis[-1] == pytest.approx(samples * 40e-12)
     assert 1e-3 < np.ptp(trace) < 1.0, "light that follows the drive"
     assert scope.ask("*ESR?") == "0"
+
+
+@pytest.mark.usefixtures("lit")
+def test_measurements(awg: Any, scope: Any) -> None:
+    upload(awg)
+    awg.ch1.resolution(8)
+    awg.ch1.setWaveform("mask0")
+    awg.all_output_off("OFF")
+    awg.ch1.state(1)
+    awg.play()
+    set_up(scope)
+    for line in ("TRIGger:A:MODe NORMal", "TRIGger:A:EDGE:SOUrce AUX", "TRIGger:AUXLevel 0.5", "DATa:ENCdg SRIbinary"):
+        scope.write(line)
+    scope.channel[0].set_trace_length(1000)
+    scope.acquisition.stop_after("SEQUENCE")
+    scope.acquisition.state("RUN")
+    assert scope.ask("*OPC?") == "1"
+    trace = scope.channel[0].waveform.trace()
+    slot = scope.measurement[0]
+    slot.source1("CH1")
+    for name, value in (("mean", trace.mean()), ("pk2pk", np.ptp(trace)), ("rms", np.sqrt(np.mean(trace**2)))):
+        assert slot.parameters[name]() == pytest.approx(value, rel=1e-4)
+    scope.statistics.mode("ALL")
+    scope.statistics.reset()
+    assert slot.rms.mean() == slot.rms.max() == slot.rms.min() == pytest.approx(slot.rms())
+    assert slot.rms.stdev() == 0
+    assert scope.ask("*ESR?") == "0"

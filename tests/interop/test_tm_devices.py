@@ -1,7 +1,7 @@
 """tm_devices, the manufacturer's own package, unmodified."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -226,3 +226,49 @@ def test_curves_of_a_6_series(awg_of_six: Any, six: Any) -> None:
     assert float(six.query("WFMOutpre:YMUlt?")) == pytest.approx(0.02 / 6400, rel=1e-4)
     assert np.array_equal(six.curve_query(1), codes)
     assert six.expect_esr(0)
+
+
+def root_mean_square(volts: Any) -> Any:
+    return np.sqrt(np.mean(volts**2))
+
+
+MEASUREMENTS: dict[str, Callable[[Any], Any]] = {
+    "MEAN": np.mean,
+    "PK2PK": np.ptp,
+    "MAXIMUM": np.max,
+    "MINIMUM": np.min,
+    "RMS": root_mean_square,
+}
+
+
+@pytest.mark.usefixtures("lit")
+def test_its_command_tree_measures(awg: Any, scope: Any) -> None:
+    """Their driver of these scopes has no measurements of its own: its command tree and its checks of events have."""
+    test_a_curve(awg, scope)
+    codes = np.array(scope.query_binary("CURVe?", datatype="b", container=list))
+    volts = codes * float(scope.query("WFMOutpre:YMUlt?")) + float(scope.query("WFMOutpre:YZEro?"))
+    immediate, slot = scope.commands.measurement.immed, scope.commands.measurement.meas[8]
+    for place in (immediate, slot):
+        place.source1.write("CH1")
+    slot.state.write("ON")
+    for kind, measure in MEASUREMENTS.items():
+        for place in (immediate, slot):
+            place.type.write(kind)
+            assert place.type.query() == kind
+            assert place.units.query() == '"V"'
+            assert float(place.value.query()) == pytest.approx(measure(volts), rel=1e-5)
+    assert scope.expect_esr(0)
+
+
+def test_its_settings_are_learned_and_restored(scope: Any) -> None:
+    scope.commands.ch[2].scale.write(0.05)
+    learned = scope.commands.lrn.query()
+    scope.reset()
+    scope.write(learned)
+    assert scope.expect_esr(0)
+    assert scope.commands.lrn.query() == learned
+    scope.commands.sav.write(1)
+    scope.reset()
+    scope.commands.rcl.write(1)
+    assert float(scope.commands.ch[2].scale.query()) == 0.05
+    assert scope.expect_esr(0)

@@ -17,7 +17,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from labctl.bench.station import DurabilitySection, Station, WiringSection
+from labctl.bench.station import DurabilitySection, SimSection, Station, WiringSection
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.write import writer
@@ -40,8 +40,8 @@ class Kind:
 
     @property
     def station(self) -> Station:
-        """The simulated bench, wired for bursts."""
-        return Station(wiring=WiringSection(burst=True), durability=self.durability)
+        """The simulated bench, wired for bursts; what was measured before a kill changes no frame."""
+        return Station(wiring=WiringSection(burst=True), durability=self.durability, sim=SimSection(noise="by-state"))
 
 
 def kinds(images: int) -> tuple[Kind, ...]:

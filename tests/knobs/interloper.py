@@ -1,6 +1,7 @@
 """A simulated bench with another client on it, who says one thing at a moment that the run's own messages fix."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import NamedTuple
 
 from sim_backends.bench import SimulatedBench
@@ -93,7 +94,7 @@ class VisitedBench(SimulatedBench):
         moment: Event | None = None,
         visit: Callable[["VisitedBench"], None] = lambda _bench: None,
     ) -> None:
-        super().__init__(parameters)
+        super().__init__(parameters, noise="by-state")
         self.overheard = Overheard()
         self.visited = False
         self._moment = moment
@@ -154,6 +155,11 @@ class _Overheard:
 
     def listens(self, begun: bytes) -> bool:
         return self._instrument.listens(begun)
+
+    @contextmanager
+    def connection(self) -> Iterator["_Overheard"]:
+        with self._instrument.connection() as instrument:
+            yield _Overheard(instrument, self._role, self._hears)
 
 
 def moments(events: Overheard, records: int) -> Mapping[str, Event]:

@@ -1,16 +1,26 @@
 """The protocol on a simulated bench: ranges, passes, order of commands."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
 from instruments.bench import Bench
+from labctl.bench.opening import opened
+from labctl.bench.station import SimSection, Station
 from labctl.engine.inputs import images_for
 from protocols.base import Part, PassStarted, ProtocolError, Record, ShotKind
 from protocols.image_readout import ImageReadout
 
 SMALL = {"images": 40, "reference_every": 20}
+
+
+@pytest.fixture
+def by_state(log: Any) -> Iterator[Bench]:
+    """A bench on which what was measured before changes no frame."""
+    with opened(Station(sim=SimSection(noise="by-state")), log) as found:
+        yield found.bench
 
 
 def test_five_ports_in_two_passes_with_ranges_that_fit(bench: Bench) -> None:
@@ -58,15 +68,15 @@ def test_a_burst_without_its_wiring_is_refused_in_the_dark(bench: Bench, log: An
     assert not log.messages
 
 
-def test_a_run_taken_up_in_the_middle_gives_the_same_frames(bench: Bench, log: Any) -> None:
+def test_a_run_taken_up_in_the_middle_gives_the_same_frames(by_state: Bench, log: Any) -> None:
     protocol = ImageReadout(**SMALL, averages=4)
     images = images_for(protocol)
-    parts = protocol.parts(bench, images)
-    whole = list(protocol.acquire(bench, images, parts))
+    parts = protocol.parts(by_state, images)
+    whole = list(protocol.acquire(by_state, images, parts))
     passes = [event for event in whole if isinstance(event, PassStarted)]
     missing = [Part(pass_.pass_, part.shots[-3:], pass_.scalings) for pass_, part in zip(passes, parts, strict=True)]
     log.messages.clear()
-    again = list(protocol.acquire(bench, images, missing))
+    again = list(protocol.acquire(by_state, images, missing))
     assert [event for event in again if isinstance(event, PassStarted)] == passes
     assert len([text for text in log.sent_to("scope") if text == "ACQuire:STATE RUN"]) == 2 * (1 + 3), "no ranging"
     codes = {(r.pass_.index, r.first): r.frames.codes for r in whole if isinstance(r, Record)}

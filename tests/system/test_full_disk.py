@@ -14,7 +14,13 @@ from labctl.commands.main import main
 from labctl.runs.read.run import open_run
 
 PROTOCOL = ("image-readout", "--set", "images=10", "--set", "ports=2", "--set", "window=0.8 ns")
-STATION = "[durability]\nshots = 2\n[sim.parameters]\nsimulated_modes_limit = 20\nchip_modes = 50\n"
+STATION = """
+[durability]
+shots = 2
+[sim]
+noise = "by-state"
+parameters = { simulated_modes_limit = 20, chip_modes = 50 }
+"""
 APART = ("unshare", "--user", "--map-root-user", "--mount")
 
 

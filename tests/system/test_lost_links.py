@@ -82,7 +82,7 @@ class Proxy:
 
 @pytest.fixture
 def simulation() -> Iterator[SimulatedBench]:
-    with SimulatedBench() as bench:
+    with SimulatedBench(noise="by-state") as bench:
         yield bench
 
 

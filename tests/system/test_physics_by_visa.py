@@ -40,7 +40,8 @@ class PlainClient:
         self.write("patch_panel", "ROUT:OPEN:ALL", "ROUT:CLOS (@1!2)")
         assert self.query("dmd", "ALP:DEVALLOC") == "0"
         self.sequence = int(self.query("dmd", "ALP:SEQALLOC 1,1").split(",")[1])
-        assert self.query("dmd", f"ALP:SEQCONTROL {self.sequence},2110,2") == "0"
+        for line in ("SEQCONTROL {},2110,2", "SEQCONTROL {},2104,2106", "SEQTIMING {},0,0,0,0,0"):
+            assert self.query("dmd", "ALP:" + line.format(self.sequence)) == "0"
         self.write(
             "scope",
             "*RST",
@@ -72,7 +73,7 @@ class PlainClient:
         superpixels[SCENES[scene]] = True
         mirrors = np.zeros((768, 1024), bool)
         mirrors[6:762, 134:890] = np.kron(superpixels, np.ones((27, 27), bool))
-        assert self.query("dmd", "ALP:DEVHALT") == "0"
+        assert self.query("dmd", "ALP:PROJHALT") == "0"
         bits = np.packbits(mirrors, axis=1).ravel()
         self.session["dmd"].write_binary_values(f"ALP:SEQPUT {self.sequence},0,1,", bits.tolist(), datatype="B")
         assert self.session["dmd"].read() == "0"

@@ -40,9 +40,10 @@ def digests(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], s
     """Of runs that were never interrupted."""
     found: dict[tuple[str, ...], str] = {}
     for protocol in (SOFTWARE, BURST):
-        directory = tmp_path_factory.mktemp("whole") / "run"
+        folder = tmp_path_factory.mktemp("whole")
+        directory, station = folder / "run", few_shots_a_shard(folder / "station.toml", 5)
         with pytest.raises(SystemExit):
-            main(["run", *protocol, "--out", str(directory), "--json"])
+            main(["run", *protocol, "--station", str(station), "--out", str(directory), "--json"])
         with open_run(directory) as run:
             found[protocol] = run.digest()
     return found
@@ -57,7 +58,8 @@ def killed(command: list[str], directory: Path, shards: int) -> None:
 
 
 def few_shots_a_shard(path: Path, shots: int) -> Path:
-    path.write_text(f"[wiring]\nburst = true\n[durability]\nshots = {shots}\n", encoding="utf-8")
+    sections = f"[wiring]\nburst = true\n[durability]\nshots = {shots}\n[sim]\nnoise = 'by-state'\n"
+    path.write_text(sections, encoding="utf-8")
     return path
 
 
@@ -140,7 +142,7 @@ def test_a_full_disk_keeps_what_was_stored_and_the_run_goes_on(
 
 @pytest.fixture(scope="module")
 def simulation() -> Iterator[SimulatedBench]:
-    with SimulatedBench() as bench:
+    with SimulatedBench(noise="by-state") as bench:
         yield bench
 
 
@@ -216,7 +218,7 @@ def test_a_station_may_have_new_addresses_and_nothing_else_that_is_new(
     weak.write_text(station.read_text().replace("[laser]", "[laser]\npower = '20 mW'"), encoding="utf-8")
     status, told = labctl("resume", cut, "--station", weak)
     assert (status, told["differences"]) == (2, [{"setting": "station laser.power", "then": 0.03, "now": 0.02}])
-    with SimulatedBench() as moved:
+    with SimulatedBench(noise="by-state") as moved:
         status, resumed = labctl("resume", cut, "--station", station_of(moved, tmp_path / "moved.toml"))
     assert (status, resumed["frames_sha256"]) == (0, digests[SOFTWARE])
 

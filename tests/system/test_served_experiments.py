@@ -87,7 +87,9 @@ def benches(tmp_path_factory: pytest.TempPathFactory, labctl_command: tuple[str,
     """Two processes that serve benches, one cabled as for images, one for time series; and their station files."""
     folder = tmp_path_factory.mktemp("served")
     options = {"projector.toml": "--projector", "straight.toml": "--no-projector"}
-    serve = (*labctl_command, "sim", "serve", "--json", "--twin-seed", str(TWIN))
+    by_state = folder / "by-state.toml"
+    by_state.write_text("[wiring]\nburst = true\n[sim]\nnoise = 'by-state'\n", encoding="utf-8")
+    serve = (*labctl_command, "sim", "serve", "--json", "--twin-seed", str(TWIN), "--station", str(by_state))
     commands = [(*serve, option, "--save-station", str(folder / name)) for name, option in options.items()]
     with ExitStack() as stack:
         servers = [stack.enter_context(subprocess.Popen(one, stdout=subprocess.PIPE, text=True)) for one in commands]
@@ -224,7 +226,7 @@ def twin_in_process(folder: Path, *, projector: bool = True) -> Path:
     """A station file of the same twin in this process, every burst cable there."""
     path = folder / "near.toml"
     wiring = f"[wiring]\nburst = true\nprojector = {str(projector).lower()}\n"
-    path.write_text(f"{wiring}[sim]\ntwin_seed = {TWIN}\n", encoding="utf-8")
+    path.write_text(f"{wiring}[sim]\ntwin_seed = {TWIN}\nnoise = 'by-state'\n", encoding="utf-8")
     return path
 
 

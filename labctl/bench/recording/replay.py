@@ -53,5 +53,9 @@ def redirected(station: Station, benches: Mapping[str, Mapping[str, str]]) -> St
     if resources is None:
         raise StationError(f"{station.source}: no bench with these settings was recorded: repeat the recorded command")
     station = with_laser_commands(station)  # before the new addresses hide that the laser is the simulated one
-    sections = {role: getattr(station, role).model_copy(update={"address": resources[role]}) for role in resources}
+    sections = {
+        role: station.section_of(role).model_copy(update={"address": resources[role]})
+        for role in station.roles
+        if role in resources
+    }
     return station.model_copy(update=sections)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from instruments.safe_state import MAY_EMIT
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.events import EVENTS, Event, EventReader
 from labctl.runs.live.logs import EventLog
@@ -14,9 +15,9 @@ TAIL_BYTES = 1 << 16
 
 
 def disobeys(event: Event) -> bool:
-    """Whether an event says that the laser did not go dark when it was told to."""
+    """Whether an event says that what emits did not go dark when it was told to."""
     disobeyed = event.fields.get("disobeyed")
-    return event.name == "safe state" and isinstance(disobeyed, list) and "laser" in disobeyed
+    return event.name == "safe state" and isinstance(disobeyed, list) and any(name in disobeyed for name in MAY_EMIT)
 
 
 def may_emit(directory: Path) -> bool:

@@ -481,12 +481,12 @@ class RunWriter:
         self._room.before(path, len(image), self._shards)
         replace_file(path, image)
         entry = self._shards.entry(self._next_shard, pass_index, first, epochs.size, image, suspect)
-        self._shards.add(entry)  # before the line: a signal may end this once that is there
-        self._journal.append(entry)
+        self._shards.add(entry)
         if suspect:
             self._unsure.append(entry)
         self._next_shard += 1
         self._latest = path
+        self._journal.append(entry)  # at last: a signal may end this once the line is there
         self._require_untouched()
 
     def _require_untouched(self) -> None:

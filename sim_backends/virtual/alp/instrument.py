@@ -1,12 +1,17 @@
 """The virtual DMD: the calls of the ALP library as lines, each answered by its return code.
 
 `ALP:SEQALLOC 1,10` is AlpSeqAlloc with two arguments; inquiries and allocations answer `code,value`. Source: instrument
-facts 4.2. Sequences play on the virtual clock. In slave mode the generator's marker 1 is the trigger input: every
-segment it plays with a marker latches the next picture. Not simulated: grey scales in time and the dark phase between
-pictures (one binary plane stays for the whole picture time), TRIGGER_IN_DELAY, PROJ_STEP, the trigger's edge.
+facts 4.2 and hardware truth, ALP DMD. The client that has allocated the device holds it until it frees it or its
+connection ends, as a process holds the USB device; others are refused. Sequences play on the virtual clock. In slave
+mode the generator's marker 1 is the trigger input: every segment it plays with a marker latches the next picture. Not
+simulated: grey scales in time (one binary plane stays as long as a picture is shown), TRIGGER_IN_DELAY, PROJ_STEP, the
+trigger's edge. Not known: what stays on the mirrors when a sequence with dark phases has ended; here the darkness.
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +19,12 @@ from numpy.typing import NDArray
 from sim_backends.optics import mirrors
 from sim_backends.optics.mirrors import COLUMNS, ROWS
 from sim_backends.scpi.arguments import block, integer, optional
-from sim_backends.scpi.commands import Action, chunks
-from sim_backends.scpi.messages import Chunk, Unit
+from sim_backends.scpi.commands import Action, Command, chunks
+from sim_backends.scpi.messages import Chunk, Message, Unit
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.alp import codes
 from sim_backends.virtual.alp.sequence import LEAST_PICTURE_US, Sequence
-from sim_backends.virtual.instrument import VirtualInstrument
+from sim_backends.virtual.instrument import COMMON, Execution, VirtualInstrument
 from sim_backends.world.signals import Projection
 from sim_backends.world.world import World
 
@@ -42,6 +47,8 @@ _PROJECTION_CHOICES = {
     codes.INVERSION: (0, 1),
     codes.UPSIDE_DOWN: (0, 1),
 }
+_EVERYBODYS = {"ALP:DEVALLOC", *(command.header for command in COMMON if command.header != "*RST")}
+"""Commands that a client may send who does not hold the device."""
 _NUMBER = integer(-(2**31), 2**31 - 1)
 _TIMES = (integer(), integer(), integer(), integer(), integer())
 
@@ -66,16 +73,19 @@ class VirtualAlp(VirtualInstrument):
         Action("ALP:PROJINQUIRE", "inquire_projection", _NUMBER),
         Action("ALP:PROJSTART", "start_once", _NUMBER),
         Action("ALP:PROJSTARTCONT", "start_for_ever", _NUMBER),
+        Action("ALP:PROJHALT", "halt_projection"),
         Action("ALP:PROJWAIT", "wait"),
     )
 
     def __init__(self, world: World) -> None:
         super().__init__(world)
         self._identifiers = 0
+        self._speaker: AlpConnection | None = None
         self._power_on()
 
     def _power_on(self) -> None:
         self._allocated = False
+        self._holder: AlpConnection | None = None
         self._sequences: dict[int, Sequence] = {}
         self._device = {kind: values[0] for kind, values in _DEVICE_CHOICES.items()}
         self._projection = {kind: values[0] for kind, values in _PROJECTION_CHOICES.items()}
@@ -83,6 +93,30 @@ class VirtualAlp(VirtualInstrument):
         self._ends_s = np.inf  # virtual time at which a finite run is over; infinite for an endless one
         self._frames_to_latch: int | None = None  # by triggers, of a finite run in slave mode
         self.world.show(None)
+
+    @contextmanager
+    def connection(self) -> Iterator["AlpConnection"]:
+        """As one client has it; when the client is gone, what it held is as after power-on.
+
+        Source: alp.h, ALP_USB_RESET, "default: stop running sequences and DLP" after a disconnection.
+        """
+        connection = AlpConnection(self)
+        yield connection
+        if self._holder is connection:
+            self._power_on()
+
+    def run_for(self, connection: "AlpConnection", message: Message) -> Execution:
+        """Execute what a client has sent."""
+        self._speaker = connection
+        try:
+            return (yield from self.run(message))
+        finally:
+            self._speaker = None
+
+    def prepare(self, command: Command, *, query: bool) -> None:
+        """A device that one client holds is no other's: 1003, its library has no such device."""
+        if self._speaker and self._holder not in (None, self._speaker) and command.header not in _EVERYBODYS:
+            raise ScpiError(codes.BAD_DEVICE)
 
     def reset(self) -> None:
         """`*RST`: as after power-on, mirrors floating."""
@@ -104,7 +138,7 @@ class VirtualAlp(VirtualInstrument):
             raise ScpiError(codes.ALREADY_ALLOCATED)
         if serial not in (None, codes.DEFAULT, SERIAL):
             raise ScpiError(codes.NOT_ONLINE)
-        self._allocated = True
+        self._allocated, self._holder = True, self._speaker
         return codes.OK
 
     def free(self) -> int:
@@ -114,10 +148,9 @@ class VirtualAlp(VirtualInstrument):
         return codes.OK
 
     def halt(self) -> int:
-        """`AlpDevHalt`: the picture that is shown now stays."""
+        """`AlpDevHalt`: the mirrors are parked until the next start."""
         self._require_device()
-        if self._active():
-            self.world.hold()
+        self.world.show(None)
         self._shown = None
         return codes.OK
 
@@ -194,8 +227,8 @@ class VirtualAlp(VirtualInstrument):
     # --- projection
 
     def control_projection(self, kind: int, value: int) -> int:
-        """`AlpProjControl`; takes effect with the next start."""
-        self._require_device()
+        """`AlpProjControl`; takes effect with the next start, 1002 while a sequence is shown."""
+        self._require_idle()
         _choose(self._projection, _PROJECTION_CHOICES, kind, value)
         return codes.OK
 
@@ -213,6 +246,14 @@ class VirtualAlp(VirtualInstrument):
     def start_for_ever(self, identifier: int) -> int:
         """`AlpProjStartCont`: the range of frames again and again, until it is halted."""
         self._start(self._sequence(identifier), loop=True)
+        return codes.OK
+
+    def halt_projection(self) -> int:
+        """`AlpProjHalt`: the picture that is shown now stays."""
+        self._require_device()
+        if self._active():
+            self.world.hold()
+        self._shown = None
         return codes.OK
 
     def wait(self) -> int:
@@ -246,6 +287,7 @@ class VirtualAlp(VirtualInstrument):
                 synch_pulse_s=1e-6 * timing[codes.SYNCH_PULSE_WIDTH],
                 synch_high=self._device[codes.SYNCH_POLARITY] == codes.LEVEL_HIGH,
                 repeats=1 if loop else controls[codes.REPEAT],
+                lit_s=math.inf if sequence.uninterrupted else 1e-6 * timing[codes.ILLUMINATE_TIME],
             )
         )
         self.world.clock.advance(SHOW_S)
@@ -288,6 +330,15 @@ class VirtualAlp(VirtualInstrument):
 
     def _free_memory(self) -> int:
         return MEMORY - sum(sequence.memory for sequence in self._sequences.values())
+
+
+class AlpConnection:
+    """The device as one client has it."""
+
+    def __init__(self, device: VirtualAlp) -> None:
+        self.run = partial(device.run_for, self)
+        self.connection = device.connection
+        self.listens, self.clear, self.status_byte = device.listens, device.clear, device.status_byte
 
 
 def _choose(settings: dict[int, int], choices: dict[int, tuple[int, ...]], kind: int, value: int) -> None:

@@ -9,9 +9,9 @@ from sim_backends.optics.mirrors import SIDE
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.alp import codes
 
-LEAST_PICTURE_US = 44
+LEAST_PICTURE_US = 44  # uninterrupted; otherwise that of the shortest illumination and the dark phase
 LEAST_ILLUMINATE_US = 8  # recalled
-DARK_US = 44  # between the pictures, unless they are shown uninterrupted
+DARK_US = 44  # at the end of each picture, unless they are shown uninterrupted
 LONGEST_PICTURE_US = 10_000_000
 LONGEST_DELAY_US = 130_000
 DEFAULT_PICTURE_US = 33_334  # 30 Hz
@@ -32,6 +32,8 @@ class Sequence:
     Attributes:
         controls: what SeqControl sets.
         timing: what SeqTiming sets (us).
+        uninterrupted: whether pictures are shown without dark phase: the binary mode that the latest SeqTiming has
+            activated. A sequence that was not timed since is shown in the mode before (vendor's sample in C).
         counts: mirrors on in every superpixel, (pictures, 784).
     """
 
@@ -82,7 +84,7 @@ class Sequence:
         facts = {
             codes.BIT_PLANES: self.bit_planes,
             codes.PICTURES: self.pictures,
-            codes.LEAST_PICTURE_TIME: LEAST_PICTURE_US,
+            codes.LEAST_PICTURE_TIME: _least_picture_us(uninterrupted=self.uninterrupted),
             codes.LEAST_ILLUMINATE_TIME: LEAST_ILLUMINATE_US,
             **self.controls,
             **self.timing,
@@ -92,22 +94,24 @@ class Sequence:
         return facts[kind]
 
     def set_timing(self, illuminate: int, picture: int, delay: int, width: int, trigger_delay: int) -> None:
-        """`SeqTiming` (us, 0: default); 1005 outside the limits.
+        """`SeqTiming` (us, 0: default); 1005 outside the limits. It activates the binary mode that was set.
 
         Picture and illumination time follow from each other by the dark time; with neither given it is 30 Hz.
         """
-        dark = 0 if self.controls[codes.BINARY_MODE] == codes.UNINTERRUPTED else DARK_US
+        uninterrupted = self.controls[codes.BINARY_MODE] == codes.UNINTERRUPTED
+        dark = 0 if uninterrupted else DARK_US
         picture = picture or (illuminate + dark if illuminate else DEFAULT_PICTURE_US)
         illuminate = illuminate or max(picture - dark, LEAST_ILLUMINATE_US)
         width = width or illuminate
         if not (
-            LEAST_PICTURE_US <= picture <= LONGEST_PICTURE_US
-            and LEAST_ILLUMINATE_US <= illuminate <= picture
+            _least_picture_us(uninterrupted=uninterrupted) <= picture <= LONGEST_PICTURE_US
+            and LEAST_ILLUMINATE_US <= illuminate <= picture - dark
             and 0 <= delay <= min(LONGEST_DELAY_US, picture)
             and 0 < width <= picture
             and 0 <= trigger_delay <= LONGEST_DELAY_US
         ):
             raise ScpiError(codes.PARAMETER_INVALID)
+        self.uninterrupted = uninterrupted
         self.timing = {
             codes.PICTURE_TIME: picture,
             codes.ILLUMINATE_TIME: illuminate,
@@ -115,3 +119,7 @@ class Sequence:
             codes.SYNCH_PULSE_WIDTH: width,
             codes.TRIGGER_IN_DELAY: trigger_delay,
         }
+
+
+def _least_picture_us(*, uninterrupted: bool) -> int:
+    return LEAST_PICTURE_US if uninterrupted else LEAST_ILLUMINATE_US + DARK_US

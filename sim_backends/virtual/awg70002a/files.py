@@ -13,13 +13,14 @@ from sim_backends.scpi.commands import Action, Query, Setting, definite_block
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a import edits
-from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk
 from sim_backends.virtual.awg70002a.sequences import SequenceEntry, SequenceList
 from sim_backends.virtual.awg70002a.seqx import SequenceFile, read_seqx, write_archive
 from sim_backends.virtual.awg70002a.waveforms import Waveform, WaveformList, calendar
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, read_text, read_wfmx, write_text, write_wfmx
+from sim_backends.virtual.disk import CAPACITY, Disk
 from sim_backends.world.world import VirtualClock
 
+FOLDERS = (r"C:\Users\OEM\Documents", r"C:\inetpub\ftproot", r"C:\Program Files\Tektronix\AWG70000\Samples")  # recalled
 NORMALISATION = keyword("NONE", "FSCale", "ZREFerence")
 TEXT_BITS = {"TXT": None, "TXT8": 8, "TXT9": 9, "TXT10": 10}
 _FORMAT = keyword(*TEXT_BITS, "TXT14", "ISF", "TDS", "WFM", "PAT", "TFW", "IQT", "TIQ", "WFMX")
@@ -64,7 +65,7 @@ class MassMemory:
 
     def __init__(self, clock: VirtualClock) -> None:
         self._clock = clock
-        self.disk = Disk()
+        self.disk = Disk(*FOLDERS)
         waveforms = WaveformList(clock)
         self.reset(waveforms, SequenceList(waveforms))
 

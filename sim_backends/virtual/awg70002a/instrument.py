@@ -7,12 +7,14 @@ and channel 2 do not reach the light.
 """
 
 import math
+from importlib.resources import files
 from typing import ClassVar
 
 import numpy as np
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, number_or_word, optional, quoted, real
 from sim_backends.scpi.commands import Action, Command, Query, Setting
+from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import parse
 from sim_backends.scpi.registers import FREQUENCY, STATUS_COMMANDS, WAITING_FOR_TRIGGER, RegisterStatus
 from sim_backends.scpi.status import ScpiError
@@ -47,6 +49,7 @@ class VirtualAwg70002a(VirtualInstrument):
 
     IDENTITY = "TEKTRONIX,AWG70002A,SIM0001,FV:6.1.0123"
     OPTIONS = "03,225"
+    FAMILY = Family(files(__package__).joinpath("family.txt").read_text(encoding="utf-8"), suffix_required=False)
     SUFFIXES: ClassVar = {
         "SOURce": 2,
         "OUTPut": 2,

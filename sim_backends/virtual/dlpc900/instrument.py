@@ -9,6 +9,7 @@ their settings, the edge of TRIG_IN_1, video, images in flash.
 """
 
 import struct
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -30,7 +31,7 @@ from sim_backends.virtual.dlpc900.commands import (
     VIDEO,
     Refusal,
 )
-from sim_backends.virtual.instrument import Execution
+from sim_backends.virtual.instrument import Connected, Execution
 from sim_backends.world.signals import Projection
 from sim_backends.world.world import World
 
@@ -104,6 +105,10 @@ class VirtualDlpc900:
         replies: list[Chunk] = [self.transact(bytes(unit.arguments[0])) for unit in message.units]  # type: ignore[arg-type]
         yield from ()
         return [reply for reply in replies if reply]
+
+    def connection(self) -> AbstractContextManager[Connected]:
+        """As every client has it."""
+        return nullcontext(self)
 
     def listens(self, begun: bytes) -> bool:
         """There are no blocks."""

@@ -4,11 +4,11 @@ The digitiser's noise of a frame comes from that frame's own key, so that the nu
 together changes no byte. Source: instrument facts 2.5, 2.6, 2.8 and 2.10.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from time import perf_counter
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.dpo72504dx.fastframe import READY_S, SUMMARY_FRAMES, FastFrame
 from sim_backends.virtual.dpo72504dx.horizontal import Horizontal, Records
+from sim_backends.virtual.dpo72504dx.mathematics import Math, Reference
 from sim_backends.virtual.dpo72504dx.modes import (
     NO_CODES,
     Codes,
@@ -101,11 +102,12 @@ class AcquisitionSystem(VirtualInstrument):
     FULL_BANDWIDTH_HZ: ClassVar[float]
     BITS: ClassVar[int]  # of its digitiser
 
-    def __init__(self, world: World, *, effective_bits: float) -> None:
-        super().__init__(world)
+    def __init__(self, world: World, section: Mapping[str, Any] | None = None, *, effective_bits: float) -> None:
+        super().__init__(world, section)
         self._digitiser_noise = np.float32(digitiser_noise_codes(effective_bits, self.BITS))
         self._shown: Progress | None = None
         self._traces: dict[int, Trace] = {}
+        self.references = {number: Reference() for number in CHANNELS.values()}
 
     def reset(self) -> None:
         """`*RST`: factory settings."""
@@ -118,6 +120,9 @@ class AcquisitionSystem(VirtualInstrument):
         self.trigger = Trigger()
         self.mode = Mode()
         self.transfer = Transfer()
+        self.math = {number: Math() for number in CHANNELS.values()}
+        for reference in self.references.values():
+            reference.selected = False
         self._planned: Plan | None = None
         self._running = False
         self._ready_s = 0.0  # triggers before this virtual time are none of the acquisition under way
@@ -384,20 +389,46 @@ class AcquisitionSystem(VirtualInstrument):
             raise ScpiError(2241, f"CH{number}: nothing acquired")
         return trace
 
+    def shown(self, source: str) -> bool:
+        """Whether a channel, a computed or a stored waveform is on."""
+        kinds: dict[str, dict[int, Any]] = {"CH": self.channels, "MATH": self.math, "REF": self.references}
+        return bool(kinds[source[:-1]][int(source[-1])].selected)
+
+    def acquired(self, source: str) -> Trace:
+        """The whole waveform of a channel, an expression or a reference; 2241 if there is none."""
+        kind, number = source[:-1], int(source[-1])
+        if kind == "CH":
+            self.pending()
+            if self._shown is not None and self._shown.others is not None:
+                self._shown.codes(self.RECORDS.longest)
+                self._traces = {}
+            return self.acquired_trace(number)
+        if kind == "MATH":
+            return self.math[number].trace(self.acquired)
+        stored = self.references[number].trace
+        if stored is None:
+            raise ScpiError(2241, f"{source}: nothing stored")
+        return stored
+
+    def look_again(self) -> int:
+        """While the oscilloscope runs freely, begin with a new acquisition; returns how many triggers were recorded."""
+        if not self.pending() and self._running:
+            self._look()
+        return self._frames_acquired
+
     def curve(self) -> list[Chunk]:
         """`CURVe?`: the points of every source; 2244 if one is off, 2241 if there is nothing to send.
 
         While the oscilloscope runs freely, each transfer begins with a new acquisition.
         """
-        numbers = [_channel(source) for source in self.transfer.sources]
-        for number in numbers:
-            if not self.channels[number].selected:
-                raise ScpiError(2244, f"CH{number}")
-        if not self.pending() and self._running:
-            self._look()
+        for source in self.transfer.sources:
+            if not self.shown(source):
+                raise ScpiError(2244, source)
+        self.look_again()
         reply: list[Chunk] = []
-        for number in numbers:
-            reply += [b",", *self.acquired_trace(number).curve(self.transfer)]
+        for source in self.transfer.sources:
+            trace = self.acquired_trace(CHANNELS[source]) if source in CHANNELS else self.acquired(source)
+            reply += [b",", *trace.curve(self.transfer)]
         self._sent_new = True
         self.world.clock.advance(READ_S)
         return reply[1:]
@@ -406,7 +437,12 @@ class AcquisitionSystem(VirtualInstrument):
     def preamble(self) -> Preamble:
         """The preamble of the first source; before its first acquisition, of what the settings lead to expect."""
         self.pending()
-        number = _channel(self.transfer.sources[0])
+        source = self.transfer.sources[0]
+        if source not in CHANNELS:
+            if not self.shown(source):
+                raise ScpiError(2244, source)
+            return Preamble(self.acquired(source), self.transfer)
+        number = CHANNELS[source]
         trace = self.trace(number)
         if trace is None:
             vertical, now_s = self.channels[number].vertical, np.array([self.world.clock.now])
@@ -425,13 +461,6 @@ def _parts(whole: Acquisition, points: int) -> tuple[Acquisition, Acquisition]:
     """The first points of an acquisition, and the others."""
     start_s = whole.start_s + points / whole.sample_rate
     return replace(whole, samples=points), replace(whole, samples=whole.samples - points, start_s=start_s)
-
-
-def _channel(source: str) -> int:
-    """The number of a channel that can be sent; 2244 for mathematics and references, of which none is active."""
-    if source not in CHANNELS:
-        raise ScpiError(2244, source)
-    return CHANNELS[source]
 
 
 def _seen(volts: NDArray[np.float32], vertical: Vertical, sample_rate: float) -> NDArray[np.float32]:

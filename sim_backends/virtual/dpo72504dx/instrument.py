@@ -1,19 +1,29 @@
 """The virtual real-time oscilloscope: arming, acquisition, events, and what clients read of them.
 
-Source: instrument facts 2.1 to 2.10. Not simulated: measurements, cursors, mathematics, stored references, pixel maps
-(FastAcq, waveform database) and equivalent time.
+Source: instrument facts 2.1 to 2.10. Not simulated: cursors, histograms, pixel maps (FastAcq, waveform database),
+equivalent time, and whatever else `docs/reference/not-simulated.md` lists.
 """
 
+from importlib.resources import files
 from typing import ClassVar
 
+import numpy as np
+
 from sim_backends.scpi.arguments import boolean, integer, keyword, run_or_stop
-from sim_backends.scpi.commands import Action, Query, Setting, reply_header
-from sim_backends.scpi.messages import Chunk
+from sim_backends.scpi.commands import Action, Query, Setting
+from sim_backends.scpi.family import Family
+from sim_backends.scpi.messages import Chunk, parse
 from sim_backends.scpi.status import EventStatus, ScpiError
 from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
+from sim_backends.virtual.dpo72504dx.autoset import AUTOSET_COMMANDS, Autoset
 from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, Stamps
 from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, RECORDS
+from sim_backends.virtual.dpo72504dx.mathematics import WAVEFORM_COMMANDS
+from sim_backends.virtual.dpo72504dx.measurements import NO_WAVEFORM, Waveform
+from sim_backends.virtual.dpo72504dx.measuring import MEASUREMENT_COMMANDS, SLOTS, Measuring
 from sim_backends.virtual.dpo72504dx.modes import MODE_COMMANDS
+from sim_backends.virtual.dpo72504dx.setups import SETUP_COMMANDS, Setups, learned, readings, told
+from sim_backends.virtual.dpo72504dx.storage import STORAGE_COMMANDS, Storage
 from sim_backends.virtual.dpo72504dx.transfer import PREAMBLE, TRANSFER_COMMANDS, Transfer
 from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_COMMANDS
 from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, VERTICAL_COMMANDS
@@ -25,8 +35,9 @@ class VirtualDpo72504dx(AcquisitionSystem):
 
     IDENTITY = "TEKTRONIX,DPO72504DX,SIM0001,CF:91.1CT FV:10.8.3 Build 3"
     OPTIONS = "STD:Standard record length"
-    SUFFIXES: ClassVar = {"CH": 4}
+    SUFFIXES: ClassVar = {"CH": 4, "MATH": 4, "REF": 4, "MEAS": SLOTS, "SOUrce": 2, "EDGE": 2, "MID": 2}
     DEFAULT_SUFFIX = None
+    FAMILY = Family(files(__package__).joinpath("family.txt").read_text(encoding="utf-8"), suffix_required=True)
     COMMANDS = (
         Setting("HEADer", "headers", boolean),
         Setting("HDR", "headers", boolean),
@@ -61,6 +72,11 @@ class VirtualDpo72504dx(AcquisitionSystem):
         Setting("OPCEXtended", "extended_completion", boolean, effect=False),
         Setting("FASTAcq:STATE", "pixel_maps", boolean),
         *TRANSFER_COMMANDS,
+        *WAVEFORM_COMMANDS,
+        *MEASUREMENT_COMMANDS,
+        *SETUP_COMMANDS,
+        *STORAGE_COMMANDS,
+        *AUTOSET_COMMANDS,
         Action("CLEAR", "forget_acquisitions", keyword("ALL")),
         Setting("DISplay:WAVEform", "display_on", boolean, effect=False),
         Setting("LOCk", "panel_lock", keyword("ALL", "NONe"), effect=False),
@@ -78,6 +94,9 @@ class VirtualDpo72504dx(AcquisitionSystem):
         super().__init__(world, effective_bits=world.parameters.enob)
         self.status: EventStatus = EventStatus()
         self.stamps = Stamps(lambda: self.frames, self.acquired_trace)
+        self.setups = Setups(lambda: learned(self), self.obey)
+        self.storage = Storage(self.setups, self.acquired, self.references, self.reset)
+        self.autoset = Autoset(self)
         self.verbose = True
         self.clears_at_power_on = True
         self.display_on = True
@@ -87,6 +106,7 @@ class VirtualDpo72504dx(AcquisitionSystem):
     def reset(self) -> None:
         """`*RST`: factory settings, but headers, verbosity and masks stay as they are."""
         super().reset()
+        self.measuring = Measuring(self)
         self.enhances_all = False
         self.output_source, self.output_edge = "ATRIGger", "RISing"
         self.extended_completion = False
@@ -114,12 +134,7 @@ class VirtualDpo72504dx(AcquisitionSystem):
 
     def whole_preamble(self) -> str:
         """`WFMOutpre?`: every field in order; with headers on, each behind its name."""
-        fields = [b"".join(setting.answer(self, (), ())).decode("latin-1") for setting in PREAMBLE]
-        if self.headers:
-            headers = [reply_header(setting, (), verbose=self.verbose) for setting in PREAMBLE]
-            names = [headers[0], *(header.rpartition(":")[2] for header in headers[1:])]
-            fields = [f"{name} {field}" for name, field in zip(names, fields, strict=True)]
-        return ";".join(fields)
+        return told(readings(self, PREAMBLE), headers=self.headers)
 
     def lacks_new(self) -> bool:
         """Whether every acquisition was sent already, and none will be taken on demand."""
@@ -130,6 +145,26 @@ class VirtualDpo72504dx(AcquisitionSystem):
         curve = self.curve()
         header = (":CURVE " if self.verbose else ":CURV ") if self.headers else ""
         return [f"{self.whole_preamble()};{header}".encode("latin-1"), *curve]
+
+    # --- measurements and setups
+
+    def measured_waveform(self, source: str) -> Waveform:
+        """What a measurement of `source` looks at, of FastFrame the selected frame; 2225 if there is nothing."""
+        if not self.shown(source):
+            raise ScpiError(NO_WAVEFORM, source)
+        try:
+            trace = self.acquired(source)
+        except ScpiError:
+            raise ScpiError(NO_WAVEFORM, source) from None
+        selected = self.frames.selected[trace.channel].frame if trace.channel else 1
+        frame = min(selected, trace.codes.shape[0]) - 1
+        points = np.asarray(trace.physical()[frame], np.float64)
+        return Waveform(points, trace.start_s, trace.step_s, trace.unit)
+
+    def obey(self, text: str) -> None:
+        """Execute commands of its own, of which none waits; what they are refused is reported."""
+        for _ in self.run(parse(text.encode("latin-1"), [])):
+            raise AssertionError(text)
 
     # --- the rest
 

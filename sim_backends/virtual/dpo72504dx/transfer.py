@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.scpi.arguments import boolean, integer, keyword, quoted, real, several
+from sim_backends.scpi.arguments import boolean, integer, keyword, nr3, quoted, real, several
 from sim_backends.scpi.commands import Action, Query, Setting, definite_block
 from sim_backends.scpi.messages import Chunk
 from sim_backends.virtual.dpo72504dx.horizontal import DIVISIONS, RECORD_SHOWN
@@ -157,16 +157,18 @@ def _within(first: int, last: int, count: int) -> range:
 
 @dataclass(eq=False, slots=True)
 class Trace:
-    """One channel of an acquisition and what its codes mean.
+    """One channel of an acquisition, or what was computed of it, and what its codes mean.
 
     Attributes:
-        channel: 1..4.
+        channel: 1..4, 0 for a computed waveform.
         codes: (frames, samples) int8, 25 codes a division; averages and those of a finer digitiser int16, 256 times as
             fine.
         plan: How the samples were taken.
         vertical: How volts became codes.
         times_s: (frames,) when each frame was triggered, virtual time.
         offsets_s: (frames,) how much later than the grid point of the trigger's sample that sample was taken.
+        values: (frames, samples) of a computed waveform, whose codes are these rounded; None: there is none but codes.
+        unit: Of what the codes mean.
     """
 
     channel: int
@@ -175,15 +177,46 @@ class Trace:
     vertical: Vertical
     times_s: NDArray[np.float64]
     offsets_s: NDArray[np.float64]
+    values: NDArray[np.float64] | None = None
+    unit: str = "V"
 
     @property
     def samples(self) -> int:
         """Samples of each frame."""
         return self.plan.acquisition.samples
 
+    @property
+    def step_s(self) -> float:
+        """Between points."""
+        return 1.0 / self.plan.acquisition.sample_rate
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first frame's first point behind its trigger."""
+        return float(self.offsets_s[0]) - self.plan.trigger_sample * self.step_s
+
+    @property
+    def zero(self) -> float:
+        """What code 0 means: position and offset together."""
+        return self.vertical.offset_v - self.vertical.position_div * self.vertical.scale_v
+
+    def physical(self) -> NDArray[np.float64]:
+        """(frames, samples) in `unit`."""
+        if self.values is not None:
+            return self.values
+        fine = 256 if self.codes.dtype == np.int16 else 1
+        codes = self.codes.astype(np.float64)
+        return codes * (self.vertical.scale_v / CODES_PER_DIVISION / fine) + self.zero
+
+    def sent_as_numbers(self, transfer: Transfer) -> bool:
+        """Whether points go out as the numbers they mean, not as levels: text or floating point of computed ones."""
+        return self.values is not None and (transfer.words == "ASCii" or transfer.number_format == "FP")
+
     def levels(self, transfer: Transfer) -> NDArray[np.generic]:
         """Points (frames, points) in native byte order; no copy when whole frames are wanted as they are."""
         frames, points = transfer.frames(self.codes.shape[0]), transfer.points(self.samples)
+        if self.values is not None and self.sent_as_numbers(transfer):
+            return self.values[frames.start : frames.stop, points.start : points.stop]
         codes = self.codes[frames.start : frames.stop, points.start : points.stop]
         fine = codes.dtype == np.int16
         if transfer.number_format == "FP":
@@ -200,7 +233,8 @@ class Trace:
         """The points that `transfer` asks for, as CURVe? sends them: one block, frame after frame."""
         levels = self.levels(transfer)
         if transfer.words == "ASCii":
-            return [",".join(map(str, levels.ravel().tolist())).encode()]
+            write = nr3 if self.sent_as_numbers(transfer) else str
+            return [",".join(map(write, levels.ravel().tolist())).encode()]
         order = "<" if transfer.byte_order == "LSB" else ">"
         wanted = levels.astype(order + _DTYPES[transfer.number_format, transfer.width], copy=False)
         return definite_block(np.ascontiguousarray(wanted).data.cast("B"))
@@ -215,13 +249,21 @@ class Preamble:
 
     point_order = "LINEAR"
     x_unit = "s"
-    y_unit = "V"
     y_offset = 0.0
+
+    @property
+    def y_unit(self) -> str:
+        """Of the points."""
+        return self.trace.unit
 
     @property
     def point_format(self) -> str:
         """ENV for points that are lowest and highest in turn."""
         return "ENV" if self.trace.plan.enveloped else "Y"
+
+    @property
+    def _source(self) -> str:
+        return f"Ch{self.trace.channel}" if self.trace.channel else "Math"
 
     @property
     def description(self) -> str:
@@ -230,7 +272,7 @@ class Preamble:
         rate = trace.plan.acquisition.sample_rate
         frames = trace.codes.shape[0]
         return (
-            f"Ch{trace.channel}, {'GND' if trace.vertical.grounded else 'DC'} coupling, "
+            f"{self._source}, {'GND' if trace.vertical.grounded else 'DC'} coupling, "
             f"{trace.vertical.scale_v:g} V/div, {trace.samples / rate / DIVISIONS:g} s/div, {trace.samples} points, "
             + (f"{frames} frames, " if frames > 1 else "")
             + f"{_MODES[trace.plan.mode]} mode"
@@ -249,7 +291,7 @@ class Preamble:
     @property
     def x_increment_s(self) -> float:
         """Time between points."""
-        return 1.0 / self.trace.plan.acquisition.sample_rate
+        return self.trace.step_s
 
     @property
     def x_zero_s(self) -> float:
@@ -264,11 +306,12 @@ class Preamble:
 
     @property
     def y_multiplier_v(self) -> float:
-        """Volts a level: 256 times finer with two bytes a point."""
+        """Volts a level: 256 times finer with two bytes a point; 1 where numbers are sent."""
+        if self.trace.sent_as_numbers(self.transfer):
+            return 1.0
         return self.trace.vertical.scale_v / CODES_PER_DIVISION / (256 if self.transfer.width == 2 else 1)
 
     @property
     def y_zero_v(self) -> float:
-        """Position and offset together."""
-        vertical = self.trace.vertical
-        return vertical.offset_v - vertical.position_div * vertical.scale_v
+        """Position and offset together; 0 where numbers are sent."""
+        return 0.0 if self.trace.sent_as_numbers(self.transfer) else self.trace.zero

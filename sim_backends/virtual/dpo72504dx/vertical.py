@@ -19,7 +19,7 @@ BANDWIDTH_HZ = 25e9
 LOWEST_BANDWIDTH_HZ = 5e6
 DESKEW_LIMIT_S = 125e-9
 DESKEW_STEP_S = 40e-12
-HIGHEST_ATTENUATION = 1e6  # recalled
+HIGHEST_ATTENUATION, HIGHEST_ATTENUATION_DB = 1e10, 200  # tm_devices: CH<x>:PROBEFunc
 
 
 class _Ohms(Real):
@@ -50,7 +50,9 @@ VERTICAL_COMMANDS = (
     Setting("CH#:DESKew", "channels#.deskew_s", real(-DESKEW_LIMIT_S, DESKEW_LIMIT_S)),
     Setting("CH#:LABel[:NAMe]", "channels#.label", quoted, effect=False),
     Setting("CH#:PROBEFunc:EXTAtten", "channels#.attenuation", real(1 / HIGHEST_ATTENUATION, HIGHEST_ATTENUATION)),
-    Setting("CH#:PROBEFunc:EXTDBatten", "channels#.attenuation_db", real(-120, 120)),
+    Setting(
+        "CH#:PROBEFunc:EXTDBatten", "channels#.attenuation_db", real(-HIGHEST_ATTENUATION_DB, HIGHEST_ATTENUATION_DB)
+    ),
 )
 
 

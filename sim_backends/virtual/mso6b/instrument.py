@@ -6,10 +6,10 @@ descriptions leave it open: it has an auxiliary input; a record has as many poin
 FastFrame look as `time_stamps` and `trigger_offsets` write them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from sim_backends.scpi.arguments import nr3
 from sim_backends.scpi.status import EventStatus, ScpiError
@@ -42,8 +42,8 @@ class VirtualMso6b(AcquisitionSystem):
     FULL_BANDWIDTH_HZ = BANDWIDTH_HZ
     BITS = BITS
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world, effective_bits=world.parameters.enob_of_12_bits)
+    def __init__(self, world: World, section: Mapping[str, Any] | None = None) -> None:
+        super().__init__(world, section, effective_bits=world.parameters.enob_of_12_bits)
         self.status: EventStatus = EventStatus()
         self.verbose = True
         self.clears_at_power_on = True

@@ -97,10 +97,18 @@ def test_a_self_test_of_minutes_is_run_when_somebody_asks_for_it_and_says_so(
     assert err == "awg: tests itself, which may take 20 minutes; Ctrl-C stops waiting for it\n"
 
 
+HEEDING_CTRL_C = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell turns it off for what it starts behind
+from labctl.commands.main import main
+main(sys.argv[1:])
+"""
+
+
 def test_whoever_does_not_want_to_wait_for_it_stops(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     silent = Befalling("awg", WIRE["no reply"], Moment("*TST?"))
     with station_of(FaultyBench([silent]), tmp_path / "bench.toml") as path:
-        command = (sys.executable, "-m", "labctl", "check", "--deep", "--station", str(path))
+        command = (sys.executable, "-c", HEEDING_CTRL_C, "check", "--deep", "--station", str(path))
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             assert process.stderr is not None
             told = process.stderr.readline()

@@ -22,14 +22,20 @@ def test_every_instrument_has_its_usual_driver_and_some_are_set_by_hand() -> Non
     found = installed()
     assert {role: found[name].role for role, name in USUAL.items()} == {role: role for role in USUAL}
     assert {name for name, one in found.items() if one.by_hand} == {"manual-laser", "manual-patch-panel"}
-    assert set(installed("laser")) == {"alnair-tlg-220", "manual-laser"}
+    assert set(installed("laser")) == {"alnair-tlg-220", "manual-laser", "santec-tsl-570"}
 
 
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("nothing", r"laser\.driver = 'nothing' is not installed: choose one of alnair-tlg-220, manual-laser$"),
-        ("vialux-alp", r"laser\.driver = 'vialux-alp' is a driver of dmd: choose one of alnair-tlg-220, manual-laser$"),
+        (
+            "nothing",
+            r"laser\.driver = 'nothing' is not installed: choose one of alnair-tlg-220, manual-laser, santec-tsl-570$",
+        ),
+        (
+            "vialux-alp",
+            r"laser\.driver = 'vialux-alp' is a driver of dmd: choose one of alnair-tlg-220, manual-laser, san",
+        ),
         ("a\nb" * 100, r"laser\.driver = 'a\\nba\\n\S{3,60} is not installed"),
     ],
 )
@@ -53,4 +59,4 @@ def test_a_package_that_does_not_fit_is_named_and_spoils_nothing_else(
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(StationError, match=rf"laser\.driver = 'their-laser' does not load \(.*{message}\): choose one"):
         driver("laser", "their-laser")
-    assert set(installed("laser")) == {"alnair-tlg-220", "manual-laser"}
+    assert set(installed("laser")) == {"alnair-tlg-220", "manual-laser", "santec-tsl-570"}

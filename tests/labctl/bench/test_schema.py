@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 
 from labctl.bench.schema import STATION, names, schema_of
-from labctl.bench.station import Station, read_station, write_addresses
+from labctl.bench.station import read_station, write_addresses
 from labctl.commands.main import main
 
 ROOT = Path(__file__).parents[3]
@@ -20,7 +20,7 @@ BLOCKS = [
     pytest.param(block, id=f"{path.stem}-{place}")
     for path in sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"])
     for place, block in enumerate(BLOCK.findall(path.read_text("utf-8")))
-    if tomllib.loads(block).keys() & {"protocol", *Station.model_fields}
+    if tomllib.loads(block).keys() & {"protocol", "name", *schema_of(STATION)["properties"]}
 ]
 
 
@@ -65,6 +65,8 @@ STATIONS_THAT_ARE_TAKEN = (
     "[laser]\ndriver = 'alnair-tlg-220'\ncommands = 'table.toml'",
     "[laser]\ndriver = 'manual-laser'\npower = '10 mW'",
     "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'usb'",
+    "[power_meter]\ndriver = 'thorlabs-pm100'\ntap = 0.01",
+    "[amplifier]\ndriver = 'table-amplifier'\npower = '23 dBm'",
     "[dmd]\ndriver = 'ti-dlpc900'\naddress = 'TCPIP0::192.0.2.1::5000::SOCKET'",
 )
 STATIONS_THAT_ARE_NOT = (
@@ -73,6 +75,9 @@ STATIONS_THAT_ARE_NOT = (
     "[awg]\nchannel = 3",
     "[awg]\namplitude = '0.5'",
     "[awg]\namplitude = '0.5 W'",
+    "[power_meter]\ndriver = 'thorlabs-pm100'",
+    "[power_meter]\ntap = 0.01",
+    "[thermometer]\ndriver = 'thorlabs-pm100'",
     "[laser]\npower = '30 V'",
     "[scope]\ntrigger_source = 5",
     "[scope]\ntrigger_slope = 'up'",

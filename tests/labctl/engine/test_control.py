@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from labctl.bench.signals import Interruption, StoppedBySignal
-from labctl.bench.station import Station, WiringSection
+from labctl.bench.station import SimSection, Station, WiringSection
 from labctl.engine.control import Control, controlled
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.live.control_file import Word, ask
@@ -18,6 +18,8 @@ from protocols.image_readout import ImageReadout
 from tests.observers import Follower
 
 BURSTS = Station(wiring=WiringSection(burst=True))
+BY_STATE = BURSTS.model_copy(update={"sim": SimSection(noise="by-state")})
+"""What was measured before changes no frame."""
 SOFTWARE = ImageReadout(images=10, reference_every=3, window=0.8e-9)
 ONE_LEG = ImageReadout(images=5, reference_every=3, window=0.8e-9, ports=(2,))
 BURST = ImageReadout(images=20, timing="burst", window=0.8e-9)
@@ -63,9 +65,9 @@ def test_a_paused_run_is_dark_and_goes_on_to_the_same_frames(protocol: Any, reco
         waited[:] = told(run)
         ask(run, Word.GO_ON)
 
-    acquire(Acquisition(protocol, BURSTS, tmp_path / "whole"))
+    acquire(Acquisition(protocol, BY_STATE, tmp_path / "whole"))
     acquired = acquire(
-        Acquisition(protocol, BURSTS, run),
+        Acquisition(protocol, BY_STATE, run),
         interruption=Interruption(wait=wait),
         observer=Follower(asking(run, **{f"at_{records}": Word.PAUSE})),
     )

@@ -11,6 +11,8 @@ from protocols.base import Images, Shot, ShotKind
 
 PORTS, SAMPLES, EVERY = 4, 50, 10
 NOISE, LIGHT = 2.0, 25.0
+DIGITISER = 1.63
+"""Noise in codes of a channel that has no other, before rounding: 5.5 effective bits."""
 
 
 def plan(images: int) -> list[Shot]:
@@ -76,6 +78,31 @@ def test_few_samples_may_repeat_themselves_by_chance() -> None:
     assert examined(SHOTS, codes) is None
     codes[50:, 1] = codes[50, 1]
     assert examined(SHOTS, codes) is not None
+
+
+def test_all_channels_together_are_told_at_once() -> None:
+    codes = records(SHOTS, samples=3)
+    codes[50] = codes[49]
+    finding = examined(SHOTS, codes)
+    assert finding is not None
+    assert "all channels gave byte-identical traces at shots 49 to 50" in finding.text
+    codes[50, 1] += 1
+    assert examined(SHOTS, codes) is None, "three channels of three samples are so by chance, once in a while"
+
+
+def test_repetitions_that_are_not_in_a_row_do_not_add_up() -> None:
+    codes = records(SHOTS, samples=8)
+    codes[52, 1], codes[55, 1] = codes[51, 1], codes[54, 1]
+    assert examined(SHOTS, codes) is None
+    codes[53, 1] = codes[52, 1]
+    assert examined(SHOTS, codes) is not None
+
+
+def test_a_channel_without_light_repeats_itself_more_often_than_the_others() -> None:
+    codes = records(SHOTS, samples=8)
+    codes[:, 2] = np.rint(np.random.default_rng(5).normal(0, DIGITISER, codes[:, 2].shape))
+    codes[71, 2] = codes[70, 2]
+    assert examined(SHOTS, codes) is None, f"{0.17**8:.1g} a record, and a run has many"
 
 
 @pytest.mark.parametrize("since", [1, 47])

@@ -11,7 +11,7 @@ from instruments.errors import NoTrigger
 from instruments.tektronix_awg70002a import TriggerInput
 from labctl.bench.opening import opened
 from labctl.bench.signals import Interruption
-from labctl.bench.station import Station, WiringSection
+from labctl.bench.station import SimSection, Station, WiringSection
 from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, bytes_needed
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
@@ -23,6 +23,8 @@ from protocols.image_readout import ImageReadout
 from tests.observers import Follower
 
 BURSTS = Station(wiring=WiringSection(burst=True))
+BY_STATE = BURSTS.model_copy(update={"sim": SimSection(noise="by-state")})
+"""What was measured before changes no frame."""
 SHOTS = 22
 PERIOD_SAMPLES, BURST_SAMPLES = 2500, 7500
 ABOVE_ANY_PULSE_V = 4.0
@@ -117,9 +119,9 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, record
     def stop(done: int, _total: int) -> None:
         interruption.requested = done == records
 
-    acquire(Acquisition(protocol, BURSTS, tmp_path / "whole"))
+    acquire(Acquisition(protocol, BY_STATE, tmp_path / "whole"))
     stopped = acquire(
-        Acquisition(protocol, BURSTS, tmp_path / "run"), interruption=interruption, observer=Follower(stop)
+        Acquisition(protocol, BY_STATE, tmp_path / "run"), interruption=interruption, observer=Follower(stop)
     )
     assert not stopped.outcome.complete
     assert resume(Resumption(tmp_path / "run")).complete

@@ -3,6 +3,7 @@
 import socket
 import struct
 from collections.abc import Generator, Iterator
+from contextlib import AbstractContextManager, nullcontext
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from sim_backends.scpi.messages import Chunk, Message
 from sim_backends.servers.frames import HEADER, Kind, data_frames, header
 from sim_backends.servers.hislip import serve_hislip
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.sessions import LARGEST_MESSAGE
 
 Received = tuple[int, int, int, bytes]
@@ -36,6 +37,9 @@ class Echo:
 
     def listens(self, begun: bytes) -> bool:
         return True
+
+    def connection(self) -> AbstractContextManager[Instrument]:
+        return nullcontext(self)
 
 
 class Peer:

@@ -4,11 +4,12 @@ import logging
 import socket
 import threading
 from collections.abc import Generator, Iterator
+from contextlib import AbstractContextManager, nullcontext
 
 import pytest
 
 from sim_backends.scpi.messages import Chunk, Malformed, Message
-from sim_backends.servers.loop import MOST_WAITING, Loop
+from sim_backends.servers.loop import MOST_WAITING, Instrument, Loop
 from sim_backends.servers.socket import serve_socket
 
 
@@ -57,6 +58,9 @@ class Toy:
 
     def listens(self, begun: bytes) -> bool:
         return True
+
+    def connection(self) -> AbstractContextManager[Instrument]:
+        return nullcontext(self)
 
 
 class Wire:

@@ -3,6 +3,7 @@
 import gc
 import struct
 from collections.abc import Generator, Iterator
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from pyvisa.resources import MessageBasedResource
 
 from sim_backends.scpi.messages import Chunk, Message
 from sim_backends.servers.hislip import serve_hislip
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.socket import serve_socket
 from sim_backends.servers.vxi11 import serve_vxi11
 from tests.sim_backends.servers.clients import StockClients
@@ -57,6 +58,9 @@ class Memory:
 
     def listens(self, begun: bytes) -> bool:
         return True
+
+    def connection(self) -> AbstractContextManager[Instrument]:
+        return nullcontext(self)
 
 
 class Server:

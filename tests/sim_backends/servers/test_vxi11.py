@@ -4,6 +4,7 @@ import gc
 import socket
 import struct
 from collections.abc import Generator, Iterator
+from contextlib import AbstractContextManager, nullcontext
 
 import pytest
 from pyvisa.constants import StatusCode
@@ -11,7 +12,7 @@ from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
 
 from sim_backends.scpi.messages import Chunk, Message
-from sim_backends.servers.loop import Loop
+from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.vxi11 import serve_vxi11
 from tests.sim_backends.servers.clients import StockClients
 
@@ -41,6 +42,9 @@ class Echo:
 
     def listens(self, begun: bytes) -> bool:
         return True
+
+    def connection(self) -> AbstractContextManager[Instrument]:
+        return nullcontext(self)
 
 
 class Server:

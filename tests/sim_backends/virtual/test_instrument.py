@@ -19,7 +19,7 @@ from sim_backends.virtual import (
 )
 from sim_backends.virtual.instrument import ERROR_QUEUE
 from sim_backends.world.world import World
-from tests.sim_backends.virtual.watched import Ask, Read
+from tests.sim_backends.virtual.watched import Ask, Read, Watched
 
 
 class Oven(VirtualInstrument):
@@ -178,3 +178,34 @@ def test_nothing_a_client_sends_raises(read: Read, model: Any, data: st.DataObje
             except StopIteration as end:
                 replies += end.value
     assert all(isinstance(chunk, (bytes, memoryview)) for chunk in replies)
+
+
+@pytest.mark.parametrize(
+    ("model", "real", "nonsense", "asked"),
+    [
+        (VirtualDpo72504dx, "CURSor:FUNCtion?", "CURSor:NONSENSE?", "*ESR?;:ALLEv?"),
+        (VirtualAwg70002a, "CALibration:ALL?", "CALibration:NONSENSE?", "*ESR?;:SYSTem:ERRor:ALL?"),
+    ],
+)
+def test_a_real_header_that_is_not_simulated_is_told_apart_from_nonsense(
+    ask: Ask,
+    world: Watched,
+    caplog: pytest.LogCaptureFixture,
+    model: type[VirtualInstrument],
+    real: str,
+    nonsense: str,
+    asked: str,
+) -> None:
+    instrument = model(world)
+    assert ask(instrument, nonsense) == b""
+    assert b"not simulated" not in ask(instrument, asked)
+    assert not caplog.records
+    assert ask(instrument, real) == b""
+    told = ask(instrument, asked).decode()
+    header = real.removesuffix("?")
+    assert told.startswith("32;")
+    assert "113," in told
+    assert f"{header} is a real header that is not simulated" in told
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{model.__name__}: {header} is a real header that is not simulated"
+    ]

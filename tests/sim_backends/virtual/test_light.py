@@ -84,7 +84,7 @@ def test_another_image_and_back(bench: Bench) -> None:
     bench.show(BOTTOM)
     assert likeness(before, bench.curve()) < 0.8
     bench.show(TOP)
-    assert np.array_equal(before, bench.curve())
+    assert likeness(before, bench.curve()) > 0.8
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sim_backends.parameters import Parameters
 from sim_backends.world.signals import AUX, Acquisition, Emission, Playback, Record, TriggerCondition
-from sim_backends.world.world import World
+from sim_backends.world.world import Noise, World
 
 Array = NDArray[np.float32]
 RATE = 25e9
@@ -32,9 +32,13 @@ def playback(seed: int = 0, samples: int = 500) -> Playback:
 
 
 def bench(
-    seed: int = 1, parameters: Parameters | None = None, image: int = 0, patching: dict[int, int] | None = None
+    seed: int = 1,
+    parameters: Parameters | None = None,
+    image: int = 0,
+    patching: dict[int, int] | None = None,
+    noise: Noise = "by-trigger",
 ) -> World:
-    world = World(parameters, twin_seed=seed)
+    world = World(parameters, twin_seed=seed, noise=noise)
     world.emit(LIGHT)
     world.play(playback())
     world.patch(patching or {1: 2, 2: 3, 3: 4, 4: 5})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
 from sim_backends.world.signals import AUX, Acquisition, Playback, Projection, TriggerCondition
-from sim_backends.world.world import World
+from sim_backends.world.world import Noise, World
 from tests.sim_backends.world.light import LIGHT, MARKER, RATE, Array, quiet
 
 PERIOD = 500
@@ -39,8 +39,10 @@ def continuous(volts: Array = VOLTS) -> Playback:
 THREE = triggered(np.tile(VOLTS, 3))
 
 
-def bench(playback: Playback | None = THREE, parameters: Parameters | None = None) -> World:
-    world = World(parameters, twin_seed=1)
+def bench(
+    playback: Playback | None = THREE, parameters: Parameters | None = None, noise: Noise = "by-trigger"
+) -> World:
+    world = World(parameters, twin_seed=1, noise=noise)
     world.emit(LIGHT)
     world.play(playback)
     world.patch({1: 2, 2: 3, 3: 4, 4: 5})
@@ -96,12 +98,12 @@ def test_a_burst_is_a_continuous_drive_within_noise() -> None:
 
 
 def test_patterns_of_a_projection_are_those_shown_one_by_one() -> None:
-    world = bench(continuous())
+    world = bench(continuous(), noise="by-state")
     projection = burst(world, 3)
     times = [coming(world, after_s=projection.start_s + number * PICTURE_S + SYNCH_S)[0] for number in range(3)]
     volts = world.record(WINDOW, np.array(times)).volts
     for frame, pattern in zip(volts, PATTERNS, strict=False):
-        assert np.array_equal(frame, still(pattern, WINDOW))
+        assert np.array_equal(frame, still(pattern, WINDOW, noise="by-state"))
 
 
 def test_the_first_period_of_a_segment_starts_from_idle_light() -> None:
@@ -143,7 +145,7 @@ def test_batch_size_changes_no_byte() -> None:
 
 
 def test_repeats_of_a_pattern_have_noise_of_their_own() -> None:
-    world = bench()
+    world = bench(noise="by-state")
     burst(world, 2, repeats=2)
     volts = world.record(LATER, coming(world, 5)).volts
     assert len(volts) == 4

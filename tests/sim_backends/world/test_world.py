@@ -68,8 +68,31 @@ def test_batch_size_changes_no_byte() -> None:
     assert together.keys == tuple(key for record in alone for key in record.keys)
 
 
-def test_count_restarts_when_the_state_changes() -> None:
-    world = bench()
+def shots_in_turn(world: World, count: int) -> Array:
+    """Records of one picture, another one shown between them."""
+    volts = []
+    for number in range(2 * count):
+        world.show(picture(number % 2))
+        world.clock.advance(10e-6)
+        volts.append(shoot(world).volts[0])
+    return np.array(volts[::2])
+
+
+def test_shots_of_one_picture_scatter_as_triggers_in_a_row_do(spread: tuple[float, Array]) -> None:
+    noise, mean = spread
+    volts = shots_in_turn(bench(), 256)
+    assert volts.std(axis=0).mean() == pytest.approx(noise, rel=0.05)
+    assert distance(volts.mean(axis=0), mean) < 2 * noise / np.sqrt(200)
+    sixteens = volts.reshape(16, 16, 4, 64).mean(axis=1)
+    assert sixteens.std(axis=0, ddof=1).mean() == pytest.approx(volts.std(axis=0, ddof=1).mean() / 4, rel=0.1)
+
+
+def test_the_same_settings_from_the_start_give_the_same_bytes() -> None:
+    assert np.array_equal(shots_in_turn(bench(), 3), shots_in_turn(bench(), 3))
+
+
+def test_noise_by_state_begins_anew_when_the_state_changes() -> None:
+    world = bench(noise="by-state")
     first, second = shoot(world).volts, shoot(world).volts
     world.show(picture(0))  # the same again: no change
     third = shoot(world).volts
@@ -212,7 +235,7 @@ def test_detectors_cannot_exceed_their_limit() -> None:
 
 
 def test_direct_path_sees_no_mirrors() -> None:
-    world = bench(parameters=Parameters(light_path="direct"))
+    world = bench(parameters=Parameters(light_path="direct", trigger_jitter_s=0.0))
     before = shoot(world).volts
     world.show(None)
     world.clock.advance(10e-6)

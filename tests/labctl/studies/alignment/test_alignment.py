@@ -72,7 +72,7 @@ def vertical_scales(directory: Path) -> list[float]:
     scales = [0.0] * len(PORTS)
     for line in (directory / "commands.log").read_text("utf-8").splitlines():
         text = line.split(" ", 3)[-1]
-        if "ACQuire:MODe AVErage" in text:
+        if "HORizontal:FASTframe:STATE ON" in text:
             break
         for channel in range(1, len(PORTS) + 1):
             if text.startswith(f"CH{channel}:SCAle "):

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.virtual import VirtualAlp
+from sim_backends.virtual.alp.instrument import AlpConnection
+from sim_backends.world.keyed_random import digest
 from sim_backends.world.signals import Playback, Projection
-from tests.sim_backends.virtual.watched import Ask, Mirrors, Watched
+from tests.sim_backends.virtual.watched import Ask, Mirrors, Watched, messages
 
 IMAGE = np.random.default_rng(3).integers(0, 256, (768, 128), np.uint8)
 OTHER = np.random.default_rng(4).integers(0, 256, (768, 128), np.uint8)
@@ -45,7 +47,7 @@ def test_halting_keeps_the_picture_and_freeing_does_not(ask: Ask, dmd: VirtualAl
     put(ask, dmd, 0, IMAGE)
     ask(dmd, "ALP:PROJSTARTCONT 1")
     count = len(world.shown)
-    assert ask(dmd, "ALP:DEVHALT") == b"0"
+    assert ask(dmd, "ALP:PROJHALT") == b"0"
     assert len(world.shown) == count
     assert ask(dmd, "ALP:PROJINQUIRE 2400") == b"0,1201"
     assert put(ask, dmd, 0, OTHER) == b"0"
@@ -53,6 +55,17 @@ def test_halting_keeps_the_picture_and_freeing_does_not(ask: Ask, dmd: VirtualAl
     assert ask(dmd, "ALP:DEVFREE") == b"0"
     assert world.picture is None
     assert ask(dmd, "ALP:DEVINQUIRE 2002") == b"1003"
+    assert ask(dmd, "ALP:DEVALLOC\nALP:PROJSTARTCONT 1\nALP:DEVINQUIRE 2003") == b"010050,43690"
+
+
+def test_halting_the_device_parks_the_mirrors(ask: Ask, dmd: VirtualAlp, world: Watched) -> None:
+    put(ask, dmd, 0, IMAGE)
+    assert ask(dmd, "ALP:PROJSTARTCONT 1\nALP:DEVHALT") == b"00"
+    assert world.picture is None
+    assert ask(dmd, "ALP:PROJSTARTCONT 1") == b"0"
+    assert equal(world.picture, IMAGE)
+    assert ask(dmd, "ALP:PROJHALT\nALP:DEVHALT") == b"00"
+    assert world.picture is None
 
 
 @pytest.mark.parametrize(
@@ -107,7 +120,8 @@ def test_inversion_and_upside_down(ask: Ask, dmd: VirtualAlp, world: Watched) ->
     put(ask, dmd, 0, IMAGE)
     assert ask(dmd, "ALP:PROJCONTROL 2306,1\nALP:PROJSTARTCONT 1") == b"00"
     assert equal(world.picture, ~IMAGE)
-    ask(dmd, "ALP:PROJCONTROL 2306,0\nALP:PROJCONTROL 2307,1\nALP:PROJSTARTCONT 1")
+    assert ask(dmd, "ALP:PROJCONTROL 2306,0") == b"1002"
+    ask(dmd, "ALP:PROJHALT\nALP:PROJCONTROL 2306,0\nALP:PROJCONTROL 2307,1\nALP:PROJSTARTCONT 1")
     assert equal(world.picture, IMAGE[::-1])
     assert ask(dmd, "ALP:PROJINQUIRE 2307\nALP:PROJINQUIRE 2300") == b"0,10,2301"
 
@@ -128,7 +142,7 @@ def test_facts_of_the_device(ask: Ask, dmd: VirtualAlp) -> None:
         assert ask(dmd, f"ALP:DEVINQUIRE {kind}") == f"0,{value}".encode()
     assert ask(dmd, "ALP:DEVCONTROL 2005,2009\nALP:DEVINQUIRE 2005") == b"00,2009"
     assert ask(dmd, "ALP:DEVCONTROL 2005,0\nALP:DEVINQUIRE 2005") == b"00,2008"
-    for kind, value in {2200: 1, 2201: 3, 2211: 44, 2103: 1, 2104: 2105, 2100: 1, 2101: 0, 2102: 2}.items():
+    for kind, value in {2200: 1, 2201: 3, 2211: 52, 2103: 1, 2104: 2105, 2100: 1, 2101: 0, 2102: 2}.items():
         assert ask(dmd, f"ALP:SEQINQUIRE 1,{kind}") == f"0,{value}".encode()
 
 
@@ -138,7 +152,8 @@ def test_facts_of_the_device(ask: Ask, dmd: VirtualAlp) -> None:
         (False, "0,0", 33334, 33290),
         (False, "0,1000", 1000, 956),
         (False, "956,0", 1000, 956),
-        (False, "0,44", 44, 8),
+        (False, "0,52", 52, 8),
+        (False, "8,0", 52, 8),
         (True, "0,44", 44, 44),
         (True, "100,0", 100, 100),
         (True, "50,100", 100, 50),
@@ -150,8 +165,9 @@ def test_timing(ask: Ask, dmd: VirtualAlp, uninterrupted: bool, timing: str, pic
     assert ask(dmd, "ALP:SEQINQUIRE 1,2203\nALP:SEQINQUIRE 1,2204") == f"0,{picture}0,{illuminate}".encode()
 
 
-@pytest.mark.parametrize("timing", ["0,43,0,0,0", "0,10000001,0,0,0", "7,44,0,0,0", "200,100,0,0,0", "0,1000,2000,0,0",
-                                    "0,1000,0,2000,0", "0,1000,0,0,200000", "0,200000,140000,0,0"])  # fmt: skip
+@pytest.mark.parametrize("timing", ["0,51,0,0,0", "957,1000,0,0,0", "0,10000001,0,0,0", "7,44,0,0,0", "200,100,0,0,0",
+                                    "0,1000,2000,0,0", "0,1000,0,2000,0", "0,1000,0,0,200000",
+                                    "0,200000,140000,0,0"])  # fmt: skip
 def test_timing_limits(ask: Ask, dmd: VirtualAlp, timing: str) -> None:
     before = ask(dmd, "ALP:SEQINQUIRE 1,2203")
     assert ask(dmd, f"ALP:SEQTIMING 1,{timing}") == b"1005"
@@ -245,6 +261,83 @@ def test_time_costs(ask: Ask, dmd: VirtualAlp, world: Watched) -> None:
     assert world.clock.now - began == pytest.approx(44e-6)
 
 
+DARK = np.zeros_like(IMAGE)
+
+
+def shows(world: Watched, expected: Mirrors) -> bool:
+    """Whether these mirrors are what the light finds now."""
+    return world._pictures.standing(world.clock.now)[0] == digest(on_counts(expected[np.newaxis])[0].tobytes())
+
+
+@pytest.mark.parametrize("halted", ["", "\nALP:PROJHALT"])
+@pytest.mark.parametrize(
+    ("lines", "dark"),
+    [
+        ("", True),
+        ("ALP:SEQCONTROL 1,2104,2106", True),
+        ("ALP:SEQTIMING 1,0,1000,0,0,0\nALP:SEQCONTROL 1,2104,2106", True),
+        ("ALP:SEQCONTROL 1,2104,2106\nALP:SEQTIMING 1,0,1000,0,0,0", False),
+        ("ALP:SEQCONTROL 1,2104,2106\nALP:SEQTIMING 1,0,1000,0,0,0\nALP:SEQCONTROL 1,2104,2105", False),
+    ],
+    ids=["as allocated", "not timed", "timed before", "timed", "timed and set back"],
+)
+def test_timing_activates_the_binary_mode(
+    ask: Ask, dmd: VirtualAlp, world: Watched, lines: str, dark: bool, halted: str
+) -> None:
+    put(ask, dmd, 0, IMAGE)
+    ask(dmd, f"{lines}\nALP:SEQCONTROL 1,2102,0")
+    picture_us = int(ask(dmd, "ALP:SEQINQUIRE 1,2203").split(b",")[1])
+    assert ask(dmd, "ALP:SEQINQUIRE 1,2211") == (b"0,52" if dark else b"0,44")
+    began = world.clock.now
+    assert ask(dmd, "ALP:PROJSTARTCONT 1") == b"0"
+    for place, off in ((0.1, False), (0.9, False), (0.9999, dark), (1.1, False), (1.9999, dark), (7.9999, dark)):
+        world.clock.advance(began + place * 1e-6 * picture_us - world.clock.now)
+        assert shows(world, DARK if off else IMAGE)
+        assert world.pictures_shown() == (int(place) + 1 if dark else 1)
+    ask(dmd, halted)
+    assert shows(world, DARK if dark else IMAGE)
+
+
+def test_a_film_with_dark_phases(ask: Ask, dmd: VirtualAlp, world: Watched) -> None:
+    put(ask, dmd, 0, np.stack([IMAGE, OTHER, IMAGE]), count=3)
+    ask(dmd, "ALP:SEQTIMING 1,0,1000,0,0,0")
+    began = world.clock.now
+    ask(dmd, "ALP:PROJSTART 1")
+    for number, picture in enumerate((IMAGE, OTHER, IMAGE, DARK)):
+        for place, expected in ((0.5, picture), (0.97, DARK)):
+            world.clock.advance(began + (number + place) * 1e-3 - world.clock.now)
+            assert shows(world, expected)
+
+
+def test_a_device_has_one_holder(ask: Ask, world: Watched) -> None:
+    dmd = VirtualAlp(world)
+    with dmd.connection() as one:
+        assert said(one, "ALP:DEVALLOC\nALP:SEQALLOC 1,1\nALP:PROJSTARTCONT 1") == b"00,10"
+        with dmd.connection() as other:
+            assert said(other, "ALP:DEVALLOC") == b"1004"
+            for line in ("DEVHALT", "PROJHALT", "DEVFREE", "SEQALLOC 1,1", "SEQFREE 1", "DEVINQUIRE 2000"):
+                assert said(other, f"ALP:{line}") == b"1003"
+            assert said(other, "*RST") == b""
+            assert said(other, "*IDN?").startswith(b"ViALUX")
+        assert said(one, "ALP:PROJINQUIRE 2400") == b"0,1200"
+    with dmd.connection() as other:
+        assert world.picture is None, "what nobody holds floats"
+        assert said(other, "ALP:DEVALLOC\nALP:DEVINQUIRE 2003\nALP:DEVFREE") == b"00,436900"
+        with dmd.connection() as third:
+            assert said(third, "ALP:DEVALLOC") == b"0"
+        assert said(other, "ALP:DEVALLOC\n*RST\nALP:DEVALLOC") == b"00"
+
+
+def said(connection: AlpConnection, text: str) -> bytes:
+    reply = b""
+    for message in messages(text):
+        try:
+            next(connection.run(message))
+        except StopIteration as end:
+            reply += b"".join(end.value)
+    return reply
+
+
 FRAMES = np.random.default_rng(6).integers(0, 256, (5, 768, 128), np.uint8)
 
 
@@ -278,7 +371,7 @@ def test_an_endless_sequence_halts_at_the_picture_of_then(ask: Ask, film: Virtua
     ask(film, "ALP:DEVCONTROL 2004,2007\nALP:PROJSTARTCONT 2")
     world.clock.advance(7.5e-3)
     assert equal(world.picture, FRAMES[2])
-    assert ask(film, "ALP:PROJWAIT\nALP:DEVHALT\nALP:PROJINQUIRE 2400") == b"100500,1201"
+    assert ask(film, "ALP:PROJWAIT\nALP:PROJHALT\nALP:PROJINQUIRE 2400") == b"100500,1201"
     world.clock.advance(1e-3)
     assert world.pictures_shown() == 1
     projection = world.shown[-1]

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual import VirtualAwg70002a
-from sim_backends.virtual.awg70002a.disk import CAPACITY, Disk
 from sim_backends.virtual.awg70002a.seqx import read_seqx, read_sml
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
+from sim_backends.virtual.disk import CAPACITY, Disk
 from sim_backends.world.world import World
 from tests.sim_backends.virtual.awg70002a.session import block, errors
 from tests.sim_backends.virtual.watched import Ask
@@ -227,7 +227,7 @@ def test_files_outlive_a_reset(ask: Ask, awg: VirtualAwg70002a, world: World) ->
 
 
 def test_the_disk_is_finite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim_backends.virtual.awg70002a.disk.CAPACITY", 10)
+    monkeypatch.setattr("sim_backends.virtual.disk.CAPACITY", 10)
     disk = Disk()
     disk.write("a", memoryview(b"12345678"))
     with pytest.raises(ScpiError, match="-254"):

@@ -1,7 +1,7 @@
-"""The disk of the virtual AWG: a tree of files in memory, this instrument's own. The host's disk is not touched.
+"""The disk of a virtual Tektronix instrument: a tree of files in memory, its own. The host's disk is not touched.
 
-Paths are those of Windows: a drive, backslashes, no difference between capitals and small letters. Capacity and the
-folders that are there from the start are recalled.  Source: instrument facts 1.4.
+Paths are those of Windows: a drive, backslashes, no difference between capitals and small letters. The capacity is
+recalled.  Source: instrument facts 1.4.
 """
 
 from collections.abc import Iterator
@@ -11,7 +11,6 @@ from pathlib import PureWindowsPath
 from sim_backends.scpi.status import ScpiError
 
 DRIVE = "C:"
-FOLDERS = (r"C:\Users\OEM\Documents", r"C:\inetpub\ftproot", r"C:\Program Files\Tektronix\AWG70000\Samples")
 CAPACITY = 2**32  # bytes
 DEEPEST = 64  # folders
 
@@ -29,14 +28,18 @@ def _key(path: PureWindowsPath) -> str:
 
 
 class Disk:
-    """Files by path, and the current drive and folder."""
+    """Files by path, and the current drive and folder.
 
-    def __init__(self) -> None:
+    Args:
+        folders: Those that are there from the start.
+    """
+
+    def __init__(self, *folders: str) -> None:
         self._folders: dict[str, PureWindowsPath] = {}
         self._files: dict[str, tuple[PureWindowsPath, bytearray]] = {}
         self._folder = PureWindowsPath(DRIVE + "\\")
         self._folders[_key(self._folder)] = self._folder
-        for folder in map(PureWindowsPath, FOLDERS):
+        for folder in map(PureWindowsPath, folders):
             for path in (*reversed(folder.parents), folder):
                 self._folders.setdefault(_key(path), path)
 

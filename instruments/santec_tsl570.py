@@ -1,0 +1,206 @@
+"""Santec TSL-570 tunable laser.
+
+Sources of the commands: `qmi/instruments/santec/tsl_570.py` of QMI, which speaks the legacy command set (nm, dBm;
+messages end with CR; one command a message), and `pymeasure/instruments/santec/tsl570.py` for the shutter and for the
+command sets: in the SCPI one, the same headers are in metres.
+"""
+
+import math
+import re
+import time
+from collections.abc import Sequence
+
+from instruments.driver import Driver, LaserRanges
+from instruments.errors import InstrumentError
+from instruments.interfaces import TunableLaser
+from instruments.kept_settings import Setting
+from instruments.sections import LaserSection, Timeout
+from instruments.values import Change, Examination, Identity, Range
+from instruments.visa import VisaLink, scpi_error_queue
+
+POWER = Range(-15.0, 13.0, "dBm")
+"""QMI, from the data sheet. What a unit gives at a wavelength may be less: it then refuses with its own error."""
+ANY_WAVELENGTH = Range(-math.inf, math.inf, "nm")
+"""There are units for several bands: which one this is, it is asked before it is tuned."""
+
+
+class Tsl570Section(LaserSection):
+    """The light source. `armed` allows light."""
+
+    timeout: Timeout = 5.0
+
+
+SETTLING_S, POLL_S = 30.0, 0.1
+WAVELENGTH_TOLERANCE_NM = 0.001
+POWER_TOLERANCE_DB = 0.05
+NO_ALERTS = "No alerts"
+
+LEGACY = Setting("SYSTem:COMMunicate:CODe", "0")
+"""First of all: in the other command set the same number is another wavelength."""
+LEFTOVERS = (
+    Setting("WAVelength:UNIT", "0"),
+    Setting("WAVelength:OFFSet", "0", tolerance=1e-5, unit="nm"),
+    Setting("COHCtrl", "0"),
+    Setting("AM:STATe", "0"),
+    Setting("POWer:UNIT", "0"),
+    Setting("POWer:ATTenuation:AUTo", "1"),
+)
+"""What others leave behind that changes the light, or what numbers mean: units, offset, linewidth, modulation."""
+
+DRIVER = Driver(
+    section=Tsl570Section,
+    open=lambda section, opening: Tsl570(
+        VisaLink(
+            opening.address,
+            name="laser",
+            timeout_s=section.timeout,
+            transcript=opening.transcript,
+            error_queue=scpi_error_queue,
+            write_eol="\r",
+            read_eol="\r",
+        )
+    ),
+    identity=re.compile(r"santec.*TSL-?570", re.IGNORECASE),
+    sent_anew=(
+        *("wavelength_nm", "power_dbm", "emitting", "shutter_closed"),
+        *(setting.command for setting in (LEGACY, *LEFTOVERS)),
+    ),
+    ranges=lambda _section: LaserRanges(ANY_WAVELENGTH, POWER, "driver santec-tsl-570"),
+)
+
+
+class Tsl570(TunableLaser):
+    """A TSL-570 behind its Ethernet socket."""
+
+    switches_itself = True
+
+    def __init__(self, link: VisaLink) -> None:
+        """Drive the laser behind `link`."""
+        self._link = link
+        self._kept: dict[str, str] = {}
+
+    def identify(self) -> Identity:
+        """`*IDN?`."""
+        return Identity.parse(self._link.query("*IDN?"))
+
+    def examine(self) -> Examination:
+        """The error queue, its alerts, and where it tunes."""
+        alert = self._link.query(":SYSTem:ALERt?")
+        errors = (*self._link.errors(), *(() if alert.startswith(NO_ALERTS) else (alert,)))
+        return Examination(errors=errors, limits={"wavelength": self._wavelengths(), "power": POWER})
+
+    def self_test(self) -> None:
+        """Ask whether it emits; it has no test that needs no light."""
+        with self._link.checked():
+            self._link.number(":POWer:STATe?")
+
+    def tune(self, wavelength_nm: float) -> float:
+        """Set the wavelength, wait until it rests, and compare with the read-back (tolerance 1 pm)."""
+        self._clear_up()
+        self._wavelengths().check("laser wavelength", wavelength_nm)
+        with self._link.checked():
+            self._link.write(":WAVelength:FINetuning:DISable")
+            self._link.write(f":WAVelength {wavelength_nm:.4f}")
+        self._settle()
+        return self._confirmed("WAVelength", wavelength_nm, WAVELENGTH_TOLERANCE_NM, "nm")
+
+    def set_power(self, power_w: float) -> float:
+        """Set the output power and compare with the read-back (tolerance 0.05 dB)."""
+        self._clear_up()
+        power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
+        POWER.check("laser power", power_dbm)
+        with self._link.checked():
+            self._link.write(f":POWer {power_dbm:.2f}")
+        self._settle()
+        return _watts(self._confirmed("POWer", power_dbm, POWER_TOLERANCE_DB, "dBm"))
+
+    def power(self) -> float:
+        """What its monitor sees, W."""
+        return _watts(self._link.number(":POWer:ACTual?"))
+
+    def emit(self) -> None:
+        """Shutter open, emission on, at rest."""
+        with self._link.checked():
+            self._link.write(":POWer:SHUTter 0")
+            self._link.write(":POWer:STATe 1")
+        self._settle()
+        self.require_emission()
+
+    def require_emission(self) -> None:
+        """`:POWer:STATe?` must be 1; where it is not, an alert may say why."""
+        if self._link.number(":POWer:STATe?") != 1:
+            alert = self._link.query(":SYSTem:ALERt?")
+            raise InstrumentError(f"laser: the light went out by itself ({alert}): check interlock and front panel")
+
+    def darken(self) -> None:
+        """Emission off, confirmed by read-back."""
+        with self._link.checked():
+            self._link.write(":POWer:STATe 0")
+        if self._link.number(":POWer:STATe?") != 0:
+            raise InstrumentError("laser: still emits after POWer:STATe 0: use its key switch")
+
+    def changes(self) -> tuple[Change, ...]:
+        """Everything that was set, asked one by one: the legacy command set has no chains."""
+        now = {question: self._link.query(f":{question}") for question in self._kept}
+        return tuple(
+            Change(question.removesuffix("?"), then, now[question])
+            for question, then in self._kept.items()
+            if now[question] != then
+        )
+
+    def settings(self) -> dict[str, str | float]:
+        """Wavelength, power, emission, shutter, and what others leave behind."""
+        left = {setting.command: self._link.number(f":{setting.question}") for setting in (LEGACY, *LEFTOVERS)}
+        return {
+            "wavelength_nm": self._link.number(":WAVelength?"),
+            "power_dbm": self._link.number(":POWer?"),
+            "emitting": self._link.number(":POWer:STATe?"),
+            "shutter_closed": self._link.number(":POWer:SHUTter?"),
+            **left,
+        }
+
+    def make_safe(self) -> None:
+        """Emission off and shutter closed, sent even to a laser that no longer answers; earlier errors do not count."""
+        self._link.write(":POWer:STATe 0")
+        self._link.write(":POWer:SHUTter 1")
+        self._link.errors()
+        self.darken()
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+    def _clear_up(self) -> None:
+        for settings in ((LEGACY,), LEFTOVERS):
+            self._set(settings)
+
+    def _set(self, settings: Sequence[Setting]) -> None:
+        with self._link.checked():
+            for setting in settings:
+                self._link.write(f":{setting.message}")
+        for setting in settings:
+            self._kept[setting.question] = answer = self._link.query(f":{setting.question}")
+            setting.check("laser", answer)
+
+    def _confirmed(self, header: str, asked: float, tolerance: float, unit: str) -> float:
+        answer = self._kept[f"{header}?"] = self._link.query(f":{header}?")
+        Setting(header, f"{asked:.4f}", tolerance, unit).check("laser", answer)
+        return float(answer)
+
+    def _wavelengths(self) -> Range:
+        return Range(self._link.number(":WAVelength:MINimum?"), self._link.number(":WAVelength:MAXimum?"), "nm")
+
+    def _settle(self) -> None:
+        """`*OPC?` answers at once, 0 until it rests."""
+        deadline = time.monotonic() + SETTLING_S
+        while self._link.number("*OPC?") != 1:
+            if time.monotonic() > deadline:
+                raise InstrumentError(f"laser: not settled after {SETTLING_S:g} s: check its front panel")
+            time.sleep(POLL_S)
+
+
+def _watts(dbm: float) -> float:
+    try:
+        return float(1e-3 * 10 ** (dbm / 10))
+    except OverflowError:
+        return math.inf  # above every limit

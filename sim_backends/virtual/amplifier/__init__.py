@@ -1,0 +1,1 @@
+"""The virtual optical amplifier."""

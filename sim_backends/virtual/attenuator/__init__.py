@@ -1,0 +1,1 @@
+"""The virtual variable optical attenuator."""

@@ -1,0 +1,1 @@
+"""The virtual tunable laser TSL-570."""

@@ -1,0 +1,195 @@
+"""Amplifier and attenuator behind the laser: their interlocks, in the order in which the instruments are told."""
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.bench import Bench
+from instruments.errors import InstrumentError, NotConfigured, OutOfRange, SettingChanged
+from instruments.interfaces import BYPASS_PORT
+from instruments.limits import OverLimit
+from instruments.safe_state import UnsafeBench
+from instruments.values import Drive, Timebase, Vertical
+from instruments.visa import VisaLink
+from labctl.bench.check import check_bench
+from labctl.bench.opening import OpenBench, opened
+from labctl.bench.simulation import with_laser_commands
+from labctl.bench.station import Station
+from labctl.bench.supervisor import Task, supervise, within_reach
+from labctl.errors import StationError
+from sim_backends.bench import SimulatedBench
+
+AMPLIFIER = {"driver": "table-amplifier", "commands": "simulated", "power": "100 mW"}
+ATTENUATOR = {"driver": "table-attenuator", "commands": "simulated", "attenuation_db": 3.0}
+METER = {"driver": "thorlabs-pm100", "tap": 0.01}
+
+
+def station(**more: Any) -> Station:
+    found = {"power_meter": METER, "amplifier": AMPLIFIER, "attenuator": ATTENUATOR} | more
+    return Station.model_validate({key: value for key, value in found.items() if value is not None})
+
+
+@pytest.fixture
+def open_bench(log: Any) -> Iterator[OpenBench]:
+    with opened(station(), log) as found:
+        yield found
+
+
+@pytest.fixture
+def front_panel(simulation: SimulatedBench, log: Any) -> Iterator[VisaLink]:
+    """Of the amplifier."""
+    link = VisaLink(simulation.resources["amplifier"]["socket"], name="they", timeout_s=5, transcript=log)
+    yield link
+    link.close()
+
+
+def switched(log: Any) -> list[str]:
+    """What was switched, in order; the same again is left out."""
+    told = [
+        f"{name} {text.split()[-1]}"
+        for name, direction, text in log.messages
+        if direction == ">" and name in ("laser", "amplifier", "attenuator") and text.upper().startswith("OUTPUT O")
+    ]
+    return [one for place, one in enumerate(told) if told[place - 1 : place] != [one]]
+
+
+def mean_trace(bench: Bench) -> float:
+    """Volts behind the fibre before the chip, every mirror on, without a drive."""
+    bench.connect({1: BYPASS_PORT})
+    bench.dmd.show(np.full((768, 128), 255, np.uint8))
+    bench.awg.load(Drive("still", np.zeros(2500, np.float32), 25e9, 0.5))
+    bench.play_drive()
+    bench.configure(Timebase(25e9, 500), (1,), 16)
+    bench.scope.set_vertical(1, Vertical(0.02, 0.08))
+    frames = bench.capture()
+    (scaling,) = bench.scope.scalings()
+    return float(frames.codes.mean()) * scaling.scale_v + scaling.offset_v
+
+
+def test_light_up_and_dark_come_in_their_order(bench: Bench, log: Any) -> None:
+    with bench.emitting(1550.0):
+        assert switched(log) == ["attenuator OFF", "amplifier OFF", "laser ON", "amplifier ON", "attenuator ON"]
+        log.messages.clear()
+    assert switched(log) == ["attenuator OFF", "amplifier OFF", "laser OFF"]
+
+
+def test_no_amplifier_is_on_while_the_laser_tunes(bench: Bench, log: Any) -> None:
+    with bench.emitting(1550.0):
+        log.messages.clear()
+        bench.tune(1551.0)
+        assert switched(log) == ["attenuator OFF", "amplifier OFF", "amplifier ON", "attenuator ON"]
+
+
+def test_the_world_amplifies_and_attenuates(bench: Bench, simulation: SimulatedBench) -> None:
+    amplifier, attenuator = bench.train.amplifier, bench.train.attenuator
+    assert amplifier is not None
+    assert attenuator is not None
+    with bench.emitting(1550.0):
+        assert amplifier.power() == pytest.approx(0.1, rel=1e-3)
+        assert amplifier.power() == pytest.approx(simulation.world.amplified_power_w)
+        bright = mean_trace(bench)
+        found = attenuator.open(6.0)
+        assert found == 6
+        assert mean_trace(bench) == pytest.approx(bright * 10**-0.3, rel=0.05)
+        amplifier.set_power(50e-3)
+        assert mean_trace(bench) == pytest.approx(bright * 10**-0.6, rel=0.05)
+
+
+def test_both_are_checked_noted_and_kept(bench: Bench, front_panel: VisaLink) -> None:
+    found = check_bench(station(), lambda *_: None)
+    assert list(found) == ["attenuator", "amplifier", "laser", "awg", "dmd", "scope", "patch_panel", "power_meter"]
+    assert all(finding.ok for finding in found.values())
+    assert found["amplifier"].allowed["amplifier.power"].high == 0.2
+    with bench.emitting(1550.0):
+        settings = {name: instrument.settings() for name, instrument in bench.instruments.items()}
+        assert settings["amplifier"]["power_dbm"] == 20
+        assert (settings["attenuator"]["attenuation_db"], settings["attenuator"]["open"]) == (3, 1)
+        bench.require_unchanged()
+        front_panel.write("POWer:LEVel 19")
+        with pytest.raises(SettingChanged, match="amplifier: power was 20 and is 19"):
+            bench.require_unchanged()
+
+
+def test_more_than_may_leave_the_amplifier_is_dark(bench: Bench, front_panel: VisaLink) -> None:
+    with bench.emitting(1550.0):
+        front_panel.write("POWer:LEVel 24")
+        with pytest.raises(OverLimit, match=r"amplifier: gives 251\.2 mW, above limits\.amplified_power = 200 mW"):
+            bench.require_unchanged()
+
+
+def test_more_is_refused_before_anything_is_sent(log: Any) -> None:
+    too_much = station(amplifier=AMPLIFIER | {"power": "300 mW"})
+    with (
+        pytest.raises(OutOfRange, match=r"amplifier\.power = 300 mW exceeds limits\.amplified_power = 200 mW"),
+        opened(too_much, log),
+    ):
+        raise AssertionError("opened")
+    assert not log.messages
+
+
+def test_without_its_seed_the_amplifier_stays_off(
+    bench: Bench, simulation: SimulatedBench, log: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulation.world, "emit", lambda *_, **__: None)  # the fibre to the tap is off
+    with pytest.raises(InstrumentError, match="power_meter: sees 0 mW of the laser"), bench.emitting(1550.0):
+        raise AssertionError("lit")
+    assert "amplifier ON" not in switched(log)
+
+
+def test_every_other_one_is_made_safe_and_an_amplifier_that_goes_on_is_told(
+    bench: Bench, log: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stuck() -> None:
+        raise InstrumentError("amplifier: stuck")
+
+    monkeypatch.setattr(bench.train.amplifier, "make_safe", stuck)
+    with pytest.raises(UnsafeBench, match=r"the laser is off; the amplifier may still emit, switch it off") as failure:
+        bench.make_safe()
+    assert failure.value.disobeyed == {"amplifier"}
+    assert switched(log) == ["attenuator OFF", "laser OFF"]
+
+
+def test_a_table_is_needed_complete_and_verified(tmp_path: Path, log: Any) -> None:
+    table = tmp_path / "edfa.toml"
+    for commands, message in (
+        (None, r"amplifier\.commands is missing: name the file"),
+        (table, r"edfa\.toml: commands\.set_power\.write = '<unknown>': enter the command from the amplifier's manual"),
+    ):
+        table.write_text(
+            'model = "x"\nverified = false\n[commands.identify]\nwrite = "*IDN?"\nreply = "(?P<text>.+)"\n', "utf-8"
+        )
+        section = AMPLIFIER | {"commands": commands}
+        with pytest.raises((StationError, NotConfigured), match=message), opened(station(amplifier=section), log):
+            raise AssertionError("opened")
+
+
+def test_a_bench_without_them_asks_nothing_more(log: Any) -> None:
+    with opened(Station(), log) as found, found.bench.emitting(1550.0):
+        found.bench.require_unchanged()
+    assert {name for name, _, _ in log.messages} <= {"laser", "awg", "dmd", "scope", "patch_panel"}
+
+
+def test_the_supervisor_makes_them_safe_in_the_same_order(log: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    with opened(station(), log) as found:
+        assert found.simulation is not None
+        there = with_laser_commands(station())
+        served = there.model_copy(
+            update={
+                name: there.section_of(name).model_copy(update={"address": at["socket"]})
+                for name, at in found.simulation.resources.items()
+            }
+        )
+        assert within_reach(served) == ("attenuator", "amplifier", "laser", "awg", "dmd", "scope")
+        for name in ("laser", "amplifier"):
+            link = VisaLink(served.section_of(name).address, name=name, timeout_s=5, transcript=log)
+            link.write("OUTPUT ON")
+            link.close()
+        task = Task(station=served, log_started=0.0)
+        supervise(io.BytesIO(f"{task.model_dump_json()}\n".encode()), lambda _word: None)
+        assert found.bench.laser.settings()["emitting"] == 0
+        assert found.bench.instruments["amplifier"].settings()["on"] == 0
+    assert "the supervisor did: attenuator shut, amplifier off, laser off, AWG output off" in capfd.readouterr().err

@@ -1,0 +1,1 @@
+"""The Tektronix twins held against the manufacturer's own descriptions of both families."""
