@@ -38,7 +38,6 @@ from instruments.tektronix_dpo72504dx_records import (
 from instruments.tektronix_dpo72504dx_settings import (
     INPUTS,
     REPORTED,
-    REPORTED_OF_CHANNEL,
     SENT_ANEW,
     configuration,
     framed_records,
@@ -184,15 +183,7 @@ class Dpo72504dx(Oscilloscope):
     def triggered(self) -> bool:
         """Whether the acquisition ends within half a second; `ACQuire:STATE?` says when."""
         self.arm()
-        deadline = time.monotonic() + REPEATED_S
-        for pause_s in pauses():
-            if self._link.query("ACQuire:STATE?") == "0":
-                return True
-            if time.monotonic() > deadline:
-                break
-            time.sleep(pause_s)
-        self._link.write("ACQuire:STATE STOP")
-        return False
+        return acquires(self._link)
 
     def read(self) -> Frames:
         """One question a channel: preamble, sub-sample trigger time and the codes they belong to.
@@ -238,7 +229,7 @@ class Dpo72504dx(Oscilloscope):
 
     def settings(self) -> dict[str, str | float]:
         """Timebase, acquisition, trigger, and how every channel is set, as a former user may have left it."""
-        return reported(self._link, REPORTED, REPORTED_OF_CHANNEL)
+        return reported(self._link, REPORTED)
 
     def changes(self) -> tuple[Change, ...]:
         """All settings that were sent, in one question."""
@@ -343,6 +334,19 @@ class Curves:
         if (wanted := self._verticals.get(channel)) is not None:
             scaling = found.scaling
             require_range(name, wanted, Vertical(scaling.scale_v * self._codes_per_division, scaling.offset_v))
+
+
+def acquires(link: VisaLink) -> bool:
+    """Whether an acquisition that was started ends soon, as with a trigger that repeats quickly; else it is stopped."""
+    deadline = time.monotonic() + REPEATED_S
+    for pause_s in pauses():
+        if link.query("ACQuire:STATE?") == "0":
+            return True
+        if time.monotonic() > deadline:
+            break
+        time.sleep(pause_s)
+    link.write("ACQuire:STATE STOP")
+    return False
 
 
 def await_completion(link: VisaLink, timeout_s: float) -> None:

@@ -31,15 +31,15 @@ REPORTED = {
 WORDS = ("mode", "source", "coupling", "holdoff")
 """What their names end in where the answer is no number."""
 REPORTED_OF_CHANNEL = {
-    "scale_v_per_div": "CH{}:SCAle?",
-    "offset_v": "CH{}:OFFSet?",
-    "position_div": "CH{}:POSition?",
-    "bandwidth_hz": "CH{}:BANdwidth?",
-    "coupling": "CH{}:COUPling?",
-    "inverted": "CH{}:INVert?",
-    "deskew_s": "CH{}:DESKew?",
-    "external_attenuation": "CH{}:PROBEFunc:EXTAtten?",
-    "termination_ohm": "CH{}:TERmination?",
+    "scale_v_per_div": "SCAle?",
+    "offset_v": "OFFSet?",
+    "position_div": "POSition?",
+    "bandwidth_hz": "BANdwidth?",
+    "coupling": "COUPling?",
+    "inverted": "INVert?",
+    "deskew_s": "DESKew?",
+    "external_attenuation": "PROBEFunc:EXTAtten?",
+    "termination_ohm": "TERmination?",
 }
 """What the manifest has of each of its inputs."""
 SENT_ANEW = (
@@ -127,15 +127,15 @@ def vertical_range(channel: int, vertical: Vertical) -> tuple[Setting, ...]:
     )
 
 
-def reported(link: VisaLink, asked: Mapping[str, str], of_channel: Mapping[str, str]) -> dict[str, str | float]:
-    """How the instrument is set: what is asked by name, and of every channel, whose number the questions lack.
+def reported(link: VisaLink, asked: Mapping[str, str]) -> dict[str, str | float]:
+    """How the instrument is set: what is asked of it by name, and every channel.
 
     Raises:
         InstrumentError: it does not say it.
     """
     names = {question: name for name, question in asked.items()}
     for channel in INPUTS:
-        names |= {question.format(channel): f"ch{channel}_{name}" for name, question in of_channel.items()}
+        names |= {f"CH{channel}:{question}": f"ch{channel}_{name}" for name, question in REPORTED_OF_CHANNEL.items()}
     answers = link.query(";:".join(names)).split(";")
     report = {
         name: answer if name.endswith(WORDS) else number_in(answer)

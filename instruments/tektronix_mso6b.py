@@ -9,7 +9,6 @@ cuts every frame; records are as long in FastFrame as without.
 """
 
 import re
-import time
 from typing import Annotated
 
 import numpy as np
@@ -26,20 +25,19 @@ from instruments.tektronix_dpo72504dx import (
     SELF_TEST_S,
     TRIGGER_WAIT_S,
     Curves,
+    acquires,
     await_completion,
     await_frames,
     await_readiness,
     check_offsets,
     clipped,
     of_each_frame,
-    pauses,
 )
 from instruments.tektronix_dpo72504dx_records import mean
 from instruments.tektronix_dpo72504dx_settings import SENT_ANEW, reported, vertical_range
 from instruments.tektronix_mso6b_records import frame_offsets, frame_times
 from instruments.tektronix_mso6b_settings import (
     REPORTED,
-    REPORTED_OF_CHANNEL,
     acquisition,
     conversion,
     framed_records,
@@ -77,8 +75,6 @@ DRIVER = Driver(
 CODES_PER_DIVISION = 25 * 256
 CLIP_LOW, CLIP_HIGH = -32768 + 16, 32767 - 31
 """The last codes but one at the ends of the range, of which the digitiser makes every sixteenth."""
-REPEATED_S = 0.5
-"""A trigger that repeats quickly comes in so long."""
 READY = ("READY", "TRIGGER")
 """What `TRIGger:STATE?` says once triggers are taken (the manual of TRIGger FORCe); ARMED before that."""
 
@@ -164,17 +160,9 @@ class Mso6b(Oscilloscope):
         await_completion(self._link, TRIGGER_WAIT_S)
 
     def triggered(self) -> bool:
-        """Whether a trigger that repeats quickly comes: `ACQuire:STATE?` says when one acquisition has ended."""
+        """Whether the acquisition ends within half a second; `ACQuire:STATE?` says when."""
         self.arm()
-        deadline = time.monotonic() + REPEATED_S
-        for pause_s in pauses():
-            if self._link.query("ACQuire:STATE?") == "0":
-                return True
-            if time.monotonic() > deadline:
-                break
-            time.sleep(pause_s)
-        self._link.write("ACQuire:STATE STOP")
-        return False
+        return acquires(self._link)
 
     def read(self) -> Frames:
         """One question a channel: preamble, sub-sample trigger time and the codes they belong to.
@@ -217,7 +205,7 @@ class Mso6b(Oscilloscope):
 
     def settings(self) -> dict[str, str | float]:
         """Timebase, acquisition, trigger, and how every channel is set, as a former user may have left it."""
-        return reported(self._link, REPORTED, REPORTED_OF_CHANNEL)
+        return reported(self._link, REPORTED)
 
     def changes(self) -> tuple[Change, ...]:
         """All settings that were sent, in one question."""

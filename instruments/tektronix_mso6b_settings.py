@@ -26,18 +26,6 @@ REPORTED = {
     "trigger_holdoff_s": "TRIGger:A:HOLDoff:TIMe?",
 }
 """What the manifest has of the instrument."""
-REPORTED_OF_CHANNEL = {
-    "scale_v_per_div": "CH{}:SCAle?",
-    "offset_v": "CH{}:OFFSet?",
-    "position_div": "CH{}:POSition?",
-    "bandwidth_hz": "CH{}:BANdwidth?",
-    "coupling": "CH{}:COUPling?",
-    "inverted": "CH{}:INVert?",
-    "deskew_s": "CH{}:DESKew?",
-    "external_attenuation": "CH{}:PROBEFunc:EXTAtten?",
-    "termination_ohm": "CH{}:TERmination?",
-}
-"""What the manifest has of each of its inputs."""
 
 
 def acquisition(timebase: Timebase, channels: tuple[int, ...]) -> Iterator[Setting]:

@@ -36,7 +36,7 @@ def headers_of(module: Path) -> list[str]:
             texts.append("".join(parts))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and not {id(node)} & (documented | inside):
             texts.append(node.value)
-    units = [unit.strip() for text in texts for unit in text.replace("{}", PLACE).split(";")]
+    units = [unit.strip() for text in texts for unit in text.split(";")]
     return sorted({match[1] for unit in units if (match := HEADER.match(unit))})
 
 
