@@ -1,6 +1,7 @@
 """What a 6 Series B MSO is set to, and what it is asked about how it is set.
 
-Commands: programmer manual of the 4/5/6 Series MSO, as the descriptions of the package tm_devices have it (MSO6B).
+Commands: programmer manual of the 4/5/6 Series MSO, as the descriptions of the package tm_devices have it (MSO6B). What
+it says of `CH<x>:SCAle`, `CH<x>:POSition` and `VERBose` is "sets or returns"; its syntax lists the setting alone.
 """
 
 from collections.abc import Iterator
