@@ -88,3 +88,21 @@ def test_what_samples_faster_is_refused_before_there_is_light(
     assert status == 2
     assert found["error"] == "scope sample rate = 5e+10 S/s is outside 1..2.5e+10 S/s: choose a value inside"
     assert not out.exists()
+
+
+def test_playings_of_a_scene_are_averaged_in_its_codes(
+    stations: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four records of 16 bits, whose sum would not fit: their mean is the light that one of them shows."""
+    volts = {}
+    small = ("--set", "images=4", "--set", "scenes=1", "--set", "ports=2", "--set", "window=0.2 us")
+    for averages in (1, 4):
+        run = tmp_path / str(averages)
+        asked = ("run", "dynamic-scene", *small, "--set", f"averages={averages}", "--station", stations["six"])
+        status, _ = as_json(capsys, *asked, "--out", run)
+        assert status == 0
+        with open_run(run) as found:
+            assert found.frames.dtype == np.int16
+            volts[averages] = found.volts()
+    assert np.std(volts[4] - volts[1]) < np.std(volts[1]) / 2
+    assert np.mean(volts[4]) == pytest.approx(np.mean(volts[1]), rel=0.05)
