@@ -6,6 +6,7 @@ implement them. Every driver is reached through the entry-point group `labctl.in
 
 from abc import ABC, ABCMeta, abstractmethod
 from collections.abc import Iterable, Mapping
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,11 +134,17 @@ class Oscilloscope(Instrument):
     vertical_scale: Range
     """The settable ranges, V per division."""
 
+    sample_rate: Range
+    """The rates it samples at, S/s."""
+
     channels: tuple[int, ...]
     """The configured channels, in the order of the frames."""
 
     bandwidth_hz: float | None = None
     """What its inputs let through once it is configured; None where the driver does not know."""
+
+    code_type: Literal["int8", "int16"] = "int8"
+    """Type of the codes of a single trigger; those of means are always int16."""
 
     @abstractmethod
     def configure(self, timebase: Timebase, trigger: EdgeTrigger, channels: tuple[int, ...], averages: int) -> None:

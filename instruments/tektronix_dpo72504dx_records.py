@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from instruments.errors import SettingChanged, excerpt
 from instruments.tektronix_dpo72504dx_settings import OFFSET_TOLERANCE_DIV, SCALE_TOLERANCE
-from instruments.values import Scaling, Timebase, Vertical
+from instruments.values import Codes, Scaling, Timebase, Vertical
 from instruments.visa import number_in
 
 CODES_PER_DIVISION = 25
@@ -76,15 +76,9 @@ def require_source(instrument: str, channel: int, source: str) -> None:
         raise SettingChanged(f"{instrument}: asked for CH{channel}, got {excerpt(source)}: {ELSEWHERE}")
 
 
-def clipped(codes: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether a point of each record reached the end of the range; (..., points)."""
-    low, high = codes.min(axis=-1), codes.max(axis=-1)
-    return np.asarray((low <= CLIP_LOW) | (high >= CLIP_HIGH))
-
-
-def mean(codes: NDArray[np.int8]) -> NDArray[np.int16]:
-    """The mean of frames (frames, points), each with the same weight, in codes `FINER` times as fine."""
-    fine: NDArray[np.int16] = np.rint(codes.sum(axis=0, dtype=np.int64) * (FINER / len(codes))).astype(np.int16)
+def mean(codes: Codes, finer: int) -> NDArray[np.int16]:
+    """The mean of frames (frames, points), each with the same weight, in codes so many times as fine."""
+    fine: NDArray[np.int16] = np.rint(codes.sum(axis=0, dtype=np.int64) * (finer / len(codes))).astype(np.int16)
     return fine
 
 

@@ -3,7 +3,7 @@
 Commands: DPO/DSA/MSO70000 series programmer manual, as the descriptions of the package tm_devices have it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from instruments.errors import InstrumentError
 from instruments.kept_settings import Setting
@@ -127,13 +127,13 @@ def vertical_range(channel: int, vertical: Vertical) -> tuple[Setting, ...]:
     )
 
 
-def reported(link: VisaLink) -> dict[str, str | float]:
-    """How the instrument is set: timebase, acquisition, trigger, and every channel.
+def reported(link: VisaLink, asked: Mapping[str, str]) -> dict[str, str | float]:
+    """How the instrument is set: what is asked of it by name, and every channel.
 
     Raises:
         InstrumentError: it does not say it.
     """
-    names = {question: name for name, question in REPORTED.items()}
+    names = {question: name for name, question in asked.items()}
     for channel in INPUTS:
         names |= {f"CH{channel}:{question}": f"ch{channel}_{name}" for name, question in REPORTED_OF_CHANNEL.items()}
     answers = link.query(";:".join(names)).split(";")

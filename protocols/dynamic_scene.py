@@ -131,13 +131,13 @@ class DynamicScene(Measurement[Images]):
                 bench.connect(part.pass_.patching)
                 bench.configure(timebase, part.pass_.patching)
                 captures = [partial(self._capture, bench, dmd, shot, lead_s) for shot in plan]
-                known = part.scalings and _rescaled(part.scalings, self.averages)
+                finer = self.averages if bench.scope.code_type == "int8" else 1
+                known = part.scalings and _rescaled(part.scalings, finer)
                 scalings = lock_ranges(bench, known, captures)
-                yield PassStarted(part.pass_, _rescaled(scalings, 1 / self.averages))
+                yield PassStarted(part.pass_, _rescaled(scalings, 1 / finer))
                 for shot in part.shots:
-                    yield Record(
-                        part.pass_, shot.index, _summed([captures[shot.index]() for _ in range(self.averages)])
-                    )
+                    playings = [captures[shot.index]() for _ in range(self.averages)]
+                    yield Record(part.pass_, shot.index, _averaged(playings, finer))
 
     def _capture(self, bench: Bench, dmd: BurstDmd, scene: Shot, lead_s: float) -> Frames:
         """One playing of a scene: the pulse that starts the AWG ends so long before the second image comes."""
@@ -162,11 +162,12 @@ def _pictures(scene: Shot) -> tuple[Shot, Shot]:
     return scene, replace(scene, dataset_index=scene.next_dataset_index)
 
 
-def _summed(playings: Sequence[Frames]) -> Frames:
-    """The codes of all playings together: with the scale divided by their number, the mean."""
+def _averaged(playings: Sequence[Frames], finer: int) -> Frames:
+    """The mean of all playings, in codes so many times as fine: their sum where each has 8 bits."""
     if len(playings) == 1:
         return playings[0]
-    codes: NDArray[np.int16] = np.sum([frames.codes for frames in playings], axis=0, dtype=np.int16)
+    total = np.sum([frames.codes for frames in playings], axis=0, dtype=np.int32)
+    codes = np.rint(total * (finer / len(playings))).astype(np.int16)
     clipped = np.any([frames.clipped for frames in playings], axis=0)
     return Frames(codes, playings[0].trigger_offset_s, playings[-1].time_s, clipped)
 

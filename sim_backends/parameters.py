@@ -199,6 +199,13 @@ class Parameters(BaseModel):
         gt=0,
         le=8,
     )
+    enob_of_12_bits: float = quantity(
+        6.8,
+        "bit",
+        "Effective bits of a 12-bit digitiser (6 Series B) at 10 GHz: recalled of the class, 6.5 to 7.",
+        gt=0,
+        le=12,
+    )
     trigger_jitter_s: float = quantity(1.2e-12, "s", "Trigger jitter, rms, of this class of oscilloscope.", ge=0)
     shared_reference: bool = quantity(
         default=True,

@@ -46,8 +46,13 @@ class Plan:
 
 
 def planned(request: Request, bench: Bench) -> Plan:
-    """What `request` asks of `bench`, to which nothing is sent."""
+    """What `request` asks of `bench`, to which nothing is sent.
+
+    Raises:
+        OutOfRange: its oscilloscope does not sample so fast.
+    """
     protocol, inputs = request.protocol, request.inputs
+    bench.scope.sample_rate.check("scope sample rate", protocol.sample_rate)
     shots, passes = protocol.shots(inputs), protocol.passes(bench)
     return Plan(
         RunShape(
@@ -56,7 +61,7 @@ def planned(request: Request, bench: Bench) -> Plan:
             wavelengths_nm=tuple(one.wavelength_nm for one in passes),
             samples=protocol.sample_count(inputs),
             sample_interval_s=1 / protocol.sample_rate,
-            code_type="int8" if protocol.averages == 1 else "int16",
+            code_type=bench.scope.code_type if protocol.averages == 1 else "int16",
         ),
         _columns(shots, passes),
         protocol.drive(bench, inputs),
@@ -82,7 +87,7 @@ def checked(request: Request, bench: Bench) -> Plan:
     """`planned`, if this bench can carry it out.
 
     Raises:
-        ProtocolError: it cannot.
+        ProtocolError, OutOfRange: it cannot.
     """
     request.protocol.check_cabling(bench)
     request.protocol.check(bench, request.inputs)
@@ -93,7 +98,7 @@ def bytes_needed(request: Request, bench: Bench) -> int:
     """What the run writes at most; nothing is sent to the bench.
 
     Raises:
-        ProtocolError: it asks for what no bench gives, or the light's way is another one.
+        ProtocolError, OutOfRange: it asks for what no bench or this one gives, or the light's way is another one.
     """
     request.protocol.check_cabling(bench)
     plan = planned(request, bench)

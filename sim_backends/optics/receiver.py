@@ -14,7 +14,6 @@ from scipy.special import erfc
 ELEMENTARY_CHARGE = 1.602176634e-19
 CODES_PER_DIVISION = 25
 DIVISIONS = 10.24
-LOWEST_CODE, HIGHEST_CODE = -128, 127
 
 
 def gaussian_time_width(bandwidth_hz: float) -> float:
@@ -160,25 +159,38 @@ def noise_law(
     )
 
 
-def digitiser_noise_codes(enob: float) -> float:
-    """Rms noise in front of the 8-bit quantiser (codes) that makes its total error the one of `enob` effective bits.
+def digitiser_noise_codes(enob: float, bits: int = 8) -> float:
+    """Rms noise in front of a quantiser (its levels) that makes its total error the one of `enob` effective bits.
 
-    Total: FS / 2^ENOB / sqrt(12), FS = 10.24 div = 256 codes; the quantiser's own 1/12 code^2 is part of it.
+    Total: FS / 2^ENOB / sqrt(12), FS = 10.24 div = 2^bits levels; the quantiser's own 1/12 level^2 is part of it.
     """
-    return math.sqrt(max(0.0, (CODES_PER_DIVISION * DIVISIONS / 2**enob) ** 2 - 1.0) / 12.0)
+    return math.sqrt(max(0.0, (_levels_per_division(bits) * DIVISIONS / 2**enob) ** 2 - 1.0) / 12.0)
 
 
 def quantised(
-    volts: NDArray[np.float32], noise: NDArray[np.float32], scale_v: float, offset_v: float, position_div: float
-) -> NDArray[np.int8]:
-    """What the 8-bit digitiser of one channel makes of `volts`, any shape, with as much `noise` in codes before it.
+    volts: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    scale_v: float,
+    offset_v: float,
+    position_div: float,
+    bits: int = 8,
+) -> NDArray[np.int8] | NDArray[np.int16]:
+    """What the digitiser of one channel makes of `volts`, any shape, with as much `noise` in its levels before it.
 
     code = round((v - offset) 25 / scale + 25 position + noise), clipped to -128..127: 25 codes a division, 10.24
-    divisions.
+    divisions. Of more than 8 bits levels are as much finer, and fill the upper bits of int16: a code of 8 bits is one
+    of 256 such.
     """
+    levels = _levels_per_division(bits)
     exact = volts - np.float32(offset_v)
-    exact *= np.float32(CODES_PER_DIVISION / scale_v)
-    exact += np.float32(CODES_PER_DIVISION * position_div)
+    exact *= np.float32(levels / scale_v)
+    exact += np.float32(levels * position_div)
     exact += noise
     np.rint(exact, out=exact)
-    return np.clip(exact, LOWEST_CODE, HIGHEST_CODE, out=exact).astype(np.int8)
+    half = 2 ** (bits - 1)
+    np.clip(exact, -half, half - 1, out=exact)
+    return exact.astype(np.int8) if bits == 8 else exact.astype(np.int16) << 16 - bits
+
+
+def _levels_per_division(bits: int) -> int:
+    return CODES_PER_DIVISION << bits - 8

@@ -55,13 +55,28 @@ def known(node: Any, seen: set[int]) -> Iterator[str]:
             yield from known(child, seen)
 
 
-@pytest.mark.parametrize(
-    ("driver", "family"), [("tektronix_awg70002a", "AWG70KA"), ("tektronix_dpo72504dx", "DPO70KDX")]
-)
-def test_headers_are_the_manufacturers(driver: str, family: str) -> None:
+def tree_of(family: str) -> set[str]:
+    """Every header of a family."""
     commands = importlib.import_module(f"tm_devices.commands.{family.lower()}_commands")
     tree = set(known(getattr(commands, f"{family}Commands")(None), set()))
     assert len(tree) > 300
+    return tree
+
+
+def test_the_virtual_6_series_has_headers_of_its_family() -> None:
+    source = (DRIVERS.parent / "sim_backends" / "virtual" / "mso6b" / "commands.py").read_text("utf-8")
+    declared = re.findall(r'(?:Setting|Query|Action)\(\s*"([A-Z][^"?]+)', source)
+    assert len(declared) > 60
+    tree = tree_of("MSO6B")
+    assert [header for header in declared if header.upper().replace("#", "1") not in tree] == []
+
+
+@pytest.mark.parametrize(
+    ("driver", "family"),
+    [("tektronix_awg70002a", "AWG70KA"), ("tektronix_dpo72504dx", "DPO70KDX"), ("tektronix_mso6b", "MSO6B")],
+)
+def test_headers_are_the_manufacturers(driver: str, family: str) -> None:
+    tree = tree_of(family)
     sent = headers(driver)
     assert len(sent) > 15
     # the settings of a channel stand in the driver without their `CH<x>:`

@@ -32,6 +32,15 @@ def resources_with_dlpc900(tmp_path_factory: pytest.TempPathFactory) -> Iterator
         yield addresses
 
 
+@pytest.fixture(scope="session")
+def resources_with_mso6b(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Resources]:
+    """Addresses of a bench whose oscilloscope is a 6 Series B."""
+    station: Path = tmp_path_factory.mktemp("station") / "bench.toml"
+    station.write_text("[scope]\ndriver = 'tektronix-mso6b'\n")
+    with served("--station", str(station)) as addresses:
+        yield addresses
+
+
 @pytest.fixture(params=TRANSPORTS)
 def transport(request: pytest.FixtureRequest, resources: Resources) -> str:
     """One transport after the other; those the bench does not serve are skipped."""

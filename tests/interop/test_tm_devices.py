@@ -49,6 +49,16 @@ def scope(manager: Any, resources: Any, transport: str) -> Any:
     return manager.add_scope("localhost", **_where(resources["scope"][transport]))
 
 
+@pytest.fixture
+def six(manager: Any, resources_with_mso6b: Any, transport: str) -> Any:
+    return manager.add_scope("localhost", **_where(resources_with_mso6b["scope"][transport]))
+
+
+@pytest.fixture
+def awg_of_six(manager: Any, resources_with_mso6b: Any, transport: str) -> Any:
+    return manager.add_awg("127.0.0.1", **_where(resources_with_mso6b["awg"][transport]))
+
+
 def upload(awg: Any) -> None:
     awg.write('WLISt:WAVeform:NEW "mask0",2500', opc=True)
     awg.write_raw(b'WLISt:WAVeform:DATA "mask0",0,2500,#510000' + SAMPLES.tobytes() + b"\n")
@@ -160,6 +170,62 @@ def test_a_curve(awg: Any, scope: Any) -> None:
     volts = codes * float(scope.query("WFMOutpre:YMUlt?")) + float(scope.query("WFMOutpre:YZEro?"))
     assert 1e-3 < np.ptp(volts) < 1.0
     assert scope.expect_esr(0)
+
+
+def test_a_6_series_is_recognised(six: Any) -> None:
+    assert type(six).__name__ == "MSO6B"
+    assert six.total_channels == 4
+    assert six.expect_esr(0)
+
+
+def test_its_command_tree_speaks_to_a_6_series(six: Any) -> None:
+    commands = six.commands
+    commands.verbose.write("ON")
+    commands.horizontal.mode.write("MANUAL", verify=True)
+    commands.horizontal.mode.manual.configure.write("HORIZontalscale")
+    commands.horizontal.mode.samplerate.write(12.5e9)
+    commands.horizontal.mode.recordlength.write(200)
+    commands.display.global_.ch[2].state.write("ON")
+    commands.ch[2].scale.write(0.05)
+    commands.ch[2].bandwidth.write(4e9)
+    commands.trigger.a.edge.slope.write("FALL", verify=True)
+    assert float(commands.horizontal.mode.samplerate.query()) == 12.5e9
+    assert float(commands.horizontal.recordlength.query()) == 1000
+    assert commands.display.global_.ch[2].state.query() == "1"
+    assert float(six.query("CH2:SCAle?")) == 0.05
+    assert float(commands.ch[2].bandwidth.query()) == 4e9
+    assert six.expect_esr(0)
+
+
+def test_errors_of_a_6_series(six: Any) -> None:
+    six.write("HORizontal:MODe CONStant")
+    code, messages = six.get_errors()
+    assert code != 0
+    assert len(messages) == 1
+    assert six.expect_esr(0)
+
+
+def test_curves_of_a_6_series(awg_of_six: Any, six: Any) -> None:
+    """A curve of 16-bit codes, of which 12 are used, and the same in text by the driver's own query."""
+    awg_of_six.write("WLISt:WAVeform:DELete ALL")
+    upload(awg_of_six)
+    awg_of_six.write("SOURce1:DAC:RESolution 9")
+    awg_of_six.generate_waveform(25e9, "mask0", 0.5, 0.0, "SOURCE1", awg_of_six.OutputSignalPath.DIR)
+    for line in (
+        *("*RST", "HEADer OFF", "VERBose ON", "HORizontal:MODe MANual", "HORizontal:MODe:SAMPLERate 25E9"),
+        *("CH1:SCAle 0.02", "HORizontal:POSition 0", "TRIGger:A:MODe NORMal", "TRIGger:A:EDGE:SOUrce AUXiliary"),
+        *("TRIGger:AUXLevel 0.5", "DATa:SOUrce CH1", "DATa:STARt 1", "DATa:STOP 500", "DATa:ENCdg SRIbinary"),
+        *("WFMOutpre:BYT_Nr 2", "ACQuire:STOPAfter SEQuence"),
+    ):
+        six.write(line)
+    six.write("ACQuire:STATE RUN", opc=True)
+    codes = np.array(six.query_binary("CURVe?", datatype="h", container=list))
+    assert codes.size == int(six.query("WFMOutpre:NR_Pt?")) == 500
+    assert np.unique(codes).size > 1
+    assert not (codes % 16).any()
+    assert float(six.query("WFMOutpre:YMUlt?")) == pytest.approx(0.02 / 6400, rel=1e-4)
+    assert np.array_equal(six.curve_query(1), codes)
+    assert six.expect_esr(0)
 
 
 def root_mean_square(volts: Any) -> Any:

@@ -41,6 +41,7 @@ from labctl.studies.alignment.steps import (
 from protocols.alignment import (
     DIRECT_STEP_NM,
     DIRECT_WAVELENGTHS,
+    FINE_RATE,
     PROBES,
     Answered,
     Dark,
@@ -101,6 +102,7 @@ def align_bench(
         bench = stack.enter_context(opened(station, log, access, observer=supervisor)).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
         check_laser(station, (station.laser.wavelength, last))
+        bench.scope.sample_rate.check("scope sample rate", FINE_RATE)
         bench.require_arm()
         instruments = {
             name: {"identity": vars(identified(station, name, instrument)), "settings": instrument.settings()}

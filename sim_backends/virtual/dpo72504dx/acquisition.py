@@ -4,11 +4,11 @@ The digitiser's noise of a frame comes from that frame's own key, so that the nu
 together changes no byte. Source: instrument facts 2.5, 2.6, 2.8 and 2.10.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,10 @@ from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_wi
 from sim_backends.scpi.commands import Command
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, READY_S, SUMMARY_FRAMES, FastFrame
-from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, LONGEST_RECORD, Horizontal
+from sim_backends.virtual.dpo72504dx.fastframe import READY_S, SUMMARY_FRAMES, FastFrame
+from sim_backends.virtual.dpo72504dx.horizontal import Horizontal, Records
 from sim_backends.virtual.dpo72504dx.mathematics import Math, Reference
 from sim_backends.virtual.dpo72504dx.modes import (
-    MODE_COMMANDS,
     NO_CODES,
     Codes,
     Kept,
@@ -35,8 +34,8 @@ from sim_backends.virtual.dpo72504dx.modes import (
 )
 from sim_backends.virtual.dpo72504dx.plan import Plan, planned
 from sim_backends.virtual.dpo72504dx.transfer import Preamble, Trace, Transfer
-from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_COMMANDS, Trigger
-from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, CHANNELS, VERTICAL_COMMANDS, Channel, Vertical
+from sim_backends.virtual.dpo72504dx.trigger import Trigger
+from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, CHANNELS, Channel, Vertical
 from sim_backends.virtual.instrument import VirtualInstrument
 from sim_backends.world.keyed_random import digest, unit_noise
 from sim_backends.world.signals import Acquisition, Record
@@ -47,10 +46,6 @@ READ_S = 5e-3  # recalled: a record of some thousand points from acquisition mem
 AUTO_TRIGGER_S = 0.1  # recalled: AUTO mode waits this long for a trigger before it does without
 TRIGGERS_LOOKED_UP = 10_000  # at once, while FastFrame runs until it is stopped
 SAMPLES_AT_ONCE = 2**22  # of all channels together; bounds the memory, not the result
-
-_PLANNED_BY = frozenset(
-    (*VERTICAL_COMMANDS, *HORIZONTAL_COMMANDS, *FASTFRAME_COMMANDS, *TRIGGER_COMMANDS, *MODE_COMMANDS)
-)
 
 
 @dataclass(eq=False)
@@ -68,13 +63,13 @@ class Progress:
     frames: Kept = field(default_factory=list)
     missing: int = 0
     goes_on: bool = False
-    others: Callable[[], NDArray[np.int8]] | None = None
+    others: Callable[[], Codes] | None = None
 
     def __post_init__(self) -> None:
         self.missing = self.plan.triggers
         self.goes_on = bool(self.frames)
 
-    def add(self, codes: NDArray[np.int8], offsets: NDArray[np.float64]) -> None:
+    def add(self, codes: Codes, offsets: NDArray[np.float64]) -> None:
         """Keep codes (channels, triggers, samples) and sub-sample times (s) of some triggers."""
         plan = self.plan
         if plan.aligned:
@@ -100,19 +95,27 @@ class Progress:
 
 
 class AcquisitionSystem(VirtualInstrument):
-    """Settings, triggers and records of an oscilloscope; a model adds the commands."""
+    """Settings, triggers and records of an oscilloscope; a model adds the commands and what sets it apart."""
 
-    def __init__(self, world: World) -> None:
-        super().__init__(world)
-        self._digitiser_noise = np.float32(digitiser_noise_codes(world.parameters.enob))
+    PLANNED_BY: ClassVar[frozenset[Command]]  # what changes how samples are taken
+    RECORDS: ClassVar[Records]
+    FULL_BANDWIDTH_HZ: ClassVar[float]
+    BITS: ClassVar[int]  # of its digitiser
+
+    def __init__(self, world: World, section: Mapping[str, Any] | None = None, *, effective_bits: float) -> None:
+        super().__init__(world, section)
+        self._digitiser_noise = np.float32(digitiser_noise_codes(effective_bits, self.BITS))
         self._shown: Progress | None = None
         self._traces: dict[int, Trace] = {}
         self.references = {number: Reference() for number in CHANNELS.values()}
 
     def reset(self) -> None:
         """`*RST`: factory settings."""
-        self.channels = {number: Channel(selected=number == 1) for number in CHANNELS.values()}
-        self.horizontal = Horizontal()
+        bandwidth_hz = self.FULL_BANDWIDTH_HZ
+        self.channels = {
+            number: Channel(selected=number == 1, bandwidth_hz=bandwidth_hz) for number in CHANNELS.values()
+        }
+        self.horizontal = Horizontal(self.RECORDS)
         self.frames = FastFrame()
         self.trigger = Trigger()
         self.mode = Mode()
@@ -129,7 +132,7 @@ class AcquisitionSystem(VirtualInstrument):
 
     def changed(self, command: Command) -> None:
         """Plan anew after a setting; with more than two channels on, the highest sample rate is shared out."""
-        if command in _PLANNED_BY:
+        if command in self.PLANNED_BY:
             selected = sum(channel.selected for channel in self.channels.values())
             self.horizontal.settle(channels=selected, frames=self.frames.on)
             self._planned = None
@@ -155,7 +158,7 @@ class AcquisitionSystem(VirtualInstrument):
 
     def most_frames(self) -> int:
         """`HORizontal:FASTframe:MAXFRames?`: what the acquisition memory holds at the present length."""
-        return LONGEST_RECORD // self.horizontal.record_length
+        return self.RECORDS.longest // self.horizontal.record_length
 
     def _room(self) -> int:
         return self.most_frames() - (0 if self.frames.summary == "NONe" else SUMMARY_FRAMES)
@@ -275,6 +278,38 @@ class AcquisitionSystem(VirtualInstrument):
             self._frames_acquired = max(counted, times.size)
         self._progress = None
 
+    def trigger_state(self) -> str:
+        """`TRIGger:STATE?`: what the front panel shows."""
+        if self.pending():
+            return "READY"
+        if not self._running:
+            return "SAVE"
+        if self._upcoming(1, self.world.clock.now) is not None:
+            return "TRIGGER"
+        return "AUTO" if self.trigger.mode == "AUTO" else "READY"
+
+    def force_trigger(self, _word: str) -> None:
+        """`TRIGger FORCe`: take what is there now, one frame of FastFrame, if an acquisition waits."""
+        if not self.pending():
+            return
+        self._take(self._untriggered(1 if self.frames.on else self._under_way().missing))
+        self._running = self._progress is not None or self._until_stopped
+
+    def count_acquisitions(self) -> int:
+        """`ACQuire:NUMACq?`: acquisitions since RUN; FastFrame's many frames are one."""
+        self.pending()
+        return self._acquisitions
+
+    def count_frames(self) -> int:
+        """`ACQuire:NUMFRAMESACQuired?`: frames since RUN in a FastFrame single sequence, otherwise acquisitions."""
+        self.pending()
+        single_sequence = self.frames.on and self.mode.stop_after == "SEQuence"
+        return self._frames_acquired if single_sequence else self._acquisitions
+
+    def busy(self) -> bool:
+        """`BUSY?`."""
+        return self.acquiring
+
     # --- from volts to codes
 
     def _take_first_points(self, progress: Progress, times: NDArray[np.float64]) -> None:
@@ -284,15 +319,13 @@ class AcquisitionSystem(VirtualInstrument):
         record = self.world.record(first, times, setting=plan.verticals_key)
         progress.add(self._codes(first, record, plan.verticals), record.trigger_offset_s)
 
-        def others() -> NDArray[np.int8]:
+        def others() -> Codes:
             keys = tuple(digest(key, "others") for key in record.keys)
             return self._codes(behind, replace(record, volts=record.further(behind), keys=keys), plan.verticals)
 
         progress.others = others
 
-    def _digitised(
-        self, plan: Plan, times: NDArray[np.float64]
-    ) -> Iterator[tuple[NDArray[np.int8], NDArray[np.float64]]]:
+    def _digitised(self, plan: Plan, times: NDArray[np.float64]) -> Iterator[tuple[Codes, NDArray[np.float64]]]:
         """Codes (channels, triggers, samples) and trigger offsets (triggers,) in s, for as many as fit at once."""
         sampled, deskews = plan.sampled, [vertical.deskew_s for vertical in plan.verticals]
         step = max(1, SAMPLES_AT_ONCE // max(1, len(deskews) * sampled.samples))
@@ -302,7 +335,7 @@ class AcquisitionSystem(VirtualInstrument):
                 record = self.world.record(sampled, some, setting=plan.verticals_key)
                 yield self._codes(sampled, record, plan.verticals), record.trigger_offset_s
                 continue
-            codes, offsets = np.empty((len(deskews), some.size, sampled.samples), np.int8), np.zeros(some.size)
+            codes, offsets = self._no_codes(len(deskews), some.size, sampled.samples), np.zeros(some.size)
             for deskew in dict.fromkeys(deskews):  # channels that are sampled at different times need a record each
                 rows = [row for row, own in enumerate(deskews) if own == deskew]
                 part = replace(
@@ -313,18 +346,21 @@ class AcquisitionSystem(VirtualInstrument):
                 offsets = record.trigger_offset_s
             yield codes, offsets
 
-    def _codes(self, acquisition: Acquisition, record: Record, verticals: Sequence[Vertical]) -> NDArray[np.int8]:
+    def _codes(self, acquisition: Acquisition, record: Record, verticals: Sequence[Vertical]) -> Codes:
         """Codes (channels, triggers, samples)."""
         began = perf_counter()
         triggers, channels, samples = record.volts.shape
         noise = unit_noise([digest(key, "digitiser") for key in record.keys], (channels, samples))
         noise *= self._digitiser_noise
-        codes = np.empty((channels, triggers, samples), np.int8)
+        codes = self._no_codes(channels, triggers, samples)
         for channel, vertical in enumerate(verticals):
             seen = _seen(record.volts[:, channel], vertical, acquisition.sample_rate)
-            codes[channel] = quantised(seen, noise[:, channel], *vertical[:3])
+            codes[channel] = quantised(seen, noise[:, channel], *vertical[:3], self.BITS)
         self.world.physics_seconds += perf_counter() - began
         return codes
+
+    def _no_codes(self, *shape: int) -> Codes:
+        return np.empty(shape, np.int8) if self.BITS == 8 else np.empty(shape, np.int16)
 
     # --- handing over
 
@@ -364,7 +400,7 @@ class AcquisitionSystem(VirtualInstrument):
         if kind == "CH":
             self.pending()
             if self._shown is not None and self._shown.others is not None:
-                self._shown.codes(LONGEST_RECORD)
+                self._shown.codes(self.RECORDS.longest)
                 self._traces = {}
             return self.acquired_trace(number)
         if kind == "MATH":

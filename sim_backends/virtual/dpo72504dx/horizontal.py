@@ -34,6 +34,27 @@ HORIZONTAL_COMMANDS = (
 )
 
 
+@dataclass(frozen=True)
+class Records:
+    """What records a model takes.
+
+    Attributes:
+        rates: S/s, the highest first, which is for two channels or fewer where it is `shared`.
+        shortest, longest: samples of one record, of all frames together.
+        frame_lengths: samples of frames that may be shorter than the shortest record.
+        shared: whether more than two channels have the next lower rate.
+    """
+
+    rates: tuple[float, ...]
+    shortest: int
+    longest: int
+    frame_lengths: tuple[int, ...] = ()
+    shared: bool = False
+
+
+RECORDS = Records(RATES, SHORTEST_RECORD, LONGEST_RECORD, FRAME_LENGTHS, shared=True)
+
+
 @dataclass
 class Horizontal:
     """Time base. MANual sets rate and record length, CONStant rate and scale, AUTO the scale alone.
@@ -41,8 +62,10 @@ class Horizontal:
     `settle` goes to what is permitted after every setting, without a word, and stays there.
     """
 
+    records: Records = RECORDS
     mode: str = "AUTO"
     highest_rate: float = RATES[0]  # what the number of channels allows
+    follows: str = "HORIZontalscale"  # in MANual, what a new sample rate changes: the scale, or the record length
     _rate: float = 25e9
     _record_length: int = RECORD_SHOWN
     _position_percent: float = 50.0
@@ -65,8 +88,9 @@ class Horizontal:
         if self.mode == "AUTO":
             raise ScpiError(-221, "HORizontal:MODE is AUTO: the sample rate follows the scale")
         length_s = self.duration_s
-        self._rate = min(self.highest_rate, min(RATES, key=lambda step: max(step / rate, rate / step)))
-        if self.mode == "CONStant":
+        nearest = min(self.records.rates, key=lambda step: max(step / rate, rate / step))
+        self._rate = min(self.highest_rate, nearest)
+        if self.mode == "CONStant" or self.follows == "RECORDLength":
             self._record_length = self._fitting(length_s)
 
     @property
@@ -82,10 +106,10 @@ class Horizontal:
 
     def settle(self, *, channels: int, frames: bool) -> None:
         """So many channels share the rate; records are as long as one, or a frame of FastFrame, may be."""
-        self.highest_rate = RATES[1] if channels > 2 else RATES[0]
+        self.highest_rate = self.records.rates[self.records.shared and channels > 2]
         self._rate = min(self._rate, self.highest_rate)
-        short = FRAME_LENGTHS if frames else ()
-        longer = max(self._record_length, SHORTEST_RECORD)
+        short = self.records.frame_lengths if frames else ()
+        longer = max(self._record_length, self.records.shortest)
         self._record_length = next((length for length in short if length >= self._record_length), longer)
 
     @property
@@ -104,7 +128,8 @@ class Horizontal:
             raise ScpiError(-221, "HORizontal:MODE is MANUAL: the scale follows rate and record length")
         duration = seconds * DIVISIONS
         if self.mode == "AUTO":
-            self._rate = next((rate for rate in RATES[1:] if rate * duration <= RECORD_SHOWN), RATES[-1])
+            rates = self.records.rates[1:]
+            self._rate = next((rate for rate in rates if rate * duration <= RECORD_SHOWN), rates[-1])
         self._record_length = self._fitting(duration)
 
     @property
@@ -135,4 +160,4 @@ class Horizontal:
         return round(self._position_percent / 100 * self._record_length)
 
     def _fitting(self, duration: float) -> int:
-        return min(max(round(duration * self.sample_rate), SHORTEST_RECORD), LONGEST_RECORD)
+        return min(max(round(duration * self.sample_rate), self.records.shortest), self.records.longest)

@@ -17,7 +17,7 @@ from sim_backends.scpi.status import EventStatus, ScpiError
 from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
 from sim_backends.virtual.dpo72504dx.autoset import AUTOSET_COMMANDS, Autoset
 from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, Stamps
-from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS
+from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, RECORDS
 from sim_backends.virtual.dpo72504dx.mathematics import WAVEFORM_COMMANDS
 from sim_backends.virtual.dpo72504dx.measurements import NO_WAVEFORM, Waveform
 from sim_backends.virtual.dpo72504dx.measuring import MEASUREMENT_COMMANDS, SLOTS, Measuring
@@ -26,7 +26,7 @@ from sim_backends.virtual.dpo72504dx.setups import SETUP_COMMANDS, Setups, learn
 from sim_backends.virtual.dpo72504dx.storage import STORAGE_COMMANDS, Storage
 from sim_backends.virtual.dpo72504dx.transfer import PREAMBLE, TRANSFER_COMMANDS, Transfer
 from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_COMMANDS
-from sim_backends.virtual.dpo72504dx.vertical import VERTICAL_COMMANDS
+from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, VERTICAL_COMMANDS
 from sim_backends.world.world import World
 
 
@@ -83,8 +83,15 @@ class VirtualDpo72504dx(AcquisitionSystem):
         Action("UNLock", "unlock_panel", keyword("ALL"), effect=False),
     )
 
+    PLANNED_BY = frozenset(
+        (*VERTICAL_COMMANDS, *HORIZONTAL_COMMANDS, *FASTFRAME_COMMANDS, *TRIGGER_COMMANDS, *MODE_COMMANDS)
+    )
+    RECORDS = RECORDS
+    FULL_BANDWIDTH_HZ = BANDWIDTH_HZ
+    BITS = 8
+
     def __init__(self, world: World) -> None:
-        super().__init__(world)
+        super().__init__(world, effective_bits=world.parameters.enob)
         self.status: EventStatus = EventStatus()
         self.stamps = Stamps(lambda: self.frames, self.acquired_trace)
         self.setups = Setups(lambda: learned(self), self.obey)
@@ -116,38 +123,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
         waiting = self._running and self.mode.stop_after == "SEQuence"
         self.pending()
         return waiting if self.frames.on else self._running and waiting
-
-    def trigger_state(self) -> str:
-        """`TRIGger:STATE?`: what the front panel shows."""
-        if self.pending():
-            return "READY"
-        if not self._running:
-            return "SAVE"
-        if self._upcoming(1, self.world.clock.now) is not None:
-            return "TRIGGER"
-        return "AUTO" if self.trigger.mode == "AUTO" else "READY"
-
-    def force_trigger(self, _word: str) -> None:
-        """`TRIGger FORCe`: take what is there now, one frame of FastFrame, if an acquisition waits."""
-        if not self.pending():
-            return
-        self._take(self._untriggered(1 if self.frames.on else self._under_way().missing))
-        self._running = self._progress is not None or self._until_stopped
-
-    def count_acquisitions(self) -> int:
-        """`ACQuire:NUMACq?`: acquisitions since RUN; FastFrame's many frames are one."""
-        self.pending()
-        return self._acquisitions
-
-    def count_frames(self) -> int:
-        """`ACQuire:NUMFRAMESACQuired?`: frames since RUN in a FastFrame single sequence, otherwise acquisitions."""
-        self.pending()
-        single_sequence = self.frames.on and self.mode.stop_after == "SEQuence"
-        return self._frames_acquired if single_sequence else self._acquisitions
-
-    def busy(self) -> bool:
-        """`BUSY?`."""
-        return self.acquiring
 
     # --- transfer
 

@@ -82,39 +82,44 @@ class Mode:
 Kept = list[NDArray[Any]]
 
 
-def kept(mode: str, before: Kept, codes: NDArray[np.int8], points: int) -> Kept:
+def fineness(codes: Codes) -> int:
+    """How many codes of 16 bits, which is what means are in, one of these is."""
+    return 256 if codes.dtype == np.int8 else 1
+
+
+def kept(mode: str, before: Kept, codes: Codes, points: int) -> Kept:
     """What is kept of triggers: of those `before`, and of `codes` (channels, triggers, samples); `points` a record."""
     if mode == "AVErage":
-        total = codes.sum(axis=1, keepdims=True, dtype=np.int64)
+        total = codes.sum(axis=1, keepdims=True, dtype=np.int64) * fineness(codes)
         return [before[0] + total if before else total]
     if mode == "ENVelope":
         low, high = codes.min(axis=1, keepdims=True), codes.max(axis=1, keepdims=True)
         return [np.minimum(before[0], low), np.maximum(before[1], high)] if before else [low, high]
     blocks = codes.reshape(*codes.shape[:2], points, -1)
     if mode == "HIRes":
-        return [*before, np.rint(256 * blocks.mean(axis=3)).astype(np.int16)]
+        return [*before, np.rint(fineness(codes) * blocks.mean(axis=3)).astype(np.int16)]
     return [*before, interleaved(blocks.min(axis=3), blocks.max(axis=3))]
 
 
-def run_on(total: Kept, codes: NDArray[np.int8], weight: int) -> Kept:
+def run_on(total: Kept, codes: Codes, weight: int) -> Kept:
     """What is kept of an average, the sum of `weight` triggers, after more: each takes the place of its mean once."""
     running = total[0].astype(np.float64)
     for trigger in range(codes.shape[1]):
-        running += codes[:, trigger : trigger + 1] - running / weight
+        running += fineness(codes) * codes[:, trigger : trigger + 1].astype(np.float64) - running / weight
     return [running]
 
 
 def finished(mode: str, frames: Kept, triggers: int) -> Codes:
     """Codes (channels, frames, samples) of what was kept of `triggers`, at least one."""
     if mode == "AVErage":
-        mean: NDArray[np.int16] = np.rint(frames[0] * (256 / triggers)).astype(np.int16)
+        mean: NDArray[np.int16] = np.rint(frames[0] / triggers).astype(np.int16)
         return mean
     if mode == "ENVelope":
         return interleaved(frames[0], frames[1])
     return np.concatenate(frames, axis=1) if len(frames) > 1 else frames[0]
 
 
-def interleaved(low: NDArray[np.int8], high: NDArray[np.int8]) -> NDArray[np.int8]:
+def interleaved(low: Codes, high: Codes) -> Codes:
     """Envelope points: the lowest code of two neighbouring intervals, then the highest; (..., n) of each and of both.
 
     The last of an odd number of points is the lowest code of its own interval.
@@ -147,11 +152,13 @@ def summarised(codes: Codes, summary: str, *, fine: bool) -> Codes:
     return summed
 
 
-def aligned(codes: NDArray[np.int8], offsets: NDArray[np.float64], sample_rate: float) -> NDArray[np.int8]:
+def aligned(codes: Codes, offsets: NDArray[np.float64], sample_rate: float) -> Codes:
     """Codes (channels, triggers, samples) interpolated to where they would be without the triggers' offsets (s)."""
     if not offsets.any():
         return codes
     frequencies = np.fft.rfftfreq(codes.shape[-1], 1 / sample_rate)
     shift = np.exp(-2j * np.pi * np.multiply.outer(offsets, frequencies))
     shifted = np.fft.irfft(np.fft.rfft(codes, axis=-1) * shift, codes.shape[-1], axis=-1)
-    return np.clip(np.rint(shifted), -128, 127).astype(np.int8)
+    limits = np.iinfo(codes.dtype)
+    moved = np.clip(np.rint(shifted), limits.min, limits.max)
+    return moved.astype(np.int8) if codes.dtype == np.int8 else moved.astype(np.int16)

@@ -161,7 +161,8 @@ class Trace:
 
     Attributes:
         channel: 1..4, 0 for a computed waveform.
-        codes: (frames, samples) int8, 25 codes a division; averages int16, 256 times as fine.
+        codes: (frames, samples) int8, 25 codes a division; averages and those of a finer digitiser int16, 256 times as
+            fine.
         plan: How the samples were taken.
         vertical: How volts became codes.
         times_s: (frames,) when each frame was triggered, virtual time.

@@ -112,6 +112,22 @@ def test_effective_bits(enob: float) -> None:
     assert error.std() == pytest.approx(1.024 / 2**enob / np.sqrt(12), rel=0.01)
 
 
+@pytest.mark.parametrize("enob", [6.8, 9.0])
+def test_effective_bits_of_a_finer_digitiser(enob: float) -> None:
+    """Levels of 12 bits fill the upper ones of 16."""
+    generator = np.random.default_rng(1)
+    volts = generator.uniform(-0.4, 0.4, 200_000).astype(np.float32)
+    noise = generator.standard_normal(volts.size, dtype=np.float32) * np.float32(
+        receiver.digitiser_noise_codes(enob, 12)
+    )
+    codes = receiver.quantised(volts, noise, 0.1, 0.0, 0.0, 12)
+    assert codes.dtype == np.int16
+    assert not (codes % 16).any()
+    assert (codes * (0.1 / 6400) - volts).std() == pytest.approx(1.024 / 2**enob / np.sqrt(12), rel=0.01)
+    ends = receiver.quantised(np.array([9.0, -9.0], np.float32), np.zeros(2, np.float32), 0.1, 0.0, 0.0, 12)
+    assert ends.tolist() == [32752, -32768]
+
+
 def test_scale_offset_position_and_clipping() -> None:
     volts = np.array([[0.1, 0.2], [9.0, -9.0]], np.float32)
     codes = receiver.quantised(volts, np.zeros_like(volts), scale_v=0.1, offset_v=0.1, position_div=-2.0)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.parameters import Parameters
-from sim_backends.virtual import VirtualDpo72504dx
+from sim_backends.virtual import VirtualDpo72504dx, VirtualInstrument
 from sim_backends.world.signals import Emission, Playback
 from tests.sim_backends.virtual.watched import SMALL, Ask, Watched
 
@@ -63,7 +63,7 @@ def fast_frame(ask: Ask, scope: VirtualDpo72504dx, count: int, more: str = "") -
     ask(scope, f"HORizontal:FASTframe:STATE ON;LENgth 50;COUNt {count};SEQuence FIRst;SUMFrame NONe" + more)
 
 
-def events(ask: Ask, scope: VirtualDpo72504dx) -> str:
+def events(ask: Ask, scope: VirtualInstrument) -> str:
     ask(scope, "*ESR?")
     codes = []
     while (code := ask(scope, "EVENT?")) != b"0":
@@ -78,7 +78,7 @@ def block(reply: bytes, dtype: str = "i1") -> NDArray[np.float64]:
     return np.frombuffer(reply[2 + digits :], dtype).astype(np.float64)
 
 
-def number(ask: Ask, scope: VirtualDpo72504dx, query: str) -> float:
+def number(ask: Ask, scope: VirtualInstrument, query: str) -> float:
     return float(ask(scope, query))
 
 

@@ -1,0 +1,1 @@
+"""The virtual oscilloscope: Tektronix MSO64B, 6 Series B MSO."""

@@ -1,0 +1,128 @@
+"""The virtual 6 Series B MSO: the acquisition system of its elder cousin behind another digitiser, in other words.
+
+Source: the family's command descriptions in the package tm_devices. Not simulated: measurements, mathematics, stored
+references, spectra, digital channels, history, pixel maps (FastAcq) and averages made in hardware. Assumed, because the
+descriptions leave it open: it has an auxiliary input; a record has as many points in FastFrame as without; the lists of
+FastFrame look as `time_stamps` and `trigger_offsets` write them.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import Any, ClassVar
+
+from sim_backends.scpi.arguments import nr3
+from sim_backends.scpi.status import EventStatus, ScpiError
+from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
+from sim_backends.virtual.dpo72504dx.fastframe import SWITCHED_ON
+from sim_backends.virtual.dpo72504dx.transfer import Trace
+from sim_backends.virtual.dpo72504dx.vertical import CHANNELS
+from sim_backends.virtual.mso6b.commands import COMMANDS, PLANNED_BY
+from sim_backends.virtual.mso6b.model import BANDWIDTH_HZ, BITS, RECORDS
+from sim_backends.world.world import World
+
+
+@dataclass
+class FilterShape:
+    """What the low-pass filter of a channel is optimised for."""
+
+    optimised_for: str = "FLATNESS"
+
+
+class VirtualMso6b(AcquisitionSystem):
+    """What a client of an MSO64B can see: its settings, its records, its events."""
+
+    IDENTITY = "TEKTRONIX,MSO64B,SIM0006,CF:91.1CT FV:2.4.4.1"
+    OPTIONS = "6-BW-10000:License Option"
+    SUFFIXES: ClassVar = {"CH": 4}
+    DEFAULT_SUFFIX = None
+    COMMANDS = COMMANDS
+    PLANNED_BY = PLANNED_BY
+    RECORDS = RECORDS
+    FULL_BANDWIDTH_HZ = BANDWIDTH_HZ
+    BITS = BITS
+
+    def __init__(self, world: World, section: Mapping[str, Any] | None = None) -> None:
+        super().__init__(world, section, effective_bits=world.parameters.enob_of_12_bits)
+        self.status: EventStatus = EventStatus()
+        self.verbose = True
+        self.clears_at_power_on = True
+        self.display_on = True
+        self.panel_lock = "NONe"
+        self.acquisitions_of_a_sequence = self.every_sample = 1
+        self.reset()
+
+    def reset(self) -> None:
+        """`*RST`: factory settings, but headers, verbosity and masks stay as they are."""
+        super().reset()
+        self.trigger.holdoff_by = "TIMe"
+        self.filter_shapes = {number: FilterShape() for number in CHANNELS.values()}
+
+    def restore_factory_settings(self) -> None:
+        """`FACtory`: as `*RST`, and replies with headers and long words."""
+        self.reset()
+        self.headers = self.verbose = True
+
+    def short_identity(self) -> str:
+        """`ID?`: the identity without the serial number."""
+        maker, model, _, firmware = self.IDENTITY.split(",")
+        return f"{maker},{model},{firmware}"
+
+    @property
+    def trigger_slope(self) -> str:
+        """The edge that triggers, on whatever source."""
+        return self.trigger.present.slope
+
+    @trigger_slope.setter
+    def trigger_slope(self, word: str) -> None:
+        for source in self.trigger.inputs.values():
+            source.slope = word
+
+    def time_stamps(self) -> str:
+        """When each frame of the source was triggered: `1: DD.MM.YYYY.HH:MM::SS.xxxxxxxxxxxx, 2: ...`."""
+
+        def stamp(trace: Trace, frame: int) -> str:
+            seconds, picoseconds = divmod(round(trace.times_s[frame] * 1e12), 10**12)
+            moment = SWITCHED_ON + timedelta(seconds=seconds)
+            return f"{moment:%d.%m.%Y.%H:%M::%S}.{picoseconds:012}"
+
+        return self._of_frames(stamp)
+
+    def trigger_offsets(self) -> str:
+        """Sub-sample trigger time of each frame of the source, s: `1: 1.2E-12, 2: ...`."""
+        return self._of_frames(lambda trace, frame: nr3(float(trace.offsets_s[frame])))
+
+    def available_sources(self) -> str:
+        """`DATa:SOUrce:AVAILable?`: the channels that are on."""
+        return ",".join(name for name, number in CHANNELS.items() if self.channels[number].selected) or "NONE"
+
+    @property
+    def pixel_maps(self) -> bool:
+        """FastAcq is off and stays off: -221."""
+        return False
+
+    @pixel_maps.setter
+    def pixel_maps(self, wanted: bool) -> None:
+        if wanted:
+            raise ScpiError(-221, "FastAcq and its pixel maps are not simulated")
+
+    @property
+    def fast_averages(self) -> bool:
+        """Averages in hardware are off and stay off: -221."""
+        return False
+
+    @fast_averages.setter
+    def fast_averages(self, wanted: bool) -> None:
+        if wanted:
+            raise ScpiError(-221, "averages made in hardware are not simulated")
+
+    def unlock_panel(self, _word: str) -> None:
+        """`UNLock ALL`."""
+        self.panel_lock = "NONe"
+
+    def _of_frames(self, item: Callable[[Trace, int], str]) -> str:
+        source = self.transfer.sources[0]
+        if source not in CHANNELS:
+            raise ScpiError(2244, source)
+        trace = self.acquired_trace(CHANNELS[source])
+        return ", ".join(f"{frame + 1}: {item(trace, frame)}" for frame in range(len(trace.codes)))
