@@ -47,7 +47,7 @@ def test_its_shards_alone_say_the_same(name: str, tmp_path: Path) -> None:
 
 
 def test_a_killed_run_goes_on(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """What it had and what it lacked are of one run: both differ from a run of today by noise, which is new each time."""
+    """What it had and what it lacked are of one run: both differ from one of today by noise, which is new each time."""
     shutil.copytree(OLDER / "killed", tmp_path / "run")
     entries = read_journal(tmp_path / "run" / "journal.jsonl").entries
     status, resumed = as_json(capsys, "resume", tmp_path / "run")
