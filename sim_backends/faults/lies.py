@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backends.virtual.alp.instrument import VirtualAlp
-from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
-from sim_backends.virtual.dpo72504dx.transfer import Trace
 from sim_backends.virtual.instrument import VirtualInstrument
+from sim_backends.virtual.oscilloscope.acquisition import AcquisitionSystem
+from sim_backends.virtual.oscilloscope.transfer import Trace
 
 Lie = Callable[[VirtualInstrument], None]
 Distorted = Callable[[Trace], Trace]

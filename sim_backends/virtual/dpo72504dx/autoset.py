@@ -11,10 +11,10 @@ from typing import Protocol
 from sim_backends.scpi.arguments import keyword
 from sim_backends.scpi.commands import Action
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.horizontal import DIVISIONS
 from sim_backends.virtual.dpo72504dx.measurements import Waveform
 from sim_backends.virtual.dpo72504dx.setups import Setups
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, HIGHEST_SCALE_V, LOWEST_SCALE_V
+from sim_backends.virtual.oscilloscope.horizontal import DIVISIONS
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS, HIGHEST_SCALE_V, LOWEST_SCALE_V
 
 SHOWN_DIVISIONS = 6
 CYCLES = 4

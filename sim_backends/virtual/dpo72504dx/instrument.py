@@ -14,19 +14,19 @@ from sim_backends.scpi.commands import Action, Query, Setting
 from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Chunk, parse
 from sim_backends.scpi.status import EventStatus, ScpiError
-from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
 from sim_backends.virtual.dpo72504dx.autoset import AUTOSET_COMMANDS, Autoset
-from sim_backends.virtual.dpo72504dx.fastframe import FASTFRAME_COMMANDS, Stamps
-from sim_backends.virtual.dpo72504dx.horizontal import HORIZONTAL_COMMANDS, RECORDS
-from sim_backends.virtual.dpo72504dx.mathematics import WAVEFORM_COMMANDS
 from sim_backends.virtual.dpo72504dx.measurements import NO_WAVEFORM, Waveform
 from sim_backends.virtual.dpo72504dx.measuring import MEASUREMENT_COMMANDS, SLOTS, Measuring
-from sim_backends.virtual.dpo72504dx.modes import MODE_COMMANDS
 from sim_backends.virtual.dpo72504dx.setups import SETUP_COMMANDS, Setups, learned, readings, told
 from sim_backends.virtual.dpo72504dx.storage import STORAGE_COMMANDS, Storage
-from sim_backends.virtual.dpo72504dx.transfer import PREAMBLE, TRANSFER_COMMANDS, Transfer
-from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_COMMANDS
-from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, VERTICAL_COMMANDS
+from sim_backends.virtual.oscilloscope.acquisition import AcquisitionSystem
+from sim_backends.virtual.oscilloscope.fastframe import FASTFRAME_COMMANDS, Stamps
+from sim_backends.virtual.oscilloscope.horizontal import HORIZONTAL_COMMANDS, RECORDS
+from sim_backends.virtual.oscilloscope.mathematics import WAVEFORM_COMMANDS
+from sim_backends.virtual.oscilloscope.modes import MODE_COMMANDS
+from sim_backends.virtual.oscilloscope.transfer import PREAMBLE, TRANSFER_COMMANDS, Transfer
+from sim_backends.virtual.oscilloscope.trigger import TRIGGER_COMMANDS
+from sim_backends.virtual.oscilloscope.vertical import BANDWIDTH_HZ, VERTICAL_COMMANDS
 from sim_backends.world.world import World
 
 

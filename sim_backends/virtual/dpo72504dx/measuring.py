@@ -26,7 +26,7 @@ from sim_backends.virtual.dpo72504dx.measurements import (
     phase,
     unit,
 )
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS
 
 SLOTS = 8
 VALUES_KEPT = 10_000  # of the statistics of a slot; bounds the memory

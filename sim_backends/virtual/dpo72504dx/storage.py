@@ -15,11 +15,11 @@ from sim_backends.scpi.arguments import file_or, keyword, number_or_word, quoted
 from sim_backends.scpi.commands import Action, Query, Setting
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.disk import Disk
-from sim_backends.virtual.dpo72504dx.mathematics import Reference, computed
-from sim_backends.virtual.dpo72504dx.plan import Plan
 from sim_backends.virtual.dpo72504dx.setups import PLACE, PLACES, Setups
-from sim_backends.virtual.dpo72504dx.transfer import Trace
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, Vertical
+from sim_backends.virtual.oscilloscope.mathematics import Reference, computed
+from sim_backends.virtual.oscilloscope.plan import Plan
+from sim_backends.virtual.oscilloscope.transfer import Trace
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS, Vertical
 from sim_backends.world.signals import Acquisition
 
 FOLDER = r"C:\Users\Public\Tektronix\TekScope"  # the manual's default folder, without its sub-folders

@@ -6,11 +6,11 @@ manual of the 4/5/6 Series MSO. Where the words of a family differ from the DPO7
 
 from sim_backends.scpi.arguments import boolean, integer, keyword, quoted, real, run_or_stop, several
 from sim_backends.scpi.commands import Action, Query, Setting
-from sim_backends.virtual.dpo72504dx.fastframe import MOST_FRAMES
-from sim_backends.virtual.dpo72504dx.transfer import LAST_POINT, PREAMBLE
-from sim_backends.virtual.dpo72504dx.trigger import TRIGGER_LIMIT_V, TRIGGER_SOURCES
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, DESKEW_LIMIT_S, OFFSET_LIMIT_V
 from sim_backends.virtual.mso6b.model import BANDWIDTH_HZ, RECORDS
+from sim_backends.virtual.oscilloscope.fastframe import MOST_FRAMES
+from sim_backends.virtual.oscilloscope.transfer import LAST_POINT, PREAMBLE
+from sim_backends.virtual.oscilloscope.trigger import TRIGGER_LIMIT_V, TRIGGER_SOURCES
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS, DESKEW_LIMIT_S, OFFSET_LIMIT_V
 
 LOWEST_SCALE_V, HIGHEST_SCALE_V = 1e-3, 1.0  # V/div into 50 ohm, recalled
 LOWEST_BANDWIDTH_HZ = 20e6  # recalled

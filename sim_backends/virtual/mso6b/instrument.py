@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 
 from sim_backends.scpi.arguments import nr3
 from sim_backends.scpi.status import EventStatus, ScpiError
-from sim_backends.virtual.dpo72504dx.acquisition import AcquisitionSystem
-from sim_backends.virtual.dpo72504dx.fastframe import SWITCHED_ON
-from sim_backends.virtual.dpo72504dx.transfer import Trace
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS
 from sim_backends.virtual.mso6b.commands import COMMANDS, PLANNED_BY
 from sim_backends.virtual.mso6b.model import BANDWIDTH_HZ, BITS, RECORDS
+from sim_backends.virtual.oscilloscope.acquisition import AcquisitionSystem
+from sim_backends.virtual.oscilloscope.fastframe import SWITCHED_ON
+from sim_backends.virtual.oscilloscope.transfer import Trace
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS
 from sim_backends.world.world import World
 
 

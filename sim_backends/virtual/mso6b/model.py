@@ -4,7 +4,7 @@ Source: 6 Series B MSO data sheet, recalled where nothing else is said. The fami
 channel, and 8 bits at 50 GS/s, on two; the latter are not simulated.
 """
 
-from sim_backends.virtual.dpo72504dx.horizontal import Records
+from sim_backends.virtual.oscilloscope.horizontal import Records
 
 BITS = 12  # in the upper bits of 16: "12 bit precision data is zero padded in lower 4 bits" (ACQuire:MODe)
 BANDWIDTH_HZ = 10e9

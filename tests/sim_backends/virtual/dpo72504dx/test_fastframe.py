@@ -7,8 +7,8 @@ import pytest
 
 from sim_backends.parameters import Parameters
 from sim_backends.virtual import VirtualDpo72504dx
-from sim_backends.virtual.dpo72504dx.fastframe import date_stamp, duration_stamp
-from sim_backends.virtual.dpo72504dx.modes import summarised
+from sim_backends.virtual.oscilloscope.fastframe import date_stamp, duration_stamp
+from sim_backends.virtual.oscilloscope.modes import summarised
 from sim_backends.world.signals import Projection
 from tests.sim_backends.virtual.dpo72504dx.session import (
     SHORT_RECORDS,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
-from sim_backends.virtual.dpo72504dx.modes import interleaved
+from sim_backends.virtual.oscilloscope.modes import interleaved
 from tests.sim_backends.virtual.dpo72504dx.session import PERIOD, SHORT_RECORDS, block, fast_frame
 from tests.sim_backends.virtual.watched import Ask, Read, Watched
 

@@ -3,10 +3,10 @@
 import struct
 from dataclasses import dataclass, replace
 
-from sim_backends.virtual.dpo72504dx.horizontal import Horizontal
-from sim_backends.virtual.dpo72504dx.modes import BASE_RATE, Mode
-from sim_backends.virtual.dpo72504dx.trigger import Trigger
-from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, Channel, Vertical
+from sim_backends.virtual.oscilloscope.horizontal import Horizontal
+from sim_backends.virtual.oscilloscope.modes import BASE_RATE, Mode
+from sim_backends.virtual.oscilloscope.trigger import Trigger
+from sim_backends.virtual.oscilloscope.vertical import BANDWIDTH_HZ, Channel, Vertical
 from sim_backends.world.signals import Acquisition, TriggerCondition
 
 OVERSAMPLED_AT_MOST = 64  # bounds the work; the real digitiser never slows down

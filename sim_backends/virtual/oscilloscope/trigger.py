@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim_backends.scpi.arguments import keyword, real
 from sim_backends.scpi.commands import Setting
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS
 from sim_backends.world.signals import AUX, TriggerCondition
 from sim_backends.world.world import World
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from sim_backends.scpi.arguments import boolean, quoted
 from sim_backends.scpi.commands import Setting
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.transfer import CODES_PER_DIVISION, Trace
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, Vertical
+from sim_backends.virtual.oscilloscope.transfer import CODES_PER_DIVISION, Trace
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS, Vertical
 
 SHOWN_DIVISIONS = 6
 LARGEST = 9.9e37  # single precision holds it

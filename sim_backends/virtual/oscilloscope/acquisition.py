@@ -18,10 +18,11 @@ from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_wi
 from sim_backends.scpi.commands import Command
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.fastframe import READY_S, SUMMARY_FRAMES, FastFrame
-from sim_backends.virtual.dpo72504dx.horizontal import Horizontal, Records
-from sim_backends.virtual.dpo72504dx.mathematics import Math, Reference
-from sim_backends.virtual.dpo72504dx.modes import (
+from sim_backends.virtual.instrument import VirtualInstrument
+from sim_backends.virtual.oscilloscope.fastframe import READY_S, SUMMARY_FRAMES, FastFrame
+from sim_backends.virtual.oscilloscope.horizontal import Horizontal, Records
+from sim_backends.virtual.oscilloscope.mathematics import Math, Reference
+from sim_backends.virtual.oscilloscope.modes import (
     NO_CODES,
     Codes,
     Kept,
@@ -32,11 +33,10 @@ from sim_backends.virtual.dpo72504dx.modes import (
     run_on,
     summarised,
 )
-from sim_backends.virtual.dpo72504dx.plan import Plan, planned
-from sim_backends.virtual.dpo72504dx.transfer import Preamble, Trace, Transfer
-from sim_backends.virtual.dpo72504dx.trigger import Trigger
-from sim_backends.virtual.dpo72504dx.vertical import BANDWIDTH_HZ, CHANNELS, Channel, Vertical
-from sim_backends.virtual.instrument import VirtualInstrument
+from sim_backends.virtual.oscilloscope.plan import Plan, planned
+from sim_backends.virtual.oscilloscope.transfer import Preamble, Trace, Transfer
+from sim_backends.virtual.oscilloscope.trigger import Trigger
+from sim_backends.virtual.oscilloscope.vertical import BANDWIDTH_HZ, CHANNELS, Channel, Vertical
 from sim_backends.world.keyed_random import digest, unit_noise
 from sim_backends.world.signals import Acquisition, Record
 from sim_backends.world.world import World

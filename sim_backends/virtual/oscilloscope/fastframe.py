@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from sim_backends.scpi.arguments import boolean, integer, keyword, nr3
 from sim_backends.scpi.commands import Query, Setting
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.dpo72504dx.horizontal import LONGEST_RECORD
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS
+from sim_backends.virtual.oscilloscope.horizontal import LONGEST_RECORD
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS
 
 READY_S = 0.4  # from RUN until a burst of triggers is accepted
 SWITCHED_ON = datetime(2026, 1, 1)  # what the oscilloscope's clock shows when the virtual clock is at 0

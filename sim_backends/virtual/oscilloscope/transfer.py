@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from sim_backends.scpi.arguments import boolean, integer, keyword, nr3, quoted, real, several
 from sim_backends.scpi.commands import Action, Query, Setting, definite_block
 from sim_backends.scpi.messages import Chunk
-from sim_backends.virtual.dpo72504dx.horizontal import DIVISIONS, RECORD_SHOWN
-from sim_backends.virtual.dpo72504dx.modes import Codes
-from sim_backends.virtual.dpo72504dx.plan import Plan
-from sim_backends.virtual.dpo72504dx.vertical import CHANNELS, Vertical
+from sim_backends.virtual.oscilloscope.horizontal import DIVISIONS, RECORD_SHOWN
+from sim_backends.virtual.oscilloscope.modes import Codes
+from sim_backends.virtual.oscilloscope.plan import Plan
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS, Vertical
 
 CODES_PER_DIVISION = 25
 LAST_POINT = 10**15  # DATa:STOP accepts any number: clients send 1E12 for "all"

@@ -1,0 +1,1 @@
+"""What oscilloscopes of one maker have in common: inputs, triggers, records, and how waveforms leave them."""
