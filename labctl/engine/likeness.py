@@ -25,6 +25,9 @@ Of 5.5 effective bits it has s = 1.65 codes, rounding included (IEEE 1241); ligh
 """
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
+STEADY = 0.1
+"""Part of the light that different pictures must differ by as well: power, gain and the trigger's jitter are common to
+a record and vary by hundredths of the light, which no dark record shows."""
 SURE = 2.5
 """Standard deviations by which two records of one picture may differ more than noise has it."""
 FEWEST_VALUES, FEWEST_OF_ONE_SHOT = 40, 80
@@ -90,6 +93,7 @@ class Likeness:
         self._noise_of_light = 0.0  # variance that a code of light adds to that of the difference of two records
         self._usual = np.empty(0)  # by how much records of different pictures differ
         self._as_a_rule = math.nan  # their median
+        self._lit_level = math.nan  # mean code of the records with light that came last
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
         self._unjudged = np.empty((0, 3))  # shots, by how much they differ from the one before, and mean codes of both
@@ -141,6 +145,8 @@ class Likeness:
             return Finding(self._agreed, LATE.format(f"dark shot {begin + place} is lit and the next is not"))
         differences = _rms(np.diff(values, axis=0))
         pictures = np.where(dark, -1, self._picture[begin:end])
+        if lit.any():
+            self._lit_level = float(values[lit].mean())
         other = (lit | dark)[1:] & (lit | dark)[:-1] & (pictures[1:] != pictures[:-1])
         self._usual = np.append(self._usual, differences[other & lit[1:] & lit[:-1]])[-REMEMBERED:]
         if self._usual.size > 2:
@@ -222,8 +228,9 @@ class Likeness:
         return found
 
     def _tells_apart(self, noise: float) -> bool:
-        """Whether records of different pictures differ by more than noise; False as long as that is not known."""
-        return self._as_a_rule >= CONTRAST * noise
+        """Whether records of different pictures differ by more than those of one; False as long as nobody knows."""
+        light = 0.0 if self._dark_record is None else self._lit_level - float(self._dark_record.mean())
+        return self._as_a_rule >= max(CONTRAST * noise, STEADY * light)
 
 
 def alike_by(inputs: Inputs) -> Alike:

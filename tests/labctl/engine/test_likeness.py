@@ -63,6 +63,16 @@ def test_noise_is_not_taken_for_anything_else(samples: int, light: float, at_onc
     assert examined(SHOTS, records(SHOTS, samples=samples, light=light), at_once) is None
 
 
+def test_bright_pictures_that_are_nearly_the_same_are_not_told_apart_where_the_light_varies() -> None:
+    """As of cracks in a wall: nearly all of the light is in every picture, and its power varies from shot to shot."""
+    generator = np.random.default_rng(7)
+    wall = generator.uniform(60, 100, (1, PORTS, SAMPLES))
+    power = generator.normal(1, 0.02, (len(SHOTS), 1, 1))
+    lit = np.array([shot.kind is not ShotKind.DARK for shot in SHOTS])[:, np.newaxis, np.newaxis]
+    own = records(SHOTS, light=6 * NOISE)
+    assert examined(SHOTS, np.clip(np.rint(own / 4 + lit * power * wall), -128, 127).astype(np.int8)) is None
+
+
 def test_a_channel_that_freezes() -> None:
     codes = RIGHT.copy()
     codes[50:, 2] = codes[50, 2]
