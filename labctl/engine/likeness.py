@@ -56,8 +56,8 @@ NOT_SHOWN = "dmd: shot {}: its record {}, within noise: its picture was not show
 STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
 NO_LIGHT = "bench: records with light differ from dark ones by noise alone: check laser, fibres and DMD"
 
-Alike = Callable[[Shot, Shot], bool]
-"""Whether two shots show nearly the same."""
+Alike = Callable[[Shot, Shot, float], bool]
+"""Whether two shots show nearly the same, or differ by less than a part of the pixels that images usually have lit."""
 
 
 class Finding(NamedTuple):
@@ -205,18 +205,19 @@ class Likeness:
         if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise):
             return None
         allowed = 1 + SURE / math.sqrt(values[0].size)
+        faint = CONTRAST * self._most_noise / self._as_a_rule  # less light than this may be hidden by noise
         shots, differences, levels = unjudged.T
         light = np.maximum(levels - self._dark_record.mean(), 0)
         noise = np.sqrt(self._most_noise**2 + self._noise_of_light * light)
         found = {
             shot: "is that of the shot before"
             for shot in self._unconfirmed(shots[differences <= allowed * noise])
-            if not self._alike(self._shots[shot - 1], self._shots[shot])
+            if not self._alike(self._shots[shot - 1], self._shots[shot], faint)
         }
         found |= {
             shot: "is dark"
             for shot in self._unconfirmed(begin + lit[from_dark <= allowed * self._most_noise])
-            if not self._alike(replace(self._shots[shot], kind=ShotKind.DARK), self._shots[shot])
+            if not self._alike(replace(self._shots[shot], kind=ShotKind.DARK), self._shots[shot], faint)
         }
         if not found:
             return None
@@ -236,20 +237,21 @@ class Likeness:
 def alike_by(inputs: Inputs) -> Alike:
     """Whether two shots show nearly the same: by their images, where there are any; otherwise all may be alike."""
     if not isinstance(inputs, Images):
-        return lambda _one, _other: True
+        return lambda _one, _other, _faint: True
     places = {int(index): place for place, index in enumerate(inputs.indices)}
+    usual = float(np.median(np.count_nonzero(inputs.images, axis=(1, 2))))
 
     def pixels(shot: Shot) -> NDArray[np.bool_] | None:
         if shot.kind is ShotKind.DARK:
             return np.zeros(inputs.images.shape[1:], np.bool_)
         return inputs.images[places[shot.dataset_index]] if shot.kind in LIT and shot.dataset_index in places else None
 
-    def alike(one: Shot, other: Shot) -> bool:
+    def alike(one: Shot, other: Shot, faint: float) -> bool:
         shown = pixels(one), pixels(other)
         if shown[0] is None or shown[1] is None:
             return True
         different, lit = np.count_nonzero(shown[0] ^ shown[1]), max(map(np.count_nonzero, (shown[0], shown[1])))
-        return bool(different <= NEARLY * lit)
+        return bool(different <= max(NEARLY * lit, faint * usual))
 
     return alike
 

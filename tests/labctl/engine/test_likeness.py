@@ -73,6 +73,17 @@ def test_bright_pictures_that_are_nearly_the_same_are_not_told_apart_where_the_l
     assert examined(SHOTS, np.clip(np.rint(own / 4 + lit * power * wall), -128, 127).astype(np.int8)) is None
 
 
+def test_a_picture_with_hardly_a_pixel_is_not_taken_for_a_dark_one() -> None:
+    images = pictures(len(SHOTS))
+    images.images[31] = False
+    images.images[31, 4, 4:7] = True
+    shot = next(shot for shot in SHOTS if shot.kind is ShotKind.IMAGE and shot.dataset_index == 31)
+    codes = RIGHT.copy()
+    codes[shot.index] = np.rint(np.random.default_rng(8).normal(0, NOISE, codes[0].shape))
+    assert Likeness(SHOTS, alike_by(images)).examine(0, codes) is None
+    assert examined(SHOTS, codes) is not None, "a picture with many pixels is not dark"
+
+
 def test_a_channel_that_freezes() -> None:
     codes = RIGHT.copy()
     codes[50:, 2] = codes[50, 2]
