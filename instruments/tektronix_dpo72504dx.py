@@ -90,8 +90,9 @@ SELF_TEST_S = 60.0
 TRIGGER_WAIT_S = 10.0
 BURST_WAIT_S = 60.0
 STALLED_S = 3.0
-REPEATED_S = 0.5
 """A burst that got no frame for so long gets no more: its triggers are microseconds apart."""
+REPEATED_S = 0.5
+"""So long is waited for a trigger that repeats quickly."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1e-3, 50e-3
 """Between questions whether it is ready, each pause twice the one before: a real one gets ready for frames in 400 ms
 and stands a question every 50 ms (a public FastFrame capture script); a simulated one is ready at the first."""

@@ -81,7 +81,7 @@ def configuration(
     yield from (single_records(timebase) if frames == 1 else many_frames(timebase, frames))
     yield from _delay(timebase)
     for channel in channels:
-        yield from _input(channel, bandwidth_hz)
+        yield from input_conversion(channel, bandwidth_hz)
     yield from _trigger(trigger)
     yield Setting("DATa:STARt", "1")
     yield Setting("DATa:STOP", str(timebase.samples))
@@ -165,7 +165,8 @@ def _delay(timebase: Timebase) -> tuple[Setting, ...]:
     )
 
 
-def _input(channel: int, bandwidth_hz: float) -> tuple[Setting, ...]:
+def input_conversion(channel: int, bandwidth_hz: float) -> tuple[Setting, ...]:
+    """What of a channel, beside its range, changes volts or time."""
     return (
         Setting(f"CH{channel}:TERmination", str(TERMINATION_OHM), 1.0, "Ohm"),
         Setting(f"CH{channel}:INVert", "OFF"),

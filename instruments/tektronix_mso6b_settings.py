@@ -12,7 +12,7 @@ from instruments.tektronix_dpo72504dx_settings import (
     LEVEL_TOLERANCE_V,
     MOST_SURPLUS,
     RATE_TOLERANCE,
-    TERMINATION_OHM,
+    input_conversion,
 )
 from instruments.values import EdgeTrigger, Timebase
 
@@ -82,7 +82,8 @@ def conversion(
     """
     yield from _delay(timebase, points)
     for channel in channels:
-        yield from _input(channel, bandwidth_hz)
+        yield from input_conversion(channel, bandwidth_hz)
+        yield Setting(f"CH{channel}:BANdwidth:FILTer:OPTIMIZation", "STEPRESPONSE")
     yield from _trigger(trigger)
     yield Setting("DATa:RESample", "1")
     yield Setting("DATa:STARt", "1")
@@ -105,18 +106,6 @@ def _delay(timebase: Timebase, points: float) -> tuple[Setting, ...]:
     return (
         Setting("HORizontal:DELay:MODe", "ON"),
         Setting("HORizontal:DELay:TIMe", f"{middle_s:.6E}", 1 / timebase.sample_rate, "s"),
-    )
-
-
-def _input(channel: int, bandwidth_hz: float) -> tuple[Setting, ...]:
-    return (
-        Setting(f"CH{channel}:TERmination", str(TERMINATION_OHM), 1.0, "Ohm"),
-        Setting(f"CH{channel}:INVert", "OFF"),
-        Setting(f"CH{channel}:COUPling", "DC"),
-        Setting(f"CH{channel}:BANdwidth", f"{bandwidth_hz:.3E}", bandwidth_hz / 2, "Hz"),
-        Setting(f"CH{channel}:BANdwidth:FILTer:OPTIMIZation", "STEPRESPONSE"),
-        Setting(f"CH{channel}:DESKew", "0"),
-        Setting(f"CH{channel}:PROBEFunc:EXTAtten", "1"),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.bench import Bench
+from instruments.errors import InstrumentError
 from instruments.interfaces import BurstDmd
 from instruments.safe_state import ending_with
 from instruments.values import Answer, Drive, Frames, Timebase
@@ -33,6 +34,8 @@ REST = 1000
 """Samples of a drive that rests."""
 AT_REST = 0.05
 """Mirrors rest when the light stays within so much of its change."""
+VISIBLE = 5.0
+"""Times the scatter of settled light that it must have changed by."""
 LATE_S = 1e-6
 """By so much two switches may be seen apart otherwise than commanded: half of what the pulses differ by."""
 
@@ -100,6 +103,9 @@ def switching_answers(settling_s: float, first: Switched, second: Switched) -> I
     """What two switches say: which end of the pulse starts the drive, how late the light is, when the mirrors rest.
 
     settling_s: how long `Dmd.show` takes them to need.
+
+    Raises:
+        InstrumentError: the light did not change.
     """
     seen = [_half(one) for one in (first, second)]
     moved = seen[0] - seen[1]
@@ -149,8 +155,13 @@ def _volts(bench: Bench, frames: Frames) -> NDArray[np.float64]:
 
 def _part(one: Switched) -> NDArray[np.float64]:
     """How much of its change the light has behind it: 0 at the first look, 1 at the last ones."""
-    before, after = one.volts[0], one.volts[-len(one.volts) // 8 :].mean()
-    part: NDArray[np.float64] = (one.volts - before) / (after - before)
+    before, settled = one.volts[0], one.volts[-len(one.volts) // 8 :]
+    change = settled.mean() - before
+    if not abs(change) > VISIBLE * settled.std():
+        raise InstrumentError(
+            "bench: the light does not change when the mirrors turn: check laser, fibres and DMD, then ask again"
+        )
+    part: NDArray[np.float64] = (one.volts - before) / change
     return part
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from instruments.errors import InstrumentError
 from protocols.open_questions import EARLIER_S, STEP_S, SWITCH_AFTER_S, WINDOW_S, Switched, switching_answers
 
 LOOKS = np.arange(0, WINDOW_S, STEP_S)
@@ -26,6 +27,14 @@ def test_a_drive_that_starts_at_the_beginning_of_the_pulse_is_told() -> None:
     two = (switched(6e-6, 1e-6, commanded) for commanded in (SWITCH_AFTER_S, SWITCH_AFTER_S - EARLIER_S))
     edge, _, _ = switching_answers(50e-6, *two)
     assert (edge.found, edge.agrees) == ("its beginning", False)
+
+
+def test_light_that_does_not_change_is_one_line() -> None:
+    noise = np.random.default_rng(1).normal(0, 1e-4, (2, LOOKS.size))
+    for still in (np.zeros_like(noise), noise):
+        two = (Switched(volts, SWITCH_AFTER_S) for volts in still)
+        with pytest.raises(InstrumentError, match="the light does not change when the mirrors turn"):
+            list(switching_answers(50e-6, *two))
 
 
 def test_mirrors_that_take_longer_than_assumed_are_told() -> None:
