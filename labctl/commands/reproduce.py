@@ -18,18 +18,18 @@ from labctl.commands.output import JsonOption, progress_bar, say, show, table, t
 from labctl.errors import UsageError, one_line
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import run_name
-from labctl.studies.paper.experiments import experiments
+from labctl.studies.paper.experiments import SERIES, experiments
 from labctl.studies.processes import Interrupted
 
 if TYPE_CHECKING:
     from labctl.studies.paper.reproduction import Plan, Reproduced
 
-ALL = "all"
-
 
 def reproduce(
     context: typer.Context,
-    names: Annotated[list[str] | None, typer.Argument(help="Experiments, or 'all' (the default).")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Experiments; 'all' of the paper (the default), 'beyond' it.")
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer twins and splits, by the same path.")] = False,
     seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many seeds, in place of the usual.")] = None,
     station: StationOption = None,
@@ -42,20 +42,21 @@ def reproduce(
     ] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Run experiments of the paper and compare with what it reached.
+    """Run experiments of the paper, or beyond it, and compare with what must be reached.
 
     Exit 0 if every figure is reached, 1 if one falls short or an experiment of 'all' had to be skipped.
     """
     from labctl.studies.paper.feasibility import check
     from labctl.studies.paper.reproduction import Plan
 
-    wanted = [] if not names or ALL in names else names
+    wanted = names or ["all"]
     chosen = experiments(wanted)
-    folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(names or [ALL]))
+    by_name = SERIES.keys().isdisjoint(wanted)
+    folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(wanted))
     access = access_of(context, attended=attended, armed=armed)
     plan = Plan(chosen, read_station(station), folder, quick, seeds, data, access)
     problems = check(plan)
-    if problems and (wanted or len(problems) == len(chosen)):
+    if problems and (by_name or len(problems) == len(chosen)):
         raise next(iter(problems.values()))
     skipped = {name: one_line(error) for name, error in problems.items()}
     for name, why in skipped.items():
@@ -64,7 +65,7 @@ def reproduce(
     try:
         if vary:
             return _vary(plan, as_json)
-        return _reproduce(plan, skipped, as_json, alone=len(wanted) == 1)
+        return _reproduce(plan, skipped, as_json, alone=by_name and len(wanted) == 1)
     except Interrupted:
         tell(f"interrupted: the finished runs are in {folder}, the bench is in the safe state")
         return INTERRUPTED

@@ -61,7 +61,7 @@ def demonstrate(
     shown = experiment.protocols[SHOWN]
     name = run_name(datetime.now(UTC), "demo", shown.digest())
 
-    def directory(run: str, protocol: Measurement[Any]) -> str:
+    def directory(run: str, protocol: Measurement[Any], _parameters: object) -> str:
         return f"{name}-twin-{protocol.seed}" + ("" if run == SHOWN else f"-{run}")
 
     plan = Plan((experiment,), Station(), folder, access=access, name=directory)

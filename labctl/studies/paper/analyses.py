@@ -15,8 +15,16 @@ from labctl.reports.experiments import ExperimentFigure
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
 
-MODULES = ("recognition", "traces", "cracks", "forecasting", "vowels", "scenes", "imaging")
-"""Each has its `ANALYSIS`, and is loaded when an experiment file names it."""
+MODULES = {
+    "recognition": "paper",
+    "traces": "paper",
+    "cracks": "paper",
+    "forecasting": "paper",
+    "vowels": "paper",
+    "scenes": "paper",
+    "imaging": "paper",
+}
+"""Package of `labctl.studies` that has the module. Each has its `ANALYSIS`, loaded when an experiment file names it."""
 
 
 class AnalysisSettings(BaseModel, ABC):
@@ -70,12 +78,13 @@ def analysis_of(experiment: Experiment) -> tuple[Analysis, AnalysisSettings]:
     Raises:
         ExperimentError: no such analysis, wrong settings, no such run as it reads, or no torch for one that needs it.
     """
-    if experiment.analysis not in MODULES:
+    package = MODULES.get(experiment.analysis)
+    if package is None:
         raise ExperimentError(
             f"experiment {experiment.name}: no analysis is called {experiment.analysis!r}: "
             f"choose from {', '.join(MODULES)}"
         )
-    analysis: Analysis = import_module(f"labctl.studies.paper.{experiment.analysis}").ANALYSIS
+    analysis: Analysis = import_module(f"labctl.studies.{package}.{experiment.analysis}").ANALYSIS
     if analysis.needs_torch and find_spec("torch") is None:
         raise ExperimentError(
             f"experiment {experiment.name} needs torch, which is not installed: "

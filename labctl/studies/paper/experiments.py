@@ -1,10 +1,10 @@
-"""The experiments of the paper: one TOML file each under `protocols/experiments/`; a new file is a new experiment."""
+"""The experiments: one TOML file each under `protocols/experiments/`; a new file is a new experiment."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError, model_validator
 
@@ -16,6 +16,8 @@ from protocols.base import Measurement
 from protocols.registry import protocol_from
 
 FOLDER = Path(str(files("protocols") / "experiments"))
+SERIES = {"all": "paper", "beyond": "beyond"}
+"""What stands on the command line for the experiments of a series together."""
 
 
 class _Table(BaseModel):
@@ -23,10 +25,17 @@ class _Table(BaseModel):
 
 
 class PlannedRun(_Table):
-    """A run that the experiment needs: a protocol by name, and its settings without the seed."""
+    """A run that the experiment needs.
+
+    Attributes:
+        protocol: Its protocol, by name.
+        settings: The protocol's settings, without the seed.
+        parameters: Physical parameters of the twin that differ from the station's for this run.
+    """
 
     protocol: str
     settings: dict[str, Any] = {}
+    parameters: dict[str, float | int | bool | str] = {}
 
 
 class Baseline(_Table):
@@ -133,7 +142,8 @@ class Experiment(_Table):
         title: A few words.
         paper: What the paper reached, in short.
         statement: What is done here, a few sentences.
-        analysis: Name of the analysis in `labctl.studies.paper`.
+        analysis: Name of the analysis.
+        series: Whether the paper has it, or it goes beyond; only what goes beyond may change the twin's parameters.
         part_of: The experiment that this one repeats a part of; it is then carried out by name only, not among all.
         twins: Over how many twins it is repeated.
         splits: On how many random splits each twin's readouts are judged.
@@ -151,6 +161,7 @@ class Experiment(_Table):
     paper: str
     statement: str
     analysis: str
+    series: Literal["paper", "beyond"] = "paper"
     part_of: str = ""
     twins: PositiveInt = 5
     splits: PositiveInt = 10
@@ -162,6 +173,16 @@ class Experiment(_Table):
     sensitivity: SensitivityStudy | None = None
     notes: tuple[str, ...] = ()
     cause: str = ""
+
+    @model_validator(mode="after")
+    def _one_twin_for_the_paper(self) -> Self:
+        for name, run in self.runs.items():
+            if run.parameters and self.series == "paper":
+                raise ValueError(
+                    f"runs.{name}.parameters: all experiments of the paper share one twin: leave them out, or say "
+                    "series = 'beyond'"
+                )
+        return self
 
     @cached_property
     def protocols(self) -> dict[str, Measurement[Any]]:
@@ -176,19 +197,27 @@ class Experiment(_Table):
         }
 
 
-def experiments(names: Sequence[str] = (), *, folder: Path = FOLDER) -> tuple[Experiment, ...]:
-    """The experiments called by name, or all that are no part of another, in the order of their names.
+def experiments(names: Sequence[str] = ("all",), *, folder: Path = FOLDER) -> tuple[Experiment, ...]:
+    """The experiments called by name, in the order of their names; 'all' and 'beyond' stand for a series.
+
+    Of a series those are left out that are a part of another.
 
     Raises:
         ExperimentError: no such experiment, or a file that is wrong.
     """
-    found = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    paths = {path.stem: path for path in sorted(folder.glob("*.toml"))}
     for name in names:
-        if name not in found:
-            known = ", ".join(experiment.name for experiment in experiments(folder=folder))
-            raise ExperimentError(f"no experiment is called {name!r}: choose 'all' or from {known}")
-    chosen = tuple(_read(path) for stem, path in found.items() if not names or stem in names)
-    return chosen if names else tuple(experiment for experiment in chosen if not experiment.part_of)
+        if name not in paths and name not in SERIES:
+            raise ExperimentError(
+                f"no experiment is called {name!r}: choose 'all', 'beyond' or from {', '.join(paths)}"
+            )
+    series = {SERIES[name] for name in names if name in SERIES}
+    read = [_read(path) for name, path in paths.items() if series or name in names]
+    if found := tuple(one for one in read if one.name in names or (one.series in series and not one.part_of)):
+        return found
+    raise ExperimentError(
+        f"{folder}: holds no experiment of series {', '.join(sorted(series))}: name one that it holds"
+    )
 
 
 def _read(path: Path) -> Experiment:

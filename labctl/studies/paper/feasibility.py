@@ -48,10 +48,10 @@ def check(plan: Plan) -> dict[str, Exception]:
 def _check(experiment: Experiment, plan: Plan, benches: "_Benches") -> None:
     """In the order of what it costs: files first, then what the station says, then what its instruments say."""
     analysis_of(experiment)
-    for protocol in experiment.protocols.values():
+    for name, protocol in experiment.protocols.items():
         inputs = inputs_for(protocol, plan.data)
         protocol.shots(inputs)
-        station = plan.station_for(protocol, plan.seeds_of(experiment)[0])
+        station = plan.station_for(protocol, plan.seeds_of(experiment)[0], experiment.runs[name].parameters)
         bench = benches.opened(station)
         _check_light_path(station, protocol)
         protocol.check_cabling(bench)

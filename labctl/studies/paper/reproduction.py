@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from instruments.bench import Observer
@@ -15,12 +16,14 @@ from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.engine.engine import Outcome
 from labctl.engine.session import Acquisition, acquire
-from labctl.errors import AnalysisError
+from labctl.errors import AnalysisError, StationError
 from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.processes import Interrupted, TaskObserver, in_parallel
 from protocols.base import Measurement
+
+NOTHING_CHANGED: Mapping[str, Any] = MappingProxyType({})
 
 ONE_BENCH = "One bench for every seed: seeds differ in images, order, drive and splits, not in fibre, chip and noise."
 
@@ -35,9 +38,10 @@ def _unheard(*_told: object) -> None:
     pass
 
 
-def name_by_settings(_run: str, protocol: Measurement[Any]) -> str:
+def name_by_settings(_run: str, protocol: Measurement[Any], parameters: Mapping[str, Any]) -> str:
     """A name that equal runs of several experiments share."""
-    identity = sha256(f"{protocol.digest()} {protocol.seed}".encode()).hexdigest()[:8]
+    changed = f" {sorted(parameters.items())}" if parameters else ""
+    identity = sha256(f"{protocol.digest()} {protocol.seed}{changed}".encode()).hexdigest()[:8]
     return f"{protocol.name}-seed-{protocol.seed}-{identity}"
 
 
@@ -53,7 +57,8 @@ class Plan:
         seeds: How many seeds, in place of what the experiments say.
         data: Folder of data sets that is looked at first.
         access: How the bench is opened.
-        name: What the directory of a run is called, by the run's name in the experiment file and its protocol.
+        name: What the directory of a run is called, by the run's name in the experiment file, its protocol and the
+            twin's parameters that it changes.
     """
 
     experiments: tuple[Experiment, ...]
@@ -63,7 +68,7 @@ class Plan:
     seeds: int | None = None
     data: Path | None = None
     access: Access = Access()
-    name: Callable[[str, Measurement[Any]], str] = name_by_settings
+    name: Callable[[str, Measurement[Any], Mapping[str, Any]], str] = name_by_settings
 
     def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
         """Seeds of an experiment: 1, 2, ..."""
@@ -78,19 +83,32 @@ class Plan:
         """On how many benches an experiment is measured: a twin for each seed, or the one bench that there is."""
         return len(self.seeds_of(experiment)) if self.station.wholly_simulated else 1
 
-    def acquisition(self, protocol: Measurement[Any], directory: Path) -> Acquisition:
+    def acquisition(
+        self, protocol: Measurement[Any], directory: Path, parameters: Mapping[str, Any] = NOTHING_CHANGED
+    ) -> Acquisition:
         """A run of `protocol` into `directory`, on the station as it needs it."""
-        station = self.station_for(protocol, protocol.seed)
+        station = self.station_for(protocol, protocol.seed, parameters)
         return Acquisition(protocol, station, directory, self.data, self.access)
 
-    def station_for(self, protocol: Measurement[Any], seed: int) -> Station:
+    def station_for(
+        self, protocol: Measurement[Any], seed: int, parameters: Mapping[str, Any] = NOTHING_CHANGED
+    ) -> Station:
         """The station as a run needs it.
 
-        A simulated bench is another twin for each seed, and is cabled as the protocol asks unless its file says how.
+        A simulated bench is another twin for each seed, with `parameters` that differ from the station's, and is
+        cabled as the protocol asks unless its file says how.
+
+        Raises:
+            StationError: `parameters` of a bench that is not simulated.
         """
         if not self.station.wholly_simulated:
+            if parameters:
+                raise StationError(
+                    f"{self.station.source}: {next(iter(parameters))} is changed for a run, and only a wholly "
+                    "simulated bench has such a parameter: leave --station out"
+                )
             return self.station
-        twin = self.station.twin(seed)
+        twin = self.station.twin(seed).with_parameters(parameters)
         return twin if "projector" in twin.wiring.model_fields_set else twin.cabled(projector=protocol.projector)
 
 
@@ -149,8 +167,8 @@ def reproduce(
         for seed in plan.seeds_of(experiment)
     }
     runs = {
-        directory: plan.acquisition(twin.protocols[name], directory)
-        for _, twin in twins.values()
+        directory: plan.acquisition(twin.protocols[name], directory, experiment.runs[name].parameters)
+        for experiment, twin in twins.values()
         for name, directory in twin.runs.items()
     }
     tasks: dict[Task, Callable[[], Any]] = {name: partial(_examine, *twin) for name, twin in twins.items()}
@@ -185,7 +203,10 @@ def acquire_run(run: Acquisition) -> Outcome:
 
 def _twin(plan: Plan, experiment: Experiment, seed: int) -> TwinRuns:
     protocols = {name: protocol.model_copy(update={"seed": seed}) for name, protocol in experiment.protocols.items()}
-    directories = {name: plan.folder / plan.name(name, protocol) for name, protocol in protocols.items()}
+    directories = {
+        name: plan.folder / plan.name(name, protocol, experiment.runs[name].parameters)
+        for name, protocol in protocols.items()
+    }
     return TwinRuns(directories, protocols, seed, plan.splits_of(experiment), plan.data)
 
 

@@ -1,7 +1,7 @@
 """What a result rests on: the same run on twins whose parameters are varied one at a time around their defaults."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -125,9 +125,7 @@ def _points(variation: Variation, value: float, seeds: Iterable[int]) -> list[_P
 
 def _acquisition(plan: Plan, experiment: Experiment, study: SensitivityStudy, point: _Point) -> Acquisition:
     protocol = experiment.protocols[study.run].model_copy(update={"seed": point.seed, "window": study.window})
-    run = plan.acquisition(protocol, plan.folder / point.name)
-    sim = run.station.sim.model_copy(update={"parameters": dict(point.parameters)})
-    return replace(run, station=run.station.model_copy(update={"sim": sim}))
+    return plan.acquisition(protocol, plan.folder / point.name, dict(point.parameters))
 
 
 def _judged(run: Acquisition, splits: int, window_s: float) -> NDArray[np.float64]:

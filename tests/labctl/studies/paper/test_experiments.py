@@ -24,7 +24,9 @@ def test_every_experiment_of_the_house_is_whole(experiment: Experiment) -> None:
 
 
 def test_an_unknown_experiment_is_told_with_those_there_are() -> None:
-    with pytest.raises(ExperimentError, match=r"no experiment is called 'fig99': choose 'all' or from fig2, fig3"):
+    with pytest.raises(
+        ExperimentError, match=r"no experiment is called 'fig99': choose 'all', 'beyond' or from .*fig2, fig3"
+    ):
         experiments(["fig99"])
 
 
@@ -51,6 +53,64 @@ def test_another_file_is_another_experiment(tmp_path: Path) -> None:
     assert mine.name == "mine"
     with pytest.raises(ExperimentError, match="no analysis is called 'nothing'"):
         analysis_of(mine)
+
+
+MINIMAL = """
+title = "a"
+paper = "b"
+statement = "c"
+analysis = "traces"
+{more}
+[runs.a]
+protocol = "image-readout"
+{of_the_run}
+"""
+
+
+def write(folder: Path, name: str, more: str = "", of_the_run: str = "") -> None:
+    (folder / f"{name}.toml").write_text(MINIMAL.format(more=more, of_the_run=of_the_run), encoding="utf-8")
+
+
+class TestSeries:
+    """What 'all' and 'beyond' stand for, and what only experiments beyond the paper may do."""
+
+    @pytest.fixture
+    def folder(self, tmp_path: Path) -> Path:
+        write(tmp_path, "b1", 'series = "beyond"')
+        write(tmp_path, "fig1")
+        write(tmp_path, "half", 'part_of = "fig1"')
+        return tmp_path
+
+    @pytest.mark.parametrize(
+        ("names", "found"),
+        [
+            (("all",), ["fig1"]),
+            (("beyond",), ["b1"]),
+            (("beyond", "all"), ["b1", "fig1"]),
+            (("b1", "all"), ["b1", "fig1"]),
+            (("half", "beyond"), ["b1", "half"]),
+        ],
+    )
+    def test_a_series_is_named_as_a_whole_and_each_by_itself(
+        self, names: tuple[str, ...], found: list[str], folder: Path
+    ) -> None:
+        assert [one.name for one in experiments(names, folder=folder)] == found
+
+    def test_a_series_without_experiments_is_told(self, tmp_path: Path) -> None:
+        write(tmp_path, "fig1")
+        with pytest.raises(ExperimentError, match="holds no experiment of series beyond"):
+            experiments(("beyond",), folder=tmp_path)
+
+    def test_the_twin_of_the_paper_is_not_changed_for_a_run(self, tmp_path: Path) -> None:
+        write(tmp_path, "fig1", of_the_run="parameters = { enob = 4.0 }")
+        with pytest.raises(ExperimentError, match=r"runs\.a\.parameters: all experiments of the paper share") as raised:
+            experiments(folder=tmp_path)
+        assert "\n" not in str(raised.value)
+
+    def test_beyond_the_paper_it_is(self, tmp_path: Path) -> None:
+        write(tmp_path, "b1", 'series = "beyond"', "parameters = { enob = 4.0 }")
+        (found,) = experiments(("beyond",), folder=tmp_path)
+        assert found.runs["a"].parameters == {"enob": 4.0}
 
 
 class TestMust:
