@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.dummy import DummyRegressor
-from sklearn.linear_model import LinearRegression, LogisticRegression
+from sklearn.linear_model import LinearRegression
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from labctl.analysis.anomaly import Roc, roc
 from labctl.analysis.evaluation import CrossValidation, validate
 from labctl.analysis.regression import nmse, ridge_readout, rmse
+from labctl.analysis.softmax import SoftmaxRegression
 from labctl.analysis.splits import Split
 from labctl.errors import AnalysisError
 
@@ -80,7 +81,7 @@ def raw_pixel_accuracy(images: NDArray[Any], labels: NDArray[Any], splits: Itera
     The pixels are not standardised: all have one scale, and a pixel that is hardly ever lit would be blown up, which
     costs about a point.
     """
-    return validate(_pixels(images), labels, splits, readout=LogisticRegression(max_iter=1000)).scores
+    return validate(_pixels(images), labels, splits, readout=SoftmaxRegression()).scores
 
 
 def dark_pixels(images: NDArray[Any], abnormal: ArrayLike, *, normal: NDArray[Any] | None = None) -> Roc:
