@@ -23,6 +23,8 @@ MODULES = {
     "vowels": "paper",
     "scenes": "paper",
     "imaging": "paper",
+    "shortest_time": "beyond",
+    "whole_sets": "beyond",
 }
 """Package of `labctl.studies` that has the module. Each has its `ANALYSIS`, loaded when an experiment file names it."""
 
