@@ -92,6 +92,27 @@ def rmse_figure(curves: Sequence[Series], *, tau_s: float, levels: Sequence[Leve
     return figure
 
 
+@styled
+def shortfall_figure(curves: Sequence[Series], *, tau_s: float, compared_with: str) -> Figure:
+    """How much better or worse than something else an accuracy is, against acquisition time.
+
+    Args:
+        curves: x = acquisition times, s; mean of the difference of accuracies (-1..1), and as `sd` half the width of
+            its interval. The first curve gives the tick marks.
+        tau_s: Sampling interval, s.
+        compared_with: What is subtracted, for the axis.
+    """
+    figure, axes = panel(height=4.2)
+    drawn = [one.scaled(1e9, 100) for one in curves]
+    _window_axis(axes, curves, tau_s)
+    axes.axhline(0, color=GREY, linewidth=1, zorder=1)
+    draw_series(axes, drawn)
+    axes.set_ylabel(f"accuracy less {compared_with} (points), 95 % interval")
+    label_curves(axes, drawn)
+    place_legend(figure, axes, inside="lower right")
+    return figure
+
+
 def _window_axis(axes: Axes, curves: Sequence[Series], tau_s: float) -> None:
     """Acquisition time on a logarithmic axis (ns) below, compressive ratio C = N / pixels (%) above.
 

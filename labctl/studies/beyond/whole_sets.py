@@ -14,6 +14,7 @@ from sklearn.preprocessing import StandardScaler
 from instruments.units import Seconds
 from labctl.analysis.baselines import kernel_of_pixels_accuracy, raw_pixel_accuracy
 from labctl.analysis.evaluation import validate, window_key
+from labctl.analysis.intervals import CONFIDENCE, Statistic
 from labctl.analysis.kernel import KernelClassifier
 from labctl.analysis.splits import Split, own_split
 from labctl.datasets import catalogue
@@ -26,7 +27,6 @@ from labctl.runs.read.records import Records
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TAU_S, TwinRuns, window_features
 
-CONFIDENCE = 0.95
 LABELS = {"linear": "linear readout", "kernel": "kernel readout"}
 
 
@@ -147,13 +147,14 @@ def _split(twin: TwinRuns, run: str, records: Records) -> Split:
     return own_split(records.groups, first_test)
 
 
-def _statistic(by_bench: Iterable[float], tested: int) -> dict[str, Any]:
+def _statistic(by_bench: Iterable[float], tested: int) -> Statistic:
+    """As `pooled` gives it, but with the interval over test images, which a single bench has too."""
     scores = np.array(list(by_bench))
     mean = float(scores.mean())
     interval = binomtest(round(mean * tested), tested).proportion_ci(CONFIDENCE, "wilson")
     spread = float(scores.std(ddof=1)) if scores.size > 1 else 0.0
     ends = {"low": float(interval.low), "high": float(interval.high)}
-    return {"mean": mean, "sd": spread, **ends, "by_bench": scores.tolist(), "splits": 1}
+    return {"mean": mean, "sd": spread, "se": None, **ends, "by_bench": scores.tolist(), "splits": 1}
 
 
 def _accuracy(one: SetSettings, here: dict[str, Any], baseline: dict[str, Any]) -> ExperimentFigure:

@@ -1,0 +1,71 @@
+"""How short a look at an image may be before a computer with all its pixels does better."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from labctl.analysis.intervals import Statistic, pooled
+from labctl.reports.canvas import Series
+from labctl.reports.experiments import ExperimentFigure
+from labctl.reports.figures.window import shortfall_figure
+from labctl.studies.paper import recognition
+from labctl.studies.paper.analyses import Analysis, Conclusion
+from labctl.studies.paper.recognition import Findings, Settings
+from labctl.studies.paper.twin_runs import TAU_S
+
+RAW_PIXELS = "raw pixels"
+
+
+def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
+    """The curves of the recognition, each less raw pixels split by split, and the first T_N at which that is no loss.
+
+    `shortest_ns` is the shortest T_N whose mean reaches that of raw pixels, `surely_ns` the shortest whose interval
+    over benches lies above it as a whole; None where no T_N does.
+    """
+    recognised = recognition.conclude(findings, settings)
+    less = {
+        curve.key: {
+            window: pooled(found.scores[curve.key][window] - found.raw_pixels for found in findings)
+            for window in findings[0].scores[curve.key]
+        }
+        for curve in settings.curves
+    }
+    here: dict[str, Any] = recognised.here | {
+        "less_raw_pixels": less,
+        "shortest_ns": {key: _first(windows, "mean") for key, windows in less.items()},
+        "surely_ns": {key: _first(windows, "low") for key, windows in less.items()},
+    }
+    notes = tuple(
+        f"{curve.label}: raw pixels are reached at {_text(here['shortest_ns'][curve.key])}, with certainty of 95 % over "
+        f"benches at {_text(here['surely_ns'][curve.key])}."
+        for curve in settings.curves
+    )
+    figure = ExperimentFigure("less-raw-pixels", _figure(less, settings), CAPTION)
+    return replace(recognised, here=here, figures=(*recognised.figures, figure), notes=notes)
+
+
+CAPTION = "Accuracy less that of logistic regression on all raw pixels of the same images, split by split; over benches."
+ANALYSIS = Analysis(Settings, recognition.examine, conclude)
+
+
+def _first(windows: dict[str, Statistic], end: str) -> float | None:
+    """The shortest T_N, ns, whose `end` is not below zero."""
+    kept = (float(window) for window, less in windows.items() if less[end] is not None and less[end] >= 0)
+    return min(kept, default=None)
+
+
+def _text(shortest_ns: float | None) -> str:
+    return "no time measured" if shortest_ns is None else f"{shortest_ns:g} ns"
+
+
+def _figure(less: dict[str, dict[str, Statistic]], settings: Settings) -> Any:
+    drawn = [
+        Series(
+            curve.label,
+            [float(window) * 1e-9 for window in less[curve.key]],
+            [one["mean"] for one in less[curve.key].values()],
+            [0.0 if one["low"] is None else one["mean"] - one["low"] for one in less[curve.key].values()],
+        )
+        for curve in settings.curves
+    ]
+    return shortfall_figure(drawn, tau_s=TAU_S, compared_with=RAW_PIXELS)
