@@ -36,7 +36,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         "surely_ns": {key: _first(windows, "low") for key, windows in less.items()},
     }
     notes = tuple(
-        f"{curve.label}: raw pixels are reached at {_text(here['shortest_ns'][curve.key])}, with certainty of 95 % over "
+        f"{curve.label}: raw pixels are reached at {_text(here['shortest_ns'][curve.key])}, by the whole interval over "
         f"benches at {_text(here['surely_ns'][curve.key])}."
         for curve in settings.curves
     )
@@ -44,7 +44,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     return replace(recognised, here=here, figures=(*recognised.figures, figure), notes=notes)
 
 
-CAPTION = "Accuracy less that of logistic regression on all raw pixels of the same images, split by split; over benches."
+CAPTION = "Accuracy less that of logistic regression on all pixels of the same images, split by split; over benches."
 ANALYSIS = Analysis(Settings, recognition.examine, conclude)
 
 

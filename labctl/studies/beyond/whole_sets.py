@@ -1,4 +1,4 @@
-"""Whole data sets by their own split: linear and kernel readouts of the traces beside the same readouts of the pixels."""
+"""Whole data sets by their own split: linear and kernel readouts of the traces beside the same of the pixels."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
