@@ -4,16 +4,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from labctl.analysis.intervals import Statistic, pooled
-from labctl.reports.canvas import Series
+from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
-from labctl.reports.figures.window import shortfall_figure
+from labctl.reports.figures.window import interval_figure
 from labctl.studies.paper import recognition
 from labctl.studies.paper.analyses import Analysis, Conclusion
 from labctl.studies.paper.recognition import Findings, Settings
 from labctl.studies.paper.twin_runs import TAU_S
 
-RAW_PIXELS = "raw pixels"
+CAPTION = "Accuracy less that of logistic regression on all pixels of the same images, split by split; over benches."
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
@@ -44,7 +46,6 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     return replace(recognised, here=here, figures=(*recognised.figures, figure), notes=notes)
 
 
-CAPTION = "Accuracy less that of logistic regression on all pixels of the same images, split by split; over benches."
 ANALYSIS = Analysis(Settings, recognition.examine, conclude)
 
 
@@ -58,14 +59,10 @@ def _text(shortest_ns: float | None) -> str:
     return "no time measured" if shortest_ns is None else f"{shortest_ns:g} ns"
 
 
-def _figure(less: dict[str, dict[str, Statistic]], settings: Settings) -> Any:
-    drawn = [
-        Series(
-            curve.label,
-            [float(window) * 1e-9 for window in less[curve.key]],
-            [one["mean"] for one in less[curve.key].values()],
-            [0.0 if one["low"] is None else one["mean"] - one["low"] for one in less[curve.key].values()],
-        )
-        for curve in settings.curves
-    ]
-    return shortfall_figure(drawn, tau_s=TAU_S, compared_with=RAW_PIXELS)
+def _figure(less: dict[str, dict[str, Statistic]], settings: Settings) -> Figure:
+    return interval_figure(
+        [Series.with_intervals(curve.label, less[curve.key], unit=1e-9) for curve in settings.curves],
+        tau_s=TAU_S,
+        quantity="accuracy less raw pixels (points)",
+        levels=[Level("raw pixels", 0.0)],
+    )

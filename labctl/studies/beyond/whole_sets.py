@@ -13,7 +13,7 @@ from sklearn.preprocessing import StandardScaler
 
 from instruments.units import Seconds
 from labctl.analysis.baselines import kernel_of_pixels_accuracy, raw_pixel_accuracy
-from labctl.analysis.evaluation import validate, window_key
+from labctl.analysis.evaluation import CrossValidation, validate, window_key
 from labctl.analysis.intervals import CONFIDENCE, Statistic
 from labctl.analysis.kernel import KernelClassifier
 from labctl.analysis.splits import Split, own_split
@@ -22,7 +22,7 @@ from labctl.errors import AnalysisError
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.confusion import confusion_figure
-from labctl.reports.figures.window import accuracy_figure
+from labctl.reports.figures.window import interval_figure
 from labctl.runs.read.records import Records
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TAU_S, TwinRuns, window_features
@@ -130,13 +130,21 @@ def _of_traces(
 ) -> tuple[dict[str, dict[str, float]], NDArray[np.int64]]:
     accuracy: dict[str, dict[str, float]] = {name: {} for name in LABELS}
     for window_s in settings.windows:
-        features = window_features(records, window_s)
-        kernel = make_pipeline(StandardScaler(), KernelClassifier(settings.landmarks, seed=seed))
-        linear = validate(features, records.labels, [split])
-        accuracy["linear"][window_key(window_s)] = float(linear.scores[0])
-        judged = validate(features, records.labels, [split], readout=kernel)
-        accuracy["kernel"][window_key(window_s)] = float(judged.scores[0])
-    return accuracy, linear.confusion
+        judged = _of_window(records, window_s, split, settings, seed)
+        for name, found in judged.items():
+            accuracy[name][window_key(window_s)] = float(found.scores[0])
+    return accuracy, judged["linear"].confusion
+
+
+def _of_window(
+    records: Records, window_s: float, split: Split, settings: Settings, seed: int
+) -> dict[str, CrossValidation]:
+    features = window_features(records, window_s)
+    kernel = make_pipeline(StandardScaler(), KernelClassifier(settings.landmarks, seed=seed))
+    return {
+        "linear": validate(features, records.labels, [split]),
+        "kernel": validate(features, records.labels, [split], readout=kernel),
+    }
 
 
 def _split(twin: TwinRuns, run: str, records: Records) -> Split:
@@ -158,12 +166,11 @@ def _statistic(by_bench: Iterable[float], tested: int) -> Statistic:
 
 
 def _accuracy(one: SetSettings, here: dict[str, Any], baseline: dict[str, Any]) -> ExperimentFigure:
-    figure = accuracy_figure(
-        [Series.of(f"{label}, traces", here[name], unit=1e-9) for name, label in LABELS.items()],
+    figure = interval_figure(
+        [Series.with_intervals(f"{label}, traces", here[name], unit=1e-9) for name, label in LABELS.items()],
         tau_s=TAU_S,
-        chance=1 / len(one.classes),
-        claim=None,
-        levels=[Level(f"{label}, pixels", baseline[name]["mean"]) for name, label in LABELS.items()],
+        quantity="accuracy on the test part (%)",
+        levels=[Level(f"{name}, pixels", baseline[name]["mean"]) for name in LABELS],
     )
     caption = f"{one.label}: accuracy on {here['tested']} test images after training on {here['trained']}."
     return ExperimentFigure(f"accuracy-{one.key}", figure, caption)
