@@ -36,7 +36,7 @@ def twin_runs(folder: Path, dataset: str, images: int) -> TwinRuns:
         ]
     )
     codes = shown.reshape(len(shots), -1) @ masks * 10 + generator.normal(0, 20, (len(shots), 40))
-    run = write(folder / "all", list(shots), codes.reshape(-1, 2, 20), (2, 3), 40e-12)
+    run = write(folder / "all", list(shots), codes.reshape(-1, 2, 20).astype(np.int16), (2, 3), 40e-12)
     return TwinRuns({"all": run}, {"all": protocol}, 1, 1)
 
 
@@ -49,7 +49,7 @@ def test_readouts_of_traces_and_of_pixels_are_judged_on_the_sets_own_test_part(t
     found = examine(twin, settings())
     digits = found["digits"]
     rows = images_for(ImageReadout(dataset="mnist", images=1000)).indices
-    assert (digits.trained, digits.tested) == (np.count_nonzero(rows < 60_000), np.count_nonzero(rows >= 60_000))
+    assert [digits.trained, digits.tested] == [int(np.sum(rows < 60_000)), int(np.sum(rows >= 60_000))]
     assert digits.confusion.sum() == digits.tested
     for name in ("linear", "kernel"):
         assert list(digits.traces[name]) == ["0.4", "0.8"]
