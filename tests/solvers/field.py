@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from sim_backends.parameters import Parameters
+from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
 from tests.solvers.fibre_modes import Fibre, modes
 
 STEP = 1e-12
@@ -27,8 +27,9 @@ class Draws:
     """What is random of a twin.
 
     excitation: by azimuthal order, unit normal amplitudes of the first fibre's modes, (modes, 2), each with the phase
-    that it arrives with: ascending in kappa; cosine and sine, 0 where there is none. collecting: unit normal amplitudes
-    of the second fibre's lowest modes, ascending in kappa, cosine before sine. resonances_hz, couplings: of the chip.
+    that it arrives with: those with the largest kappa, ascending; cosine and sine, 0 where there is none. collecting:
+    unit normal amplitudes of the second fibre's lowest modes, ascending in kappa, cosine before sine. resonances_hz,
+    couplings: of the chip.
     """
 
     excitation: dict[int, NDArray[np.complex128]]
@@ -75,12 +76,14 @@ def fibre_response(twin: Parameters, draws: Draws, mirrors: NDArray[np.float64])
     sine = launched.kappa * wavelength / (2 * np.pi)
     brightness = np.exp(-2 * (sine / twin.launch_na) ** 2)
     power = brightness / np.sum(brightness * launched.weight)
-    delay = twin.fibre_length_m / 299_792_458.0 * (launched.group_index / twin.fibre_index - 1) * twin.fibre_group_index
+    delay = (
+        twin.fibre_length_m / SPEED_OF_LIGHT * (launched.group_index / twin.fibre_index - 1) * twin.fibre_group_index
+    )
     response = np.zeros(round(delay.max() / STEP) + 2, np.complex128)
     radii, at = np.unique(np.round(radius, 12), return_inverse=True)
     for order, amplitudes in draws.excitation.items():
-        these = np.flatnonzero(launched.order == order)[: len(amplitudes)]
-        fields = launch.radial(order, wavelength, 2 * np.pi / wavelength * latest)[: len(amplitudes)]
+        these = np.flatnonzero(launched.order == order)[-len(amplitudes) :]
+        fields = launch.radial(order, wavelength, 2 * np.pi / wavelength * latest)[-len(amplitudes) :]
         by_radius = np.array([np.interp(radii, launch.radii, field) for field in fields])
         wave = np.exp(1j * order * angle)
         plus, minus = (
