@@ -243,6 +243,11 @@ class Station(Section):
         """This bench with another twin behind its simulated instruments."""
         return self.model_copy(update={"sim": self.sim.model_copy(update={"twin_seed": seed})})
 
+    def with_parameters(self, parameters: Mapping[str, float | int | bool | str]) -> "Station":
+        """This bench with other physical parameters behind its simulated instruments."""
+        changed = {**self.sim.parameters, **parameters}
+        return self.model_copy(update={"sim": self.sim.model_copy(update={"parameters": changed})})
+
     def cabled(self, *, projector: bool) -> "Station":
         """This bench with the light's way changed; see `WiringSection`."""
         return self.model_copy(update={"wiring": self.wiring.model_copy(update={"projector": projector})})

@@ -15,8 +15,16 @@ from labctl.reports.experiments import ExperimentFigure
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
 
-MODULES = ("recognition", "traces", "cracks", "forecasting", "vowels", "scenes", "imaging")
-"""Each has its `ANALYSIS`, and is loaded when an experiment file names it."""
+MODULES = {
+    "recognition": "paper",
+    "traces": "paper",
+    "cracks": "paper",
+    "forecasting": "paper",
+    "vowels": "paper",
+    "scenes": "paper",
+    "imaging": "paper",
+}
+"""Package of `labctl.studies` that has the module. Each has its `ANALYSIS`, loaded when an experiment file names it."""
 
 
 class AnalysisSettings(BaseModel, ABC):
@@ -35,7 +43,7 @@ class Conclusion:
     """What all twins say together.
 
     Attributes:
-        here: Results as JSON; a result with a spread is {"mean", "sd"}, pooled over twins and splits.
+        here: Results as JSON; a figure over benches is what `labctl.analysis.intervals.pooled` makes of them.
         baseline: What digital methods reach on the same images or series, in the same form.
         figures: The figures of the paper, drawn from these results.
         notes: What a reader must know to judge the numbers, in addition to the notes of the experiment file.
@@ -70,12 +78,13 @@ def analysis_of(experiment: Experiment) -> tuple[Analysis, AnalysisSettings]:
     Raises:
         ExperimentError: no such analysis, wrong settings, no such run as it reads, or no torch for one that needs it.
     """
-    if experiment.analysis not in MODULES:
+    package = MODULES.get(experiment.analysis)
+    if package is None:
         raise ExperimentError(
             f"experiment {experiment.name}: no analysis is called {experiment.analysis!r}: "
             f"choose from {', '.join(MODULES)}"
         )
-    analysis: Analysis = import_module(f"labctl.studies.paper.{experiment.analysis}").ANALYSIS
+    analysis: Analysis = import_module(f"labctl.studies.{package}.{experiment.analysis}").ANALYSIS
     if analysis.needs_torch and find_spec("torch") is None:
         raise ExperimentError(
             f"experiment {experiment.name} needs torch, which is not installed: "

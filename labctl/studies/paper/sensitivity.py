@@ -1,7 +1,7 @@
 """What a result rests on: the same run on twins whose parameters are varied one at a time around their defaults."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.evaluation import pooled, validate
+from labctl.analysis.evaluation import validate
+from labctl.analysis.intervals import Statistic, pooled
 from labctl.bench.signals import Interruption
 from labctl.engine.session import Acquisition
 from labctl.errors import ExperimentError
@@ -23,10 +24,10 @@ from labctl.studies.processes import in_parallel
 
 @dataclass(frozen=True)
 class Dependence:
-    """How the accuracy depends on one parameter: {"mean", "sd"} for each of its values."""
+    """How the accuracy depends on one parameter, over the twins, for each of its values."""
 
     variation: Variation
-    accuracy: list[dict[str, float]]
+    accuracy: list[Statistic]
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def sensitivity(
     study = study_of(experiment)
     if not plan.station.wholly_simulated:
         raise ExperimentError(f"{plan.station.source}: a real bench has no parameters to vary: leave --station out")
-    seeds = range(1, 1 + (plan.seeds or (study.quick_twins if plan.quick else study.twins)))
+    seeds = plan.seeds_from_first(study.quick_twins if plan.quick else study.twins)
     points = {
         (variation, value): _points(variation, value, seeds)
         for variation in study.parameters
@@ -124,10 +125,9 @@ def _points(variation: Variation, value: float, seeds: Iterable[int]) -> list[_P
 
 
 def _acquisition(plan: Plan, experiment: Experiment, study: SensitivityStudy, point: _Point) -> Acquisition:
-    protocol = experiment.protocols[study.run].model_copy(update={"seed": point.seed, "window": study.window})
-    run = plan.acquisition(protocol, plan.folder / point.name)
-    sim = run.station.sim.model_copy(update={"parameters": dict(point.parameters)})
-    return replace(run, station=run.station.model_copy(update={"sim": sim}))
+    single, *_ = plan.columns_of(experiment, point.seed)
+    protocol = single[study.run].model_copy(update={"window": study.window})
+    return plan.acquisition(protocol, plan.folder / point.name, dict(point.parameters))
 
 
 def _judged(run: Acquisition, splits: int, window_s: float) -> NDArray[np.float64]:

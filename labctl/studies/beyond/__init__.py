@@ -1,0 +1,1 @@
+"""Experiments beyond the paper: what each of them does with its runs."""
