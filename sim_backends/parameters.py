@@ -99,9 +99,9 @@ class Parameters(BaseModel):
     image_side: float = quantity(
         0.2,
         "1",
-        "Side of the 28x28 square as a part of the imaged core diameter: 40 um of the core, inside its flat middle. With "
-        "the launch aperture it sets the speckle grain, 4.4 superpixels. The one number that is fitted to the paper, to "
-        "the curve of figure 3 with single triggers: labctl reproduce fig3 --fit.",
+        "Side of the 28x28 square as a part of the imaged core diameter: 40 um of the core, inside its flat middle. "
+        "With the launch aperture it sets the speckle grain, 4.4 superpixels. The one number that is fitted to the "
+        "paper, to the curve of figure 3 with single triggers: labctl reproduce fig3 --fit.",
         gt=0,
         le=0.7,
     )
@@ -197,9 +197,9 @@ class Parameters(BaseModel):
     chip_loss_lifetime_s: float = quantity(
         200e-12,
         "s",
-        "Photon lifetime by wall scattering and absorption alone, an open question: rays in a bare stadium of this slab "
-        "live 3 to 5 ps, most of their bounces being below the critical angle. 200 ps are walls that reflect. "
-        "fig3 --sensitivity says what each value does.",
+        "Photon lifetime by wall scattering and absorption alone, an open question: rays in a bare stadium of this "
+        "slab live 3 to 5 ps, most of their bounces being below the critical angle. 200 ps are walls that reflect. "
+        "labctl reproduce fig3 --sensitivity says what each value does.",
         gt=0,
     )
     chip_modes: int = quantity(320, "1", "Resonances computed: +-200 GHz at one per GHz, the drive fills +-40.", ge=50)
