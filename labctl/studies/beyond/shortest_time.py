@@ -6,7 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from labctl.analysis.intervals import Statistic, pooled
+from labctl.analysis.intervals import Statistic, difference
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.window import interval_figure
@@ -15,24 +15,24 @@ from labctl.studies.paper.analyses import Analysis, Conclusion
 from labctl.studies.paper.recognition import Findings, Settings
 from labctl.studies.paper.twin_runs import TAU_S
 
-CAPTION = "Accuracy less that of logistic regression on all pixels of the same images, split by split; over benches."
+CAPTION = "Accuracy less that of logistic regression on all pixels of the same images and splits; over benches."
+ROUNDING = 1e-9
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
-    """The curves of the recognition, each less raw pixels split by split, and the first T_N at which that is no loss.
+    """The curves of the recognition, each less raw pixels bench by bench, and the first T_N at which that is no loss.
 
     `shortest_ns` is the shortest T_N whose mean reaches that of raw pixels, `surely_ns` the shortest whose interval
     over benches lies above it as a whole; None where no T_N does.
     """
     recognised = recognition.conclude(findings, settings)
+    raw = recognised.baseline["raw_pixels"]
     less = {
-        curve.key: {
-            window: pooled(found.scores[curve.key][window] - found.raw_pixels for found in findings)
-            for window in findings[0].scores[curve.key]
-        }
+        curve.key: {window: difference(found, raw) for window, found in recognised.here[curve.key].items()}
         for curve in settings.curves
     }
     here: dict[str, Any] = recognised.here | {
+        "raw_pixels": raw,
         "less_raw_pixels": less,
         "shortest_ns": {key: _first(windows, "mean") for key, windows in less.items()},
         "surely_ns": {key: _first(windows, "low") for key, windows in less.items()},
@@ -50,8 +50,8 @@ ANALYSIS = Analysis(Settings, recognition.examine, conclude)
 
 
 def _first(windows: dict[str, Statistic], end: str) -> float | None:
-    """The shortest T_N, ns, whose `end` is not below zero."""
-    kept = (float(window) for window, less in windows.items() if less[end] is not None and less[end] >= 0)
+    """The shortest T_N, ns, whose `end` is not below zero by more than rounding."""
+    kept = (float(window) for window, less in windows.items() if less[end] is not None and less[end] > -ROUNDING)
     return min(kept, default=None)
 
 
