@@ -1,0 +1,142 @@
+"""How few photons are enough: accuracy against photons a sample, counted by the bench and by an ideal counter."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from instruments.units import Seconds
+from labctl.analysis.evaluation import pooled, validate, window_key
+from labctl.analysis.photons import PhotonScale, photon_transfer, photons_needed
+from labctl.reports.canvas import Level, Series
+from labctl.reports.experiments import ExperimentFigure
+from labctl.reports.figures.photons import photons_figure
+from labctl.runs.read.records import Records
+from labctl.studies.beyond.bright import bright_light
+from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
+from labctl.studies.paper.twin_runs import TwinRuns, window_features
+
+MEASURED, IDEAL = "receiver", "ideal"
+
+
+class Settings(AnalysisSettings):
+    """Settings of the analysis.
+
+    Attributes:
+        levels: Runs with more and more light.
+        bright: Run with so much light that it has no noise to speak of.
+        photons: Photons a sample of the ideal counter, rising.
+        windows: Acquisition times T_N.
+        wanted: Accuracy for which the photons needed are given.
+        chance: Accuracy of guessing.
+    """
+
+    levels: Annotated[tuple[str, ...], Field(min_length=1)]
+    bright: str
+    photons: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)]
+    windows: Annotated[tuple[Seconds, ...], Field(min_length=1)]
+    wanted: float = 0.9
+    chance: float = 0.25
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Names of the runs that the analysis reads."""
+        return (*self.levels, self.bright)
+
+
+Scores = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What one twin shows.
+
+    Attributes:
+        photons: Measured mean photons a sample of each level.
+        receiver: Scores (splits,) by T_N (text, ns) and level.
+        ideal: Scores (splits,) of the ideal counter by T_N and photons a sample (text).
+    """
+
+    photons: dict[str, float]
+    receiver: dict[str, dict[str, Scores]]
+    ideal: dict[str, dict[str, Scores]]
+
+
+def examine(twin: TwinRuns, settings: Settings) -> Findings:
+    """Count the photons of every level and judge its readout; the same with Poisson numbers of the bright run."""
+    windows = {window_key(window_s): window_s for window_s in settings.windows}
+    photons: dict[str, float] = {}
+    receiver: dict[str, dict[str, Scores]] = {window: {} for window in windows}
+    for level in settings.levels:
+        records = twin.records(level)
+        photons[level] = float(photon_scale(twin, level).photons(records.traces).mean())
+        for window, window_s in windows.items():
+            receiver[window][level] = _scores(twin, records, window_s)
+    light = bright_light(twin, settings.bright)
+    ideal: dict[str, dict[str, Scores]] = {window: {} for window in windows}
+    for place, mean in enumerate(settings.photons):
+        counted = np.random.default_rng((twin.seed, place)).poisson(mean * light.traces)
+        for window, window_s in windows.items():
+            ideal[window][f"{mean:g}"] = _scores(twin, replace(light, traces=counted), window_s)
+    return Findings(photons, receiver, ideal)
+
+
+def photon_scale(twin: TwinRuns, run: str) -> PhotonScale:
+    """What a photon is in the records of a run, by its reference images and dark frames.
+
+    Raises:
+        AnalysisError: too few of them, or noise that does not grow with the light.
+    """
+    return photon_transfer(twin.records(run, "reference").traces, twin.records(run, "dark").traces)
+
+
+def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
+    """Pool all twins and splits; a level's photons are the mean over the twins."""
+    photons = {level: float(np.mean([found.photons[level] for found in findings])) for level in settings.levels}
+    here: dict[str, Any] = {
+        "photons": photons,
+        MEASURED: _pooled([found.receiver for found in findings]),
+        IDEAL: _pooled([found.ideal for found in findings]),
+    }
+    axes = {MEASURED: list(photons.values()), IDEAL: list(settings.photons)}
+    here["photons_needed"] = {
+        counter: {
+            window: photons_needed(axes[counter], [result["mean"] for result in results.values()], settings.wanted)
+            for window, results in here[counter].items()
+        }
+        for counter in axes
+    }
+    drawn = [
+        Series(
+            f"{label}, {float(window):g} ns",
+            axes[counter],
+            [result["mean"] for result in results.values()],
+            [result["sd"] for result in results.values()],
+        )
+        for counter, label in ((MEASURED, "receiver"), (IDEAL, "ideal counter"))
+        for window, results in here[counter].items()
+    ]
+    figure = ExperimentFigure(
+        "photons",
+        photons_figure(drawn, chance=settings.chance, levels=[Level(f"{100 * settings.wanted:g} %", settings.wanted)]),
+        "Accuracy on test images against photons a sample; mean and standard deviation over twins and splits. Photons "
+        "of the receiver are measured in its own records, those of the ideal counter drawn.",
+    )
+    return Conclusion(here, figures=(figure,))
+
+
+ANALYSIS = Analysis(Settings, examine, conclude)
+
+
+def _scores(twin: TwinRuns, records: Records, window_s: float) -> Scores:
+    return validate(window_features(records, window_s), records.labels, twin.random_splits(records)).scores
+
+
+def _pooled(found: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, dict[str, dict[str, float]]]:
+    return {
+        window: {name: pooled(one[window][name] for one in found) for name in names}
+        for window, names in found[0].items()
+    }
