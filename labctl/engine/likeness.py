@@ -36,6 +36,9 @@ OTHER = 0.6
 """Part of what different pictures differ by, beyond which two records are not of one picture."""
 UNUSUAL, UNUSUAL_TIMES = 0.35, 3.0
 """So is one beyond a smaller part that also differs by so many times what the records of one picture did before."""
+HIDDEN = 0.4
+"""Part of what different pictures differ by, beyond which records of one picture do not tell it from others: a picture
+of few photons has more noise than darkness shows."""
 LIT_ALIKE = 0.7
 """Part of a record with light that a dark one holds where it is not dark."""
 FLAT = 3.0
@@ -183,6 +186,9 @@ class Likeness:
         if known is None or self._dark_record is None or not self._tells_apart(self._noise):
             return None
         difference, usual = float(_rms(values - known[1])), self._as_a_rule
+        if float(np.median(self._repeats or [difference])) > HIDDEN * usual:
+            self._repeats = [*self._repeats, difference][-REMEMBERED:]
+            return None
         unusual = difference > UNUSUAL * usual and len(self._repeats) > 2
         if difference > OTHER * usual or (unusual and difference > UNUSUAL_TIMES * float(np.median(self._repeats))):
             what = f"shots {known[0]} and {shot} have one picture and differ by {difference:.1f} codes, as others do"
