@@ -47,8 +47,8 @@ class AnalogueReadout(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         crosstalk: c, part of each neighbour's setting that an attenuation takes over.
         time_constant: Of the integrator, in samples; infinite: it does not leak.
         photons: Mean number of photons that a feature of 1 stands for, at the port, for all classes together. Features
-            are then noise-free: training counts them by a detector at each port, prediction by the detector pairs.
-            None: features are taken as they are.
+            are then noise-free light: training counts each by an arm in which its attenuator alone is open, prediction
+            by the pairs. None: features are taken as they are.
         sweeps: How often training goes over all settings at most; 0: the best weights are only rounded.
         seed: Of the photons.
 
@@ -93,7 +93,8 @@ class AnalogueReadout(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         if self.classes_.size < 2:
             raise AnalysisError("all shots to train on are of one class: acquire more images")
         if self.photons is not None:
-            features = np.random.default_rng((self.seed, 0)).poisson(features * self.photons) / self.photons
+            share = self._share(self.photons)
+            features = np.random.default_rng((self.seed, 0)).poisson(features * share) / share
         highest = 2**self.bits - 1
         seen = features * self._leak() @ self._mixing()
         training = _Training(seen, np.eye(self.classes_.size)[member], float(self._weight(1)))
@@ -132,12 +133,16 @@ class AnalogueReadout(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
     def _counted(self, light: NDArray[np.float64], photons: float) -> NDArray[np.float64]:
         """The same where each arm of each pair counts the photons of its share of the light."""
         generator = np.random.default_rng((self.seed, 1))
-        share = photons / (2 * self.classes_.size)
+        share = self._share(photons)
         adding, subtracting = (
             np.stack([generator.poisson(share * light * arm) @ self._leak() for arm in arms], axis=1)
             for arms in self.attenuations()
         )
         return np.asarray((adding - subtracting) / share)
+
+    def _share(self, photons: float) -> float:
+        """Photons of an arm: the light of a port is split among the arms of all pairs."""
+        return photons / (2 * self.classes_.size)
 
     def _weight(self, settings: ArrayLike) -> NDArray[np.float64]:
         """Transmission above the extinction at some settings, of either sign."""

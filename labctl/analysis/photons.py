@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import nnls
+from numpy.typing import NDArray
 
 from labctl.errors import AnalysisError
 
@@ -37,11 +36,11 @@ class PhotonScale:
 def photon_transfer(repeats: NDArray[Any], dark: NDArray[Any]) -> PhotonScale:
     """The scale of each port from records of one picture again and again, and from dark ones.
 
-    The number of photons in a resolution time is a Poisson number: its variance is its mean. So from sample to sample
-    of a record the variance over the repeats is floor + g mean + q mean^2, with g the volts of one photon; the floor is
-    the receiver's own noise, q what fluctuates in proportion to the light (laser, trigger). Least squares without
-    negative parts, each sample weighted by the scatter of its variance. The variance is that of differences between
-    successive repeats, so that slow drift does not count.
+    The number of photons in a resolution time is a Poisson number: its variance is its mean. So the volts of a photon
+    are what the variance over the repeats, summed over a record, exceeds that of darkness by, over the sum of the mean.
+    The variance is that of differences between successive repeats, so that slow drift does not count. What fluctuates
+    in proportion to the light (laser, trigger) counts as photons that are missing: a relative noise s makes n photons
+    n / (1 + s^2 n).
     Source: Janesick, Photon Transfer (SPIE 2007), ch. 4 and 5.
 
     Args:
@@ -57,16 +56,16 @@ def photon_transfer(repeats: NDArray[Any], dark: NDArray[Any]) -> PhotonScale:
             f"measure at least {FEWEST_REPEATS} and 1, a smaller reference_every gives more"
         )
     values = np.asarray(repeats, np.float64)
-    dark_v = np.asarray(dark, np.float64).mean(axis=(0, 2))
-    mean = values.mean(axis=0) - dark_v[:, np.newaxis]
-    variance = np.mean(np.diff(values, axis=0) ** 2, axis=0) / 2
-    scale = np.array([_volts_per_photon(*port) for port in zip(mean, variance, strict=True)])
-    if dead := np.flatnonzero(scale <= 0).tolist():
+    darkness = np.asarray(dark, np.float64)
+    dark_v = darkness.mean(axis=(0, 2))
+    noise = np.mean(np.diff(values, axis=0) ** 2, axis=(0, 2)) / 2 - darkness.var(axis=(0, 2))
+    light = values.mean(axis=(0, 2)) - dark_v
+    if dead := np.flatnonzero((light <= 0) | (noise <= 0)).tolist():
         raise AnalysisError(
             f"the noise of record {dead[0]} does not grow with its light: photons cannot be told from the receiver's "
-            "own noise, use less amplification or a quieter receiver"
+            "own noise, use more light or a quieter receiver"
         )
-    return PhotonScale(scale, dark_v)
+    return PhotonScale(noise / light, dark_v)
 
 
 def relative(light: NDArray[Any]) -> NDArray[np.float64]:
@@ -105,16 +104,3 @@ def photons_needed(photons: Sequence[float], accuracies: Sequence[float], wanted
         return float(photons[0])
     part = (wanted - accuracies[first - 1]) / (accuracies[first] - accuracies[first - 1])
     return float(photons[first - 1] * (photons[first] / photons[first - 1]) ** part)
-
-
-def _volts_per_photon(mean: ArrayLike, variance: ArrayLike) -> float:
-    light, noise = np.asarray(mean), np.asarray(variance)
-    unit = float(light.max())
-    if unit <= 0:
-        return 0.0
-    parts = np.stack([np.ones_like(light), light / unit, (light / unit) ** 2], axis=1)
-    expected = np.ones_like(noise)
-    for _ in range(3):  # the scatter of a variance is proportional to the variance that is fitted
-        found, _rest = nnls(parts / expected[:, np.newaxis], noise / expected)
-        expected = np.maximum(parts @ found, 1e-3 * noise.max())
-    return float(found[1]) / unit

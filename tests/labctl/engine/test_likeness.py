@@ -63,7 +63,7 @@ def test_noise_is_not_taken_for_anything_else(samples: int, light: float, at_onc
     assert examined(SHOTS, records(SHOTS, samples=samples, light=light), at_once) is None
 
 
-@pytest.mark.parametrize("photons", [0.3, 1.0, 3.0, 10.0])
+@pytest.mark.parametrize("photons", [0.3, 1.0, 3.0, 5.0, 10.0, 30.0])
 @pytest.mark.parametrize("at_once", [1, 1000])
 def test_noise_of_few_photons_is_not_taken_for_other_pictures(photons: float, at_once: int) -> None:
     """Darkness is without noise, and records of one picture differ nearly as much as those of others."""
