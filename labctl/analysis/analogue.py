@@ -128,7 +128,7 @@ class AnalogueReadout(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
     def _difference(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
         """What the pairs integrate, adding less subtracting arm, (shots, K), in the unit of the features."""
         adding, subtracting = self.attenuations()
-        return light * self._leak() @ (adding - subtracting).T
+        return np.asarray(light * self._leak() @ (adding - subtracting).T)
 
     def _counted(self, light: NDArray[np.float64], photons: float) -> NDArray[np.float64]:
         """The same where each arm of each pair counts the photons of its share of the light."""
@@ -215,7 +215,11 @@ class _Training:
             self.settings = np.rint(weights / self.gain[:, np.newaxis]).clip(-highest, highest).astype(np.int64)
             signals, sizes = self._signals()
             tried.append(
-                (_loss(signals + self._bias[:, np.newaxis], self._targets, sizes.sum()), self.gain, self.settings)
+                (
+                    _loss(signals + self._bias[:, np.newaxis], self._targets, float(sizes.sum())),
+                    self.gain,
+                    self.settings,
+                )
             )
         _, self.gain, self.settings = min(tried, key=lambda found: found[0])
 
@@ -229,7 +233,7 @@ class _Training:
             scores = factor * signals + bias
             off = softmax(scores, axis=0) - self._targets
             slope = np.concatenate([np.sum(off * signals, axis=1) + factor[:, 0] * sizes, off.sum(axis=1)])
-            return _loss(scores, self._targets, factor[:, 0] ** 2 @ sizes), slope
+            return _loss(scores, self._targets, float(factor[:, 0] ** 2 @ sizes)), slope
 
         start = np.concatenate([np.ones(classes), self._bias])
         found = minimize(loss_and_slope, start, jac=True, method="L-BFGS-B").x

@@ -40,6 +40,6 @@ def bits_figure(curves: Sequence[Series], *, chance: float, levels: Sequence[Lev
     drawn = [one.scaled(1, 100) for one in curves]
     draw_series(axes, drawn, highest=100)
     number_ticks(axes.xaxis, FixedLocator(list(curves[0].x)))
-    axes.set_xlabel("bits of an attenuator")
+    axes.set_xlabel("resolution of an attenuator (bits)")
     label_accuracies(figure, axes, drawn, chance=chance, levels=levels)
     return figure

@@ -10,7 +10,8 @@ from pydantic import Field, PositiveInt
 
 from instruments.units import Seconds
 from labctl.analysis.analogue import AnalogueReadout
-from labctl.analysis.evaluation import pooled, validate, window_key
+from labctl.analysis.evaluation import validate, window_key
+from labctl.analysis.intervals import pooled
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.photons import bits_figure, photons_figure

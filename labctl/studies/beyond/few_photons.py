@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from instruments.units import Seconds
-from labctl.analysis.evaluation import pooled, validate, window_key
+from labctl.analysis.evaluation import validate, window_key
+from labctl.analysis.intervals import Statistic, pooled
 from labctl.analysis.photons import PhotonScale, photon_transfer, photons_needed
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
@@ -78,7 +79,7 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
     light = bright_light(twin, settings.bright)
     ideal: dict[str, dict[str, Scores]] = {window: {} for window in windows}
     for place, mean in enumerate(settings.photons):
-        counted = np.random.default_rng((twin.seed, place)).poisson(mean * light.traces)
+        counted = np.random.default_rng((twin.seed, place)).poisson(mean * light.traces).astype(np.float64)
         for window, window_s in windows.items():
             ideal[window][f"{mean:g}"] = _scores(twin, replace(light, traces=counted), window_s)
     return Findings(photons, receiver, ideal)
@@ -135,7 +136,7 @@ def _scores(twin: TwinRuns, records: Records, window_s: float) -> Scores:
     return validate(window_features(records, window_s), records.labels, twin.random_splits(records)).scores
 
 
-def _pooled(found: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, dict[str, dict[str, float]]]:
+def _pooled(found: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, dict[str, Statistic]]:
     return {
         window: {name: pooled(one[window][name] for one in found) for name in names}
         for window, names in found[0].items()
