@@ -34,9 +34,9 @@ class AnalogueReadout(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
     window: y = g sum_f leak_f (t+_f - t-_f) x_f + b, with an electronic gain g and threshold b a class; the largest y
     wins.
 
-    Training starts from the best weights without levels and then moves one setting after the other to the level that
-    lowers the same loss most (softmax with penalty, as `softmax_classifier`), gains and thresholds in between, until
-    none moves: it cannot end worse than rounding.
+    Training rounds the best weights without levels, then moves one setting after the other to the level nearest to its
+    best value where that lowers the loss (softmax with penalty, as `softmax_classifier`), gains and thresholds in
+    between, until none moves: its loss cannot end above that of rounding.
 
     Features are light, port by port: shots x (ports x samples), in any unit.
 
