@@ -77,7 +77,7 @@ def reproduce(
 
 
 def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: bool) -> int:
-    from labctl.studies.paper import verdict
+    from labctl.studies.paper import report
     from labctl.studies.paper.reproduction import ONE_BENCH
     from labctl.studies.paper.reproduction import reproduce as carry_out
 
@@ -91,8 +91,8 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
     failed = {name: one_line(error) for name, error in failures.items()}
     for name, why in failed.items():
         tell(f"{name} failed: {why}")
-    report = verdict.write_report(plan, everything, skipped=skipped, failed=failed)
-    entries = [verdict.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
+    path = report.write_report(plan, everything, skipped=skipped, failed=failed)
+    entries = [report.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
     without = {"skipped": skipped, "failed": failed}
     entries += [{"name": name, word: why, "passed": False} for word in without for name, why in without[word].items()]
     whole: dict[str, Any] = {
@@ -100,11 +100,11 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
         "passed": all(entry["passed"] for entry in entries),
         "open": sum(found["open"] for found in entries if "open" in found),
         "seconds": round(time.perf_counter() - began, 1),
-        "report": str(report),
+        "report": str(path),
     }
     _keep(plan.folder, whole)
     show(
-        entries[0] | {"report": str(report)} if alone else whole,
+        entries[0] | {"report": str(path)} if alone else whole,
         as_json,
         lambda: _print(whole, everything, without),
     )
@@ -114,7 +114,7 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
 
 
 def _vary(plan: "Plan", as_json: bool) -> int:
-    from labctl.studies.paper import verdict
+    from labctl.studies.paper.report import write_sensitivity_report
     from labctl.studies.paper.sensitivity import as_json as described
     from labctl.studies.paper.sensitivity import figure_of, sensitivity, study_of
 
@@ -126,7 +126,7 @@ def _vary(plan: "Plan", as_json: bool) -> int:
     with interruptible() as interruption, progress_bar("sensitivity") as progress:
         found = sensitivity(plan, experiment, interruption=interruption, progress=progress.progress)
     seconds = round(time.perf_counter() - began, 1)
-    report = verdict.write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
+    report = write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
     result = {
         "name": experiment.name,
         "window_ns": study.window * 1e9,
@@ -158,7 +158,7 @@ def _print_dependence(result: dict[str, Any]) -> None:
 
 
 def _rows(found: "Reproduced") -> list[tuple[str, ...]]:
-    from labctl.studies.paper.verdict import results
+    from labctl.studies.paper.report import results
 
     rows: list[tuple[str, ...]] = []
     for place, result in enumerate(results(found)):
