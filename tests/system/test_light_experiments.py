@@ -36,7 +36,7 @@ def test_they_go_from_their_files_to_figures(tmp_path: Path, monkeypatch: pytest
         main(["reproduce", "b3", "b4", "--quick", "--json", "--out", str(tmp_path / "out")])
     whole = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
     few, analogue = whole["experiments"]
-    dim, bright = (few["here"]["photons"][level] for level in LEVELS)
+    dim, bright = (few["here"]["photons"][level]["mean"] for level in LEVELS)
     assert 20 < bright / dim < 50, "the losses in the file are 15.3 dB apart"
     assert few["here"]["ideal"]["2.0"]["0.1"]["mean"] < few["here"]["ideal"]["2.0"]["300"]["mean"]
     assert analogue["here"]["counted_loss"]["10"]["mean"] > 0

@@ -21,6 +21,7 @@ from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TwinRuns, window_features
 
 MEASURED, IDEAL = "receiver", "ideal"
+LABELS = {MEASURED: "receiver", IDEAL: "ideal counter"}
 
 
 class Settings(AnalysisSettings):
@@ -95,15 +96,14 @@ def photon_scale(twin: TwinRuns, run: str) -> PhotonScale:
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
-    """Pool all twins and splits; a level's photons are the mean over the twins."""
-    photons = {level: float(np.mean([found.photons[level] for found in findings])) for level in settings.levels}
+    """Pool all twins and splits; the curve of the receiver lies at the mean photons of each level."""
     here: dict[str, Any] = {
-        "photons": photons,
+        "photons": {level: pooled(found.photons[level] for found in findings) for level in settings.levels},
         MEASURED: _pooled([found.receiver for found in findings]),
         IDEAL: _pooled([found.ideal for found in findings]),
     }
-    axes = {MEASURED: list(photons.values()), IDEAL: list(settings.photons)}
-    here["photons_needed"] = {
+    axes = {MEASURED: [found["mean"] for found in here["photons"].values()], IDEAL: list(settings.photons)}
+    needed = {
         counter: {
             window: photons_needed(axes[counter], [result["mean"] for result in results.values()], settings.wanted)
             for window, results in here[counter].items()
@@ -117,7 +117,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
             [result["mean"] for result in results.values()],
             [result["sd"] for result in results.values()],
         )
-        for counter, label in ((MEASURED, "receiver"), (IDEAL, "ideal counter"))
+        for counter, label in LABELS.items()
         for window, results in here[counter].items()
     ]
     figure = ExperimentFigure(
@@ -126,7 +126,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         "Accuracy on test images against photons a sample; mean and standard deviation over twins and splits. Photons "
         "of the receiver are measured in its own records, those of the ideal counter drawn.",
     )
-    return Conclusion(here, figures=(figure,))
+    return Conclusion(here | {"photons_needed": needed}, figures=(figure,), notes=_needed(needed, settings.wanted))
 
 
 ANALYSIS = Analysis(Settings, examine, conclude)
@@ -134,6 +134,19 @@ ANALYSIS = Analysis(Settings, examine, conclude)
 
 def _scores(twin: TwinRuns, records: Records, window_s: float) -> Scores:
     return validate(window_features(records, window_s), records.labels, twin.random_splits(records)).scores
+
+
+def _needed(needed: dict[str, dict[str, float | None]], wanted: float) -> tuple[str, ...]:
+    """Photons needed, in words, a line for each T_N."""
+    return tuple(
+        f"{100 * wanted:g} % at {float(window):g} ns needs, between the points of the curves, "
+        + ", ".join(
+            f"{LABELS[counter]}: " + ("more than was tried" if photons is None else f"{photons:.2g} photons a sample")
+            for counter, photons in ((counter, windows[window]) for counter, windows in needed.items())
+        )
+        + "."
+        for window in needed[IDEAL]
+    )
 
 
 def _pooled(found: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, dict[str, Statistic]]:

@@ -43,7 +43,8 @@ def test_photons_are_measured_and_an_ideal_counter_does_the_same(twin: TwinRuns)
     for level in SETTINGS.levels:
         assert findings.photons[level] == pytest.approx(PHOTONS[level] * mean, rel=0.15)
     concluded = conclude([findings, findings], SETTINGS)
-    assert concluded.here["photons"].keys() == {"dim", "better"}
+    assert concluded.here["photons"]["better"]["mean"] == pytest.approx(findings.photons["better"])
+    assert "80 % at 0.4 ns needs" in concluded.notes[0]
     ideal = {photons: result["mean"] for photons, result in concluded.here["ideal"]["0.4"].items()}
     assert list(ideal) == ["0.5", "2", "20", "200"]
     assert ideal["0.5"] < ideal["20"] == 1.0
