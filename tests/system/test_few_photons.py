@@ -16,7 +16,8 @@ COUNTS = {
     "amplifier_gain_db": 0.0,
     "booster_gain_db": 23.0,
     "detector_nep_w_per_rthz": 0.0,
-    "enob": 8.0,
+    "detector_limit_v": 100.0,
+    "enob": 7.0,
     "trigger_jitter_s": 0.0,
 }
 LEVELS = {"a photon": (26.6, 4.5e6), "ten photons": (16.6, 4.5e5)}
