@@ -80,6 +80,19 @@ def relative(light: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(power / power.mean())
 
 
+def scores_at(photons: Sequence[float], scores: Sequence[NDArray[np.float64]], wanted: float) -> NDArray[np.float64]:
+    """Scores (splits,) with `wanted` photons, between those of the two nearest levels of light on a logarithmic axis.
+
+    Args:
+        photons: Of each level, in any order.
+        scores: (splits,) of each level.
+        wanted: Photons, from the lowest to the highest level.
+    """
+    order = np.argsort(photons)
+    light, by_split = np.log(photons)[order], np.transpose(scores)[:, order]
+    return np.array([np.interp(np.log(wanted), light, split) for split in by_split])
+
+
 def photons_needed(photons: Sequence[float], accuracies: Sequence[float], wanted: float) -> float | None:
     """Fewest photons with which an accuracy is reached, between the points of a curve on a logarithmic axis.
 

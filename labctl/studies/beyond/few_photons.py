@@ -10,8 +10,8 @@ from pydantic import Field
 
 from instruments.units import Seconds
 from labctl.analysis.evaluation import validate, window_key
-from labctl.analysis.intervals import Statistic, pooled
-from labctl.analysis.photons import PhotonScale, photon_transfer, photons_needed
+from labctl.analysis.intervals import pooled
+from labctl.analysis.photons import PhotonScale, photon_transfer, photons_needed, scores_at
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.photons import photons_figure
@@ -20,8 +20,7 @@ from labctl.studies.beyond.bright import bright_light
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TwinRuns, window_features
 
-MEASURED, IDEAL = "receiver", "ideal"
-LABELS = {MEASURED: "receiver", IDEAL: "ideal counter"}
+LABELS = {"receiver": "receiver", "ideal": "ideal counter"}
 
 
 class Settings(AnalysisSettings):
@@ -96,27 +95,40 @@ def photon_scale(twin: TwinRuns, run: str) -> PhotonScale:
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
-    """Pool all twins and splits; the curve of the receiver lies at the mean photons of each level."""
+    """Pool all twins and splits, the receiver's at the ideal counter's photons as far as all twins have so many."""
+    fewest = max(min(found.photons.values()) for found in findings)
+    most = min(max(found.photons.values()) for found in findings)
     here: dict[str, Any] = {
         "photons": {level: pooled(found.photons[level] for found in findings) for level in settings.levels},
-        MEASURED: _pooled([found.receiver for found in findings]),
-        IDEAL: _pooled([found.ideal for found in findings]),
+        "receiver": {
+            window: {
+                f"{photons:g}": pooled(
+                    scores_at(list(found.photons.values()), list(found.receiver[window].values()), photons)
+                    for found in findings
+                )
+                for photons in settings.photons
+                if fewest <= photons <= most
+            }
+            for window in findings[0].receiver
+        },
+        "ideal": {
+            window: {photons: pooled(found.ideal[window][photons] for found in findings) for photons in scores}
+            for window, scores in findings[0].ideal.items()
+        },
     }
-    axes = {MEASURED: [found["mean"] for found in here["photons"].values()], IDEAL: list(settings.photons)}
     needed = {
         counter: {
-            window: photons_needed(axes[counter], [result["mean"] for result in results.values()], settings.wanted)
+            window: photons_needed(
+                [float(photons) for photons in results],
+                [result["mean"] for result in results.values()],
+                settings.wanted,
+            )
             for window, results in here[counter].items()
         }
-        for counter in axes
+        for counter in LABELS
     }
     drawn = [
-        Series(
-            f"{label}, {float(window):g} ns",
-            axes[counter],
-            [result["mean"] for result in results.values()],
-            [result["sd"] for result in results.values()],
-        )
+        Series.of(f"{label}, {float(window):g} ns", results)
         for counter, label in LABELS.items()
         for window, results in here[counter].items()
     ]
@@ -145,12 +157,5 @@ def _needed(needed: dict[str, dict[str, float | None]], wanted: float) -> tuple[
             for counter, photons in ((counter, windows[window]) for counter, windows in needed.items())
         )
         + "."
-        for window in needed[IDEAL]
+        for window in needed["ideal"]
     )
-
-
-def _pooled(found: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, dict[str, Statistic]]:
-    return {
-        window: {name: pooled(one[window][name] for one in found) for name in names}
-        for window, names in found[0].items()
-    }

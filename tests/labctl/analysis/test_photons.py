@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labctl.analysis.photons import photon_transfer, photons_needed, relative
+from labctl.analysis.photons import photon_transfer, photons_needed, relative, scores_at
 from labctl.errors import AnalysisError
 
 VOLTS = np.array([0.05, 0.002])
@@ -49,3 +49,9 @@ def test_photons_needed_lie_between_the_points_of_the_curve() -> None:
     assert photons_needed([1, 10, 100], [0.6, 0.8, 1.0], 0.9) == pytest.approx(10**1.5)
     assert photons_needed([1, 10], [0.95, 0.99], 0.9) == 1
     assert photons_needed([1, 10], [0.6, 0.8], 0.9) is None
+
+
+def test_scores_lie_between_those_of_the_nearest_levels() -> None:
+    levels = [np.array([0.5, 0.6]), np.array([0.7, 1.0])]
+    assert scores_at([1.0, 100.0], levels, 10.0) == pytest.approx([0.6, 0.8])
+    assert scores_at([100.0, 1.0], levels[::-1], 100.0) == pytest.approx([0.7, 1.0])
