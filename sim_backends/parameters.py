@@ -99,7 +99,7 @@ class Parameters(BaseModel):
     fibre_group_index: float = quantity(1.4626, "1", "Silica at 1550 nm, n - lambda dn/dlambda (Malitson 1965).", gt=1)
     fibre_loss_db: float = quantity(1.0, "dB", "Launch and end facets of the multimode fibre.", ge=0)
     image_side: float = quantity(
-        0.35,
+        0.2,
         "1",
         "Side of the 28x28 square as a part of the imaged core diameter: 70 um of the core, inside its flat middle. "
         "With the launch aperture it sets the speckle grain, 2.5 superpixels.",

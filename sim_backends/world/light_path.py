@@ -176,7 +176,7 @@ class LightPath:
             clean = clean - self._mean_volts(optics, amplitudes)
         if optics.power_factors is not None:
             watts = np.square(in_blocks(amplitudes, optics.power_factors)).sum(axis=1)
-            gain = chain.amplifier_compression(constants, watts)[:, np.newaxis, np.newaxis]
+            gain = receiver.saturated_gain(watts, constants.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
             clean, slope = clean * gain, slope * gain
         return clean, slope
 

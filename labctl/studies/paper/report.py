@@ -112,6 +112,9 @@ def write_report(
     ]
     return experiments_report(
         plan.folder / "report.html",
+        title="The paper's experiments on this bench"
+        if all(found.experiment.series == "paper" for found in everything)
+        else "Experiments on this bench",
         entries=entries,
         provenance=_provenance(plan) | {"skipped": skipped, "failed": failed},
     )
@@ -131,6 +134,23 @@ def write_sensitivity_report(plan: Plan, experiment: Experiment, figure: Experim
     )
     return experiments_report(
         plan.folder / "report.html", entries=[entry], provenance=_provenance(plan), title="What the result rests on"
+    )
+
+
+def write_fit_report(plan: Plan, experiment: Experiment, figure: ExperimentFigure, seconds: float) -> Path:
+    """The report of the one number of the twin that is fitted, in the plan's folder."""
+    entry = ExperimentEntry(
+        name=experiment.name,
+        title=f"{experiment.title}: what is fitted",
+        statement="One parameter of the twin is moved until the accuracy crosses what the paper says where it says.",
+        results=(),
+        figures=(figure,),
+        splits=plan.splits_of(experiment),
+        seconds=seconds,
+        settings={"fit": experiment.fit.model_dump() if experiment.fit else {}},
+    )
+    return experiments_report(
+        plan.folder / "report.html", entries=[entry], provenance=_provenance(plan), title="The number that is fitted"
     )
 
 

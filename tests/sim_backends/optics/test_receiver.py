@@ -209,3 +209,8 @@ def test_a_detector_is_one_decibel_short_at_half_its_limit() -> None:
     assert found[:2] == pytest.approx([0.0, 0.01], rel=1e-3)
     assert 20 * np.log10(found[2] / 0.5) == pytest.approx(-0.97, abs=0.01)
     assert found[3] < 1.0
+
+
+def test_an_amplifier_that_would_give_twice_its_saturation_power_gives_half_of_it() -> None:
+    gain = receiver.saturated_gain(np.array([0, 20e-6, 40e-3], np.float32), 20e-3)
+    assert gain == pytest.approx([1, 0.999, 0.5], abs=1e-3)
