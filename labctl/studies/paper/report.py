@@ -217,7 +217,8 @@ def _repeats(judged: Judged) -> str:
 
 
 def _text(must: Requirement, value: float) -> str:
-    return _number(must, value) + (" %" if must.percent else "")
+    unit = " points" if must.minus else " %"
+    return _number(must, value) + (unit if must.percent else "")
 
 
 def _number(must: Requirement, value: float) -> str:
