@@ -23,6 +23,8 @@ MODULES = {
     "vowels": "paper",
     "scenes": "paper",
     "imaging": "paper",
+    "few_photons": "beyond",
+    "analogue_readout": "beyond",
 }
 """Package of `labctl.studies` that has the module. Each has its `ANALYSIS`, loaded when an experiment file names it."""
 
