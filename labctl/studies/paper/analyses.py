@@ -23,6 +23,8 @@ MODULES = {
     "vowels": "paper",
     "scenes": "paper",
     "imaging": "paper",
+    "few_photons": "beyond",
+    "analogue_readout": "beyond",
     "shortest_time": "beyond",
     "whole_sets": "beyond",
 }
