@@ -104,7 +104,7 @@ class Twin:
         factors = None
         if constants.light_path == "projector" and constants.amplifier_gain > 1 and setting.emission is not None:
             watts = laser.power_w * constants.projector_transmission * constants.amplifier_gain
-            factors = np.float32(math.sqrt(watts)) * chain.power_factors(light, taps)
+            factors = np.float32(math.sqrt(watts)) * chain.power_factors(self._repeated(setting, light), taps)
         return Optics(
             setting.key,
             chain.port_fields(light, transfer, wanted),
@@ -138,6 +138,13 @@ class Twin:
             [np.zeros(lead, np.float32), np.tile(volts, setting.repeats), np.zeros(tail, np.float32)]
         )
         return chain.driven_light(constants, volts, rate), lead / rate
+
+    def _repeated(self, setting: Setting, light: chain.DriveLight) -> chain.DriveLight:
+        """The light of a segment as if it repeated for ever, which is what a slow amplifier takes for its mean."""
+        if setting.periodic or setting.playback is None:
+            return light
+        volts, _ = setting.playback.segment(setting.segment or 0)
+        return chain.driven_light(self._parameters, volts, setting.playback.sample_rate)
 
     def _chip(self, wavelength_nm: int) -> cavity.Cavity:
         """One independent cavity a nanometre (125 GHz, many linewidths); small detunings shift the same one."""

@@ -73,8 +73,11 @@ def test_gaussian_launch_has_late_modes_and_the_filled_one_ends() -> None:
 
 
 def test_a_small_change_of_wavelength_decorrelates_the_speckle() -> None:
-    here, there = speckle(5), speckle(5, frequency_hz=299_792_458.0 / 1550.02e-9)
-    assert abs(np.vdot(here, there)) / np.linalg.norm(here) / np.linalg.norm(there) < 0.35
+    overlaps = []
+    for seed in range(10):
+        here, there = speckle(seed), speckle(seed, frequency_hz=299_792_458.0 / 1550.02e-9)
+        overlaps.append(abs(np.vdot(here, there)) / np.linalg.norm(here) / np.linalg.norm(there))
+    assert np.mean(overlaps) < 0.4
 
 
 @pytest.mark.parametrize("delay_s", [7.3e-12, 12.5e-12, 20e-12, 31.9e-12])

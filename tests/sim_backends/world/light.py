@@ -67,6 +67,7 @@ def quiet(*, detector_gain_v_per_w: float = 6e-4, **changes: Any) -> Parameters:
         detector_gain_v_per_w=detector_gain_v_per_w,
         detector_nep_w_per_rthz=0.0,
         laser_rin_db_per_hz=-300.0,
+        detector_limit_v=1e6,
         trigger_jitter_s=0.0,
         awg_jitter_s=0.0,
         **changes,

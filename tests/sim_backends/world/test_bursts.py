@@ -82,7 +82,7 @@ def test_a_burst_has_the_frames_of_a_continuous_drive() -> None:
 
 
 def test_a_burst_is_a_continuous_drive_within_noise() -> None:
-    unshaken = Parameters(trigger_jitter_s=0.0)  # jitter is common to a frame
+    unshaken = Parameters(trigger_jitter_s=0.0, awg_jitter_s=0.0)  # jitter is common to a frame
     world = bench(parameters=unshaken)
     burst(world, 1, repeats=100)
     times = coming(world, 100)
