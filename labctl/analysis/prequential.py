@@ -59,7 +59,7 @@ def prequential(features: NDArray[Any], labels: NDArray[Any], groups: NDArray[An
     if missing or np.unique(labels).size < 2:
         what = f"class {min(missing)} is missing" if missing else "all are of one class"
         raise AnalysisError(f"{what} among the {first} shots to begin with: acquire more images")
-    places = np.sort(np.unique(groups, return_index=True)[1])
+    places = np.flatnonzero(first_showings(groups))
     places = places[places >= first]
     if not places.size:
         raise AnalysisError(f"all images after the first {first} shots were shown before: acquire more images")
@@ -71,6 +71,13 @@ def prequential(features: NDArray[Any], labels: NDArray[Any], groups: NDArray[An
             found = readout.follow(later, labels[first:]) if name in FOLLOWING else readout.predict(later)
             right[name] = (found == labels[first:])[places - first]
     return Prequential(places, right)
+
+
+def first_showings(groups: NDArray[Any], before: NDArray[Any] | None = None) -> NDArray[np.bool_]:
+    """Which of the shots (shots,) show an image that neither an earlier one nor those `before` did."""
+    first = np.zeros(groups.size, np.bool_)
+    first[np.unique(groups, return_index=True)[1]] = True
+    return first if before is None else first & ~np.isin(groups, before)
 
 
 def interval(right: NDArray[np.bool_]) -> tuple[float, float]:

@@ -65,9 +65,8 @@ def in_words(found: dict[str, Any]) -> list[str]:
     """What a table of the readouts does not say: how they were judged, and what to keep in mind."""
     ports = ", ".join(map(str, found["ports"]))
     lines = [
-        f"{found['features']} features of {found['window_s'] * 1e9:g} ns on ports {ports}; all begin with the "
-        f"first {found['first_shots']} of {found['shots']} shots; each later one is predicted, then learnt by those that "
-        "follow"
+        f"{found['features']} features of {found['window_s'] * 1e9:g} ns on ports {ports}; all begin with the first "
+        f"{found['first_shots']} of {found['shots']} shots; those that follow learn each later one after predicting it"
     ]
     if found["passes"] > 1:
         lines.append(

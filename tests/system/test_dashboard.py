@@ -75,17 +75,17 @@ def unarmed(served: Served, tmp_path: Path) -> Path:
     return path
 
 
-def start(page: Page, station: Path) -> None:
+def start(page: Page, station: Path, images: int = 1000) -> None:
     """Start a long run on the served bench by the form, and wait until it is measuring."""
     page.get_by_text("Start a run").click()
     page.get_by_label("Station file").fill(str(station))
-    page.get_by_label("Settings").fill("images=1000\nwindow=0.8 ns")
+    page.get_by_label("Settings").fill(f"images={images}\nwindow=0.8 ns")
     page.get_by_role("switch").click()
     page.get_by_role("button", name="Start", exact=True).click()
     page.wait_for_url("**/run/*")
     connected(page)
     says(page, ".emission-region", "LASER ON")
-    says(page, ".progress-region", r"[1-9]\d* of 2200 records")
+    says(page, ".progress-region", rf"[1-9]\d* of {images * 22 // 10} records")
 
 
 def says(page: Page, region: str, pattern: str) -> None:
@@ -114,6 +114,15 @@ def test_a_run_is_started_watched_paused_and_stopped(
     narrow(page)
     with open_run(runs / page.url.rpartition("/")[2]) as stored:
         assert 0 < stored.done[0] < stored.shape.shots
+
+
+def test_a_readout_follows_the_run_while_it_is_running(page: Page, unarmed: Path) -> None:
+    start(page, unarmed, images=4000)
+    says(page, ".following-region", r"[1-9]\d*\.\d % of the last \d+ images.*ports 2, 3, 4, 5$")
+    expect(page.locator(".following-region polyline.a")).to_be_attached()
+    narrow(page)
+    page.get_by_role("button", name="Stop", exact=True).click()
+    says(page, ".progress-region", "stopped")
 
 
 def test_what_nobody_allows_is_refused_and_told(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
