@@ -165,11 +165,6 @@ def mean_and_sd(scores: NDArray[np.float64]) -> dict[str, float]:
     return {"mean": float(np.mean(scores)), "sd": float(np.std(scores, ddof=1)) if scores.size > 1 else 0.0}
 
 
-def pooled(scores: Iterable[NDArray[np.float64]]) -> dict[str, float]:
-    """Mean and standard deviation over the scores (splits,) of several twins or runs together, as `mean_and_sd`."""
-    return mean_and_sd(np.concatenate(list(scores)))
-
-
 def control(
     features: NDArray[Any],
     labels: NDArray[Any],

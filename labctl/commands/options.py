@@ -13,3 +13,9 @@ PortBaseOption = Annotated[
 SaveStationOption = Annotated[
     Path | None, typer.Option("--save-station", help="Write a station file that points at these instruments.")
 ]
+FirstSeedOption = Annotated[
+    int,
+    typer.Option(
+        "--first-seed", min=0, max=4_000_000_000, help="First seed: other images and, where simulated, other benches."
+    ),
+]

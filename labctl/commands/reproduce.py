@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import Counter
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,11 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from labctl.analysis.intervals import Verdict
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
-from labctl.commands.options import DataOption, StationOption
+from labctl.commands.options import DataOption, FirstSeedOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.errors import UsageError, one_line
 from labctl.runs.format.durable import not_made, replace_file
@@ -22,6 +24,8 @@ from labctl.studies.paper.experiments import SERIES, experiments
 from labctl.studies.processes import Interrupted
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from labctl.studies.paper.reproduction import Plan, Reproduced
 
 
@@ -32,6 +36,7 @@ def reproduce(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer twins and splits, by the same path.")] = False,
     seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many seeds, in place of the usual.")] = None,
+    first_seed: FirstSeedOption = 1,
     station: StationOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for runs and report; must be new or empty.")] = None,
     data: DataOption = None,
@@ -44,7 +49,7 @@ def reproduce(
 ) -> int:
     """Run experiments of the paper, or beyond it, and compare with what must be reached.
 
-    Exit 0 if every figure is reached, 1 if one falls short or an experiment of 'all' had to be skipped.
+    Exit 0 if every figure is reached or open, 1 if one is not reached or an experiment of 'all' had to be skipped.
     """
     from labctl.studies.paper.feasibility import check
     from labctl.studies.paper.reproduction import Plan
@@ -54,7 +59,7 @@ def reproduce(
     by_name = SERIES.keys().isdisjoint(wanted)
     folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(wanted))
     access = access_of(context, attended=attended, armed=armed)
-    plan = Plan(chosen, read_station(station), folder, quick, seeds, data, access)
+    plan = Plan(chosen, read_station(station), folder, quick, seeds, first_seed, data, access)
     problems = check(plan)
     if problems and (by_name or len(problems) == len(chosen)):
         raise next(iter(problems.values()))
@@ -72,7 +77,7 @@ def reproduce(
 
 
 def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: bool) -> int:
-    from labctl.studies.paper import verdict
+    from labctl.studies.paper import report
     from labctl.studies.paper.reproduction import ONE_BENCH
     from labctl.studies.paper.reproduction import reproduce as carry_out
 
@@ -86,21 +91,22 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
     failed = {name: one_line(error) for name, error in failures.items()}
     for name, why in failed.items():
         tell(f"{name} failed: {why}")
-    report = verdict.write_report(plan, everything, skipped=skipped, failed=failed)
-    entries = [verdict.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
+    path = report.write_report(plan, everything, skipped=skipped, failed=failed)
+    entries = [report.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
     without = {"skipped": skipped, "failed": failed}
     entries += [{"name": name, word: why, "passed": False} for word in without for name, why in without[word].items()]
     whole: dict[str, Any] = {
         "experiments": entries,
         "passed": all(entry["passed"] for entry in entries),
+        "open": sum(found["open"] for found in entries if "open" in found),
         "seconds": round(time.perf_counter() - began, 1),
-        "report": str(report),
+        "report": str(path),
     }
     _keep(plan.folder, whole)
     show(
-        entries[0] | {"report": str(report)} if alone else whole,
+        entries[0] | {"report": str(path)} if alone else whole,
         as_json,
-        lambda: _print(whole, [_rows(found) for found in everything], without),
+        lambda: _print(whole, everything, without),
     )
     if not as_json and any(entry.get("benches", 1) < entry.get("seeds", 1) for entry in entries):
         say(ONE_BENCH)
@@ -108,7 +114,7 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
 
 
 def _vary(plan: "Plan", as_json: bool) -> int:
-    from labctl.studies.paper import verdict
+    from labctl.studies.paper.report import write_sensitivity_report
     from labctl.studies.paper.sensitivity import as_json as described
     from labctl.studies.paper.sensitivity import figure_of, sensitivity, study_of
 
@@ -120,7 +126,7 @@ def _vary(plan: "Plan", as_json: bool) -> int:
     with interruptible() as interruption, progress_bar("sensitivity") as progress:
         found = sensitivity(plan, experiment, interruption=interruption, progress=progress.progress)
     seconds = round(time.perf_counter() - began, 1)
-    report = verdict.write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
+    report = write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
     result = {
         "name": experiment.name,
         "window_ns": study.window * 1e9,
@@ -152,31 +158,47 @@ def _print_dependence(result: dict[str, Any]) -> None:
 
 
 def _rows(found: "Reproduced") -> list[tuple[str, ...]]:
-    from labctl.studies.paper.verdict import results
+    from labctl.studies.paper.report import results
 
     rows: list[tuple[str, ...]] = []
-    repeats = f"{len(found.seeds)} x {found.splits}"
     for place, result in enumerate(results(found)):
-        name, times, seconds = (found.experiment.name, repeats, f"{found.seconds:.0f}") if place == 0 else ("", "", "")
-        verdict = "pass" if result.reached else "SHORT"
+        name, seconds = (found.experiment.name, f"{found.seconds:.0f}") if place == 0 else ("", "")
+        columns = [
+            (one.here, one.required, _word(one.verdict)) if one else ("", "", "") for one in (result, result.averaged)
+        ]
         rows.append(
-            (name, result.name, result.paper, result.here, result.required, result.baseline, verdict, times, seconds)
+            (name, result.name, result.paper, *columns[0], *columns[1], result.baseline, result.repeats, seconds)
         )
     return rows
 
 
-def _print(whole: dict[str, Any], rows: list[list[tuple[str, ...]]], without: dict[str, dict[str, str]]) -> None:
-    headings = ("experiment", "figure", "paper", "here, mean ± sd", "must reach", "digital baseline", "verdict")
+def _word(verdict: Verdict | None) -> str:
+    """What is not reached stands out."""
+    return {None: "", Verdict.NOT_REACHED: "NOT REACHED"}.get(verdict, str(verdict))
+
+
+def _print(whole: dict[str, Any], everything: "Sequence[Reproduced]", without: dict[str, dict[str, str]]) -> None:
+    from labctl.studies.paper.verdict import averages_only, verdicts
+
+    column = ("must reach", "verdict")
+    headings = ("experiment", "figure", "paper", "single triggers", *column, "mean of several", *column)
     table(
-        (*headings, "seeds x splits", "seconds of work"),
+        (*headings, "digital baseline", "seeds x splits", "seconds of work"),
         [
-            *(row for entry in rows for row in entry),
-            *((name, why, "", "", "", "", word, "", "") for word in without for name, why in without[word].items()),
+            *(row for found in everything for row in _rows(found)),
+            *((name, why, *[""] * 7, word, "", "") for word in without for name, why in without[word].items()),
         ],
     )
+    say("Means over seeds and, in brackets, their 95 % intervals; open: the interval holds what must be reached.")
+    for found in everything:
+        for what in averages_only(found):
+            say(
+                f"{found.experiment.name}, {what}: reached by the mean of {found.experiment.averages[-1]} triggers only"
+            )
     for entry in whole["experiments"]:
         if entry.get("cause"):
             say(f"{entry['name']} falls short: {' '.join(entry['cause'].split())}")
-    verdict = "every figure is reached" if whole["passed"] else "NOT every figure is reached"
-    say(f"{verdict}; {whole['seconds']:.0f} s in all")
+    counts = Counter(verdict for found in everything for verdict in verdicts(found))
+    said = ", ".join(f"{counts[verdict]} {_word(verdict)}" for verdict in Verdict)
+    say(f"{counts.total()} figures: {said}; {whole['seconds']:.0f} s in all")
     say(f"report: {whole['report']}")

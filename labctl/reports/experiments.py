@@ -7,6 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from labctl.analysis.intervals import Verdict
 from labctl.reports.page import Result, embedded, write_report
 
 
@@ -58,12 +59,13 @@ class ExperimentEntry:
     @property
     def passed(self) -> bool:
         """Whether nothing that was required falls short."""
-        return all(result.reached is not False for result in self.results)
+        verdicts = [one.verdict for result in self.results for one in (result, result.averaged) if one is not None]
+        return Verdict.NOT_REACHED not in verdicts
 
     @property
-    def headlines(self) -> Sequence[Result]:
-        """Its lines in the table of all experiments: each figure that must be reached, or one where none must."""
-        return [result for result in self.results if result.reached is not None] or self.results[:1]
+    def averaged(self) -> bool:
+        """Whether any of its results has the mean of several triggers beside it."""
+        return any(result.averaged is not None for result in self.results)
 
 
 def experiments_report(

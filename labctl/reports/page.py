@@ -13,12 +13,22 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from labctl.analysis.intervals import Verdict
 from labctl.errors import writing
 from labctl.reports.canvas import save_figure
 from labctl.runs.format.durable import not_made, replace_file
 
 LARGEST_SVG = 600_000
 """Figures whose SVG has more bytes than this go into a report as PNG."""
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """The same as a `Result`, with the mean of several triggers in place of single ones; fields as there."""
+
+    required: str
+    here: str
+    verdict: Verdict | None
 
 
 @dataclass(frozen=True)
@@ -30,16 +40,20 @@ class Result:
         paper: What the paper reports.
         required: What must be reached here; empty = nothing is required.
         here: What was reached.
-        reached: Whether `here` meets `required`; None = nothing is required.
+        verdict: Whether `here` meets `required`; None = nothing is required.
         baseline: What others reach on the same data; empty = nothing to compare with.
+        averaged: What the mean of several triggers reaches; None = nothing was averaged.
+        repeats: On how many seeds and splits.
     """
 
     name: str
     paper: str
     required: str
     here: str
-    reached: bool | None
+    verdict: Verdict | None
     baseline: str = ""
+    averaged: Averaged | None = None
+    repeats: str = ""
 
 
 def embedded(figure: Figure, stem: Path) -> str:

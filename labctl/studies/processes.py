@@ -80,11 +80,13 @@ class TaskObserver(Observer):
     def __init__(self, interruption: Interruption) -> None:
         """Of the run that `interruption` ends."""
         self._interruption = interruption
+        self._done = 0
 
     def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
-        """One record more."""
+        """More records: one, or those of a burst."""
         with _Shared.records.get_lock():
-            _Shared.records.value += 1
+            _Shared.records.value += done - self._done
+        self._done = done
         self._interruption.requested |= _Shared.stop.is_set()
 
 

@@ -21,6 +21,7 @@ from labctl.analysis.evaluation import (
     window_key,
     windows_to_try,
 )
+from labctl.analysis.intervals import Verdict
 from labctl.analysis.readouts import softmax_readout
 from labctl.analysis.splits import SEEDS, forward_in_time_split, random_splits
 from labctl.errors import AnalysisError, one_line, writing
@@ -164,7 +165,13 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
             ),
             Result("forward in time", "", "", f"{100 * found['forward_in_time']:.1f} %", None),
             *(
-                Result(f"control: {name}", "", "at chance", f"{100 * entry['accuracy']:.1f} %", entry["at_chance"])
+                Result(
+                    f"control: {name}",
+                    "",
+                    "at chance",
+                    f"{100 * entry['accuracy']:.1f} %",
+                    Verdict.REACHED if entry["at_chance"] else Verdict.NOT_REACHED,
+                )
                 for name, entry in controls.items()
             ),
         ],

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from instruments.units import Seconds
 from labctl.analysis.anomaly import CovarianceScore, NormalityScore, Roc, roc
 from labctl.analysis.baselines import dark_pixels
-from labctl.analysis.evaluation import mean_and_sd
+from labctl.analysis.intervals import Statistic, pooled
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.images import ImageRow, image_rows_figure
@@ -107,19 +107,20 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     baseline: dict[str, Any] = {}
     for rule in settings.rules:
         twins = [found[rule.key] for found in findings]
-        splits = {name: [split for twin in twins for split in twin.scores[name]] for name in twins[0].scores}
+        names = list(twins[0].scores)
         here[rule.key] = {
-            name: mean_and_sd(np.array([split.curve.auc for split in every])) for name, every in splits.items()
+            name: pooled([split.curve.auc for split in twin.scores[name]] for twin in twins) for name in names
         } | {
-            "found": {name: mean_and_sd(np.array([_found(split) for split in every])) for name, every in splits.items()}
+            "found": {name: pooled([_found(split) for split in twin.scores[name]] for twin in twins) for name in names}
         }
-        baseline[rule.key] = {
-            "dark_pixels": mean_and_sd(np.array([curve.auc for twin in twins for curve in twin.dark_pixels]))
-        }
+        baseline[rule.key] = {"dark_pixels": pooled([curve.auc for curve in twin.dark_pixels] for twin in twins)}
     first = settings.rules[0]
     shown = [found[first.key] for found in findings]
     figures = [_histogram(shown[0], name, first.label) for name in NAMES if name in shown[0].scores]
-    figures += [_characteristics(shown, first.label, settings.paper), _examples(findings[0], settings)]
+    figures += [
+        _characteristics(shown, first.label, {**here[first.key], **baseline[first.key]}, settings.paper),
+        _examples(findings[0], settings),
+    ]
     notes = (
         f"`found` is the share of the test cracks above the threshold that {100 * settings.false_alarms:g} % of the "
         "normal training images exceed.",
@@ -183,14 +184,15 @@ def _histogram(shown: RuleFindings, name: str, rule: str) -> ExperimentFigure:
     )
 
 
-def _characteristics(twins: Sequence[RuleFindings], rule: str, paper: float | None) -> ExperimentFigure:
+def _characteristics(
+    twins: Sequence[RuleFindings], rule: str, areas: Mapping[str, Statistic], paper: float | None
+) -> ExperimentFigure:
     curves = {name: [split.curve for twin in twins for split in twin.scores[name]] for name in twins[0].scores}
     curves["dark_pixels"] = [curve for twin in twins for curve in twin.dark_pixels]
     drawn = []
     for name, every in curves.items():
-        auc = mean_and_sd(np.array([curve.auc for curve in every]))
         mean = np.mean([np.interp(GRID, curve.false_positive, curve.true_positive) for curve in every], axis=0)
-        drawn.append(RocCurve(NAMES[name], [0.0, *GRID], [0.0, *mean], auc["mean"], auc["sd"]))
+        drawn.append(RocCurve(NAMES[name], [0.0, *GRID], [0.0, *mean], areas[name]["mean"], areas[name]["sd"]))
     return ExperimentFigure(
         "roc",
         roc_figure(drawn, paper=paper),

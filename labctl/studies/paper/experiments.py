@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError,
 from instruments.remedies import unreadable
 from instruments.toml_files import TomlError, describe, read_toml
 from instruments.units import Seconds
+from labctl.analysis.intervals import Bound, Statistic, difference
 from labctl.errors import ExperimentError
 from protocols.base import Measurement
 from protocols.registry import protocol_from
@@ -46,14 +47,14 @@ class Baseline(_Table):
 
 
 class Requirement(_Table):
-    """A figure to reach.
+    """A figure to reach, or one that is printed beside them.
 
     Attributes:
         what: In words.
-        path: Keys that lead to the figure in `here`; of a result with a spread, the mean is taken.
-        minus: Keys of another figure that is subtracted first; empty: none.
-        less_standard_errors: So many standard errors of the mean are allowed for ("se" next to "mean").
-        at_least, at_most: The bound; exactly one of the two.
+        path: Keys that lead to the figure in `here`: a mean over benches, as `pooled` gives it.
+        minus: Keys of another figure that is subtracted, bench by bench; empty: none.
+        at_least, at_most: The bound of single triggers, the paper's statement; at most one of the two.
+        averaged_at_least, averaged_at_most: The bound of the mean of several triggers; none: that of single triggers.
         paper: What the paper says.
         percent: Whether to print it in per cent.
         beside: A digital baseline to compare with, in the same unit.
@@ -62,40 +63,46 @@ class Requirement(_Table):
     what: str
     path: tuple[str, ...] = Field(min_length=1)
     minus: tuple[str, ...] = ()
-    less_standard_errors: float = 0.0
     at_least: float | None = None
     at_most: float | None = None
+    averaged_at_least: float | None = None
+    averaged_at_most: float | None = None
     paper: str = ""
     percent: bool = False
     beside: Baseline | None = None
 
     @model_validator(mode="after")
-    def _one_bound(self) -> Self:
-        if (self.at_least is None) == (self.at_most is None):
-            raise ValueError(f"{self.what!r} needs one bound: give at_least or at_most")
+    def _one_bound_each(self) -> Self:
+        for prefix in ("", "averaged_"):
+            if None not in (getattr(self, f"{prefix}at_least"), getattr(self, f"{prefix}at_most")):
+                raise ValueError(f"{self.what!r} needs one bound: give {prefix}at_least or {prefix}at_most")
         return self
 
-    def figure(self, here: Mapping[str, Any]) -> float:
-        """The figure in `here`, standard errors allowed for.
+    @property
+    def bound(self) -> Bound | None:
+        """What the figure must be with single triggers; None = it is printed only."""
+        return _bound(self.at_least, self.at_most)
+
+    @property
+    def averaged_bound(self) -> Bound | None:
+        """What the figure must be with the mean of several triggers; None = it is printed only."""
+        return _bound(self.averaged_at_least, self.averaged_at_most) or self.bound
+
+    def figure(self, here: Mapping[str, Any]) -> Statistic:
+        """The figure in `here`.
 
         Raises:
             ExperimentError: there is none.
+            AnalysisError: the two that are subtracted are not of the same benches.
         """
-        value = mean_at(here, self.path)
-        if self.minus:
-            value -= mean_at(here, self.minus)
-        if self.less_standard_errors:
-            allowed = self.less_standard_errors * mean_at(here, (*self.path, "se"))
-            value += allowed if self.at_most is None else -allowed
-        return value
+        figure = statistic_at(here, self.path)
+        return difference(figure, statistic_at(here, self.minus)) if self.minus else figure
 
-    def reached(self, here: Mapping[str, Any]) -> bool:
-        """Whether the figure in `here` keeps its bound."""
-        return self.kept(self.figure(here))
 
-    def kept(self, figure: float) -> bool:
-        """Whether `figure` keeps the bound."""
-        return (self.at_least is None or figure >= self.at_least) and (self.at_most is None or figure <= self.at_most)
+def _bound(at_least: float | None, at_most: float | None) -> Bound | None:
+    if at_most is not None:
+        return Bound("<=", at_most)
+    return None if at_least is None else Bound(">=", at_least)
 
 
 class Variation(_Table):
@@ -144,6 +151,8 @@ class Experiment(_Table):
         statement: What is done here, a few sentences.
         analysis: Name of the analysis.
         series: Whether the paper has it, or it goes beyond; only what goes beyond may change the twin's parameters.
+        averages: Triggers whose mean a frame is. With two numbers the runs are carried out with either: single
+            triggers first, the mean of several beside it. Empty: as the runs' settings say.
         part_of: The experiment that this one repeats a part of; it is then carried out by name only, not among all.
         twins: Over how many twins it is repeated.
         splits: On how many random splits each twin's readouts are judged.
@@ -162,8 +171,9 @@ class Experiment(_Table):
     statement: str
     analysis: str
     series: Literal["paper", "beyond"] = "paper"
+    averages: tuple[PositiveInt, ...] = Field((), max_length=2)
     part_of: str = ""
-    twins: PositiveInt = 5
+    twins: PositiveInt = 10
     splits: PositiveInt = 10
     quick_twins: PositiveInt = 1
     quick_splits: PositiveInt = 2
@@ -184,9 +194,19 @@ class Experiment(_Table):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _averages_are_said_once(self) -> Self:
+        for name, run in self.runs.items():
+            if self.averages and "averages" in run.settings:
+                raise ValueError(f"runs.{name}.settings.averages: the experiment's own averages say it: leave it out")
+        for must in self.must:
+            if len(self.averages) < 2 and must.averaged_bound != must.bound:
+                raise ValueError(f"{must.what!r}: averaged_at_least, averaged_at_most need averages = [1, 16] above")
+        return self
+
     @cached_property
     def protocols(self) -> dict[str, Measurement[Any]]:
-        """The protocols of the runs, with their default seed.
+        """The protocols of the runs, with their default seed, and single triggers unless their settings say otherwise.
 
         Raises:
             ProtocolError: no such protocol or setting.
@@ -247,14 +267,15 @@ def found_at(results: Mapping[str, Any], path: Sequence[str]) -> Any:
     return value
 
 
-def mean_at(results: Mapping[str, Any], path: Sequence[str]) -> float:
-    """The same as a number: of a result with a spread its mean.
+def statistic_at(results: Mapping[str, Any], path: Sequence[str]) -> Statistic:
+    """The figure over benches that the keys in `path` lead to.
 
     Raises:
         ExperimentError: there is none.
     """
     value = found_at(results, path)
-    number = value.get("mean") if isinstance(value, Mapping) else value
-    if not isinstance(number, int | float):
-        raise ExperimentError(f"the analysis gives no number {'.'.join(path)}: correct `must` in the experiment file")
-    return float(number)
+    if not isinstance(value, dict) or "by_bench" not in value:
+        raise ExperimentError(
+            f"the analysis gives no figure over benches {'.'.join(path)}: correct `must` in the experiment file"
+        )
+    return value

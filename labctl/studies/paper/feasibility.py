@@ -1,6 +1,7 @@
 """What cannot be carried out, found out before anything starts: no folder is made, no run begins, nothing is lit."""
 
 from contextlib import ExitStack
+from itertools import chain
 from typing import Any
 
 from instruments.bench import Bench
@@ -48,10 +49,11 @@ def check(plan: Plan) -> dict[str, Exception]:
 def _check(experiment: Experiment, plan: Plan, benches: "_Benches") -> None:
     """In the order of what it costs: files first, then what the station says, then what its instruments say."""
     analysis_of(experiment)
-    for name, protocol in experiment.protocols.items():
+    seed = plan.seeds_of(experiment)[0]
+    for name, protocol in chain.from_iterable(column.items() for column in plan.columns_of(experiment, seed)):
         inputs = inputs_for(protocol, plan.data)
         protocol.shots(inputs)
-        station = plan.station_for(protocol, plan.seeds_of(experiment)[0], experiment.runs[name].parameters)
+        station = plan.station_for(protocol, seed, experiment.runs[name].parameters)
         bench = benches.opened(station)
         _check_light_path(station, protocol)
         protocol.check_cabling(bench)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from instruments.units import Seconds
-from labctl.analysis.evaluation import mean_and_sd
+from labctl.analysis.intervals import pooled
 from labctl.analysis.networks import ReconstructionNetwork
 from labctl.analysis.reconstruction import KernelReconstruction
 from labctl.analysis.regression import rmse
@@ -98,9 +98,9 @@ def film_results(films: Sequence[Film]) -> dict[str, Any]:
         after = [_error(film.frames[name][film.new], film.pair[1]) for film in films]
         switched = [time for film in films if (time := _switch_us(film, name)) is not None]
         results[name] = {
-            "before": mean_and_sd(np.array(before)),
-            "after": mean_and_sd(np.array(after)),
-            "switch_us": mean_and_sd(np.array(switched)) if switched else None,
+            "before": pooled(before),
+            "after": pooled(after),
+            "switch_us": pooled(switched) if switched else None,
             "scenes_switched": len(switched),
         }
     return results | {

@@ -16,7 +16,7 @@ from pydantic import PositiveInt
 from threadpoolctl import threadpool_limits
 
 from labctl.analysis.baselines import autoregressive_nmse, echo_state_nmse
-from labctl.analysis.evaluation import mean_and_sd
+from labctl.analysis.intervals import pooled
 from labctl.analysis.regression import nmse, ridge_readout
 from labctl.analysis.symbols import one_step_ahead, require_causal, symbol_features
 from labctl.datasets.sequences import load_sequences
@@ -145,8 +145,16 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
         volts=frames[0, :, : shown.size * round(SYMBOL_S / interval)],
         sample_interval_s=interval,
         autoregressive=autoregressive_nmse(series, order=settings.order, train=settings.train, test=settings.test),
-        echo_state=echo_state_nmse(
-            series, nodes=settings.nodes, train=settings.train, test=settings.test, seed=twin.seed
+        echo_state=twin.once(
+            "echo state",
+            partial(
+                echo_state_nmse,
+                series,
+                nodes=settings.nodes,
+                train=settings.train,
+                test=settings.test,
+                seed=twin.seed,
+            ),
         ),
     )
 
@@ -203,15 +211,15 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     table = {key: np.stack([getattr(one, key) for one in findings]) for _, key in orders}
     counts = list(range(1, 1 + len(findings[0].ports)))
     here: dict[str, Any] = {
-        key: {str(count): mean_and_sd(errors[:, count - 1]) for count in counts} for key, errors in table.items()
+        key: {str(count): pooled(errors[:, count - 1]) for count in counts} for key, errors in table.items()
     } | {"chosen": {str(place): list(one.chosen) for place, one in enumerate(findings, start=1)}}
     if several := counts[FEW_PORTS - 1 :]:
         here[f"worst_from_{FEW_PORTS}"] = max(
             (here["by_choice"][str(count)] for count in several), key=itemgetter("mean")
         )
     baseline = {
-        f"AR({settings.order})": mean_and_sd(np.array([one.autoregressive for one in findings])),
-        f"echo-state network of {settings.nodes} nodes": mean_and_sd(np.array([one.echo_state for one in findings])),
+        f"AR({settings.order})": pooled(one.autoregressive for one in findings),
+        f"echo-state network of {settings.nodes} nodes": pooled(one.echo_state for one in findings),
     }
     curves = [_curve(label, counts, table[key]) for label, key in orders]
     levels = [Level("AR" if name.startswith("AR") else "echo state", one["mean"]) for name, one in baseline.items()]

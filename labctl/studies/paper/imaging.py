@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 
 from instruments.units import Seconds
 from labctl.analysis.baselines import mean_image_rmse
-from labctl.analysis.evaluation import mean_and_sd, pooled, window_key
+from labctl.analysis.evaluation import window_key
+from labctl.analysis.intervals import pooled
 from labctl.analysis.networks import ReconstructionNetwork
 from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
 from labctl.analysis.regression import rmse
@@ -102,10 +103,10 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     for curve in settings.curves:
         twins = [found.curves[curve.key] for found in findings]
         here[curve.key] = {
-            readout: {window: spread([twin.errors[readout][window] for twin in twins]) for window in windows}
+            readout: {window: pooled(twin.errors[readout][window] for twin in twins) for window in windows}
             for readout, windows in twins[0].errors.items()
         }
-        baseline[curve.key] = {"mean_image": spread([twin.mean_image for twin in twins])}
+        baseline[curve.key] = {"mean_image": pooled(twin.mean_image for twin in twins)}
     figures = []
     first = findings[0].curves
     for run in dict.fromkeys(curve.run for curve in settings.curves):
@@ -127,8 +128,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         here["film"] = film_results(films)
         figures.append(filmstrip(films[0]))
     notes = (
-        "RMSE over all pixels of the test images, pixels 0 or 1. `se` is the standard error of the mean over twins, "
-        "from the means of each twin: splits of one twin share images and fibre.",
+        "RMSE over all pixels of the test images, pixels 0 or 1.",
         "One network a twin and split, each with first weights of its own. Its answers are not limited to 0..1; those "
         "of the linear and of the best readout (Gaussian kernel ridge) are.",
     )
@@ -136,16 +136,6 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
 
 
 ANALYSIS = Analysis(Settings, examine, conclude, needs_torch=True)
-
-
-def spread(twins: Sequence[NDArray[np.float64]]) -> dict[str, float]:
-    """Mean and standard deviation over all twins and splits, and the standard error "se" of the mean.
-
-    Args:
-        twins: Scores (splits,) of each twin. With a single one its splits have to serve for the standard error.
-    """
-    means = np.array([np.mean(scores) for scores in twins]) if len(twins) > 1 else twins[0]
-    return pooled(twins) | {"se": mean_and_sd(means)["sd"] / float(np.sqrt(means.size))}
 
 
 def _reconstructed(twin: TwinRuns, curve: CurveSettings, examples: int) -> Reconstructed:

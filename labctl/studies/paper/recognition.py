@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 
 from instruments.units import Seconds
 from labctl.analysis.baselines import numerical_network_accuracy, raw_pixel_accuracy
-from labctl.analysis.evaluation import pooled, validate, window_key
+from labctl.analysis.evaluation import validate, window_key
+from labctl.analysis.intervals import pooled
 from labctl.analysis.learning_curve import learning_curve
 from labctl.analysis.splits import Split
 from labctl.analysis.windows import sample_count
@@ -120,8 +122,10 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
     return Findings(
         scores,
         confusion,
-        raw_pixel_accuracy(images, records.labels, splits),
-        _numerical(images, records, splits[: settings.numerical_splits], settings, twin.seed),
+        twin.once("raw pixels", partial(raw_pixel_accuracy, images, records.labels, splits)),
+        twin.once(
+            "numerical", partial(_numerical, images, records, splits[: settings.numerical_splits], settings, twin.seed)
+        ),
         _learning(records, settings, twin),
         {run: _examples(twin, run, len(settings.classes)) for run in settings.show_runs},
     )

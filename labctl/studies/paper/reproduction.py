@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -22,6 +23,7 @@ from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.processes import Interrupted, TaskObserver, in_parallel
 from protocols.base import Measurement
+from protocols.image_readout import ImageReadout
 
 NOTHING_CHANGED: Mapping[str, Any] = MappingProxyType({})
 
@@ -55,6 +57,7 @@ class Plan:
         folder: Where the runs go.
         quick: Fewer twins and splits.
         seeds: How many seeds, in place of what the experiments say.
+        first_seed: The first of them.
         data: Folder of data sets that is looked at first.
         access: How the bench is opened.
         name: What the directory of a run is called, by the run's name in the experiment file, its protocol and the
@@ -66,18 +69,42 @@ class Plan:
     folder: Path
     quick: bool = False
     seeds: int | None = None
+    first_seed: int = 1
     data: Path | None = None
     access: Access = Access()
     name: Callable[[str, Measurement[Any], Mapping[str, Any]], str] = name_by_settings
 
     def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
-        """Seeds of an experiment: 1, 2, ..."""
-        count = self.seeds or (experiment.quick_twins if self.quick else experiment.twins)
-        return tuple(range(1, count + 1))
+        """Seeds of an experiment, one after the other."""
+        return self.seeds_from_first(experiment.quick_twins if self.quick else experiment.twins)
+
+    def seeds_from_first(self, usual: int) -> tuple[int, ...]:
+        """So many seeds as are asked for, or the `usual` number."""
+        return tuple(range(self.first_seed, self.first_seed + (self.seeds or usual)))
 
     def splits_of(self, experiment: Experiment) -> int:
         """Random splits for each seed."""
         return experiment.quick_splits if self.quick else experiment.splits
+
+    def columns_of(self, experiment: Experiment, seed: int) -> tuple[dict[str, Measurement[Any]], ...]:
+        """Protocols of the runs of one seed by name, for each of the experiment's averages.
+
+        Single triggers of still images come in bursts where the station is wired for them: they see the same light,
+        in a fraction of the time.
+        """
+        changes = [{"averages": averages} for averages in experiment.averages] or [{}]
+        return tuple(
+            {
+                name: self._quickest(protocol.model_copy(update={**change, "seed": seed}))
+                for name, protocol in experiment.protocols.items()
+            }
+            for change in changes
+        )
+
+    def _quickest(self, protocol: Measurement[Any]) -> Measurement[Any]:
+        free = isinstance(protocol, ImageReadout) and "timing" not in protocol.model_fields_set
+        bursts = free and protocol.averages == 1 and self.station.wiring.burst
+        return protocol.model_copy(update={"timing": "burst"}) if bursts else protocol
 
     def benches_of(self, experiment: Experiment) -> int:
         """On how many benches an experiment is measured: a twin for each seed, or the one bench that there is."""
@@ -113,6 +140,21 @@ class Plan:
 
 
 @dataclass(frozen=True)
+class Column:
+    """What came of an experiment with one number of triggers a frame.
+
+    Attributes:
+        findings: What the analysis found, for each seed.
+        conclusion: What all of them say together.
+        outcomes: How the runs went: name in the experiment file -> for each seed.
+    """
+
+    findings: tuple[Any, ...]
+    conclusion: Conclusion
+    outcomes: Mapping[str, tuple[Outcome, ...]]
+
+
+@dataclass(frozen=True)
 class Reproduced:
     """What came of one experiment.
 
@@ -120,24 +162,20 @@ class Reproduced:
         experiment: The experiment.
         seeds: Its seeds.
         splits: Random splits for each seed.
-        findings: What its analysis found, for each seed.
-        conclusion: What all of them say together.
-        outcomes: How its runs went: name in the experiment file -> for each seed.
+        columns: What came of each of the experiment's averages, single triggers first.
         seconds: What all of it took, by the work of every process.
     """
 
     experiment: Experiment
     seeds: tuple[int, ...]
     splits: int
-    findings: tuple[Any, ...]
-    conclusion: Conclusion
-    outcomes: Mapping[str, tuple[Outcome, ...]]
+    columns: tuple[Column, ...]
     seconds: float
 
     @property
     def runs(self) -> tuple[Path, ...]:
-        """The run directories, seed by seed; a run that has two names comes once."""
-        by_seed = zip(*self.outcomes.values(), strict=True)
+        """The run directories, column by column and seed by seed; a run that has two names comes once."""
+        by_seed = chain.from_iterable(zip(*column.outcomes.values(), strict=True) for column in self.columns)
         return tuple(dict.fromkeys(outcome.directory for outcomes in by_seed for outcome in outcomes))
 
 
@@ -162,16 +200,17 @@ def reproduce(
         InstrumentError, DatasetError, ProtocolError, StationError, RunError: a run failed.
     """
     twins = {
-        (experiment.name, seed): (experiment, _twin(plan, experiment, seed))
+        (experiment.name, seed): (experiment, _twins(plan, experiment, seed))
         for experiment in plan.experiments
         for seed in plan.seeds_of(experiment)
     }
     runs = {
         directory: plan.acquisition(twin.protocols[name], directory, experiment.runs[name].parameters)
-        for experiment, twin in twins.values()
+        for experiment, columns in twins.values()
+        for twin in columns
         for name, directory in twin.runs.items()
     }
-    tasks: dict[Task, Callable[[], Any]] = {name: partial(_examine, *twin) for name, twin in twins.items()}
+    tasks: dict[Task, Callable[[], Any]] = {name: partial(_examine, *of_seed) for name, of_seed in twins.items()}
     done: dict[Task, tuple[Any, float]] = {}
 
     def follow(finished: int, records: int = 0) -> None:
@@ -181,7 +220,7 @@ def reproduce(
     needs: dict[Task, Iterable[Task]] = {}
     if plan.station.wholly_simulated:
         tasks |= {directory: partial(acquire_run, run) for directory, run in runs.items()}
-        needs = {name: twin.runs.values() for name, (_, twin) in twins.items()}
+        needs = {name: _directories(columns) for name, (_, columns) in twins.items()}
     else:
         done |= _acquired_in_turn(runs, interruption, follow, uploading)
     done |= in_parallel(tasks, needs=needs, interruption=interruption, progress=follow)
@@ -201,13 +240,27 @@ def acquire_run(run: Acquisition) -> Outcome:
     return acquire(run, observer=TaskObserver(interruption), interruption=interruption).outcome
 
 
-def _twin(plan: Plan, experiment: Experiment, seed: int) -> TwinRuns:
-    protocols = {name: protocol.model_copy(update={"seed": seed}) for name, protocol in experiment.protocols.items()}
-    directories = {
-        name: plan.folder / plan.name(name, protocol, experiment.runs[name].parameters)
-        for name, protocol in protocols.items()
-    }
-    return TwinRuns(directories, protocols, seed, plan.splits_of(experiment), plan.data)
+def _twins(plan: Plan, experiment: Experiment, seed: int) -> tuple[TwinRuns, ...]:
+    """The runs of one seed, for each of the experiment's averages."""
+    known: dict[str, Any] = {}
+    return tuple(
+        TwinRuns(
+            {
+                name: plan.folder / plan.name(name, protocol, experiment.runs[name].parameters)
+                for name, protocol in protocols.items()
+            },
+            protocols,
+            seed,
+            plan.splits_of(experiment),
+            plan.data,
+            known,
+        )
+        for protocols in plan.columns_of(experiment, seed)
+    )
+
+
+def _directories(columns: Iterable[TwinRuns]) -> list[Path]:
+    return [directory for twin in columns for directory in twin.runs.values()]
 
 
 def _acquired_in_turn(
@@ -237,34 +290,45 @@ def _acquired_in_turn(
 
 
 def _concluded(
-    plan: Plan, experiment: Experiment, twins: Mapping[int, TwinRuns], done: Mapping[Task, tuple[Any, float]]
+    plan: Plan,
+    experiment: Experiment,
+    twins: Mapping[int, tuple[TwinRuns, ...]],
+    done: Mapping[Task, tuple[Any, float]],
 ) -> Reproduced:
     """What the twins of an experiment, by seed, say together; `done` has the result and the seconds of every task."""
     began = time.perf_counter()
-    findings = tuple(done[experiment.name, seed][0] for seed in twins)
-    if failures := [found for found in findings if isinstance(found, AnalysisError)]:
+    examined = [done[experiment.name, seed][0] for seed in twins]
+    if failures := [found for found in examined if isinstance(found, AnalysisError)]:
         raise failures[0]
+    columns = tuple(
+        _column(plan, experiment, findings, runs, done)
+        for findings, runs in zip(zip(*examined, strict=True), zip(*twins.values(), strict=True), strict=True)
+    )
+    directories = {directory for runs in twins.values() for directory in _directories(runs)}
+    tasks: list[Task] = [*directories, *((experiment.name, seed) for seed in twins)]
+    seconds = sum(done[task][1] for task in tasks) + time.perf_counter() - began
+    return Reproduced(experiment, tuple(twins), plan.splits_of(experiment), columns, seconds)
+
+
+def _column(
+    plan: Plan,
+    experiment: Experiment,
+    findings: tuple[Any, ...],
+    twins: tuple[TwinRuns, ...],
+    done: Mapping[Task, tuple[Any, float]],
+) -> Column:
     analysis, settings = analysis_of(experiment)
     conclusion = analysis.conclude(findings, settings)
     if plan.benches_of(experiment) < len(twins):
         conclusion = replace(conclusion, notes=(ONE_BENCH, *conclusion.notes))
-    directories = {directory for twin in twins.values() for directory in twin.runs.values()}
-    tasks: list[Task] = [*directories, *((experiment.name, seed) for seed in twins)]
-    return Reproduced(
-        experiment,
-        tuple(twins),
-        plan.splits_of(experiment),
-        findings,
-        conclusion,
-        {name: tuple(done[twin.runs[name]][0] for twin in twins.values()) for name in experiment.runs},
-        sum(done[task][1] for task in tasks) + time.perf_counter() - began,
-    )
+    outcomes = {name: tuple(done[twin.runs[name]][0] for twin in twins) for name in experiment.runs}
+    return Column(findings, conclusion, outcomes)
 
 
-def _examine(experiment: Experiment, twin: TwinRuns) -> Any:
-    """What one twin shows, or the `AnalysisError` that says why it shows nothing."""
+def _examine(experiment: Experiment, columns: tuple[TwinRuns, ...]) -> list[Any] | AnalysisError:
+    """What the runs of one seed show, for each of the experiment's averages; or why they show nothing."""
     analysis, settings = analysis_of(experiment)
     try:
-        return analysis.examine(twin, settings)
+        return [analysis.examine(twin, settings) for twin in columns]
     except AnalysisError as error:
         return error

@@ -4,7 +4,7 @@ The readout is that of the still images. It never saw the images of the scenes, 
 whose two images it recognises at rest: the question is what happens while the image changes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from instruments.units import Seconds
 from labctl.analysis.dynamic import short_time_correlation, sliding_probabilities, switch_time
-from labctl.analysis.evaluation import mean_and_sd
+from labctl.analysis.intervals import Statistic, pooled
 from labctl.analysis.readouts import softmax_readout
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
@@ -113,26 +113,29 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     Raises:
         AnalysisError: The readout recognises the images of no scene.
     """
-    judged = [(found, scene) for found in findings for scene in found.judged()]
-    if not judged:
+    benches = [(found, scenes) for found in findings if (scenes := found.judged())]
+    if not benches:
         raise AnalysisError("no scene has two images that the readout recognises at rest: measure more scenes")
-    verdicts = np.stack([found.verdict(scene) for found, scene in judged])
-    right = np.logical_and(verdicts[:, 0], verdicts[:, 1])
-    certain = np.array([all(scene.certain) for _, scene in judged])
+    judged = [scene for _, scenes in benches for scene in scenes]
+    certain = [
+        (found, sure) for found, scenes in benches if (sure := [scene for scene in scenes if all(scene.certain)])
+    ]
+    transit_s = judged[0].transit_s
     here: dict[str, Any] = {
         "scenes": sum(len(found.scenes) for found in findings),
         "scenes_judged": len(judged),
+        "judged_of_a_twin": pooled(len(found.judged()) for found in findings),
         "fewest_judged_of_a_twin": min(len(found.judged()) for found in findings),
-        "before_right": float(verdicts[:, 0].mean()),
-        "after_right": float(verdicts[:, 1].mean()),
-        "scenes_right": float(right.mean()),
-        "scenes_certain_at_rest": int(certain.sum()),
-        "scenes_right_of_certain": float(right[certain].mean()) if certain.any() else None,
-        "single_windows_right": mean_and_sd(np.array([found.share_right(scene) for found, scene in judged])),
-        "switch_by_correlation": _switch([scene.crossing_s for _, scene in judged], judged[0][1].transit_s),
-        "switch_by_class": _switch([scene.stays_s for _, scene in judged], judged[0][1].transit_s),
+        "before_right": _shares(benches, lambda found, scene: found.verdict(scene)[0]),
+        "after_right": _shares(benches, lambda found, scene: found.verdict(scene)[1]),
+        "scenes_right": _shares(benches, _right),
+        "scenes_certain_at_rest": sum(len(scenes) for _, scenes in certain),
+        "scenes_right_of_certain": _shares(certain, _right) if certain else None,
+        "single_windows_right": _shares(benches, Findings.share_right),
+        "switch_by_correlation": _switch([[scene.crossing_s for scene in scenes] for _, scenes in benches], transit_s),
+        "switch_by_class": _switch([[scene.stays_s for scene in scenes] for _, scenes in benches], transit_s),
     }
-    found, shown = judged[0]
+    found, shown = benches[0][0], judged[0]
     names = [f'"{label}"' for label in found.classes]
     of_pair = [names[int(np.searchsorted(found.classes, label))] for label in shown.labels]
     figure = switch_figure(
@@ -199,16 +202,34 @@ def _scene(seen: Switching, number: int, readout: Pipeline) -> Scene:
     )
 
 
-def _switch(times_s: Sequence[float | None], transit_s: tuple[float, float]) -> dict[str, Any]:
+def _shares(
+    benches: Sequence[tuple[Findings, Sequence[Scene]]], of_scene: Callable[[Findings, Scene], float]
+) -> Statistic:
+    """A share of scenes, or of what is in them, over benches."""
+    return pooled(float(np.mean([of_scene(found, scene) for scene in scenes])) for found, scenes in benches)
+
+
+def _right(found: Findings, scene: Scene) -> bool:
+    return all(found.verdict(scene))
+
+
+def _switch(benches: Sequence[Sequence[float | None]], transit_s: tuple[float, float]) -> dict[str, Any]:
     """When the switch was seen, us, and how far at most outside the time in which the mirrors move."""
-    seen = np.array([time for time in times_s if time is not None])
     leaves_s, arrives_s = transit_s
-    off = np.maximum(np.maximum(leaves_s - seen, seen - arrives_s), 0.0)
+
+    def off_s(time: float) -> float:
+        return max(leaves_s - time, time - arrives_s, 0.0)
+
+    seen = [[time for time in times if time is not None] for times in benches]
+    everything = [time for times in seen for time in times]
     return {
-        "scenes": len(seen),
-        "share_within_1_us": float(np.sum(off <= MOST_OFF_S) / len(times_s)),
-        "time_us": mean_and_sd(seen * 1e6) if seen.size else None,
-        "furthest_off_us": float(off.max() * 1e6) if seen.size else None,
+        "scenes": len(everything),
+        "share_within_1_us": pooled(
+            sum(off_s(time) <= MOST_OFF_S for time in found) / len(times)
+            for found, times in zip(seen, benches, strict=True)
+        ),
+        "time_us": pooled(np.multiply(times, 1e6) for times in seen if times) if everything else None,
+        "furthest_off_us": max(off_s(time) for time in everything) * 1e6 if everything else None,
         "mirrors_move_us": [leaves_s * 1e6, arrives_s * 1e6],
     }
 

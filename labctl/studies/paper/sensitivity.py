@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.evaluation import pooled, validate
+from labctl.analysis.evaluation import validate
+from labctl.analysis.intervals import Statistic, pooled
 from labctl.bench.signals import Interruption
 from labctl.engine.session import Acquisition
 from labctl.errors import ExperimentError
@@ -23,10 +24,10 @@ from labctl.studies.processes import in_parallel
 
 @dataclass(frozen=True)
 class Dependence:
-    """How the accuracy depends on one parameter: {"mean", "sd"} for each of its values."""
+    """How the accuracy depends on one parameter, over the twins, for each of its values."""
 
     variation: Variation
-    accuracy: list[dict[str, float]]
+    accuracy: list[Statistic]
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def sensitivity(
     study = study_of(experiment)
     if not plan.station.wholly_simulated:
         raise ExperimentError(f"{plan.station.source}: a real bench has no parameters to vary: leave --station out")
-    seeds = range(1, 1 + (plan.seeds or (study.quick_twins if plan.quick else study.twins)))
+    seeds = plan.seeds_from_first(study.quick_twins if plan.quick else study.twins)
     points = {
         (variation, value): _points(variation, value, seeds)
         for variation in study.parameters
@@ -124,7 +125,8 @@ def _points(variation: Variation, value: float, seeds: Iterable[int]) -> list[_P
 
 
 def _acquisition(plan: Plan, experiment: Experiment, study: SensitivityStudy, point: _Point) -> Acquisition:
-    protocol = experiment.protocols[study.run].model_copy(update={"seed": point.seed, "window": study.window})
+    single, *_ = plan.columns_of(experiment, point.seed)
+    protocol = single[study.run].model_copy(update={"window": study.window})
     return plan.acquisition(protocol, plan.folder / point.name, dict(point.parameters))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.evaluation import mean_and_sd
+from labctl.analysis.intervals import Statistic, pooled
 from labctl.errors import AnalysisError
 from labctl.reports.canvas import port_name
 from labctl.reports.experiments import ExperimentFigure
@@ -135,8 +135,8 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     )
 
 
-def _ratios(values: Sequence[float]) -> dict[str, float]:
-    return {**mean_and_sd(np.array(values)), "least": min(values)}
+def _ratios(values: Sequence[float]) -> Statistic:
+    return {**pooled(values), "least": min(values)}
 
 
 def _traces_and_noise(twin: TwinRuns, name: str) -> tuple[Records, NDArray[np.float64]]:

@@ -1,9 +1,9 @@
 """The runs of one twin as analyses read them: records, what was shown or played, and the splits that readouts get."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,8 @@ from labctl.errors import AnalysisError, ExperimentError
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import open_run
 from protocols.base import Images, InputsT, Measurement, Sequences
+
+Found = TypeVar("Found")
 
 TAU_S = 40e-12
 """Interval of the features: a sample at 25 GS/s."""
@@ -32,6 +34,7 @@ class TwinRuns:
         seed: Seed of images, order, drive and splits; also the twin's.
         splits: How many random splits to evaluate on.
         data: Folder of data sets that is looked at first.
+        known: What was found `once`, for all runs with the same inputs.
     """
 
     runs: Mapping[str, Path]
@@ -39,6 +42,14 @@ class TwinRuns:
     seed: int
     splits: int
     data: Path | None = None
+    known: dict[str, Any] = field(default_factory=dict)
+
+    def once(self, name: str, compute: Callable[[], Found]) -> Found:
+        """What `compute` finds without any light; it is the same for single triggers and for their mean."""
+        if name not in self.known:
+            self.known[name] = compute()
+        found: Found = self.known[name]
+        return found
 
     def records(
         self, run: str, kind: str = "image", *, wavelengths: int | None = None, ports: Sequence[int] | None = None

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.typing import NDArray
 from pydantic import PositiveInt
 
 from labctl.analysis.baselines import vowel_network_accuracy
-from labctl.analysis.evaluation import mean_and_sd, pooled, validate
+from labctl.analysis.evaluation import validate
+from labctl.analysis.intervals import pooled
 from labctl.analysis.splits import Split, random_splits
 from labctl.datasets.cards import card
 from labctl.datasets.sequences import group_splits
@@ -86,15 +88,13 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
         for way, chosen in splits.items()
     }
     names = card(DATA_SET).classes
+    network = partial(vowel_network_accuracy, numbers, labels, hidden=settings.hidden, seed=twin.seed)
     return Findings(
         classes=tuple(names[label] for label in np.unique(labels)),
         accuracy={way: np.stack([one.scores for one in table]) for way, table in tables.items()},
         confusion={way: table[-1].confusion for way, table in tables.items()},
         regression={way: validate(numbers, labels, chosen).scores for way, chosen in splits.items()},
-        network={
-            way: vowel_network_accuracy(numbers, labels, chosen, hidden=settings.hidden, seed=twin.seed)
-            for way, chosen in splits.items()
-        },
+        network={way: twin.once(f"network, {way}", partial(network, chosen)) for way, chosen in splits.items()},
     )
 
 
@@ -104,7 +104,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     counts = list(range(1, 1 + len(first.accuracy["random"])))
     accuracy = {way: np.concatenate([one.accuracy[way] for one in findings], axis=1) for way in WAYS}
     here: dict[str, Any] = {
-        way: {str(count): mean_and_sd(scores[count - 1]) for count in counts} for way, scores in accuracy.items()
+        way: {str(count): pooled(one.accuracy[way][count - 1] for one in findings) for count in counts} for way in WAYS
     }
     baseline = {
         name: {way: pooled(getattr(one, key)[way] for one in findings) for way in WAYS}

@@ -9,7 +9,6 @@ from labctl.analysis.evaluation import (
     control,
     cross_validated_accuracy,
     mean_and_sd,
-    pooled,
     shuffled_labels,
     validate,
     window_key,
@@ -149,7 +148,5 @@ def test_the_key_of_a_window(window_s: float, key: str) -> None:
     assert window_key(window_s) == key
 
 
-def test_scores_are_pooled_over_twins_and_splits() -> None:
-    scores = [np.array([0.9, 0.92]), np.array([0.94, 0.96])]
-    assert pooled(scores) == {"mean": pytest.approx(0.93), "sd": pytest.approx(np.std(scores, ddof=1))}
+def test_a_single_score_has_no_spread() -> None:
     assert mean_and_sd(np.array([0.5])) == {"mean": 0.5, "sd": 0.0}

@@ -349,21 +349,23 @@ def test_a_demonstration_is_an_object_for_scripts_and_a_table_for_people(
 ) -> None:
     """At a small size; `make demo` runs the whole."""
     text = (FOLDER / "demonstration.toml").read_text("utf-8")
-    small = text.replace("averages = 16, images = 1000", "images = 40").replace(
-        "[runs.chip]", "twins = 1\n\n[runs.chip]"
-    )
+    small = text.replace("images = 1000", "images = 40").replace("twins = 5", "twins = 1")
     (tmp_path / "demonstration.toml").write_text(small, encoding="utf-8")
     monkeypatch.setattr("labctl.commands.demo.experiments", partial(experiments, folder=tmp_path))
-    status, found = as_json(capsys, "demo", "--out", tmp_path)
+    status, found = as_json(capsys, "demo", "--out", tmp_path, "--first-seed", 3)
     keys = {"experiment", "shots", "shots_per_second", "accuracy", "accuracy_without_reservoir", "paper", "passed"}
     assert keys | {"run", "seconds"} <= found.keys()
-    assert status == (0 if found["passed"] else 1)
-    assert {"mean", "sd"} == found["accuracy"]["0.4"].keys()
+    assert (status, found["passed"]) == (0, True), "one bench decides nothing"
+    assert (found["first_seed"], found["twins"], found["open"]) == (3, 1, 6)
+    assert (
+        {"mean", "sd", "low", "high"} <= found["accuracy"]["0.4"].keys() == found["averaged"]["accuracy"]["0.4"].keys()
+    )
 
     monkeypatch.setattr("labctl.commands.demo.demonstrate", lambda *_, **__: found)
     again, out, _ = labctl(capsys, "demo")
     assert again == status
-    assert "without chip" in out
+    assert "1 simulated benches (seeds 3 to 3), 10 splits each" in out
+    assert "accuracy at 0.4 ns: single triggers open, mean of 16 open" in out
     assert f"report: {found['report']}" in out.replace("\n", "")
 
 

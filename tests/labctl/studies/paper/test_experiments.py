@@ -5,12 +5,13 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from labctl.analysis.intervals import Bound, pooled
 from labctl.errors import ExperimentError
 from labctl.studies.paper.analyses import analysis_of
 from labctl.studies.paper.experiments import Experiment, Requirement, experiments
 from sim_backends.parameters import Parameters
 
-HERE = {"accuracy": {"0.4": {"mean": 0.91, "sd": 0.03, "se": 0.005}, "1.0": {"mean": 0.95, "sd": 0.02}}, "ratio": 7.5}
+HERE = {"accuracy": {"0.4": pooled([0.90, 0.92]), "1.0": pooled([0.94, 0.97])}, "ratio": 7.5}
 
 
 @pytest.mark.parametrize(
@@ -19,8 +20,8 @@ HERE = {"accuracy": {"0.4": {"mean": 0.91, "sd": 0.03, "se": 0.005}, "1.0": {"me
 def test_every_experiment_of_the_house_is_whole(experiment: Experiment) -> None:
     analysis_of(experiment)
     assert experiment.must
-    for protocol in experiment.protocols.values():
-        assert protocol.averages == 16, "no parameter differs between experiments"
+    assert experiment.averages == (1, 16), "no parameter differs between experiments"
+    assert experiment.twins == (5 if experiment.part_of else 10)
 
 
 def test_an_unknown_experiment_is_told_with_those_there_are() -> None:
@@ -114,34 +115,47 @@ class TestSeries:
 
 
 class TestMust:
-    def test_a_mean_is_compared_with_its_bound(self) -> None:
-        assert Requirement(what="", path=("accuracy", "0.4"), at_least=0.9).reached(HERE)
-        assert not Requirement(what="", path=("accuracy", "0.4"), at_most=0.9).reached(HERE)
-        assert Requirement(what="", path=("ratio",), at_least=5).reached(HERE)
+    def test_the_bound_of_single_triggers_holds_for_their_mean_unless_it_has_one(self) -> None:
+        same = Requirement(what="", path=("a",), at_least=0.9)
+        assert same.bound == same.averaged_bound == Bound(">=", 0.9)
+        own = Requirement(what="", path=("a",), at_most=0.2, averaged_at_most=0.1)
+        assert (own.bound, own.averaged_bound) == (Bound("<=", 0.2), Bound("<=", 0.1))
+        averaged = Requirement(what="", path=("a",), averaged_at_least=0.9)
+        assert (averaged.bound, averaged.averaged_bound) == (None, Bound(">=", 0.9))
 
-    def test_a_difference_is_compared(self) -> None:
+    def test_a_difference_is_compared_bench_by_bench(self) -> None:
         must = Requirement(what="", path=("accuracy", "1.0"), minus=("accuracy", "0.4"), at_least=0.03)
-        assert must.figure(HERE) == pytest.approx(0.04)
-        assert must.reached(HERE)
-
-    def test_standard_errors_are_allowed_for_on_either_side(self) -> None:
-        assert Requirement(what="", path=("accuracy", "0.4"), at_least=0.915, less_standard_errors=1.0).reached(HERE)
-        assert Requirement(what="", path=("accuracy", "0.4"), at_most=0.905, less_standard_errors=1.0).reached(HERE)
+        assert must.figure(HERE)["by_bench"] == pytest.approx([0.04, 0.05])
 
     def test_a_figure_that_is_not_there_is_told(self) -> None:
         with pytest.raises(ExperimentError, match=r"no figure accuracy\.9"):
-            Requirement(what="", path=("accuracy", "9"), at_least=0).reached(HERE)
-        with pytest.raises(ExperimentError, match=r"no figure accuracy\.1\.0\.se"):
-            Requirement(what="", path=("accuracy", "1.0"), at_least=0, less_standard_errors=1.0).reached(HERE)
+            Requirement(what="", path=("accuracy", "9")).figure(HERE)
 
-    def test_what_is_no_number_is_told(self) -> None:
-        with pytest.raises(ExperimentError, match="no number accuracy: correct"):
-            Requirement(what="", path=("accuracy",), at_least=0).reached(HERE)
+    @pytest.mark.parametrize("path", [("accuracy",), ("ratio",)])
+    def test_what_is_no_mean_over_benches_is_told(self, path: tuple[str, ...]) -> None:
+        with pytest.raises(ExperimentError, match=f"no figure over benches {path[0]}: correct"):
+            Requirement(what="", path=path, at_least=0).figure(HERE)
 
-    @pytest.mark.parametrize("bounds", [{}, {"at_least": 0.0, "at_most": 1.0}])
-    def test_one_bound_is_needed(self, bounds: dict[str, float]) -> None:
-        with pytest.raises(ValidationError, match="needs one bound"):
-            Requirement(what="", path=("ratio",), **bounds)
+    @pytest.mark.parametrize("prefix", ["", "averaged_"])
+    def test_two_bounds_are_refused(self, prefix: str) -> None:
+        with pytest.raises(ValidationError, match=f"needs one bound: give {prefix}at_least or {prefix}at_most"):
+            Requirement(what="", path=("ratio",), **{f"{prefix}at_least": 0.0, f"{prefix}at_most": 1.0})
+
+
+class TestAverages:
+    """Single triggers, and the mean of several beside them."""
+
+    def test_they_are_said_in_one_place(self, tmp_path: Path) -> None:
+        write(tmp_path, "fig1", "averages = [1, 16]", "settings = { averages = 4 }")
+        with pytest.raises(ExperimentError, match=r"runs\.a\.settings\.averages: the experiment's own averages say it"):
+            experiments(folder=tmp_path)
+
+    def test_a_bound_of_a_mean_needs_a_mean(self, tmp_path: Path) -> None:
+        write(tmp_path, "fig1", of_the_run='[[must]]\nwhat = "x"\npath = ["y"]\naveraged_at_least = 1.0')
+        with pytest.raises(
+            ExperimentError, match=r"'x': averaged_at_least, averaged_at_most need averages = \[1, 16\]"
+        ):
+            experiments(folder=tmp_path)
 
 
 def test_images_of_each_class_are_written_without_a_complaint() -> None:

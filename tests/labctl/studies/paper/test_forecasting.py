@@ -81,5 +81,6 @@ def test_twins_are_pooled() -> None:
         return Findings((1, 2), (2, 1), curve, curve, wave, wave + error, wave[:10], np.ones((2, 40)), 20e-12, 0.2, 0.1)
 
     concluded = conclude([finding(0.1), finding(0.3)], Settings())
-    assert concluded.here["in_order"]["2"] == {"mean": pytest.approx(0.2), "sd": pytest.approx(np.sqrt(0.02))}
+    assert concluded.here["in_order"]["2"]["by_bench"] == [0.1, 0.3]
+    assert concluded.here["in_order"]["2"]["sd"] == pytest.approx(np.sqrt(0.02))
     assert concluded.baseline["AR(10)"]["mean"] == pytest.approx(0.2)
