@@ -25,7 +25,7 @@ Subject = tuple[Path, Callable[[Path, Any], Any]]
 class Learning:
     """Computes one thing at a time, in a process that is started with the first of them.
 
-    While a run is growing it rests for `RESTS` times as long as the last one took.
+    While a run is growing it rests for `RESTS` times the processor time that the last one took.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -35,7 +35,7 @@ class Learning:
         self._known: dict[Subject, Any] = {}
         self._computed: dict[Subject, int] = {}
         self._pending: tuple[Subject, int, AsyncResult[Any]] | None = None
-        self._began = self._rested = clock()
+        self._rested = clock()
 
     def curve(self, directory: Path, shots: int, *, growing: bool) -> Curve:
         """What is known of a run that has `shots` on its first ports; if that is old, something newer comes later.
@@ -66,18 +66,17 @@ class Learning:
         old = rested and another_point if growing else size != self._computed.get(what, 0)
         if old and self._pending is None:
             directory, compute = what
-            self._began = self._clock()
-            self._pending = what, size, self._process().apply_async(compute, (directory, known))
+            self._pending = what, size, self._process().apply_async(_timed, (compute, directory, known))
         return known
 
     def _collected(self, what: Subject) -> int:
         """Take what was computed; of what size the run was when this was."""
         if self._pending is not None and self._pending[2].ready():
-            done, size, found = self._pending
+            done, size, result = self._pending
             self._pending = None
             self._computed[done] = size
-            self._rested = self._clock() + RESTS * (self._clock() - self._began)
-            self._known[done] = found.get()
+            self._known[done], seconds = result.get()
+            self._rested = self._clock() + RESTS * seconds
         return self._computed.get(what, 0)
 
     def _process(self) -> Pool:
@@ -92,3 +91,10 @@ def _give_way() -> None:
         os.environ[name] = "1"
     if hasattr(os, "nice"):
         os.nice(NICENESS)
+    import labctl.analysis.prequential  # noqa: F401  # once, so that the first result does not wait twenty times as long
+
+
+def _timed(compute: Callable[[Path, Any], Any], directory: Path, known: Any) -> tuple[Any, float]:
+    """What it finds, and the processor time it took, s."""
+    began = time.process_time()
+    return compute(directory, known), time.process_time() - began
