@@ -27,7 +27,9 @@ def following_figure(drifts: Mapping[str, Sequence[Series]], *, chance: float) -
     for axes in panels.flat[len(drifts) :]:
         axes.set_visible(False)
     panels[0, 0].set_ylim(100 * chance, 101)
-    figure.supxlabel("images measured", fontsize=9)
-    figure.supylabel("accuracy (%), mean ± sd", fontsize=9)
+    for axes in panels[-1]:
+        axes.set_xlabel("number of images")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("accuracy (%), mean ± sd")
     legend_below(figure, *panels[0, 0].get_legend_handles_labels())
     return figure
