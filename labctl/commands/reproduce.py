@@ -181,7 +181,8 @@ def _print(whole: dict[str, Any], everything: "Sequence[Reproduced]", without: d
     from labctl.studies.paper.verdict import averages_only, verdicts
 
     column = ("must reach", "verdict")
-    headings = ("experiment", "figure", "paper", "single triggers", *column, "mean of several", *column)
+    first = "single triggers" if any(len(found.columns) > 1 for found in everything) else "here"
+    headings = ("experiment", "figure", "paper", first, *column, "mean of several", *column)
     table(
         (*headings, "digital baseline", "seeds x splits", "seconds of work"),
         [

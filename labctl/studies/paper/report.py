@@ -112,6 +112,9 @@ def write_report(
     ]
     return experiments_report(
         plan.folder / "report.html",
+        title="The paper's experiments on this bench"
+        if all(found.experiment.series == "paper" for found in everything)
+        else "Experiments on this bench",
         entries=entries,
         provenance=_provenance(plan) | {"skipped": skipped, "failed": failed},
     )

@@ -11,15 +11,17 @@ from labctl.studies.paper.reproduction import Column, Reproduced
 
 @dataclass(frozen=True)
 class Judged:
-    """A figure of one column, and what it must be; both None where there is none."""
+    """A figure of one column, and what it must be; None where there is none."""
 
     figure: Statistic | None
     bound: Bound | None
 
     @property
     def verdict(self) -> Verdict | None:
-        """Whether it keeps its bound."""
-        return None if self.figure is None or self.bound is None else self.bound.verdict(self.figure)
+        """Whether it keeps its bound; what is not there does not. None = it has no bound."""
+        if self.bound is None:
+            return None
+        return Verdict.NOT_REACHED if self.figure is None else self.bound.verdict(self.figure)
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Comparison:
 
     @property
     def fell_short(self) -> bool:
-        """Whether it is surely not reached in a column; what cannot be judged is not either."""
+        """Whether it is not reached in a column, or cannot be judged."""
         return bool(self.wrong) or any(column.verdict is Verdict.NOT_REACHED for column in self.columns)
 
     @property

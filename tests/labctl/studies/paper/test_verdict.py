@@ -98,7 +98,6 @@ def test_a_line_says_how_sure_it_is_and_on_what() -> None:
     assert result.baseline == "network 85.0 % (2 splits)"
 
 
-def test_a_comparison_that_cannot_be_made_has_no_verdict() -> None:
-    judged = Judged(None, Bound(">=", 1.0))
-    assert judged.verdict is None
-    assert Comparison(MUST, (judged,), wrong="nothing").fell_short
+def test_what_is_not_there_does_not_reach_its_bound() -> None:
+    assert Judged(None, Bound(">=", 1.0)).verdict is Verdict.NOT_REACHED
+    assert Comparison(MUST, (Judged(None, None),), wrong="nothing").fell_short, "not judged, but asked for"
