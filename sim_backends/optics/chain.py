@@ -230,15 +230,6 @@ def power_factors(light: DriveLight, taps: NDArray[np.complex64]) -> NDArray[np.
     return np.ascontiguousarray(np.concatenate(list(columns), axis=-1))
 
 
-def amplifier_compression(parameters: Parameters, power_w: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Gain over the small-signal gain of the preamplifier while it would give `power_w` without saturation.
-
-    G = G_0 / (1 + P_out / P_sat), P_out = G P_in: homogeneous saturation of a short amplifier (Saleh & Teich, ch. 15),
-    by the mean power, because erbium answers within a millisecond or so and no faster.
-    """
-    return np.asarray(2 / (1 + np.sqrt(1 + 4 * power_w / parameters.amplifier_saturation_w)), np.float32)
-
-
 def projection(parameters: Parameters) -> fibre.Projection:
     """The optics around the mirrors."""
     return fibre.Projection(

@@ -1,4 +1,4 @@
-"""Photodetector, oscilloscope front end and digitiser.
+"""Preamplifier's saturation and noise, photodetector, oscilloscope front end and digitiser.
 
 Sources: Saleh & Teich, ch. 18 (photodetector noise) and ch. 15 (amplifier noise); Olsson, J. Lightwave Technol. 7, 1071
 (1989) for the beat noise of optical amplifiers; IEEE 1241 for the effective number of bits; Rapp, Proc. 2nd European
@@ -240,6 +240,15 @@ def coloured(white: NDArray[np.float32], colour: NDArray[np.float32]) -> NDArray
         return white
     filtered: NDArray[np.float32] = convolve1d(white, colour, axis=-1, mode="constant")
     return filtered[..., reach : filtered.shape[-1] - reach]
+
+
+def saturated_gain(power_w: NDArray[np.float32], saturation_w: float) -> NDArray[np.float32]:
+    """Gain over the small-signal gain of an amplifier that would give `power_w` without saturation, any shape.
+
+    G = G_0 / (1 + P_out / P_sat), P_out = G P_in: homogeneous saturation (Saleh & Teich, ch. 15) by the mean power,
+    because erbium answers within a millisecond or so and no faster.
+    """
+    return np.asarray(2 / (1 + np.sqrt(1 + 4 * power_w / np.float32(saturation_w))))
 
 
 def limited(volts: NDArray[np.float32], limit_v: float) -> NDArray[np.float32]:

@@ -22,8 +22,8 @@ from sim_backends.world.twin import Optics, Setting, Twin
 IMAGE_BLOCK = 8
 _BLOCK_BYTES = 32_000_000  # of fields computed together; bounds the memory, not the result
 _KEPT_SETTINGS = 12
-_KEPT_MASK_BYTES = 300_000_000
-_PAGE_POINTS = 4096
+_KEPT_MASK_BYTES = 200_000_000
+_PAGE_POINTS = 2048
 _BLOCK_SAMPLES = 64
 _PHASE_STEP_S = 1.25e-12
 _SAME_PHASE_S = 15e-12
@@ -176,7 +176,7 @@ class LightPath:
             clean = clean - self._mean_volts(optics, amplitudes)
         if optics.power_factors is not None:
             watts = np.square(in_blocks(amplitudes, optics.power_factors)).sum(axis=1)
-            gain = chain.amplifier_compression(constants, watts)[:, np.newaxis, np.newaxis]
+            gain = receiver.saturated_gain(watts, constants.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
             clean, slope = clean * gain, slope * gain
         return clean, slope
 

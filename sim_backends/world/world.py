@@ -75,6 +75,7 @@ class World:
         self.twin_seed = twin_seed
         self.clock = VirtualClock()
         self._light_path = LightPath(self.parameters, twin_seed)
+        self._drift_step_s = self.parameters.drift_step_s
         self._laser: Emission | None = None
         self._launch = Launch()
         self._emission: Emission | None = None  # of the laser as the launch leaves it
@@ -359,7 +360,7 @@ class World:
         return self._light_phases
 
     def _drift_step(self, time_s: float) -> int:
-        return math.floor(time_s / self.parameters.drift_step_s)
+        return math.floor(time_s / self._drift_step_s)
 
     def _alike(
         self, times: NDArray[np.float64], coarse: NDArray[np.float64], acquisition: Acquisition, sight: Sight

@@ -120,12 +120,6 @@ def test_power_factors_of_idle_light_are_those_of_one_speckle(taps: NDArray[np.c
     assert np.sum(factors.sum(axis=0) ** 2) == pytest.approx(abs(taps.sum()) ** 2, rel=1e-3)
 
 
-def test_a_saturated_amplifier_gives_half_of_what_it_would_at_its_saturation_power() -> None:
-    saturation = PARAMETERS.amplifier_saturation_w
-    gain = chain.amplifier_compression(PARAMETERS, np.array([0, 1e-3 * saturation, 2 * saturation], np.float32))
-    np.testing.assert_allclose(gain, [1, 0.999, 0.5], atol=1e-3)  # it would give twice that: gain and power are halved
-
-
 def test_mean_volts_is_the_mean_over_the_period(
     light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
 ) -> None:
