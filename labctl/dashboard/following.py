@@ -88,10 +88,11 @@ def _followed(following: Follower, known: Following) -> Following:
     features = records.traces[new, :, :samples].reshape(new.size, -1)
     labels, groups = records.labels[new], records.groups[new]
     if known.readout is None:
-        begun = OnlineClassifier().partial_fit(features[:LEAST], labels[:LEAST], following.classes)
-        known = replace(known, ports=records.ports, readout=begun, seen=np.unique(groups[:LEAST]))
+        readout = OnlineClassifier().partial_fit(features[:LEAST], labels[:LEAST], following.classes)
+        known = replace(known, ports=records.ports, seen=np.unique(groups[:LEAST]))
         features, labels, groups = features[LEAST:], labels[LEAST:], groups[LEAST:]
-    readout = deepcopy(known.readout)
+    else:
+        readout = deepcopy(known.readout)
     right = readout.follow(features, labels) == labels
     return replace(
         known,
