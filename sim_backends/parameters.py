@@ -28,12 +28,11 @@ def power_ratio(db: float) -> float:
 class Parameters(BaseModel):
     """The physics of the simulated bench.
 
-    Power budget at the defaults, laser 14.8 dBm (30 mW): modulator -3.5, booster +12, multimode fibre -1, mirrors -4,
-    part of the core that lights the 28x28 square -8.1, one of the square's about 108 spatial modes -20.3 dB gives
-    -10 dBm with every mirror on and about -19 dBm (13 uW, 4000 photons per 40 ps) for a handwritten digit. The 26 dB
-    preamplifier brings that to about 5 mW, spot-size converter, cavity (1/25 a port) and facet take 20 dB, and a
-    detector sees about 50 uW or 30 mV. Without amplifiers it would be 8 nW, 300 times below the detector's own noise
-    of 2.7 uW: the set-up has some, whether named or not.
+    The power budget follows from these (`sim_backends.optics.budget`): of 30 mW some 0.2 W reach the mirrors behind a
+    booster, of which one mode of the collecting fibre takes tens of microwatts with every mirror on and a few for a
+    handwritten digit, a thousand photons and more in 40 ps. The preamplifier makes milliwatts of them, spot-size
+    converter, cavity and facet take 20 dB, and a detector sees tens of microwatts. Without amplifiers it would be some
+    ten nanowatts, far below the detector's own noise of 2.7 uW: the set-up has some, whether named or not.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -91,18 +90,18 @@ class Parameters(BaseModel):
         "gaussian",
         "-",
         "How the launch fills its aperture: as the Gaussian far field of a single-mode lead, launch_na at 1/e^2, as in "
-        "the paper, or evenly up to launch_na. The soft edge adds fine speckle and late modes: 1 to 2 points of "
-        "accuracy.",
+        "the paper, or evenly up to launch_na.",
     )
     fibre_length_m: float = quantity(20.0, "m", "Length of the multimode fibre.", gt=0)
     fibre_index: float = quantity(1.444, "1", "Silica at 1550 nm.", gt=1)
     fibre_group_index: float = quantity(1.4626, "1", "Silica at 1550 nm, n - lambda dn/dlambda (Malitson 1965).", gt=1)
     fibre_loss_db: float = quantity(1.0, "dB", "Launch and end facets of the multimode fibre.", ge=0)
     image_side: float = quantity(
-        0.35,
+        0.2,
         "1",
-        "Side of the 28x28 square as a part of the imaged core diameter: 70 um of the core, inside its flat middle. "
-        "With the launch aperture it sets the speckle grain, 2.5 superpixels.",
+        "Side of the 28x28 square as a part of the imaged core diameter: 40 um of the core, inside its flat middle. "
+        "With the launch aperture it sets the speckle grain, 4.4 superpixels. The one number that is fitted to the "
+        "paper, to the curve of figure 3 with single triggers: labctl reproduce fig3 --fit.",
         gt=0,
         le=0.7,
     )
@@ -193,13 +192,14 @@ class Parameters(BaseModel):
     chip_ports: int = quantity(14, "1", "Single-mode waveguides at the cavity.", ge=2)
     chip_input_port: int = quantity(10, "1", "Waveguide the light enters by.", ge=1)
     chip_coupling: float = quantity(
-        0.9, "1", "Transmission between a waveguide and the cavity: escape lifetime 83 ps through 14 ports.", gt=0, le=1
+        0.9, "1", "Transmission between a waveguide and the cavity: escape lifetime 79 ps through 14 ports.", gt=0, le=1
     )
     chip_loss_lifetime_s: float = quantity(
         200e-12,
         "s",
-        "Photon lifetime by wall scattering and absorption alone. Images hardly notice (89 to 93 % for 3 to 430 ps), "
-        "time series do.",
+        "Photon lifetime by wall scattering and absorption alone, an open question: rays in a bare stadium of this "
+        "slab live 3 to 5 ps, most of their bounces being below the critical angle. 200 ps are walls that reflect. "
+        "labctl reproduce fig3 --sensitivity says what each value does.",
         gt=0,
     )
     chip_modes: int = quantity(320, "1", "Resonances computed: +-200 GHz at one per GHz, the drive fills +-40.", ge=50)
@@ -234,7 +234,7 @@ class Parameters(BaseModel):
     enob: float = quantity(
         5.5,
         "bit",
-        "Effective bits of the 8-bit digitiser at full bandwidth. 7, 5.5, 4.5: 92.6, 91.6, 89.4 %.",
+        "Effective bits of the 8-bit digitiser at full bandwidth: of the class.",
         gt=0,
         le=8,
     )
@@ -254,10 +254,13 @@ class Parameters(BaseModel):
 
     # slow changes
     laser_wander_hz: float = quantity(
-        0.0, "Hz", "Rms laser detuning between steps. Above 300 MHz accuracy falls (0.39 ns of delay spread).", ge=0
+        0.0, "Hz", "Rms laser detuning. What counts is its part of 1 / (0.4 ns) of delay spread.", ge=0
     )
     chip_wander_hz: float = quantity(
-        0.0, "Hz", "Rms detuning of the chip's resonances (about 10 GHz/K). Above 0.5 GHz accuracy falls.", ge=0
+        0.0,
+        "Hz",
+        "Rms detuning of the chip's resonances (about 10 GHz/K). What counts is its part of their 3 GHz.",
+        ge=0,
     )
     wander_time_s: float = quantity(
         10.0, "s", "Time over which either detuning forgets what it was: thermal time of a mount.", gt=0

@@ -45,6 +45,9 @@ def reproduce(
     vary: Annotated[
         bool, typer.Option("--sensitivity", help="Instead, vary the simulated bench and see what the result rests on.")
     ] = False,
+    fit: Annotated[
+        bool, typer.Option("--fit", help="Instead, fit the simulated bench's one fitted number, on seeds of its own.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> int:
     """Run experiments of the paper, or beyond it, and compare with what must be reached.
@@ -70,6 +73,8 @@ def reproduce(
     try:
         if vary:
             return _vary(plan, as_json)
+        if fit:
+            return _fit(plan, as_json)
         return _reproduce(plan, skipped, as_json, alone=by_name and len(wanted) == 1)
     except Interrupted:
         tell(f"interrupted: the finished runs are in {folder}, the bench is in the safe state")
@@ -137,6 +142,52 @@ def _vary(plan: "Plan", as_json: bool) -> int:
     _keep(plan.folder, result)
     show(result, as_json, lambda: _print_dependence(result))
     return DONE
+
+
+def _fit(plan: "Plan", as_json: bool) -> int:
+    from labctl.studies.paper.fit import as_json as described
+    from labctl.studies.paper.fit import figure_of, fit_of
+    from labctl.studies.paper.fit import fit as carry_out
+    from labctl.studies.paper.report import write_fit_report
+
+    if len(plan.experiments) != 1:
+        raise UsageError("--fit is for one experiment: name it, as in 'labctl reproduce fig3 --fit'")
+    began = time.perf_counter()
+    experiment = plan.experiments[0]
+    study = fit_of(experiment)
+    with interruptible() as interruption, progress_bar("fit") as progress:
+        found = carry_out(plan, experiment, interruption=interruption, progress=progress.progress)
+    seconds = round(time.perf_counter() - began, 1)
+    report = write_fit_report(plan, experiment, figure_of(study, found), seconds)
+    result = {
+        "name": experiment.name,
+        "fit": described(study, found),
+        "seconds": seconds,
+        "report": str(report),
+    }
+    _keep(plan.folder, result)
+    show(result, as_json, lambda: _print_fit(result))
+    return DONE
+
+
+def _print_fit(result: dict[str, Any]) -> None:
+    fit = result["fit"]
+    shorter, longer = (f"accuracy at {window:g} ns" for window in fit["windows_ns"])
+    table(
+        (fit["name"], shorter, longer, "misfit"),
+        [
+            (
+                f"{one['value']:g}" + (" (fitted)" if one["value"] == fit["fitted"] else ""),
+                *(f"{one[name]['mean']:.3f} ± {one[name]['se'] or 0:.3f}" for name in ("shorter", "longer", "misfit")),
+            )
+            for one in fit["tried"]
+        ],
+    )
+    low, high = fit["interval"]
+    say(f"{fit['name']}: {fit['fitted']:g}, {low:g} to {high:g} not told from it")
+    if not fit["reached"]:
+        say(f"No value reaches the paper's curve: below {fit['accuracy']:g} at the first time, above at the second.")
+    say(f"{result['seconds']:.0f} s; report: {result['report']}")
 
 
 def _keep(folder: Path, result: dict[str, Any]) -> None:

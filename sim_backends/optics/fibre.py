@@ -95,7 +95,7 @@ class FibreModes:
     """One fibre with its collection.
 
     Attributes:
-        delays_s: Of each mode against the fastest, (K,).
+        delays_s: Of each mode against light along the axis, (K,).
         overlaps: z, (collected modes, superpixels, K) complex64: root power into the collected mode for unit c.
         excitation: c, which may drift.
     """

@@ -137,6 +137,23 @@ def write_sensitivity_report(plan: Plan, experiment: Experiment, figure: Experim
     )
 
 
+def write_fit_report(plan: Plan, experiment: Experiment, figure: ExperimentFigure, seconds: float) -> Path:
+    """The report of the one number of the twin that is fitted, in the plan's folder."""
+    entry = ExperimentEntry(
+        name=experiment.name,
+        title=f"{experiment.title}: what is fitted",
+        statement="One parameter of the twin is moved until the accuracy crosses what the paper says where it says.",
+        results=(),
+        figures=(figure,),
+        splits=plan.splits_of(experiment),
+        seconds=seconds,
+        settings={"fit": experiment.fit.model_dump() if experiment.fit else {}},
+    )
+    return experiments_report(
+        plan.folder / "report.html", entries=[entry], provenance=_provenance(plan), title="The number that is fitted"
+    )
+
+
 def _provenance(plan: Plan) -> dict[str, Any]:
     return {
         "station": plan.station.model_dump(mode="json"),
@@ -200,7 +217,8 @@ def _repeats(judged: Judged) -> str:
 
 
 def _text(must: Requirement, value: float) -> str:
-    return _number(must, value) + (" %" if must.percent else "")
+    unit = " points" if must.minus else " %"
+    return _number(must, value) + (unit if must.percent else "")
 
 
 def _number(must: Requirement, value: float) -> str:

@@ -98,6 +98,12 @@ def test_a_line_says_how_sure_it_is_and_on_what() -> None:
     assert result.baseline == "network 85.0 % (2 splits)"
 
 
+def test_a_difference_of_shares_is_in_points() -> None:
+    must = Requirement(what="gain", path=("accuracy",), minus=("accuracy",), at_least=0.08, percent=True)
+    (result,) = results(reproduced(HIGH, None, must))
+    assert (result.here, result.required) == ("0.0 points [0.0, 0.0]", ">= 8.0 points")
+
+
 def test_what_is_not_there_does_not_reach_its_bound() -> None:
     assert Judged(None, Bound(">=", 1.0)).verdict is Verdict.NOT_REACHED
     assert Comparison(MUST, (Judged(None, None),), wrong="nothing").fell_short, "not judged, but asked for"
