@@ -24,6 +24,8 @@ MODULES = {
     "scenes": "paper",
     "imaging": "paper",
     "following": "beyond",
+    "few_photons": "beyond",
+    "analogue_readout": "beyond",
 }
 """Package of `labctl.studies` that has the module. Each has its `ANALYSIS`, loaded when an experiment file names it."""
 
