@@ -47,11 +47,11 @@ REAL_PASS_S = 5.0
 class ImageReadout(Measurement[Images]):
     """Show each image, trigger the drive, capture the window on every port.
 
-    `images` is how many in all, in equal parts of each class, or how many of each class ("2000,500"). `binarisation` is
-    the rule by which grey pixels are on; a data set that is binary already stays as it is. Port 0 is the collection
-    fibre before the chip. A reference image and a dark frame follow every `reference_every` images, so that drift can
-    be seen. Between bursts the oscilloscope gets ready, for half a second; one burst of at most `longest_burst` shots,
-    if it is long enough, has no pause in which the bench could drift.
+    `images` is how many in all, in equal parts of each class, how many of each class ("2000,500"), or "all" that the
+    data set has of the classes. `binarisation` is the rule by which grey pixels are on; a data set that is binary
+    already stays as it is. Port 0 is the collection fibre before the chip. A reference image and a dark frame follow
+    every `reference_every` images, so that drift can be seen. Between bursts the oscilloscope gets ready, for half a
+    second; one burst of at most `longest_burst` shots, if it holds them all, has no pause in which a bench could drift.
     """
 
     name: ClassVar[str] = "image-readout"

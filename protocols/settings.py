@@ -1,7 +1,7 @@
 """Settings that protocols share, as text from the command line or a file gives them; and the passes they ask for."""
 
 from itertools import product
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt
 
@@ -19,6 +19,7 @@ def parse_list(value: object) -> object:
 
 Wavelength = Annotated[Nanometres, Field(ge=100, le=10_000)]
 """In nm: far beyond what any laser of such a bench gives; its own range is compared when the bench is known."""
+EVERY_IMAGE: Literal["all"] = "all"
 _Counts = Annotated[str, Field(pattern=r"^\s*\d+\s*(,\s*\d+\s*)*$")]
 Wavelengths = Annotated[
     tuple[Wavelength, ...],
@@ -38,26 +39,32 @@ Binarisation = Annotated[
 ]
 
 
-def parse_counts(value: object) -> int | tuple[int, ...]:
-    """Turn "1000" into a number and "2000,500" into one for each class.
+def parse_counts(value: object) -> int | tuple[int, ...] | Literal["all"]:
+    """Turn "1000" into a number and "2000,500" into one for each class; "all" stays.
 
     Raises:
-        ValueError: it is neither, or a number is not above zero.
+        ValueError: it is none of these, or a number is not above zero.
     """
+    if value == EVERY_IMAGE:
+        return EVERY_IMAGE
     parts = parse_list(value) if isinstance(value, str) else value
     several = isinstance(parts, list | tuple) and (len(parts) > 1 or not isinstance(value, str))
     texts = [str(part) for part in parts] if isinstance(parts, list | tuple) else [str(parts)]
     if not texts or not all(text.isdecimal() and int(text) > 0 for text in texts):
-        raise ValueError(f"{value!r} is not a number of images: write 1000, or '2000,500' for so many of each class")
+        raise ValueError(
+            f"{value!r} is not a number of images: write 1000, '2000,500' for so many of each class, or 'all'"
+        )
     counts = tuple(map(int, texts))
     return counts if several else counts[0]
 
 
 ImageCount = Annotated[
-    int | tuple[int, ...],
-    BeforeValidator(parse_counts, json_schema_input_type=_Counts | PositiveInt | tuple[PositiveInt, ...]),
+    int | tuple[int, ...] | Literal["all"],
+    BeforeValidator(
+        parse_counts, json_schema_input_type=_Counts | PositiveInt | tuple[PositiveInt, ...] | Literal["all"]
+    ),
 ]
-"""How many images in all, or how many of each class."""
+"""How many images in all, how many of each class, or every image that the data set has of the classes."""
 
 
 def passes_for(bench: Bench, wavelengths_nm: tuple[float, ...], ports: tuple[int, ...]) -> tuple[Pass, ...]:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.dummy import DummyRegressor
-from sklearn.linear_model import LinearRegression, LogisticRegression
+from sklearn.linear_model import LinearRegression
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -14,7 +14,9 @@ from threadpoolctl import threadpool_limits
 
 from labctl.analysis.anomaly import Roc, roc
 from labctl.analysis.evaluation import CrossValidation, validate
+from labctl.analysis.kernel import KernelClassifier
 from labctl.analysis.regression import nmse, ridge_readout, rmse
+from labctl.analysis.softmax import SoftmaxRegression
 from labctl.analysis.splits import Split
 from labctl.errors import AnalysisError
 
@@ -80,7 +82,15 @@ def raw_pixel_accuracy(images: NDArray[Any], labels: NDArray[Any], splits: Itera
     The pixels are not standardised: all have one scale, and a pixel that is hardly ever lit would be blown up, which
     costs about a point.
     """
-    return validate(_pixels(images), labels, splits, readout=LogisticRegression(max_iter=1000)).scores
+    return validate(_pixels(images), labels, splits, readout=SoftmaxRegression()).scores
+
+
+def kernel_of_pixels_accuracy(
+    images: NDArray[Any], labels: NDArray[Any], splits: Iterable[Split], *, landmarks: int, seed: int
+) -> NDArray[np.float64]:
+    """Accuracy (splits,) of a `KernelClassifier` on the pixels of the images (n, ...), not standardised either."""
+    readout = KernelClassifier(landmarks, seed=seed)
+    return validate(_pixels(images), labels, splits, readout=readout).scores
 
 
 def dark_pixels(images: NDArray[Any], abnormal: ArrayLike, *, normal: NDArray[Any] | None = None) -> Roc:
@@ -186,13 +196,13 @@ def vowel_network_accuracy(
     return validate(features, labels, splits, readout=readout).scores
 
 
-def _pixels(images: NDArray[Any]) -> NDArray[np.float64]:
+def _pixels(images: NDArray[Any]) -> NDArray[np.float32]:
     """Images (n, ...) as (n, pixels) numbers.
 
     Raises:
         AnalysisError: Pixels are not 0..1.
     """
-    pixels = np.asarray(images, np.float64).reshape(len(images), -1)
+    pixels = np.asarray(images, np.float32).reshape(len(images), -1)
     if not pixels.size or pixels.min() < 0 or pixels.max() > 1:
         raise AnalysisError("pixels are not 0 to 1: binarise the images as they are shown, or divide by the full scale")
     return pixels

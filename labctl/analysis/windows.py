@@ -209,10 +209,8 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
 
 
 def _as_float(values: NDArray[Any]) -> NDArray[np.floating]:
-    """A copy as float64 if it was float64, else as float32, which holds every 8- and 16-bit code exactly."""
-    if values.dtype == np.float64:
-        return values.astype(np.float64)
-    return values.astype(np.float32)
+    """float64 stays, all else becomes float32, which holds every 8- and 16-bit code exactly."""
+    return values.astype(np.float64 if values.dtype == np.float64 else np.float32, copy=False)
 
 
 def _three_axes(records: NDArray[Any]) -> tuple[int, int, int]:

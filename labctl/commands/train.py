@@ -61,9 +61,15 @@ def _print_training(trained: dict[str, Any]) -> None:
 def _print_evaluation(found: dict[str, Any]) -> None:
     rows = [
         ("this readout, unseen shots", f"{found['accuracy']:.3f}", f"{found['test_shots']} shots"),
-        ("random splits", f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}", "10 splits"),
+        (
+            "random splits",
+            f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}",
+            f"{found['splits']} splits",
+        ),
         ("forward in time", f"{found['forward_in_time']:.3f}", "last tenth of the run"),
     ]
+    if found["own_split"] is not None:
+        rows.append(("the data set's own split", f"{found['own_split']:.3f}", "trained on its training part"))
     for name, control in found["controls"].items():
         verdict = "at chance" if control["at_chance"] else "NOT at chance"
         rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))

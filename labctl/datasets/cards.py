@@ -68,6 +68,7 @@ class Card(BaseModel):
         classes: Name of each class; the position is the label. Empty for a series to be predicted.
         binarisation: Rule that made the pixels binary; "none" for grey levels 0..255.
         bundled: True if the files come with the program.
+        first_test: Row in the source from which on images are the set's own test part; None = it has none.
         folders: For pictures that are one JPEG file each: the folder of each class, in the order of the classes, to be
             found next to each other in the data set's folder or in a zip file there.
         obtain: What to do to have the data, where it cannot be downloaded; one line.
@@ -89,6 +90,7 @@ class Card(BaseModel):
     classes: tuple[str, ...]
     binarisation: str = "none"
     bundled: bool = False
+    first_test: int | None = None
     folders: tuple[str, ...] = ()
     obtain: str = ""
     traps: tuple[str, ...] = ()

@@ -9,6 +9,7 @@ import numpy as np
 from labctl import datasets
 from labctl.datasets.sequences import load_sequences
 from protocols.base import Images, Inputs, Measurement, ProtocolError, Sequences
+from protocols.settings import EVERY_IMAGE
 
 
 def inputs_for(protocol: Measurement[Any], data: Path | None = None) -> Inputs:
@@ -28,7 +29,8 @@ def images_for(protocol: Measurement[Images], data: Path | None = None) -> Image
         DatasetError, ProtocolError: as in `inputs_for`.
     """
     name, classes, count, rule = _settings(protocol, "dataset", "classes", "images", "binarisation")
-    loaded = datasets.load(name, classes=classes, images=count, seed=protocol.seed, directory=data).binarised(rule)
+    images = None if count == EVERY_IMAGE else count
+    loaded = datasets.load(name, classes=classes, images=images, seed=protocol.seed, directory=data).binarised(rule)
     return Images(loaded.images.astype(np.bool_), loaded.labels, loaded.indices)
 
 

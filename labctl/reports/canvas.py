@@ -108,6 +108,14 @@ class Series:
         means, sds = ([result[name] for result in results.values()] for name in ("mean", "sd"))
         return cls(label, [float(position) * unit for position in results], means, sds, **drawn)
 
+    @classmethod
+    def with_intervals(cls, label: str, results: Mapping[Any, Mapping[str, Any]], *, unit: float = 1.0) -> Self:
+        """The same of `{"mean", "low", "high"}`, with half the width of the interval as spread; None = no interval."""
+        half = [0.0 if one["low"] is None else (one["high"] - one["low"]) / 2 for one in results.values()]
+        return cls(
+            label, [float(position) * unit for position in results], [one["mean"] for one in results.values()], half
+        )
+
     @property
     def top(self) -> float:
         """The highest point of the curve with its spread."""

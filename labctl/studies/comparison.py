@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from instruments.remedies import unwritable
 from labctl.analysis.evaluation import WindowAccuracy, accuracy_against_window, mean_and_sd, window_key, windows_to_try
+from labctl.analysis.splits import enough_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError, RunError
 from labctl.printable import printable
@@ -22,7 +23,7 @@ from labctl.runs.read.records import read_records
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.inspection import port_names, signals
 
-SPLITS = 5
+MOST_SPLITS = 5
 SEED = 1
 MOST_IMAGES = 3
 
@@ -229,6 +230,6 @@ def _accuracy(run: Run, columns: NDArray[np.intp]) -> tuple[WindowAccuracy, ...]
         records.groups,
         windows_s=windows_to_try(run.shape.samples, run.shape.sample_interval_s),
         window=WindowFeatures(sample_interval_s=run.shape.sample_interval_s),
-        splits=SPLITS,
+        splits=min(MOST_SPLITS, enough_splits(np.unique(records.groups).size)),
         seed=SEED,
     )

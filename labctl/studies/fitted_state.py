@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import Pipeline
 
+from labctl.analysis.softmax import SoftmaxRegression
 from labctl.analysis.windows import WindowFeatures
 
 _LABELS = "classes_"
@@ -42,11 +43,12 @@ def require_sound(step: Any, state: Mapping[str, str]) -> None:
         if found.dtype.kind == "f" and not np.isfinite(found).all():
             raise ValueError(f"{name} holds values that are not finite")
         _require_shape(name, found.shape, axes.rstrip("?").split(), lengths)
-    if isinstance(step, LogisticRegression):
-        if lengths["answers"] != _answers(lengths["classes"]):
-            raise ValueError(f"{lengths['answers']} rows of weights for {lengths['classes']} classes")
-        if lengths["classes"] == 1 or not np.array_equal(step.classes_, np.unique(step.classes_)):
-            raise ValueError("its classes are not in order")
+    if isinstance(step, LogisticRegression) and lengths["answers"] != _answers(lengths["classes"]):
+        raise ValueError(f"{lengths['answers']} rows of weights for {lengths['classes']} classes")
+    if isinstance(step, LogisticRegression | SoftmaxRegression) and (
+        lengths["classes"] == 1 or not np.array_equal(step.classes_, np.unique(step.classes_))
+    ):
+        raise ValueError("its classes are not in order")
     if isinstance(step, WindowFeatures):
         for name, bound in (("rows_", "ports_in_"), ("samples_", "samples_in_")):
             places = np.asarray(getattr(step, name))
@@ -81,7 +83,7 @@ def _require_shape(name: str, shape: tuple[int, ...], axes: list[str], lengths: 
 
 
 def _answers(classes: int) -> int:
-    """Rows of weights: one tells two classes apart."""
+    """Rows of weights of scikit-learn's classifier: one tells two classes apart."""
     return 1 if classes == 2 else classes
 
 

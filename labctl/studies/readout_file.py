@@ -26,6 +26,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from labctl.analysis.anomaly import CovarianceScore, NormalityScore
 from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
+from labctl.analysis.softmax import SoftmaxRegression
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
 from labctl.runs.format.durable import not_made, replace_file
@@ -57,6 +58,16 @@ FITTED: Mapping[str, tuple[type, Mapping[str, str]]] = {
             "coef_": "answers features",
             "intercept_": "answers",
             "n_iter_": "fits",
+            "n_features_in_": "",
+        },
+    ),
+    "SoftmaxRegression": (
+        SoftmaxRegression,
+        {
+            "classes_": "classes",
+            "coef_": "classes features",
+            "intercept_": "classes",
+            "n_iter_": "",
             "n_features_in_": "",
         },
     ),

@@ -23,7 +23,8 @@ from labctl.analysis.evaluation import (
 )
 from labctl.analysis.intervals import Verdict
 from labctl.analysis.readouts import softmax_readout
-from labctl.analysis.splits import SEEDS, forward_in_time_split, random_splits
+from labctl.analysis.splits import SEEDS, Split, enough_splits, forward_in_time_split, own_split, random_splits
+from labctl.datasets import catalogue
 from labctl.errors import AnalysisError, one_line, writing
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
@@ -33,7 +34,6 @@ from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 
-SPLITS = 10
 LONGEST_REASON = 200
 """Characters of what other people's code says that a message shows."""
 
@@ -105,8 +105,10 @@ def train_readout(
 def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     """Test a saved readout on a run, and the same kind of readout trained anew on parts of that run.
 
-    On the run it was trained on only the shots kept apart are tested. Controls train on what says nothing about the
-    labels (shuffled labels, a fixed image, darkness) and must stay at chance. Writes figures and report of the run.
+    Random splits are as many as the number of images needs; where the run shows training and test part of a data set,
+    the set's own split is one more. On the run it was trained on only the shots kept apart are tested. Controls train
+    on what says nothing about the labels (shuffled labels, a fixed image, darkness) and must stay at chance. Writes
+    figures and report of the run.
 
     Raises:
         AnalysisError: not a readout, or a run it does not fit.
@@ -116,24 +118,27 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     with open_run(directory) as run:
         records = read_records(run)
         test = _unseen(records, trained, run.digest())
-        controls = _controls(run, records, trained.seed)
+        splits = enough_splits(np.unique(records.groups).size)
+        controls = _controls(run, records, splits=splits, seed=trained.seed)
+        own = _own_split(run, records)
     with _used(model, directory):
         unfitted = clone(readout)
         predicted = readout.predict(records.traces[test])
         random = validate(
             records.traces,
             records.labels,
-            random_splits(records.labels, records.groups, splits=SPLITS, seed=trained.seed),
+            random_splits(records.labels, records.groups, splits=splits, seed=trained.seed),
             readout=unfitted,
         )
         forward = validate(records.traces, records.labels, [forward_in_time_split(records.groups)], readout=unfitted)
+        by_set = None if own is None else validate(records.traces, records.labels, [own], readout=unfitted)
         windows = accuracy_against_window(
             records.traces,
             records.labels,
             records.groups,
             windows_s=windows_to_try(records.traces.shape[2], records.sample_interval_s),
             window=readout[0],
-            splits=SPLITS,
+            splits=splits,
             seed=trained.seed,
         )
     found: dict[str, Any] = {
@@ -141,8 +146,10 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "run": str(directory),
         "test_shots": int(test.size),
         "accuracy": float(np.mean(predicted == records.labels[test])),
+        "splits": splits,
         "random_splits": mean_and_sd(random.scores),
         "forward_in_time": float(forward.scores[0]),
+        "own_split": None if by_set is None else float(by_set.scores[0]),
         "controls": controls,
         "classes": random.classes.tolist(),
         "confusion": random.confusion.tolist(),
@@ -152,7 +159,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         title=f"Image recognition: {directory.name}",
         summary=(
             f"{records.labels.size} images on ports {', '.join(map(str, trained.ports))}; softmax readout, "
-            f"{SPLITS} random splits with a tenth of the images to test."
+            f"{splits} random splits with a tenth of the images to test."
         ),
         accuracies={"softmax readout": {window_key(row.window_s): mean_and_sd(row.scores) for row in windows}},
         results=[
@@ -164,6 +171,10 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
                 None,
             ),
             Result("forward in time", "", "", f"{100 * found['forward_in_time']:.1f} %", None),
+            *(
+                Result("the data set's own split", "", "", f"{100 * score:.1f} %", None)
+                for score in ([] if by_set is None else by_set.scores)
+            ),
             *(
                 Result(
                     f"control: {name}",
@@ -200,7 +211,21 @@ def _unseen(records: Records, trained: _Trained, digest: str) -> NDArray[np.intp
     return np.flatnonzero(np.isin(records.groups, trained.test_groups))
 
 
-def _controls(run: Run, records: Records, seed: int) -> dict[str, dict[str, Any]]:
+def _own_split(run: Run, records: Records) -> Split | None:
+    """The split that the run's data set has itself; None where it has none, or the run shows one part only."""
+    protocol = run.manifest.get("protocol")
+    settings = protocol.get("settings") if isinstance(protocol, dict) else None
+    name = settings.get("dataset") if isinstance(settings, dict) else None
+    first_test = next((card.first_test for card in catalogue() if card.name == name), None)
+    if first_test is None:
+        return None
+    try:
+        return own_split(run.shots["dataset_index"][records.indices], first_test)
+    except AnalysisError:
+        return None
+
+
+def _controls(run: Run, records: Records, *, splits: int, seed: int) -> dict[str, dict[str, Any]]:
     """Accuracy on what must not be recognisable, and chance.
 
     A reference or dark shot is given the label of the image shown last before it: were anything but the mirrors to
@@ -222,7 +247,7 @@ def _controls(run: Run, records: Records, seed: int) -> dict[str, dict[str, Any]
     found = {}
     for name, (features, labels, groups) in candidates.items():
         try:
-            checked = control(features, labels, groups, splits=SPLITS, seed=seed)
+            checked = control(features, labels, groups, splits=splits, seed=seed)
         except AnalysisError:
             continue  # too few such shots to split
         found[name] = {

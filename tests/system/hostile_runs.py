@@ -277,21 +277,21 @@ def text_of_variable_length(name: str) -> Change:
 
 
 DAMAGED_READOUTS: dict[str, tuple[Made, str]] = {
-    what: (changed(a_readout, change, "logisticregression/coef_"), text) for what, (change, text) in DAMAGES.items()
+    what: (changed(a_readout, change, "softmaxregression/coef_"), text) for what, (change, text) in DAMAGES.items()
 }
 RUNS["readout"] = DAMAGED_READOUTS | {
     "an older one with a heap in circles": (circling((OLDER / "readout.h5").read_bytes()), IN_CIRCLES),
     "a class of the system": (
-        changed(a_readout, attribute("estimator", "os.system"), "logisticregression"),
+        changed(a_readout, attribute("estimator", "os.system"), "softmaxregression"),
         "unknown class",
     ),
     "steps in steps": (changed(a_readout, attribute("steps", "[" * 60_000), "/"), "a damaged readout"),
     "settings of another class": (
-        changed(a_readout, attribute("parameters", '{"system": 1}'), "logisticregression"),
+        changed(a_readout, attribute("parameters", '{"system": 1}'), "softmaxregression"),
         "a damaged readout",
     ),
     "a text of variable length": (
-        changed(a_readout, text_of_variable_length("estimator"), "logisticregression"),
+        changed(a_readout, text_of_variable_length("estimator"), "softmaxregression"),
         "'estimator' is a text of variable length",
     ),
     "no metadata": (changed(a_readout, attribute("metadata", "[]"), "/"), "a damaged readout"),

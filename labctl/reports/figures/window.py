@@ -1,7 +1,7 @@
 """Figures against acquisition time: accuracy, and the error of reconstructed images."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -89,6 +89,33 @@ def rmse_figure(curves: Sequence[Series], *, tau_s: float, levels: Sequence[Leve
     axes.set_ylim(lowest - 0.15 * margin, highest + 0.06 * margin)
     label_curves(axes, drawn, levels)
     place_legend(figure, axes, inside="lower left")
+    return figure
+
+
+@styled
+def interval_figure(curves: Sequence[Series], *, tau_s: float, quantity: str, levels: Sequence[Level] = ()) -> Figure:
+    """Accuracies, or their differences, against acquisition time, as large as their intervals allow.
+
+    Args:
+        curves: x = acquisition times, s; mean of the quantity (-1..1), and as `sd` half the width of its interval. The
+            first curve gives the tick marks.
+        tau_s: Sampling interval, s.
+        quantity: What it is, with its unit: per cent or points.
+        levels: Values (-1..1) to compare with.
+    """
+    figure, axes = panel(height=4.2)
+    drawn = [one.scaled(1e9, 100) for one in curves]
+    compared = [replace(level, value=100 * level.value) for level in levels]
+    _window_axis(axes, curves, tau_s)
+    draw_series(axes, drawn)
+    axes.set_ylabel(f"{quantity}, 95 % interval")
+    highest = max([*(one.top for one in drawn), *(level.value for level in compared)])
+    ends = [mean - half for one in drawn for mean, half in zip(one.mean, one.sd, strict=True)]
+    lowest = min([*ends, *(level.value for level in compared)])
+    margin = 0.08 * max(highest - lowest, 1)
+    axes.set_ylim(lowest - margin, highest + margin)
+    label_curves(axes, drawn, compared)
+    place_legend(figure, axes)
     return figure
 
 

@@ -12,6 +12,8 @@ from labctl.runs.read.run import Run, volts
 
 KERNEL_HALF_WIDTH = 16
 KERNEL_SHAPE = 8.0
+BLOCK_SAMPLES = 1 << 20
+"""So many are moved at a time: what is in memory besides the records does not grow with their number."""
 GRID_TOLERANCE = 0.01
 """A trigger offset may exceed a sample by this part of it: it is never exact."""
 
@@ -89,15 +91,24 @@ def resample(frames: NDArray[Any], trigger_offset_s: ArrayLike, *, sample_interv
             "cut the record at whole samples first"
         )
     result: NDArray[np.floating] = records.astype(np.float64 if records.dtype == np.float64 else np.float32)
-    moved = shifts != 0
-    if moved.any():
-        half = min(KERNEL_HALF_WIDTH, samples - 1)
-        rows = result[moved].astype(np.float64)
-        padded = np.pad(rows, ((0, 0), (half, half)), mode="reflect", reflect_type="odd") if half else rows
-        taps = np.arange(-half, half + 1)
-        distance = taps + shifts[moved][:, np.newaxis]
-        taper = np.i0(KERNEL_SHAPE * np.sqrt(np.clip(1 - (distance / (half + 1)) ** 2, 0, None)))
-        kernel = np.sinc(distance) * taper
-        kernel /= kernel.sum(axis=1, keepdims=True)
-        result[moved] = np.einsum("rnk,rk->rn", sliding_window_view(padded, taps.size, axis=1), kernel)
+    step = max(1, BLOCK_SAMPLES // max(1, ports * samples))
+    for first in range(0, shots, step):
+        block = slice(first, first + step)
+        moved = shifts[block] != 0
+        if moved.any():
+            result[block][moved] = _moved(result[block][moved], shifts[block][moved])
     return result
+
+
+def _moved(rows: NDArray[np.floating], shifts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows (n, samples), each by its own part of a sample."""
+    half = min(KERNEL_HALF_WIDTH, rows.shape[1] - 1)
+    exact = rows.astype(np.float64)
+    padded = np.pad(exact, ((0, 0), (half, half)), mode="reflect", reflect_type="odd") if half else exact
+    taps = np.arange(-half, half + 1)
+    distance = taps + shifts[:, np.newaxis]
+    taper = np.i0(KERNEL_SHAPE * np.sqrt(np.clip(1 - (distance / (half + 1)) ** 2, 0, None)))
+    kernel = np.sinc(distance) * taper
+    kernel /= kernel.sum(axis=1, keepdims=True)
+    moved: NDArray[np.float64] = np.einsum("rnk,rk->rn", sliding_window_view(padded, taps.size, axis=1), kernel)
+    return moved

@@ -26,6 +26,8 @@ MODULES = {
     "following": "beyond",
     "few_photons": "beyond",
     "analogue_readout": "beyond",
+    "shortest_time": "beyond",
+    "whole_sets": "beyond",
 }
 """Package of `labctl.studies` that has the module. Each has its `ANALYSIS`, loaded when an experiment file names it."""
 

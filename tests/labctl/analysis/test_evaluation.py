@@ -13,7 +13,7 @@ from labctl.analysis.evaluation import (
     validate,
     window_key,
 )
-from labctl.analysis.splits import forward_in_time_split, random_splits
+from labctl.analysis.splits import enough_splits, forward_in_time_split, own_split, random_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
 
@@ -60,6 +60,22 @@ def test_splits_that_cannot_be_are_refused() -> None:
         list(random_splits(np.arange(20) % 4, np.arange(20), seed=1))
     with pytest.raises(AnalysisError, match="leaves nothing on one side"):
         list(random_splits(np.arange(20) % 4, np.arange(20), test_size=20, seed=1))
+
+
+@given(st.integers(20, 1_000_000))
+def test_large_sets_are_split_less_often(images: int) -> None:
+    splits = enough_splits(images)
+    assert 2 <= splits <= 10
+    assert splits == 10 or splits * 0.1 * images > 4000
+
+
+def test_a_set_may_have_a_split_of_its_own() -> None:
+    train, test = own_split(np.array([7, 2, 5, 2, 9]), 6)
+    assert (train.tolist(), test.tolist()) == ([1, 2, 3], [0, 4])
+    with pytest.raises(AnalysisError, match=r"all 5 shots are of the data set's training part: show images of both"):
+        own_split(np.arange(5), 5)
+    with pytest.raises(AnalysisError, match="test part"):
+        own_split(np.arange(5), 0)
 
 
 def test_the_future_is_not_trained_on() -> None:

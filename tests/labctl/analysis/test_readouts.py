@@ -20,5 +20,5 @@ def test_the_rows_of_real_digits_are_read_like_traces() -> None:
 
 def test_the_classifier_is_the_declared_one() -> None:
     parameters = softmax_classifier().get_params()
-    assert parameters["logisticregression__C"] == 1.0
-    assert parameters["logisticregression__max_iter"] == 1000
+    assert parameters["softmaxregression__C"] == 1.0
+    assert parameters["softmaxregression__max_iter"] == 1000

@@ -175,6 +175,15 @@ def test_one_offset_a_shot_serves_all_its_ports() -> None:
     )
 
 
+def test_many_records_are_moved_like_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = np.random.default_rng(1)
+    frames, offsets = generator.normal(size=(7, 2, 20)), generator.uniform(-40e-12, 40e-12, (7, 2))
+    offsets[3] = 0
+    together = resample(frames, offsets, sample_interval_s=40e-12)
+    monkeypatch.setattr("labctl.runs.read.records.BLOCK_SAMPLES", 2 * 2 * 20)
+    np.testing.assert_array_equal(resample(frames, offsets, sample_interval_s=40e-12), together)
+
+
 @given(st.floats(-1, 1), st.integers(1, 40))
 def test_a_constant_stays_a_constant_up_to_the_ends(shift: float, samples: int) -> None:
     moved = resample(np.full((1, 1, samples), 5.0), [shift * TAU], sample_interval_s=TAU)

@@ -91,7 +91,7 @@ def test_a_readout_that_its_maker_calls_whole_must_be_sound(
     changed = tmp_path / "changed.h5"
     shutil.copy(measured / "models" / "softmax.h5", changed)
     with h5py.File(changed, "r+") as file:
-        dict(of_hdf5(file))[f"logisticregression/{name}"](file)
+        dict(of_hdf5(file))[f"softmaxregression/{name}"](file)
         del file.attrs["sha256"]
     assert refused(name, "evaluate", changed, measured) == 2
 

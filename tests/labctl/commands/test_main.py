@@ -14,8 +14,10 @@ from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import InstrumentError
 from instruments.safe_state import UnsafeBench
 from instruments.tektronix_dpo72504dx import Dpo72504dx
+from labctl import datasets
 from labctl.bench.signals import StoppedBySignal
 from labctl.commands.main import main
+from labctl.errors import DatasetError
 from labctl.runs.live.logs import EventLog
 from labctl.studies.paper.experiments import FOLDER, experiments
 from tests.command_line import as_json, labctl
@@ -378,6 +380,7 @@ class TestReadout:
         assert status == 0
         assert found["test_shots"] == 8
         assert found["accuracy"] == trained["accuracy"]
+        assert found["own_split"] is None
         assert all(control["at_chance"] for control in found["controls"].values())
         report = Path(found["report"]).read_text()
         assert "http://" not in report.replace("http://www.w3.org", "")
@@ -425,6 +428,23 @@ class TestReadout:
         status, _, err = labctl(capsys, "evaluate", *(argument.format(run=run) for argument in arguments))
         assert status == 2
         assert told in err
+
+    def test_a_run_of_both_parts_of_a_set_is_judged_by_the_sets_own_split_too(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    ) -> None:
+        try:
+            datasets.path("mnist")
+        except DatasetError:
+            pytest.skip("LABCTL_DATA does not point to mnist")
+        run = tmp_path / "run"
+        settings = ["dataset=mnist", "images=300", "window=0.4 ns", "timing=burst"]
+        options = [word for setting in settings for word in ("--set", setting)]
+        assert as_json(capsys, "run", "image-readout", *options, "--out", run)[0] == 0
+        status, trained = as_json(capsys, "train", run)
+        status, found = as_json(capsys, "evaluate", trained["model"], run)
+        assert (status, found["splits"]) == (0, 10)
+        assert 0.2 < found["own_split"] <= 1
+        assert "the data set's own split" in labctl(capsys, "evaluate", trained["model"], run)[1]
 
     @pytest.mark.parametrize(
         ("options", "message"),

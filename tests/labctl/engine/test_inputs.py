@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import numpy as np
 import pytest
 
 from labctl import datasets
@@ -22,6 +23,12 @@ def test_images_are_loaded_for_who_shows_them() -> None:
     inputs = inputs_for(ImageReadout(images=8))
     assert isinstance(inputs, Images)
     assert inputs.images.shape == (8, 28, 28)
+
+
+def test_all_images_are_those_that_the_set_has_of_the_classes() -> None:
+    inputs = inputs_for(ImageReadout(images="all", classes=(1, 3)))
+    assert isinstance(inputs, Images)
+    assert np.unique_counts(inputs.labels).counts.tolist() == [1000, 1000]
 
 
 def test_a_stretch_is_loaded_for_who_plays_it() -> None:

@@ -3,7 +3,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from labctl.reports.canvas import Level, Series, save_figure
-from labctl.reports.figures.window import Claim, accuracy_figure, rmse_figure
+from labctl.reports.figures.window import Claim, accuracy_figure, interval_figure, rmse_figure
 from tests.labctl.reports.figures.drawn import beside, check_figure, legend
 
 WINDOWS = (0.08e-9, 0.16e-9, 0.4e-9, 0.56e-9, 1e-9, 2e-9)
@@ -25,8 +25,18 @@ def rmse() -> Figure:
     return rmse_figure([*curves, *points], tau_s=40e-12, levels=[Level("mean image", 0.297)])
 
 
+def differences() -> Figure:
+    results = {window: {"mean": mean, "low": mean - 0.01, "high": mean + 0.01} for window, mean in DIFFERENCES.items()}
+    curves = [Series.with_intervals(label, results, unit=1e-9) for label in ("M = 5", "M = 13")]
+    return interval_figure(curves, tau_s=40e-12, quantity="difference (points)", levels=[Level("raw pixels", 0.0)])
+
+
+DIFFERENCES = {"0.16": -0.04, "0.24": -0.02, "0.4": -0.015}
+
+
 def test_they_are_sound(tmp_path: Path) -> None:
     check_figure(accuracy, tmp_path)
+    check_figure(differences, tmp_path)
     check_figure(rmse, tmp_path)
 
 
@@ -65,6 +75,20 @@ def test_a_claim_is_in_the_legend_and_levels_are_beside_the_panel() -> None:
     assert figure.axes[0].get_ylim() == (40, 101)
     assert beside(figure.axes[0]) == ["M = 1", "M = 2", "M = 3", "M = 4", "M = 5", "raw pixels"]
     assert legend(figure)[-1] == "paper: 70.8 % at 1 ns"
+
+
+def test_intervals_and_what_they_are_compared_with_fill_the_panel() -> None:
+    axes = differences().axes[0]
+    low, high = axes.get_ylim()
+    assert -6 < low < -5
+    assert 0 < high < 1
+    assert axes.get_ylabel() == "difference (points), 95 % interval"
+    assert beside(axes) == ["M = 5", "M = 13", "raw pixels"]
+
+
+def test_a_figure_of_one_bench_has_no_interval() -> None:
+    one = Series.with_intervals("one bench", {"0.4": {"mean": 0.9, "low": None, "high": None}}, unit=1e-9)
+    assert (one.mean, one.sd) == ([0.9], [0.0])
 
 
 def test_windows_too_close_to_be_read_lose_their_tick_marks() -> None:

@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+from sklearn.datasets import load_digits
+from sklearn.linear_model import LogisticRegression
+from sklearn.preprocessing import StandardScaler
+
+from labctl.analysis.softmax import SoftmaxRegression
+
+Data = tuple[np.ndarray, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def smooth() -> Data:
+    """Real digits behind running sums: neighbouring features are much alike, as neighbouring samples of a trace are."""
+    images, labels = load_digits(return_X_y=True)
+    sums = np.cumsum(np.cumsum(images - images.mean(axis=0), axis=1), axis=1)
+    return StandardScaler().fit_transform(sums).astype(np.float32), labels
+
+
+def loss(model: SoftmaxRegression | LogisticRegression, features: np.ndarray, labels: np.ndarray) -> float:
+    scores = features.astype(np.float64) @ model.coef_.T + model.intercept_
+    scores -= scores.max(axis=1, keepdims=True)
+    entropy = np.log(np.exp(scores).sum(axis=1)) - scores[np.arange(labels.size), labels]
+    return float(entropy.mean() + (model.coef_**2).sum() / (2 * model.C * labels.size))
+
+
+def test_it_finds_the_same_optimum_as_newtons_method(smooth: Data) -> None:
+    features, labels = smooth
+    exact = LogisticRegression(solver="newton-cholesky", tol=1e-10).fit(features.astype(np.float64), labels)
+    found = SoftmaxRegression(tol=1e-7).fit(features.astype(np.float64), labels)
+    assert loss(found, features, labels) == pytest.approx(loss(exact, features, labels), rel=1e-6)
+    np.testing.assert_allclose(found.predict_proba(features), exact.predict_proba(features), atol=2e-4)
+
+
+def test_features_that_are_alike_cost_few_steps(smooth: Data) -> None:
+    """What plain L-BFGS does in several times as many steps, to a loss that is no lower."""
+    features, labels = smooth
+    plain = LogisticRegression(max_iter=10_000).fit(features, labels)
+    found = SoftmaxRegression().fit(features, labels)
+    assert found.n_iter_ < plain.n_iter_[0] / 2
+    assert loss(found, features, labels) < 1.01 * loss(plain, features, labels)
+
+
+def test_units_of_the_features_cost_no_steps() -> None:
+    images, labels = load_digits(return_X_y=True)
+    millivolts = SoftmaxRegression(C=1e9, max_iter=60, tol=1e-3).fit(images * 1e-3, labels)
+    volts = SoftmaxRegression(C=1e3, max_iter=60, tol=1e-3).fit(images, labels)
+    np.testing.assert_array_equal(millivolts.predict(images * 1e-3), volts.predict(images))
+
+
+def test_two_classes_are_told_apart_like_any_others() -> None:
+    images, labels = load_digits(return_X_y=True)
+    names = np.where(labels % 2, "odd", "even")
+    found = SoftmaxRegression().fit(images / 16, names)
+    assert found.coef_.shape == (2, 64)
+    assert found.score(images / 16, names) > 0.9
+    np.testing.assert_allclose(found.predict_proba(images / 16).sum(axis=1), 1)
+
+
+def test_one_class_cannot_be_learnt() -> None:
+    with pytest.raises(ValueError, match="one class"):
+        SoftmaxRegression().fit(np.eye(3), np.zeros(3, int))
+
+
+def test_too_few_steps_are_told() -> None:
+    images, labels = load_digits(return_X_y=True)
+    with pytest.warns(UserWarning, match="2 steps"):
+        SoftmaxRegression(max_iter=2).fit(images, labels)
