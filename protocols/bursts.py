@@ -21,7 +21,8 @@ SETTLED_PERIODS = 2
 """Of the periods the AWG plays at each trigger, those that pass before the frame: fibre and chip then carry light of
 the running drive only, as if it had played for ever."""
 LONGEST_BURST = 2000
-"""Frames of one burst: storing one takes as long as playing the next, and an interrupted run waits for no more."""
+"""Frames of one burst, unless told: storing one takes as long as playing the next, and an interrupted run waits for no
+more."""
 UPLOAD_BLOCK = 250
 
 
@@ -81,9 +82,15 @@ class PictureMemory:
 
 
 def measure_bursts(
-    bench: Bench, dmd: BurstDmd, memory: PictureMemory, part: Part, drive: Drive, timebase: Timebase
+    bench: Bench,
+    dmd: BurstDmd,
+    memory: PictureMemory,
+    part: Part,
+    drive: Drive,
+    timebase: Timebase,
+    longest_burst: int | None = None,
 ) -> Iterator[Record]:
-    """The shots of `part`, burst by burst.
+    """The shots of `part`, burst by burst, none of more than `longest_burst` frames; None: `LONGEST_BURST`.
 
     Raises:
         InstrumentError: a frame is missing, or came at the wrong time.
@@ -93,7 +100,7 @@ def measure_bursts(
     late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
     bench.configure(late, part.pass_.patching)
     dmd.hold()
-    longest = min(LONGEST_BURST, bench.scope.most_frames())
+    longest = min(longest_burst or LONGEST_BURST, bench.scope.most_frames())
     for held in memory.parts:
         for burst_of in stretches([shot.index for shot in part.shots if shot.index in held], longest):
             memory.load(held)

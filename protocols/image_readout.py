@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, PositiveInt
 
 from instruments.bench import Bench
 from instruments.units import Seconds
@@ -50,7 +50,8 @@ class ImageReadout(Measurement[Images]):
     `images` is how many in all, in equal parts of each class, how many of each class ("2000,500"), or "all" that the
     data set has of the classes. `binarisation` is the rule by which grey pixels are on; a data set that is binary
     already stays as it is. Port 0 is the collection fibre before the chip. A reference image and a dark frame follow
-    every `reference_every` images, so that drift can be seen.
+    every `reference_every` images, so that drift can be seen. Between bursts the oscilloscope gets ready, for half a
+    second; one burst of at most `longest_burst` shots, if it holds them all, has no pause in which a bench could drift.
     """
 
     name: ClassVar[str] = "image-readout"
@@ -64,6 +65,7 @@ class ImageReadout(Measurement[Images]):
     window: Annotated[Seconds, Field(ge=SHORTEST_WINDOW_S, le=LONGEST_WINDOW_S)] = 2e-9
     wavelengths: Wavelengths = (1550.0,)
     timing: Literal["software", "burst"] = "software"
+    longest_burst: PositiveInt | None = None
     reference_every: Annotated[int, Field(ge=1, le=1_000_000)] = 20
 
     def shots(self, inputs: Images) -> Sequence[Shot]:
@@ -127,7 +129,7 @@ class ImageReadout(Measurement[Images]):
                 captures = [partial(show_and_capture, bench, patterns[shot]) for shot in probes]
                 yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures))
                 if self.timing == "burst":
-                    yield from measure_bursts(bench, dmd, memory, part, drive, timebase)
+                    yield from measure_bursts(bench, dmd, memory, part, drive, timebase, self.longest_burst)
                 else:
                     for shot in part.shots:
                         yield Record(pass_, shot.index, show_and_capture(bench, patterns[shot]))

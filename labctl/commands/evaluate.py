@@ -5,11 +5,14 @@ from typing import Annotated, Any
 
 import typer
 
+from labctl.analysis.prequential import READOUTS
 from labctl.commands import train
 from labctl.commands.exit_status import DONE
 from labctl.commands.next_steps import cannot_judge, protocol_of, require_readout
-from labctl.commands.output import JsonOption, say, show
+from labctl.commands.output import JsonOption, say, show, table
+from labctl.commands.ranges import ports_of
 from labctl.errors import UsageError
+from labctl.studies import online as online_study
 from labctl.studies.fibre import in_words, measure_fibre
 from protocols.base import Judgement
 from protocols.registry import judgement_of
@@ -22,13 +25,28 @@ def evaluate(
     run: Annotated[
         Path | None, typer.Argument(metavar="RUN", help="With a model: run directory to test it on.")
     ] = None,
+    online: Annotated[
+        bool,
+        typer.Option("--online", help="A run by itself: readouts that follow it shot by shot, beside frozen ones."),
+    ] = False,
+    window: Annotated[
+        str | None, typer.Option("--window", help='With --online: acquisition time T_N; default "0.4 ns".')
+    ] = None,
+    ports: Annotated[
+        str | None, typer.Option("--ports", help='With --online: ports, such as "2-5"; without it all of the run.')
+    ] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Say how good a result is.
 
     MODEL RUN: tests a readout on shots it has not seen, and its kind on random and forward-in-time splits, with
-    controls. RUN of wavelength-scan: correlation against detuning, its half width, the fibre's delay spread.
+    controls. RUN --online: test, then train, in the order it was measured. RUN of wavelength-scan: correlation against
+    detuning, its half width, the fibre's delay spread.
     """
+    if online:
+        return _online(subject, run, window, ports, as_json)
+    if window is not None or ports is not None:
+        raise UsageError("--window and --ports are for --online: a model has its own, a scan is measured as a whole")
     if run is not None:
         require_readout(run)
         return train.evaluate(subject, run, as_json)
@@ -39,6 +57,36 @@ def evaluate(
     found = measure_fibre(subject)
     show(found, as_json, lambda: _print(found))
     return DONE
+
+
+def _online(subject: Path, model_run: Path | None, window: str | None, ports: str | None, as_json: bool) -> int:
+    if model_run is not None or subject.is_file():
+        raise UsageError(f"{subject}: --online trains readouts of its own: name the run directory alone")
+    if not subject.is_dir():
+        raise UsageError(f"{subject}: no such directory: name a run directory, as 'labctl runs' lists them")
+    require_readout(subject)
+    window_s = None if window is None else train.seconds(window)
+    found = online_study.evaluate_online(subject, window_s=window_s, ports=ports_of(ports))
+    show(found, as_json, lambda: _print_online(found))
+    return DONE
+
+
+def _print_online(found: dict[str, Any]) -> None:
+    for line in online_study.in_words(found):
+        say(line)
+    table(
+        ("readout", f"all {found['judged_shots']} shots", f"last {found['last_shots']}"),
+        (
+            (READOUTS[name], *(_with_interval(entry[part]) for part in ("all", "last")))
+            for name, entry in found["readouts"].items()
+        ),
+    )
+    say("in brackets: 95 % intervals of the accuracy on further images of this run")
+
+
+def _with_interval(accuracy: dict[str, Any]) -> str:
+    low, high = accuracy["interval"]
+    return f"{100 * accuracy['accuracy']:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def _print(found: dict[str, Any]) -> None:

@@ -29,7 +29,7 @@ def train(
     if readout != "softmax":
         raise UsageError(f"--readout {readout}: unknown readout: choose softmax")
     require_readout(run)
-    trained = train_readout(run, window_s=_seconds(window), ports=ports_of(ports), seed=seed, out=out)
+    trained = train_readout(run, window_s=seconds(window), ports=ports_of(ports), seed=seed, out=out)
     show(trained, as_json, lambda: _print_training(trained))
     return DONE
 
@@ -45,7 +45,8 @@ def evaluate(
     return DONE
 
 
-def _seconds(text: str) -> float:
+def seconds(text: str) -> float:
+    """The option --window in s; UsageError if it is no time."""
     try:
         return quantity(text, "s")
     except ValueError as error:

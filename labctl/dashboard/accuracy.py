@@ -1,17 +1,9 @@
 """Accuracy of a run as it grows: the softmax readout, trained on the images that are there.
 
-Computed in a process of its own that gives way to everything else, so that it takes nothing from the acquisition, and
-only while somebody looks. A point is a pure function of the run's first images: a curve says the same whenever it is
-computed.
+A point is a pure function of the run's first images: a curve says the same whenever it is computed.
 """
 
-import multiprocessing
-import os
-import signal
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +21,6 @@ SPLITS = 3
 TEST_PART = 0.2
 WINDOW_S = 0.4e-9
 """Acquisition time, or the whole frame where that is shorter."""
-NICENESS = 19
-RESTS = 19
 
 
 @dataclass(frozen=True)
@@ -91,61 +81,3 @@ def counts(available: int) -> list[int]:
         found.append(round(count))
         count *= GROWTH
     return found
-
-
-class Learning:
-    """Computes curves one at a time, in a process that is started with the first of them.
-
-    While a run is growing it rests for `RESTS` times as long as the last one took.
-    """
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Start nothing yet."""
-        self._clock = clock
-        self._pool: Pool | None = None
-        self._known: dict[Path, Curve] = {}
-        self._computed: dict[Path, int] = {}
-        self._pending: tuple[Path, int, AsyncResult[Curve]] | None = None
-        self._began = self._rested = clock()
-
-    def curve(self, directory: Path, shots: int, *, growing: bool) -> Curve:
-        """What is known of a run that has `shots` on its first ports; if that is old, something newer comes later.
-
-        Of a run that is `growing` it is old when there may be another point.
-        """
-        self._collect()
-        computed = self._computed.get(directory, 0)
-        rested = self._clock() >= self._rested
-        old = rested and shots >= max(LEAST, GROWTH * computed) if growing else shots != computed
-        if old and self._pending is None:
-            known = self._known.get(directory, Curve())
-            self._began = self._clock()
-            self._pending = directory, shots, self._process().apply_async(curve, (directory, known))
-        return self._known.get(directory, Curve())
-
-    def close(self) -> None:
-        """End the process, whatever it computes."""
-        if self._pool is not None:
-            self._pool.terminate()
-
-    def _collect(self) -> None:
-        if self._pending is None or not self._pending[2].ready():
-            return
-        directory, shots, found = self._pending
-        self._pending = None
-        self._computed[directory] = shots
-        self._rested = self._clock() + RESTS * (self._clock() - self._began)
-        self._known[directory] = found.get()
-
-    def _process(self) -> Pool:
-        if self._pool is None:
-            self._pool = multiprocessing.get_context("spawn").Pool(1, _give_way)
-        return self._pool
-
-
-def _give_way() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the dashboard ends this one
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[name] = "1"
-    if hasattr(os, "nice"):
-        os.nice(NICENESS)

@@ -9,7 +9,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from labctl.dashboard.accuracy import Curve, Learning
+from labctl.dashboard.accuracy import Curve
+from labctl.dashboard.following import Following
+from labctl.dashboard.learning import Learning
 from labctl.dashboard.state import ENDED, Phase, RunState, advanced
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
@@ -89,8 +91,17 @@ class WatchedRun:
         """Accuracy as it grows; asking for it keeps it growing."""
         if self._following is None:
             return Curve()
-        growing = self.state.phase not in (*ENDED, Phase.UNKNOWN)
-        return self._learning.curve(self.directory, max(self._following.done), growing=growing)
+        return self._learning.curve(self.directory, max(self._following.done), growing=self._growing)
+
+    def following(self) -> Following:
+        """How a readout that follows the run fares; asking for it keeps it following."""
+        if self._following is None:
+            return Following()
+        return self._learning.following(self.directory, sum(self._following.done), growing=self._growing)
+
+    @property
+    def _growing(self) -> bool:
+        return self.state.phase not in (*ENDED, Phase.UNKNOWN)
 
 
 class Watching:

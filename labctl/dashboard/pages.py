@@ -166,6 +166,9 @@ def show_run(watching: Watching, name: str) -> None:
             _heading("Accuracy as it grows")
             regions.append(Region("accuracy", lambda: wording.accuracy(watched.curve())))
         with ui.element("section").classes("wide"):
+            _heading("Readout that follows: each image predicted, then learnt")
+            regions.append(Region("following", lambda: wording.following(watched.following(), watched.curve().chance)))
+        with ui.element("section").classes("wide"):
             _heading("Log, UTC")
             regions.append(Region("log", lambda: wording.log(watched.state, watched.problem)))
         with ui.element("section").classes("wide"):

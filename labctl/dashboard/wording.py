@@ -8,7 +8,8 @@ from urllib.parse import quote
 import numpy as np
 
 from labctl.dashboard import sketches
-from labctl.dashboard.accuracy import Curve
+from labctl.dashboard.accuracy import LEAST, Curve
+from labctl.dashboard.following import BLOCK, LAST, Following
 from labctl.dashboard.monitor import WatchedRun
 from labctl.dashboard.sketches import Line, escape
 from labctl.dashboard.state import ENDED, Emission, Phase, RunState, number_in, text_in
@@ -171,6 +172,20 @@ def accuracy(curve: Curve, other: Curve | None = None) -> str:
         return '<p class="nothing">no accuracy yet: it takes some images of more than one class</p>'
     title = "; ".join(_reached(one) for one in curves)
     return sketches.accuracy(title, [(one.images, one.accuracy) for one in curves], curve.chance)
+
+
+def following(found: Following, chance: float | None) -> str:
+    """How a readout that follows the run fares: its last images, all of them, and block by block."""
+    images, reached = found.points
+    if not images.size:
+        return f'<p class="nothing">nothing yet: it takes {LEAST + BLOCK} images of more than one class</p>'
+    last = found.right[-LAST:]
+    ports = ", ".join(map(str, found.ports))
+    title = (
+        f"{100 * last.mean():.1f} % of the last {last.size} images, {100 * found.right.mean():.1f} % of all "
+        f"{found.right.size} since the first {LEAST}, ports {ports}"
+    )
+    return sketches.accuracy(title, [(images.tolist(), reached.tolist())], chance)
 
 
 def _reached(curve: Curve) -> str:

@@ -104,6 +104,11 @@ def test_averages_are_for_single_shots(wired: Bench) -> None:
         protocol.check(wired, images_for(protocol))
 
 
+def test_a_burst_is_as_long_as_asked(wired: Bench) -> None:
+    _, bursts, _ = measure(wired, timing="burst", ports=(2,), longest_burst=30)
+    assert [(record.first, len(record.frames.codes)) for record in bursts] == [(0, 30), (30, 14)]
+
+
 def burst_at(times: NDArray[np.floating]) -> Frames:
     count = times.size
     return Frames(

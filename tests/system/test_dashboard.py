@@ -125,6 +125,17 @@ def test_a_run_is_started_watched_paused_and_stopped(
         assert 0 < stored.done[0] < stored.shape.shots
 
 
+def test_a_readout_follows_the_run_while_it_is_going_on(page: Page, unarmed: Path) -> None:
+    start(page, unarmed)
+    says(page, ".progress-region", r"[2-9]\d\d of 2200 records")
+    page.get_by_role("button", name="Pause").click()
+    says(page, ".following-region", r"[1-9]\d*\.\d % of the last \d+ images, .* since the first 40, ports 2, 3, 4, 5")
+    expect(page.locator(".following-region polyline.a")).to_be_attached()
+    narrow(page)
+    page.get_by_role("button", name="Stop", exact=True).click()
+    says(page, ".progress-region", "stopped")
+
+
 def test_what_nobody_allows_is_refused_and_told(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
     page.get_by_text("Start a run").click()
     page.get_by_label("Station file").fill(str(unarmed))

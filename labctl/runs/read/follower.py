@@ -59,6 +59,11 @@ class Follower:
         """Lines of the journal so far: while this stays the same, nothing was added."""
         return len(self._entries)
 
+    @property
+    def classes(self) -> NDArray[np.int64]:
+        """The classes of the images that are planned, ascending."""
+        return np.unique(self._plan["label"][self._plan["kind"] == b"image"]).astype(np.int64)
+
     def look(self) -> bool:
         """Read what was added to the journal; True if anything was.
 
@@ -96,12 +101,12 @@ class Follower:
         """
         return [found for index in range(len(self.shape.passes)) if (found := self._latest_of(index)) is not None]
 
-    def measured(self, least: int, most: int) -> Run | None:
+    def measured(self, least: int, most: int, since: int = 0) -> Run | None:
         """The shots that all of the first passes have, of as many passes as have at least `least` shots each.
 
-        Only about `most` shots from the plan's beginning are looked at: a reader's memory is not that of the run.
-        None where not even the first pass has so many. A run that is in its last pass is thus seen with its first ports
-        until the shots on all ports are worth a look.
+        Only about `most` shots of the plan from the one at `since` on are looked at, and some before it: a reader's
+        memory is not that of the run. None where not even the first pass has so many. A run that is in its last pass is
+        thus seen with its first ports until the shots on all ports are worth a look.
         """
         count = sum(done >= least for done in self._shards.done)
         passes = next((n for n in range(count, 0, -1) if min(self._shards.done[:n]) >= least), 0)
@@ -111,7 +116,9 @@ class Follower:
             self.shape, passes=self.shape.passes[:passes], wavelengths_nm=self.shape.wavelengths_nm[:passes]
         )
         entries = [
-            replace(entry, passes=passes) for entry in self._entries if entry.pass_index < passes and entry.first < most
+            replace(entry, passes=passes)
+            for entry in self._entries
+            if entry.pass_index < passes and since < entry.first + entry.count and entry.first < since + most
         ]
         shards = Shards(self.paths, shape, self._plan, entries)
         return run_of_shards(self.paths.directory, Manifest({**self.manifest.values, "shape": shape.to_json()}), shards)

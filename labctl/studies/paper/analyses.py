@@ -23,6 +23,7 @@ MODULES = {
     "vowels": "paper",
     "scenes": "paper",
     "imaging": "paper",
+    "following": "beyond",
     "few_photons": "beyond",
     "analogue_readout": "beyond",
     "shortest_time": "beyond",

@@ -397,6 +397,38 @@ class TestReadout:
         assert shown["ports"] == [2, 3, 4]
         assert "controls" not in labctl(capsys, "evaluate", trained["model"], run)[1]
 
+    def test_a_run_is_followed_shot_by_shot(self, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        status, found = as_json(capsys, "evaluate", run, "--online", "--ports", "2-5")
+        assert status == 0
+        assert (found["features"], found["first_shots"], found["judged_shots"], found["last_shots"]) == (40, 20, 60, 15)
+        assert found["readouts"].keys() == {"rls", "nlms", "softmax", "ridge"}
+        for entry in found["readouts"].values():
+            low, high = entry["all"]["interval"]
+            assert found["chance"] < low < entry["all"]["accuracy"] < high
+            assert len(entry["blocks"]) == len(found["block_ends"])
+        assert found["block_ends"][-1] == found["shots"] == 80
+        status, out, _ = labctl(capsys, "evaluate", run, "--online", "--window", "0.2 ns")
+        assert status == 0
+        assert "25 features of 0.2 ns on ports 2, 3, 4, 5, 6; all begin with the first 20 of 80 shots" in out
+        assert "the run has 2 passes, one after the other" in out
+        assert "recursive least squares" in out
+
+    @pytest.mark.parametrize(
+        ("arguments", "told"),
+        [
+            (["{run}", "{run}", "--online"], "--online trains readouts of its own: name the run directory alone"),
+            (["nowhere", "--online"], "nowhere: no such directory"),
+            (["{run}", "--window", "0.4 ns"], "--window and --ports are for --online"),
+            (["{run}", "--online", "--ports", "9"], "ports [9] were not recorded"),
+        ],
+    )
+    def test_what_cannot_be_followed_is_refused(
+        self, run: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], told: str
+    ) -> None:
+        status, _, err = labctl(capsys, "evaluate", *(argument.format(run=run) for argument in arguments))
+        assert status == 2
+        assert told in err
+
     def test_a_run_of_both_parts_of_a_set_is_judged_by_the_sets_own_split_too(
         self, capsys: pytest.CaptureFixture[str], tmp_path: Path
     ) -> None:

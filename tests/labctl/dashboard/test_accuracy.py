@@ -7,8 +7,9 @@ import pytest
 from labctl.bench.station import Station
 from labctl.commands.main import main
 from labctl.dashboard import launcher
-from labctl.dashboard.accuracy import LEAST, Curve, Learning, counts, curve
+from labctl.dashboard.accuracy import LEAST, Curve, counts, curve
 from labctl.dashboard.launcher import Asked
+from labctl.dashboard.learning import Learning
 from labctl.dashboard.monitor import Watching
 from labctl.engine.session import Acquisition, acquire
 from protocols.image_readout import ImageReadout
@@ -45,7 +46,7 @@ def test_nothing_is_computed_before_it_is_old_and_the_process_has_rested(run: Pa
     seconds = [0.0]
     learning = Learning(lambda: seconds[0])
     known = Curve((40,), (0.5,))
-    learning._known[run], learning._computed[run], learning._rested = known, 100, 9.0
+    learning._known[run, curve], learning._computed[run, curve], learning._rested = known, 100, 9.0
     for shots, growing, at, begins in (
         (129, True, 9.0, False),
         (100, False, 9.0, False),

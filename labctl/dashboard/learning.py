@@ -1,0 +1,100 @@
+"""What the pages show of learning, computed in a process of its own that gives way to everything else.
+
+It takes nothing from the acquisition, and is there only while somebody looks.
+"""
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable
+from multiprocessing.pool import AsyncResult, Pool
+from pathlib import Path
+from typing import Any
+
+from labctl.dashboard.accuracy import GROWTH, LEAST, Curve, curve
+from labctl.dashboard.following import BLOCK, Following, follow
+
+NICENESS = 19
+RESTS = 19
+
+Subject = tuple[Path, Callable[[Path, Any], Any]]
+"""A run, and what says what is known of it now, from its directory and what was known before."""
+
+
+class Learning:
+    """Computes one thing at a time, in a process that is started with the first of them.
+
+    While a run is growing it rests for `RESTS` times the processor time that the last one took.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """Start nothing yet."""
+        self._clock = clock
+        self._pool: Pool | None = None
+        self._known: dict[Subject, Any] = {}
+        self._computed: dict[Subject, int] = {}
+        self._pending: tuple[Subject, int, AsyncResult[Any]] | None = None
+        self._rested = clock()
+
+    def curve(self, directory: Path, shots: int, *, growing: bool) -> Curve:
+        """What is known of a run that has `shots` on its first ports; if that is old, something newer comes later.
+
+        Of a run that is `growing` it is old when there may be another point.
+        """
+        computed = self._collected((directory, curve))
+        due = max(LEAST, GROWTH * computed)
+        found: Curve = self._latest((directory, curve), Curve(), shots, shots >= due, growing=growing)
+        return found
+
+    def following(self, directory: Path, records: int, *, growing: bool) -> Following:
+        """The same of the readout that follows a run of so many records."""
+        computed = self._collected((directory, follow))
+        old = records >= computed + BLOCK
+        found: Following = self._latest((directory, follow), Following(), records, old, growing=growing)
+        return found
+
+    def close(self) -> None:
+        """End the process, whatever it computes."""
+        if self._pool is not None:
+            self._pool.terminate()
+
+    def _latest(self, what: Subject, nothing: object, size: int, another_point: bool, *, growing: bool) -> Any:
+        """What is known; something newer is begun where it is old and nothing else is computed."""
+        known = self._known.get(what, nothing)
+        rested = self._clock() >= self._rested
+        old = rested and another_point if growing else size != self._computed.get(what, 0)
+        if old and self._pending is None:
+            directory, compute = what
+            self._pending = what, size, self._process().apply_async(_timed, (compute, directory, known))
+        return known
+
+    def _collected(self, what: Subject) -> int:
+        """Take what was computed; of what size the run was when this was."""
+        if self._pending is not None and self._pending[2].ready():
+            done, size, result = self._pending
+            self._pending = None
+            self._computed[done] = size
+            self._known[done], seconds = result.get()
+            self._rested = self._clock() + RESTS * seconds
+        return self._computed.get(what, 0)
+
+    def _process(self) -> Pool:
+        if self._pool is None:
+            self._pool = multiprocessing.get_context("spawn").Pool(1, _give_way)
+        return self._pool
+
+
+def _give_way() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole process group; the dashboard ends this one
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[name] = "1"
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    import labctl.analysis.prequential  # noqa: F401  # once, so that the first result does not wait twenty times as long
+
+
+def _timed(compute: Callable[[Path, Any], Any], directory: Path, known: Any) -> tuple[Any, float]:
+    """What it finds, and the processor time it took, s."""
+    began = time.process_time()
+    return compute(directory, known), time.process_time() - began
