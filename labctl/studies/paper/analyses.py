@@ -23,6 +23,7 @@ MODULES = {
     "vowels": "paper",
     "scenes": "paper",
     "imaging": "paper",
+    "ghost_imaging": "beyond",
 }
 """Package of `labctl.studies` that has the module. Each has its `ANALYSIS`, loaded when an experiment file names it."""
 
