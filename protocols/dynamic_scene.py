@@ -147,7 +147,7 @@ class DynamicScene(Measurement[Images]):
     def _patterns(self, inputs: Images, dmd: Dmd) -> Patterns:
         if not self.reference:
             return Patterns(inputs, dmd.shape)
-        return Patterns(replace(inputs, images=beside_reference(field_of(inputs.images), True)), dmd.shape)
+        return Patterns(replace(inputs, images=beside_reference(field_of(inputs.images), reference=True)), dmd.shape)
 
     def _capture(self, bench: Bench, dmd: BurstDmd, scene: Shot, lead_s: float) -> Frames:
         """One playing of a scene: the pulse that starts the AWG ends so long before the second image comes."""

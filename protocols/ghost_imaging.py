@@ -34,8 +34,8 @@ class GhostImaging(Measurement[Images]):
     """Show random patterns and images in the middle of the mirrors, each beside the reference border and without it.
 
     The patterns calibrate, the images are unseen. The drive repeats after the window, so that windows which follow each
-    other see the same masks. Patterns and images come in random order; the reference alone and a dark frame follow every
-    `reference_every` of them. A pattern's `group` is its number in `patterns_of`.
+    other see the same masks. Patterns and images come in random order; the reference alone and a dark frame follow
+    every `reference_every` of them. A pattern's `group` is its number in `patterns_of`.
     """
 
     name: ClassVar[str] = "ghost-imaging"
@@ -124,4 +124,4 @@ class GhostImaging(Measurement[Images]):
                 field[:] = images[places[shot.dataset_index]]
         reference = np.array([shot.kind in BESIDE for shot in shots])
         indices = np.array([shot.index for shot in shots])
-        return Images(beside_reference(fields, reference), np.zeros_like(indices), indices)
+        return Images(beside_reference(fields, reference=reference), np.zeros_like(indices), indices)

@@ -1,8 +1,9 @@
 """Pictures beside a reference that is always on: a weak image in the middle, a strong border around it.
 
-Every pixel is three by three squares of mirrors. Of a pixel in the middle that is on, a diagonal third of the squares is
-on; of the border the other two thirds. The two never share a mirror, so the field of both together is the sum of their
-fields. The image is the weaker one, so that the light it gives by itself is small beside its beat with the reference.
+Every pixel is three by three squares of mirrors. Of a pixel in the middle that is on, a diagonal third of the squares
+is on; of the border the other two thirds. The two never share a mirror, so the field of both together is the sum of
+their fields. The image is the weaker one, so that the light it gives by itself is small beside its beat with the
+reference.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ def field_of(images: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return images[:, BORDER:-BORDER, BORDER:-BORDER]
 
 
-def beside_reference(fields: NDArray[np.bool_], reference: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
+def beside_reference(fields: NDArray[np.bool_], *, reference: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
     """Pictures of `fields` (n, rows, columns), with the reference where `reference` (n,) says so.
 
     Returns:
@@ -39,7 +40,7 @@ def beside_reference(fields: NDArray[np.bool_], reference: NDArray[np.bool_] | b
 
 
 def random_patterns(seed: int, count: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Random patterns (count, *shape), half of the pixels of each on: Gaussian noise of random grain, cut at its median.
+    """Random patterns (count, *shape), half of the pixels of each on: Gaussian noise of random grain above its median.
 
     Grains from single pixels to COARSEST: fine ones alone hold little of the low spatial frequencies that speckle has.
     """

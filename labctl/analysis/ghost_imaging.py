@@ -1,7 +1,7 @@
 """Ghost imaging: masks from random patterns beside a reference, then images that nothing was ever trained on.
 
-Up to the detector light is linear in the mirrors. Picture V sends the field E_V(t) = sum_p V_p e_p(t) to a detector, the
-reference R, on other mirrors, sends E_R(t), and the detector sees
+Up to the detector light is linear in the mirrors. Picture V sends the field E_V(t) = sum_p V_p e_p(t) to a detector,
+the reference R, on other mirrors, sends E_R(t), and the detector sees
 
     I(V)     = |E_V|^2
     I(V + R) = |E_V + E_R|^2 = |E_V|^2 + |E_R|^2 + 2 Re(E_V conj(E_R))
@@ -14,6 +14,7 @@ I(V + R) - I(R), the square |E_V|^2 remains: small where the reference is the st
 linear in V is learnt with the masks.
 """
 
+from collections.abc import Iterator, Sequence
 from typing import Self
 
 import numpy as np
@@ -41,9 +42,10 @@ class GhostImaging(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no t
     """Images from what detectors saw of them, by masks that random patterns reveal and by least total variation.
 
     `fit` knows random patterns only. Masks are a ridge regression of every sample on the pixels, without a bias. Its
-    prior is what the masks themselves show: they share one covariance over the pixels, the speckle's, which is estimated
-    from a first round (empirical Bayes). Patterns held out give the noise of each sample, the penalty of least error in
-    what is measured, and the strength of the total variation of least error in the patterns.
+    prior is what the masks themselves show: they share one covariance over the pixels, the speckle's, which is
+    estimated from a first round (empirical Bayes). Patterns held out give the noise of each sample, the penalty of
+    least error in what is measured, and the strength of the total variation of least error in the patterns; then all
+    patterns give the masks anew.
 
     Args:
         held_out: Share of the patterns, the last ones, that choose.
@@ -77,8 +79,9 @@ class GhostImaging(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no t
         self._shape = (patterns.shape[1], patterns.shape[2])
         pixels = patterns.reshape(len(patterns), -1)
         with threadpool_limits(1):
-            self._calibrate(seen, pixels, learnt)
+            covariance = self._calibrate(seen, pixels, learnt)
             self._choose_strength(seen[learnt:], patterns[learnt:])
+            self.masks_ = next(_masks(pixels, seen / self.noise_, covariance, (self.penalty_,)))
         return self
 
     def predict(self, X: ArrayLike) -> NDArray[np.float64]:  # noqa: N803
@@ -90,34 +93,29 @@ class GhostImaging(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no t
         check_is_fitted(self)
         seen = np.asarray(X, np.float64)
         if seen.ndim != 2 or seen.shape[1] != self.n_features_in_:
-            raise AnalysisError(f"measurements {seen.shape}, masks of {self.n_features_in_} samples: measure both alike")
+            raise AnalysisError(
+                f"measurements {seen.shape}, masks of {self.n_features_in_} samples: measure both alike"
+            )
         with threadpool_limits(1):
             return self._images(seen, self.strength_)
 
-    def _calibrate(self, seen: NDArray[np.float64], pixels: NDArray[np.float64], learnt: int) -> None:
-        """Masks, noise and penalty."""
+    def _calibrate(self, seen: NDArray[np.float64], pixels: NDArray[np.float64], learnt: int) -> NDArray[np.float64]:
+        """Masks of the first `learnt` patterns, noise and penalty; returns the covariance (pixels, pixels) of masks."""
         known, held = pixels[:learnt], pixels[learnt:]
         self.noise_ = np.sqrt(np.mean(seen**2, axis=0)).clip(min=LEAST)
         covariance = np.eye(pixels.shape[1])
         for _ in range(ROUNDS):
             whitened = seen / self.noise_
-            # Masks are covariance known' (known covariance known' + penalty)^-1 of what was seen.
-            values, vectors = np.linalg.eigh(known @ covariance @ known.T)
-            answers = vectors.T @ whitened[:learnt]
-            to_pixels = covariance @ known.T @ vectors
-            to_held = held @ to_pixels
-            errors = [
-                np.mean((whitened[learnt:] - to_held @ (answers / (values + penalty)[:, np.newaxis])) ** 2)
-                for penalty in PENALTIES
-            ]
+            candidates = _masks(known, whitened[:learnt], covariance, PENALTIES)
+            errors = [np.sum((whitened[learnt:] - held @ masks) ** 2) for masks in candidates]
             self.penalty_ = PENALTIES[int(np.argmin(errors))]
-            masks = to_pixels @ (answers / (values + self.penalty_)[:, np.newaxis])
+            masks = next(_masks(known, whitened[:learnt], covariance, (self.penalty_,)))
             left = np.sqrt(np.mean((whitened[learnt:] - held @ masks) ** 2, axis=0)).clip(min=LEAST_LEFT)
             self.noise_ = self.noise_ * left
             self.masks_ = masks / left
-            covariance = self.masks_ @ self.masks_.T
-            covariance *= len(covariance) / max(float(np.trace(covariance)), LEAST)
-        self._normal = self.masks_ @ self.masks_.T
+            shared = self.masks_ @ self.masks_.T
+            prior, covariance = covariance, shared * (len(shared) / max(float(np.trace(shared)), LEAST))
+        return prior
 
     def _choose_strength(self, seen: NDArray[np.float64], patterns: NDArray[np.float64]) -> None:
         """The strength with which patterns come back best."""
@@ -126,4 +124,21 @@ class GhostImaging(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no t
         self.strength_, self.pattern_rmse_ = STRENGTHS[best], errors[best]
 
     def _images(self, seen: NDArray[np.float64], strength: float) -> NDArray[np.float64]:
-        return least_total_variation(self._normal, (seen / self.noise_) @ self.masks_.T, self._shape, strength)
+        normal = self.masks_ @ self.masks_.T
+        return least_total_variation(normal, (seen / self.noise_) @ self.masks_.T, self._shape, strength)
+
+
+def _masks(
+    known: NDArray[np.float64],
+    seen: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    penalties: Sequence[float],
+) -> Iterator[NDArray[np.float64]]:
+    """Masks (pixels, samples) for each penalty: C P' (P C P' + penalty)^-1 seen, of patterns P and covariance C.
+
+    The mean of masks that have this covariance, given what was seen (samples) through noise of that variance.
+    """
+    values, vectors = np.linalg.eigh(known @ covariance @ known.T)
+    answers, to_pixels = vectors.T @ seen, covariance @ known.T @ vectors
+    for penalty in penalties:
+        yield to_pixels @ (answers / (values + penalty)[:, np.newaxis])

@@ -20,9 +20,9 @@ def least_total_variation(
     """Minimise |A v - y|^2 / 2 + strength TV(v) over images v of 0..1, for several y at once.
 
     TV is the sum over pixels of the length of the gradient (isotropic; Rudin, Osher and Fatemi, Physica D 60, 259,
-    1992). Split Bregman iteration, which is the alternating direction method of multipliers (Goldstein and Osher, SIAM J.
-    Imaging Sci. 2, 323, 2009; Boyd et al., Found. Trends Mach. Learn. 3, 1, 2011, with over-relaxation): gradients and
-    limits are split off, what remains is linear and its matrix is inverted once. scikit-image denoises only: its A is 1.
+    1992). Split Bregman iteration, which is the alternating direction method of multipliers (Goldstein and Osher, SIAM
+    J. Imaging Sci. 2, 323, 2009; Boyd et al., Found. Trends Mach. Learn. 3, 1, 2011, with over-relaxation): gradients
+    and limits are split off, what remains is linear and its matrix is inverted once. scikit-image has the case A = 1.
 
     Args:
         normal: A'A, (pixels, pixels).

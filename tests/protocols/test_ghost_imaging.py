@@ -20,8 +20,8 @@ SMALL = {"images": 4, "patterns": 6, "ports": (2,), "reference_every": 5}
 @given(st.integers(0, 1000), st.integers(1, 20))
 def test_picture_and_reference_never_share_a_mirror(seed: int, side: int) -> None:
     fields = np.random.default_rng(seed).random((2, side, side)) < 0.5
-    alone, beside = beside_reference(fields, False), beside_reference(fields, True)
-    reference = beside_reference(np.zeros_like(fields), True)
+    alone, beside = beside_reference(fields, reference=False), beside_reference(fields, reference=True)
+    reference = beside_reference(np.zeros_like(fields), reference=True)
     assert not np.any(alone & reference)
     assert np.array_equal(alone | reference, beside)
     assert alone.sum() == 3 * fields.sum()

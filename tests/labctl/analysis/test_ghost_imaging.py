@@ -11,7 +11,7 @@ SAMPLES = 200
 
 
 def light(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Fields of every pixel with a grain of some pixels (samples, pixels), and that of a strong reference (samples,)."""
+    """Fields of every pixel with a grain of some pixels (samples, pixels), and that of a reference (samples,)."""
     rough = generator.normal(size=(SAMPLES, *SHAPE)) + 1j * generator.normal(size=(SAMPLES, *SHAPE))
     kernel = np.exp(-((np.arange(10)[:, None] - np.arange(10)) ** 2) / 2)
     fields = np.einsum("sij,ik,jl->skl", rough, kernel, kernel).reshape(SAMPLES, -1)
@@ -20,7 +20,7 @@ def light(generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 def beat(pictures: np.ndarray, fields: np.ndarray, reference: np.ndarray) -> np.ndarray:
     field = pictures.reshape(len(pictures), -1) @ fields.T
-    return np.abs(field + reference) ** 2 - np.abs(field) ** 2 - np.abs(reference) ** 2
+    return np.asarray(np.abs(field + reference) ** 2 - np.abs(field) ** 2 - np.abs(reference) ** 2)
 
 
 def blocks(generator: np.random.Generator, count: int) -> np.ndarray:
