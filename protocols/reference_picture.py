@@ -1,9 +1,10 @@
-"""Pictures beside a reference that is always on: a weak image in the middle, a strong border around it.
+"""Pictures beside a reference that is always on: an image in the middle of the mirrors, a border around it.
 
-Every pixel is three by three squares of mirrors. Of a pixel in the middle that is on, a diagonal third of the squares
-is on; of the border the other two thirds. The two never share a mirror, so the field of both together is the sum of
-their fields. The image is the weaker one, so that the light it gives by itself is small beside its beat with the
-reference.
+Every pixel is three by three squares of mirrors, of which a diagonal third is used. Image and reference never share a
+mirror, so the field of both together is the sum of their fields. More mirrors give more light than a detector takes; a
+stronger reference leaves less of the digitiser's range for its beat with the image. Random patterns chose, on one twin:
+held out, they come back to 0.341 so (two frames of 10 ns), 0.346 and 0.361 with a reference of two thirds and of all
+mirrors of the border.
 """
 
 import numpy as np
@@ -33,7 +34,7 @@ def beside_reference(fields: NDArray[np.bool_], *, reference: NDArray[np.bool_] 
     edge = SQUARES * BORDER
     pictures = np.zeros((count, SQUARES * rows + 2 * edge, SQUARES * columns + 2 * edge), np.bool_)
     third = np.add.outer(np.arange(pictures.shape[1]), np.arange(pictures.shape[2])) % SQUARES == 0
-    pictures[np.broadcast_to(reference, count)] = ~third
+    pictures[np.broadcast_to(reference, count)] = third
     middle = (slice(None), slice(edge, -edge), slice(edge, -edge))
     pictures[middle] = fields.repeat(SQUARES, axis=1).repeat(SQUARES, axis=2) & third[middle[1:]]
     return pictures

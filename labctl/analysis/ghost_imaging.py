@@ -10,8 +10,8 @@ the reference R, on other mirrors, sends E_R(t), and the detector sees
 which is linear in V, whatever fibre, collection and chip do to the light: A_p(t) is pixel p's mask. Several collected
 modes add their own masks, and what is linear behind the detector, its bandwidth for one, acts on A. What every record
 holds, light or not, cancels in I(V + R) - I(R) and is taken off as the dark frame where I(V) is. With a single frame,
-I(V + R) - I(R), the square |E_V|^2 remains: small where the reference is the stronger one, and the part of it that is
-linear in V is learnt with the masks.
+I(V + R) - I(R), the square |E_V|^2 remains: the part of it that is linear in V is learnt with the masks, the rest is
+noise.
 """
 
 from collections.abc import Iterator, Sequence

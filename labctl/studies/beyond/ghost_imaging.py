@@ -317,6 +317,6 @@ def _strip(film: Film) -> ExperimentFigure:
         "film",
         filmstrip_figure(strips, list(times), transit_s=film.transit_s),
         f"Frames of {1e9 * interval_s:g} ns, some of {film.time_s.size} that follow each other without a gap, "
-        f"{1e-6 / interval_s:g} million a second: a scene of the first twin. Masks are of random patterns, no image was "
-        "learnt. Grey on the mirrors: pixels that are changing.",
+        f"{1e-6 / interval_s:g} million a second: a scene of the first twin. Masks are of random patterns, no image "
+        "was learnt. Grey on the mirrors: pixels that are changing.",
     )
