@@ -16,6 +16,7 @@ from instruments.laser_table import DEFAULT_TABLE, LaserTable
 from instruments.readback import confirm
 from instruments.sections import File, LaserSection
 from instruments.transcripts import Transcript
+from instruments.units import decibels_milliwatt, watts
 from instruments.values import Change, Examination, Identity
 from instruments.visa import MAX_ERRORS_READ, VisaLink
 
@@ -98,7 +99,7 @@ class Tlg220(TunableLaser):
 
     def set_power(self, power_w: float) -> float:
         """Set the output power and compare with the read-back (tolerance 0.2 dB)."""
-        power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
+        power_dbm = decibels_milliwatt(power_w)
         self._set("power", power_dbm)
         self._settled["get_power"] = settled_dbm = confirm(
             "laser: power",
@@ -108,11 +109,11 @@ class Tlg220(TunableLaser):
             unit="dBm",
             remedy="check its power range",
         )
-        return _watts(settled_dbm)
+        return watts(settled_dbm)
 
     def power(self) -> float:
         """What `get_power` answers."""
-        return _watts(self._number("get_power"))
+        return watts(self._number("get_power"))
 
     def emit(self) -> None:
         """Emission on, settled."""
@@ -214,10 +215,3 @@ class Tlg220(TunableLaser):
 
 def _table(section: Tlg220Section) -> LaserTable:
     return LaserTable.read(section.commands or DEFAULT_TABLE)
-
-
-def _watts(dbm: float) -> float:
-    try:
-        return float(1e-3 * 10 ** (dbm / 10))
-    except OverflowError:
-        return math.inf  # above every limit

@@ -40,6 +40,9 @@ class Observer:
         """One step of a shot is taken inside the block; see `labctl.engine.profile` for the names."""
         return nullcontext()
 
+    def powers(self, found: Mapping[str, float]) -> None:
+        """What `OpticalTrain.check_powers` has found, again and again while there is light."""
+
     def stored_in(self, directory: Path) -> None:
         """The run has a directory from now on."""
 
@@ -99,6 +102,11 @@ class Observers(Observer):
         for observer in self._timers:
             stack.enter_context(observer.step(name))
         return stack
+
+    def powers(self, found: Mapping[str, float]) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.powers(found)
 
     def stored_in(self, directory: Path) -> None:
         """As of each."""
@@ -247,7 +255,7 @@ class Bench:
         self.train.follow(settled)
         self.observer.event("tuned", wavelength_nm=settled)
         if self.lit:
-            self.train.let_through(self.laser, self.limits)
+            self._let_through()
         return settled
 
     @contextmanager
@@ -271,8 +279,12 @@ class Bench:
             self.observer.emission(on=True)
             self.laser.emit()
             self.limits.check_power(self.laser.power())
-            self.train.let_through(self.laser, self.limits)
+            self._let_through()
             yield
+
+    def _let_through(self) -> None:
+        if found := self.train.let_through(self.laser, self.limits):
+            self.observer.event("light let through", **found)
 
     def make_safe(self) -> None:
         """Laser off, AWG off, DMD blank, oscilloscope stopped: in this order, and each one even if another fails.
@@ -313,7 +325,8 @@ class Bench:
             LinkError: an instrument does not answer.
         """
         self.limits.check_power(self.laser.power())
-        self.train.check_powers(self.limits)
+        if found := self.train.check_powers(self.limits):
+            self.observer.powers(found)
         for name, instrument in self.instruments.items():
             for change in instrument.changes():
                 raise SettingChanged(

@@ -57,16 +57,21 @@ class OpticalTrain:
         if self.power_meter is not None:
             self.power_meter.set_wavelength(wavelength_nm)
 
-    def let_through(self, laser: TunableLaser, limits: Limits) -> None:
+    def let_through(self, laser: TunableLaser, limits: Limits) -> dict[str, float]:
         """The laser emits: compare its power, switch the amplifier on, compare that, and open the attenuator.
+
+        Returns what was found, of the instruments there are: `measured_w`, what the laser gives by the power meter;
+        `amplified_w`, what the amplifier says it gives; `attenuation_db`.
 
         Raises:
             OverLimit: there is more than a limit of the station; the attenuator is still shut.
             InstrumentError: the laser's light is not there, or one of them does not obey.
         """
+        found = {}
         if self.power_meter is not None:
             said_w, seen_w = laser.power(), self._laser_power(self.power_meter)
             limits.check_measured_power(seen_w)
+            found["measured_w"] = seen_w
             if not seen_w >= SEEN * said_w:
                 raise InstrumentError(
                     f"power_meter: sees {seen_w * 1e3:.4g} mW of the laser, which says it gives {said_w * 1e3:.4g} mW: "
@@ -76,21 +81,32 @@ class OpticalTrain:
             laser.require_emission()
             self.amplifier.set_power(self.amplified_w)
             self.amplifier.switch_on()
-            limits.check_amplified_power(self.amplifier.power())
+            found["amplified_w"] = self._amplified_power(self.amplifier, limits)
         if self.attenuator is not None:
-            self.attenuator.open(self.attenuation_db)
+            found["attenuation_db"] = self.attenuator.open(self.attenuation_db)
+        return found
 
-    def check_powers(self, limits: Limits) -> None:
+    def check_powers(self, limits: Limits) -> dict[str, float]:
         """Compare what the power meter sees, and what the amplifier says, with the limits of the station.
+
+        Returns both powers, as `let_through` does.
 
         Raises:
             OverLimit: there is more.
             InstrumentError: one of them does not answer, or cannot tell.
         """
+        found = {}
         if self.power_meter is not None:
-            limits.check_measured_power(self._laser_power(self.power_meter))
+            found["measured_w"] = self._laser_power(self.power_meter)
+            limits.check_measured_power(found["measured_w"])
         if self.amplifier is not None:
-            limits.check_amplified_power(self.amplifier.power())
+            found["amplified_w"] = self._amplified_power(self.amplifier, limits)
+        return found
 
     def _laser_power(self, meter: PowerMeter) -> float:
         return meter.power() / self.tap
+
+    def _amplified_power(self, amplifier: Amplifier, limits: Limits) -> float:
+        power_w = amplifier.power()
+        limits.check_amplified_power(power_w)
+        return power_w

@@ -15,6 +15,7 @@ from instruments.errors import InstrumentError
 from instruments.interfaces import TunableLaser
 from instruments.kept_settings import Setting
 from instruments.sections import LaserSection, Timeout
+from instruments.units import decibels_milliwatt, watts
 from instruments.values import Change, Examination, Identity, Range
 from instruments.visa import VisaLink, scpi_error_queue
 
@@ -107,16 +108,16 @@ class Tsl570(TunableLaser):
     def set_power(self, power_w: float) -> float:
         """Set the output power and compare with the read-back (tolerance 0.05 dB)."""
         self._clear_up()
-        power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
+        power_dbm = decibels_milliwatt(power_w)
         POWER.check("laser power", power_dbm)
         with self._link.checked():
             self._link.write(f":POWer {power_dbm:.2f}")
         self._settle()
-        return _watts(self._confirmed("POWer", power_dbm, POWER_TOLERANCE_DB, "dBm"))
+        return watts(self._confirmed("POWer", power_dbm, POWER_TOLERANCE_DB, "dBm"))
 
     def power(self) -> float:
         """What its monitor sees, W."""
-        return _watts(self._link.number(":POWer:ACTual?"))
+        return watts(self._link.number(":POWer:ACTual?"))
 
     def emit(self) -> None:
         """Shutter open, emission on, at rest."""
@@ -197,10 +198,3 @@ class Tsl570(TunableLaser):
             if time.monotonic() > deadline:
                 raise InstrumentError(f"laser: not settled after {SETTLING_S:g} s: check its front panel")
             time.sleep(POLL_S)
-
-
-def _watts(dbm: float) -> float:
-    try:
-        return float(1e-3 * 10 ** (dbm / 10))
-    except OverflowError:
-        return math.inf  # above every limit

@@ -1,6 +1,5 @@
 """An optical amplifier whose commands are a table: no public command set is common to them."""
 
-import math
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -12,6 +11,7 @@ from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import Amplifier
 from instruments.sections import SIMULATED, AmplifierSection, File
 from instruments.table_link import TableLink
+from instruments.units import decibels_milliwatt, watts
 from instruments.values import Change, Examination, Identity
 
 SIMULATED_TABLE = Path(__file__).with_name("table_amplifier.toml")
@@ -89,13 +89,13 @@ class TableAmplifier(Amplifier):
 
     def set_power(self, power_w: float) -> float:
         """Set the output power and compare with the read-back (tolerance 0.2 dB)."""
-        power_dbm = 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
+        power_dbm = decibels_milliwatt(power_w)
         self._set_dbm = self._link.set("power", power_dbm, POWER_TOLERANCE_DB)
-        return _watts(self._set_dbm)
+        return watts(self._set_dbm)
 
     def power(self) -> float:
         """What `output_power` answers."""
-        return _watts(self._link.number("output_power"))
+        return watts(self._link.number("output_power"))
 
     def switch_on(self) -> None:
         """On, confirmed by read-back."""
@@ -135,10 +135,3 @@ class TableAmplifier(Amplifier):
     def close(self) -> None:
         """Close the link."""
         self._link.close()
-
-
-def _watts(dbm: float) -> float:
-    try:
-        return float(1e-3 * 10 ** (dbm / 10))
-    except OverflowError:
-        return math.inf  # above every limit

@@ -1,5 +1,6 @@
 """Quantities at the edges: text with a unit, parsed once into SI (or into the unit that a name carries)."""
 
+import math
 import re
 from functools import cache
 from typing import Annotated, Any
@@ -61,6 +62,19 @@ def quantity(text: str, unit: str) -> float:
     except pint.PintError:
         raise ValueError(f"{text!r} is not in {unit}: write it like '1 {unit}'") from None
     return float(f"{converted:.{_SIGNIFICANT_DIGITS}g}")
+
+
+def watts(dbm: float) -> float:
+    """The power of so many decibels above 1 mW; infinity where that is more than a number holds: above every limit."""
+    try:
+        return float(1e-3 * 10 ** (dbm / 10))
+    except OverflowError:
+        return math.inf
+
+
+def decibels_milliwatt(power_w: float) -> float:
+    """A power (W) in decibels above 1 mW; minus infinity of none."""
+    return 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
 
 
 def _in(unit: str) -> BeforeValidator:

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 PLANCK = 6.62607015e-34
 SPEED_OF_LIGHT = 299_792_458.0
+_DRIFT_STEPS = 200  # in the time of a drift: from one to the next a hundredth of the power is new
 
 
 def quantity(default: object, unit: str, reason: str, **limits: float) -> Any:
@@ -27,12 +28,11 @@ def power_ratio(db: float) -> float:
 class Parameters(BaseModel):
     """The physics of the simulated bench.
 
-    Power budget at the defaults, laser 14.8 dBm (30 mW): modulator -3.5, booster +12, multimode fibre -1, mirrors -4,
-    part of the core that lights the 28x28 square -8.1, one of the square's about 108 spatial modes -20.3 dB gives
-    -10 dBm with every mirror on and about -19 dBm (13 uW, 4000 photons per 40 ps) for a handwritten digit. The 26 dB
-    preamplifier brings that to about 5 mW, spot-size converter, cavity (1/25 a port) and facet take 20 dB, and a
-    detector sees about 50 uW or 30 mV. Without amplifiers it would be 8 nW, 300 times below the detector's own noise
-    of 2.7 uW: the set-up has some, whether named or not.
+    The power budget follows from these (`sim_backends.optics.budget`): of 30 mW some 0.2 W reach the mirrors behind a
+    booster, of which one mode of the collecting fibre takes tens of microwatts with every mirror on and a few for a
+    handwritten digit, a thousand photons and more in 40 ps. The preamplifier makes milliwatts of them, spot-size
+    converter, cavity and facet take 20 dB, and a detector sees tens of microwatts. Without amplifiers it would be some
+    ten nanowatts, far below the detector's own noise of 2.7 uW: the set-up has some, whether named or not.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -50,6 +50,13 @@ class Parameters(BaseModel):
     v_pi_v: float = quantity(4.0, "V", "Half-wave voltage of the LiNbO3 phase modulator, 3.5 to 5 V at 1 GHz.", gt=0)
     modulator_bandwidth_hz: float = quantity(16e9, "Hz", "Electro-optic bandwidth, one pole: vendor class.", gt=0)
     modulator_loss_db: float = quantity(3.5, "dB", "Insertion loss of the modulator with its isolator.", ge=0)
+    awg_jitter_s: float = quantity(
+        250e-15,
+        "s",
+        "Clock jitter of the generator, rms: of the class. Most of it is slower than a record of nanoseconds, which it "
+        "shifts as a whole.",
+        ge=0,
+    )
     drive_step_s: float = quantity(
         5e-12, "s", "Largest step of the grid the light's envelope is computed on: 200 GHz against 16 GHz.", gt=0
     )
@@ -74,7 +81,7 @@ class Parameters(BaseModel):
         0.13,
         "1",
         "Aperture the single-mode lead fills: modes, delay spread and speckle grain all follow from it. Weak mixing "
-        "over 20 m keeps it well below the fibre's 0.39; the delay spread of 0.39 ns agrees with a decorrelation "
+        "over 20 m keeps it well below the fibre's 0.39; the delay spread of 0.40 ns agrees with a decorrelation "
         "within 0.02 nm.",
         gt=0,
         lt=1,
@@ -83,46 +90,66 @@ class Parameters(BaseModel):
         "gaussian",
         "-",
         "How the launch fills its aperture: as the Gaussian far field of a single-mode lead, launch_na at 1/e^2, as in "
-        "the paper, or evenly up to launch_na. The soft edge adds fine speckle and late modes: 1 to 2 points of "
-        "accuracy.",
+        "the paper, or evenly up to launch_na.",
     )
     fibre_length_m: float = quantity(20.0, "m", "Length of the multimode fibre.", gt=0)
     fibre_index: float = quantity(1.444, "1", "Silica at 1550 nm.", gt=1)
+    fibre_group_index: float = quantity(1.4626, "1", "Silica at 1550 nm, n - lambda dn/dlambda (Malitson 1965).", gt=1)
     fibre_loss_db: float = quantity(1.0, "dB", "Launch and end facets of the multimode fibre.", ge=0)
-    simulated_modes_limit: int = quantity(
-        800, "1", "Modes drawn at most: results are converged from about 50, rank is set by spread and bandwidth.", ge=1
-    )
     image_side: float = quantity(
-        0.35,
+        0.3,
         "1",
-        "Side of the 28x28 square as a part of the imaged core diameter: 70 um of the core, inside its flat middle. "
-        "With the launch aperture it sets the speckle grain, 2.5 superpixels.",
+        "Side of the 28x28 square as a part of the imaged core diameter: 60 um of the core, inside its flat middle. "
+        "With the launch aperture it sets the speckle grain, 3 superpixels. The one number that is fitted to the "
+        "paper, to the curve of figure 3 with single triggers: labctl reproduce fig3 --fit.",
         gt=0,
         le=0.7,
     )
-    basis_cut: float = quantity(
-        1e-3,
+    fibre_drift_correlation: float = quantity(
+        1.0,
         "1",
-        "Part of the speckle's power left out of its Karhunen-Loeve basis: the finest thousandth, far below noise.",
+        "What is left of the field's correlation after `fibre_drift_time_s`: temperature and strain change the phases "
+        "of the modes. 1: the fibre stands still.",
         gt=0,
-        lt=0.1,
+        le=1,
     )
+    fibre_drift_time_s: float = quantity(44e-3, "s", "1000 pictures of a burst, 44 us each.", gt=0)
 
     # mirrors and collection
     mirror_loss_db: float = quantity(4.0, "dB", "Diffraction efficiency 50 % at 1550 nm, fill factor, window.", ge=0)
+    mirror_contrast: float = quantity(
+        1000.0,
+        "1",
+        "Power of a mirror that is on over what it scatters towards the fibre while it is off: full on over full off "
+        "of the class, 1000 to 2000 in visible light.",
+        gt=1,
+    )
     mirror_leaves_s: float = quantity(0.5e-6, "s", "Mirrors start to move this long after the reset pulse.", ge=0)
     mirror_arrives_s: float = quantity(1.5e-6, "s", "All mirrors have landed: crossover takes about 1 us.", gt=0)
     collection_core_m: float = quantity(50e-6, "m", "Collecting multimode fibre.", gt=0)
     collection_na: float = quantity(
-        0.22, "1", "Aperture of the collecting fibre: 124 modes a polarisation.", gt=0, lt=1
+        0.22, "1", "Aperture of the collecting fibre: 129 modes a polarisation.", gt=0, lt=1
+    )
+    collection_image: float = quantity(
+        1.42,
+        "1",
+        "Diameter of the collecting core's image on the mirrors, in sides of the square: just around it.",
+        gt=0,
+    )
+    collecting_modes: int = quantity(
+        42,
+        "1",
+        "Modes of the collecting fibre, the lowest ones, that the collected mode is a random sum of: what a "
+        "single-mode lead at its other end fills, by reciprocity those within the same 0.13 as at the launch. 1: the "
+        "fundamental mode, smooth; 129: all, a speckle as fine as the fibre can make.",
+        ge=1,
     )
     collected_modes: int = quantity(
         1,
         "1",
-        "Spatial modes that reach the amplifier, added as powers: one, because amplifier and chip are single-mode. "
-        "2, 5, 20 change the accuracy by about +1 point at most.",
+        "Orthogonal collected modes that reach the amplifier, added as powers: one, because amplifier and chip are "
+        "single-mode.",
         ge=1,
-        le=124,
     )
 
     # optical amplifiers: booster behind the modulator, preamplifier between collection and chip
@@ -144,6 +171,13 @@ class Parameters(BaseModel):
     amplifier_noise_figure_db: float = quantity(
         4.5, "dB", "Erbium preamplifier, quantum limit 3 dB; photons in front of it, not at the detector, count.", ge=3
     )
+    amplifier_saturation_w: float = quantity(
+        20e-3,
+        "W",
+        "Output at which the preamplifier's gain has fallen by half, 13 dBm: of the class. Picture by picture: an "
+        "amplifier that is slower than a burst's 44 us would follow their mean.",
+        gt=0,
+    )
     amplifier_filter_hz: float = quantity(
         100e9, "Hz", "Optical filter behind the amplifier, 0.8 nm: passes the modulation, keeps most ASE out.", gt=0
     )
@@ -152,17 +186,20 @@ class Parameters(BaseModel):
     stadium_radius_m: float = quantity(25e-6, "m", "Radius of the stadium's half circles.", gt=0)
     stadium_straight_m: float = quantity(100e-6, "m", "Straight part of the stadium: area 6963 um^2.", gt=0)
     chip_index: float = quantity(2.85, "1", "Effective index of the 220 nm silicon slab, TE0.", gt=1)
-    chip_group_index: float = quantity(3.9, "1", "Group index of the same slab: sets the mode density.", gt=1)
+    chip_group_index: float = quantity(
+        3.70, "1", "Group index of the same slab, solved with the dispersion of silicon: sets the mode density.", gt=1
+    )
     chip_ports: int = quantity(14, "1", "Single-mode waveguides at the cavity.", ge=2)
     chip_input_port: int = quantity(10, "1", "Waveguide the light enters by.", ge=1)
     chip_coupling: float = quantity(
-        0.9, "1", "Transmission between a waveguide and the cavity: escape lifetime 83 ps through 14 ports.", gt=0, le=1
+        0.9, "1", "Transmission between a waveguide and the cavity: escape lifetime 79 ps through 14 ports.", gt=0, le=1
     )
     chip_loss_lifetime_s: float = quantity(
         200e-12,
         "s",
-        "Photon lifetime by wall scattering and absorption alone. Images hardly notice (89 to 93 % for 3 to 430 ps), "
-        "time series do.",
+        "Photon lifetime by wall scattering and absorption alone, an open question: rays in a bare stadium of this "
+        "slab live 3 to 5 ps, most of their bounces being below the critical angle. 200 ps are walls that reflect. "
+        "labctl reproduce fig3 --sensitivity says what each value does.",
         gt=0,
     )
     chip_modes: int = quantity(320, "1", "Resonances computed: +-200 GHz at one per GHz, the drive fills +-40.", ge=50)
@@ -183,7 +220,9 @@ class Parameters(BaseModel):
     detector_nep_w_per_rthz: float = quantity(
         24e-12, "W/rtHz", "Noise-equivalent power: 2.7 uW in 12.6 GHz, 1.6 mV.", ge=0
     )
-    detector_limit_v: float = quantity(1.0, "V", "Output the detector's amplifier cannot exceed.", gt=0)
+    detector_limit_v: float = quantity(
+        1.0, "V", "Output the detector's amplifier cannot exceed; it is 1 dB short of linear at half of it.", gt=0
+    )
     detector_coupling: Literal["dc", "ac"] = quantity(
         "dc", "-", "ac takes the mean over the drive's period away, and with it the brightness of an image."
     )
@@ -195,7 +234,7 @@ class Parameters(BaseModel):
     enob: float = quantity(
         5.5,
         "bit",
-        "Effective bits of the 8-bit digitiser at full bandwidth. 7, 5.5, 4.5: 92.6, 91.6, 89.4 %.",
+        "Effective bits of the 8-bit digitiser at full bandwidth: of the class.",
         gt=0,
         le=8,
     )
@@ -215,12 +254,17 @@ class Parameters(BaseModel):
 
     # slow changes
     laser_wander_hz: float = quantity(
-        0.0, "Hz", "Rms laser detuning between steps. Above 300 MHz accuracy falls (0.39 ns of delay spread).", ge=0
+        0.0, "Hz", "Rms laser detuning. What counts is its part of 1 / (0.4 ns) of delay spread.", ge=0
     )
     chip_wander_hz: float = quantity(
-        0.0, "Hz", "Rms detuning of the chip's resonances (about 10 GHz/K). Above 0.5 GHz accuracy falls.", ge=0
+        0.0,
+        "Hz",
+        "Rms detuning of the chip's resonances (about 10 GHz/K). What counts is its part of their 3 GHz.",
+        ge=0,
     )
-    wander_step_s: float = quantity(0.1, "s", "Virtual time for which a detuning stays: thermal times.", gt=0)
+    wander_time_s: float = quantity(
+        10.0, "s", "Time over which either detuning forgets what it was: thermal time of a mount.", gt=0
+    )
     laser_tuning_s: float = quantity(1.0, "s", "Time for which a tuning laser stays dark.", ge=0)
 
     @model_validator(mode="after")
@@ -229,34 +273,32 @@ class Parameters(BaseModel):
             raise ValueError(f"launch_na {self.launch_na} exceeds fibre_na {self.fibre_na}: the fibre cannot guide it")
         if self.mirror_arrives_s <= self.mirror_leaves_s:
             raise ValueError("mirror_arrives_s must be later than mirror_leaves_s: mirrors need time to move")
+        if self.collected_modes > self.collecting_modes:
+            raise ValueError(
+                f"collected_modes {self.collected_modes} exceeds collecting_modes {self.collecting_modes}: "
+                "no more modes can be collected than there are"
+            )
         if self.chip_input_port > self.chip_ports:
             raise ValueError(f"chip_input_port {self.chip_input_port} is not among the {self.chip_ports} ports")
         return self
 
     @property
-    def square_modes(self) -> float:
-        """Spatial modes of the light on the 28x28 square: area times solid angle over wavelength squared, 108."""
-        return self._square_etendue * math.pi / (self.design_wavelength_nm * 1e-9) ** 2
-
-    @property
-    def _square_etendue(self) -> float:
-        return (self.image_side * self.core_diameter_m * self.launch_na) ** 2
-
-    @property
-    def square_transmission(self) -> float:
-        """Power on the square that the collecting fibre accepts, over the power at the fibre's end.
-
-        The square's part of the core's area, 4 s^2 / pi (-8.1 dB), times min(1, ratio of etendues): 50 um x 0.22 just
-        takes all of a 70 um square of aperture 0.13. (The whole core would overfill it by 7.5 dB.)
-        """
-        accepted = math.pi / 4 * (self.collection_core_m * self.collection_na) ** 2
-        return 4 * self.image_side**2 / math.pi * min(1.0, accepted / self._square_etendue)
-
-    @property
     def projector_transmission(self) -> float:
-        """Power transmission laser to collecting fibre, all modes together, every mirror on (a booster included)."""
-        losses = self.modulator_loss_db + self.fibre_loss_db + self.mirror_loss_db
-        return power_ratio(self.booster_gain_db - losses) * self.square_transmission
+        """Power transmission from the laser to the mirrors and off them, overlap with the collected mode left out."""
+        return power_ratio(self.booster_gain_db - self.modulator_loss_db - self.fibre_loss_db - self.mirror_loss_db)
+
+    @property
+    def fibre_coherence_s(self) -> float:
+        """Time over which the correlation of a drifting fibre's field falls to 1/e (s); infinite without drift."""
+        if self.fibre_drift_correlation == 1:
+            return math.inf
+        return self.fibre_drift_time_s / -math.log(self.fibre_drift_correlation)
+
+    @property
+    def drift_step_s(self) -> float:
+        """Virtual time for which what drifts is taken to stand still (s): a small part of the fastest drift's time."""
+        wanders = self.laser_wander_hz > 0 or self.chip_wander_hz > 0
+        return min(self.fibre_coherence_s, self.wander_time_s if wanders else math.inf) / _DRIFT_STEPS
 
     @property
     def amplifier_gain(self) -> float:

@@ -61,6 +61,9 @@ def simulated_bench(
         befalling = [read_fault(fault) for fault in faults]
     except FaultError as error:
         raise StationError(f"--fault {error}") from None
+    for befallen in befalling:
+        if (role := befallen.role) not in station.roles:
+            raise StationError(f"--fault: no {role} on this bench: write a section [{role}] into the station file")
     laser = with_laser_commands(station).laser
     laser_table = None
     if isinstance(laser, Tlg220Section) and laser.commands is not None:

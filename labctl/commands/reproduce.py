@@ -45,6 +45,9 @@ def reproduce(
     vary: Annotated[
         bool, typer.Option("--sensitivity", help="Instead, vary the simulated bench and see what the result rests on.")
     ] = False,
+    fit: Annotated[
+        bool, typer.Option("--fit", help="Instead, fit the simulated bench's one fitted number, on seeds of its own.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> int:
     """Run experiments of the paper, or beyond it, and compare with what must be reached.
@@ -70,6 +73,8 @@ def reproduce(
     try:
         if vary:
             return _vary(plan, as_json)
+        if fit:
+            return _fit(plan, as_json)
         return _reproduce(plan, skipped, as_json, alone=by_name and len(wanted) == 1)
     except Interrupted:
         tell(f"interrupted: the finished runs are in {folder}, the bench is in the safe state")
@@ -77,7 +82,7 @@ def reproduce(
 
 
 def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: bool) -> int:
-    from labctl.studies.paper import verdict
+    from labctl.studies.paper import report
     from labctl.studies.paper.reproduction import ONE_BENCH
     from labctl.studies.paper.reproduction import reproduce as carry_out
 
@@ -91,8 +96,8 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
     failed = {name: one_line(error) for name, error in failures.items()}
     for name, why in failed.items():
         tell(f"{name} failed: {why}")
-    report = verdict.write_report(plan, everything, skipped=skipped, failed=failed)
-    entries = [verdict.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
+    path = report.write_report(plan, everything, skipped=skipped, failed=failed)
+    entries = [report.as_json(found) | {"benches": plan.benches_of(found.experiment)} for found in everything]
     without = {"skipped": skipped, "failed": failed}
     entries += [{"name": name, word: why, "passed": False} for word in without for name, why in without[word].items()]
     whole: dict[str, Any] = {
@@ -100,11 +105,11 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
         "passed": all(entry["passed"] for entry in entries),
         "open": sum(found["open"] for found in entries if "open" in found),
         "seconds": round(time.perf_counter() - began, 1),
-        "report": str(report),
+        "report": str(path),
     }
     _keep(plan.folder, whole)
     show(
-        entries[0] | {"report": str(report)} if alone else whole,
+        entries[0] | {"report": str(path)} if alone else whole,
         as_json,
         lambda: _print(whole, everything, without),
     )
@@ -114,7 +119,7 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
 
 
 def _vary(plan: "Plan", as_json: bool) -> int:
-    from labctl.studies.paper import verdict
+    from labctl.studies.paper.report import write_sensitivity_report
     from labctl.studies.paper.sensitivity import as_json as described
     from labctl.studies.paper.sensitivity import figure_of, sensitivity, study_of
 
@@ -126,7 +131,7 @@ def _vary(plan: "Plan", as_json: bool) -> int:
     with interruptible() as interruption, progress_bar("sensitivity") as progress:
         found = sensitivity(plan, experiment, interruption=interruption, progress=progress.progress)
     seconds = round(time.perf_counter() - began, 1)
-    report = verdict.write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
+    report = write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
     result = {
         "name": experiment.name,
         "window_ns": study.window * 1e9,
@@ -137,6 +142,52 @@ def _vary(plan: "Plan", as_json: bool) -> int:
     _keep(plan.folder, result)
     show(result, as_json, lambda: _print_dependence(result))
     return DONE
+
+
+def _fit(plan: "Plan", as_json: bool) -> int:
+    from labctl.studies.paper.fit import as_json as described
+    from labctl.studies.paper.fit import figure_of, fit_of
+    from labctl.studies.paper.fit import fit as carry_out
+    from labctl.studies.paper.report import write_fit_report
+
+    if len(plan.experiments) != 1:
+        raise UsageError("--fit is for one experiment: name it, as in 'labctl reproduce fig3 --fit'")
+    began = time.perf_counter()
+    experiment = plan.experiments[0]
+    study = fit_of(experiment)
+    with interruptible() as interruption, progress_bar("fit") as progress:
+        found = carry_out(plan, experiment, interruption=interruption, progress=progress.progress)
+    seconds = round(time.perf_counter() - began, 1)
+    report = write_fit_report(plan, experiment, figure_of(study, found), seconds)
+    result = {
+        "name": experiment.name,
+        "fit": described(study, found),
+        "seconds": seconds,
+        "report": str(report),
+    }
+    _keep(plan.folder, result)
+    show(result, as_json, lambda: _print_fit(result))
+    return DONE
+
+
+def _print_fit(result: dict[str, Any]) -> None:
+    fit = result["fit"]
+    shorter, longer = (f"accuracy at {window:g} ns" for window in fit["windows_ns"])
+    table(
+        (fit["name"], shorter, longer, "misfit"),
+        [
+            (
+                f"{one['value']:g}" + (" (fitted)" if one["value"] == fit["fitted"] else ""),
+                *(f"{one[name]['mean']:.3f} ± {one[name]['se'] or 0:.3f}" for name in ("shorter", "longer", "misfit")),
+            )
+            for one in fit["tried"]
+        ],
+    )
+    low, high = fit["interval"]
+    say(f"{fit['name']}: {fit['fitted']:g}, {low:g} to {high:g} not told from it")
+    if not fit["reached"]:
+        say(f"No value reaches the paper's curve: below {fit['accuracy']:g} at the first time, above at the second.")
+    say(f"{result['seconds']:.0f} s; report: {result['report']}")
 
 
 def _keep(folder: Path, result: dict[str, Any]) -> None:
@@ -158,7 +209,7 @@ def _print_dependence(result: dict[str, Any]) -> None:
 
 
 def _rows(found: "Reproduced") -> list[tuple[str, ...]]:
-    from labctl.studies.paper.verdict import results
+    from labctl.studies.paper.report import results
 
     rows: list[tuple[str, ...]] = []
     for place, result in enumerate(results(found)):
@@ -181,7 +232,8 @@ def _print(whole: dict[str, Any], everything: "Sequence[Reproduced]", without: d
     from labctl.studies.paper.verdict import averages_only, verdicts
 
     column = ("must reach", "verdict")
-    headings = ("experiment", "figure", "paper", "single triggers", *column, "mean of several", *column)
+    first = "single triggers" if any(len(found.columns) > 1 for found in everything) else "here"
+    headings = ("experiment", "figure", "paper", first, *column, "mean of several", *column)
     table(
         (*headings, "digital baseline", "seeds x splits", "seconds of work"),
         [

@@ -161,7 +161,7 @@ def show_run(watching: Watching, name: str) -> None:
             regions.append(Region("picture", lambda: wording.image(watched.state)))
         with ui.element("section"):
             _heading("Instruments")
-            regions.append(Region("instruments", lambda: wording.instruments(watched.state)))
+            regions.append(Region("instruments", lambda: wording.instruments(watched.state, watched.manifest)))
         with ui.element("section"):
             _heading("Accuracy as it grows")
             regions.append(Region("accuracy", lambda: wording.accuracy(watched.curve())))

@@ -61,7 +61,11 @@ class Image:
 
 @dataclass(frozen=True)
 class RunState:
-    """A run as its events describe it. None: not known (yet). `alarm`: its laser did not go dark when told to."""
+    """A run as its events describe it. None: not known (yet).
+
+    alarm: its laser did not go dark when told to. through: the amplifier is on and the attenuator open, where there are
+    such. measured_w: what the laser gives, by the power meter's last reading.
+    """
 
     phase: Phase = Phase.UNKNOWN
     emission: Emission = Emission.UNKNOWN
@@ -72,6 +76,10 @@ class RunState:
     protocol: str = ""
     wavelength_nm: float | None = None
     power_w: float | None = None
+    through: bool | None = None
+    measured_w: float | None = None
+    amplified_w: float | None = None
+    attenuation_db: float | None = None
     drive: bool | None = None
     scope: str = ""
     patching: tuple[tuple[str, str], ...] = ()
@@ -98,7 +106,8 @@ class RunState:
         if self.phase in ENDED or self.phase is Phase.UNKNOWN:
             return self
         emission = Emission.UNKNOWN if self.emission is Emission.ON else self.emission
-        return replace(self, phase=Phase.LOST, emission=emission, rate_per_s=None, remaining_s=None)
+        through = self.through and None
+        return replace(self, phase=Phase.LOST, emission=emission, through=through, rate_per_s=None, remaining_s=None)
 
 
 def advanced(state: RunState, event: Event) -> RunState:
@@ -121,11 +130,11 @@ def _started(_state: RunState, fields: Mapping[str, Any]) -> RunState:
     return RunState(
         phase=Phase.PREPARING,
         emission=Emission.OFF,
-        protocol=_text(fields, "protocol"),
-        station=_text(fields, "station"),
+        protocol=text_in(fields, "protocol"),
+        station=text_in(fields, "station"),
         simulated=fields.get("simulated") is True,
-        total=int(_number(fields, "records") or 0),
-        done=int(_number(fields, "done") or 0),
+        total=int(number_in(fields, "records") or 0),
+        done=int(number_in(fields, "done") or 0),
         wavelength_nm=_state.wavelength_nm,
         power_w=_state.power_w,
         log=_state.log,
@@ -136,6 +145,19 @@ def _emission(state: RunState, fields: Mapping[str, Any]) -> RunState:
     return replace(state, emission=Emission.ON if fields.get("on") is not False else Emission.OFF)
 
 
+def _tuned(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    """A laser tunes while nothing is let through."""
+    return replace(state, wavelength_nm=number_in(fields, "wavelength_nm"), through=False)
+
+
+def _let_through(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    return replace(_powers(state, fields), through=True, attenuation_db=number_in(fields, "attenuation_db"))
+
+
+def _powers(state: RunState, fields: Mapping[str, Any]) -> RunState:
+    return replace(state, measured_w=number_in(fields, "measured_w"), amplified_w=number_in(fields, "amplified_w"))
+
+
 def _patched(state: RunState, fields: Mapping[str, Any]) -> RunState:
     ports = fields.get("ports")
     pairs = ports.items() if isinstance(ports, dict) else ()
@@ -143,12 +165,12 @@ def _patched(state: RunState, fields: Mapping[str, Any]) -> RunState:
 
 
 def _scope(state: RunState, fields: Mapping[str, Any]) -> RunState:
-    rate, samples = _number(fields, "sample_rate"), _number(fields, "samples")
+    rate, samples = number_in(fields, "sample_rate"), number_in(fields, "samples")
     return replace(state, scope=f"{samples:.0f} samples at {rate / 1e9:g} GS/s" if rate and samples else "")
 
 
 def _pass(state: RunState, fields: Mapping[str, Any]) -> RunState:
-    index, passes = _number(fields, "pass"), _number(fields, "passes")
+    index, passes = number_in(fields, "pass"), number_in(fields, "passes")
     return replace(
         state,
         phase=Phase.MEASURING,
@@ -159,25 +181,25 @@ def _pass(state: RunState, fields: Mapping[str, Any]) -> RunState:
 
 
 def _progress(state: RunState, fields: Mapping[str, Any]) -> RunState:
-    numbers = {name: _number(fields, name) for name in ("shot", "label", "dataset_index")}
+    numbers = {name: number_in(fields, name) for name in ("shot", "label", "dataset_index")}
     return replace(
         state,
         phase=Phase.MEASURING,
         uploading="",
-        done=int(_number(fields, "done") or 0),
-        total=int(_number(fields, "total") or 0),
-        rate_per_s=_number(fields, "rate_per_s"),
-        remaining_s=_number(fields, "remaining_s"),
-        kind=_text(fields, "kind"),
+        done=int(number_in(fields, "done") or 0),
+        total=int(number_in(fields, "total") or 0),
+        rate_per_s=number_in(fields, "rate_per_s"),
+        remaining_s=number_in(fields, "remaining_s"),
+        kind=text_in(fields, "kind"),
         image=_image(fields.get("image")),
         **{name: None if value is None else int(value) for name, value in numbers.items()},  # type: ignore[arg-type]
     )
 
 
 def _uploading(state: RunState, fields: Mapping[str, Any]) -> RunState:
-    done, total = _number(fields, "done") or 0, _number(fields, "total") or 0
+    done, total = number_in(fields, "done") or 0, number_in(fields, "total") or 0
     part = f"{100 * done / total:.0f} %" if total else ""
-    return replace(state, uploading="" if done >= total else f"uploading {_text(fields, 'what')} {part}")
+    return replace(state, uploading="" if done >= total else f"uploading {text_in(fields, 'what')} {part}")
 
 
 def _paused(state: RunState, _fields: Mapping[str, Any]) -> RunState:
@@ -191,8 +213,10 @@ def _going_on(state: RunState, _fields: Mapping[str, Any]) -> RunState:
 def _safe(state: RunState, fields: Mapping[str, Any]) -> RunState:
     if fields.get("reached") is not True:
         off = state.emission is Emission.OFF
-        return replace(state, emission=Emission.OFF if off else Emission.UNKNOWN)
-    return replace(state, emission=Emission.OFF, drive=False, image=None, rate_per_s=None, remaining_s=None)
+        return replace(state, emission=Emission.OFF if off else Emission.UNKNOWN, through=state.through and None)
+    return replace(
+        state, emission=Emission.OFF, through=False, drive=False, image=None, rate_per_s=None, remaining_s=None
+    )
 
 
 def _ended(phase: Phase) -> Callable[[RunState, Mapping[str, Any]], RunState]:
@@ -209,9 +233,11 @@ def _unchanged(state: RunState, _fields: Mapping[str, Any]) -> RunState:
 _CHANGES: dict[str, Callable[[RunState, Mapping[str, Any]], RunState]] = {
     **dict.fromkeys(STARTS, _started),
     "uploading": _uploading,
-    "tuned": lambda state, fields: replace(state, wavelength_nm=_number(fields, "wavelength_nm")),
-    "power set": lambda state, fields: replace(state, power_w=_number(fields, "power_w")),
+    "tuned": _tuned,
+    "power set": lambda state, fields: replace(state, power_w=number_in(fields, "power_w")),
     "emission": _emission,
+    "light let through": _let_through,
+    "powers read": _powers,
     "drive": lambda state, fields: replace(state, drive=fields.get("on") is True),
     "patched": _patched,
     "scope set": _scope,
@@ -230,25 +256,26 @@ _CHANGES: dict[str, Callable[[RunState, Mapping[str, Any]], RunState]] = {
 }
 
 _WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
-    "run started": lambda fields: f"{_text(fields, 'protocol')} started, {_count(fields, 'records')} records",
-    "run resumed": lambda fields: f"{_text(fields, 'protocol')} resumed at {_count(fields, 'done')} records",
+    "run started": lambda fields: f"{text_in(fields, 'protocol')} started, {_count(fields, 'records')} records",
+    "run resumed": lambda fields: f"{text_in(fields, 'protocol')} resumed at {_count(fields, 'done')} records",
     "emission": lambda fields: "laser on" if fields.get("on") is not False else "laser off",
     "pass started": lambda fields: (
-        f"pass {_count(fields, 'pass', 1)} of {_count(fields, 'passes')}: {_number(fields, 'wavelength_nm')} nm, "
+        f"pass {_count(fields, 'pass', 1)} of {_count(fields, 'passes')}: {number_in(fields, 'wavelength_nm')} nm, "
         f"ports {_list(fields, 'ports')}"
     ),
-    "warning": lambda fields: _text(fields, "text"),
-    "link lost": lambda fields: _text(fields, "text"),
-    "link recovered": lambda fields: _text(fields, "text"),
+    "warning": lambda fields: text_in(fields, "text"),
+    "link lost": lambda fields: text_in(fields, "text"),
+    "link recovered": lambda fields: text_in(fields, "text"),
     "paused": lambda _fields: "paused in the dark",
     "going on": lambda _fields: "going on",
     "safe state": lambda fields: (
-        _text(fields, "text") or ("safe state reached" if fields.get("reached") is True else "safe state NOT confirmed")
+        text_in(fields, "text")
+        or ("safe state reached" if fields.get("reached") is True else "safe state NOT confirmed")
     ),
     SEEN_DARK: lambda _fields: "somebody has seen that the laser is dark",
     "finished": lambda fields: f"finished: {_count(fields, 'shots')} shots",
     "stopped": lambda fields: "stopped at once" if fields.get("at_once") is True else "stopped",
-    "failed": lambda fields: f"failed: {_text(fields, 'error')}",
+    "failed": lambda fields: f"failed: {text_in(fields, 'error')}",
 }
 
 
@@ -258,18 +285,20 @@ def _is_alarming(event: Event) -> bool:
     )
 
 
-def _number(fields: Mapping[str, Any], name: str) -> float | None:
+def number_in(fields: Mapping[str, Any], name: str) -> float | None:
+    """The number of that name; None where there is none, or one that nobody can mean."""
     value = fields.get(name)
     usable = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e15
     return float(value) if usable else None  # type: ignore[arg-type]
 
 
 def _count(fields: Mapping[str, Any], name: str, first: int = 0) -> str:
-    value = _number(fields, name)
+    value = number_in(fields, name)
     return "?" if value is None else f"{value + first:.0f}"
 
 
-def _text(fields: Mapping[str, Any], name: str) -> str:
+def text_in(fields: Mapping[str, Any], name: str) -> str:
+    """The text of that name, cut where it is very long; empty where there is none."""
     value = fields.get(name, "")
     return _cut(value) if isinstance(value, str) else ""
 

@@ -1,7 +1,8 @@
 """What the pages say, as HTML: all text from runs is escaped here, and nowhere else is HTML made of it."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -10,7 +11,7 @@ from labctl.dashboard import sketches
 from labctl.dashboard.accuracy import Curve
 from labctl.dashboard.monitor import WatchedRun
 from labctl.dashboard.sketches import Line, escape
-from labctl.dashboard.state import ENDED, Emission, Phase, RunState
+from labctl.dashboard.state import ENDED, Emission, Phase, RunState, number_in, text_in
 from labctl.runs.index import RunRow
 from labctl.runs.read.differences import Difference
 from labctl.runs.read.follower import Latest
@@ -21,12 +22,21 @@ MAY_EMIT = "LASER MAY STILL EMIT"
 SHOWN_ROWS = 200
 """Of the list of runs; the filter finds the others."""
 LONGEST_PROBLEM = 300
+MOST_INSTRUMENTS = 20
+NAMES = {
+    "awg": "AWG",
+    "dmd": "DMD",
+    "scope": "oscilloscope",
+    "patch_panel": "patch panel",
+    "power_meter": "power meter",
+}
+"""Of instruments that are not called as their role is."""
 
 
 def emission(state: RunState) -> str:
     """Laser emission, large: the first thing to be seen on the page."""
     light = "" if state.wavelength_nm is None else f"{state.wavelength_nm:.3f} nm"
-    power = "" if state.power_w is None else f"{state.power_w * 1e3:.3g} mW"
+    power = "" if state.power_w is None else _milliwatts(state.power_w)
     words = {
         Emission.ON: ("LASER ON", " · ".join(filter(None, (light, power)))),
         Emission.OFF: ("LASER OFF", "the bench is dark"),
@@ -58,21 +68,67 @@ def progress(state: RunState, records: tuple[int, int]) -> str:
     )
 
 
-def instruments(state: RunState) -> str:
-    """Every instrument with what is known of its state."""
+def instruments(state: RunState, manifest: Mapping[str, Any]) -> str:
+    """Every instrument with what is known of its state, and by the manifest who and where it is."""
     ended = state.phase in ENDED
     ports = ", ".join(f"{channel} ← port {port}" for channel, port in state.patching)
     shown = "" if state.shot is None else f"{state.kind} of shot {state.shot}"
     blank = state.image is None and (state.drive is False or ended)
-    rows = (
-        ("laser", {Emission.ON: "emits", Emission.OFF: "dark", Emission.UNKNOWN: "not known"}[state.emission]),
-        ("AWG", {None: "not known yet", True: "plays the drive", False: "output off"}[state.drive]),
-        ("DMD", "blank" if blank else shown or "not known yet"),
-        ("oscilloscope", state.scope or "not known yet"),
-        ("patch panel", ports or "not known yet"),
+    found, station = _tables(manifest.get("instruments")), _tables(manifest.get("station"))
+    doing = {
+        "laser": {Emission.ON: "emits", Emission.OFF: "dark", Emission.UNKNOWN: "not known"}[state.emission],
+        "awg": {None: "not known yet", True: "plays the drive", False: "output off"}[state.drive],
+        "dmd": "blank" if blank else shown or "not known yet",
+        "scope": state.scope or "not known yet",
+        "patch_panel": ports or "not known yet",
+    } | {name: words(state, station.get(name, {})) for name, words in BEHIND.items() if name in found}
+    names = [*doing, *(name for name in found if name not in doing)][:MOST_INSTRUMENTS]
+    body = "".join(
+        f"<dt>{escape(NAMES.get(name, name))}</dt><dd>{escape(doing.get(name, ''))}"
+        f"<small>{escape(_who(found.get(name, {}), station.get(name, {})))}</small></dd>"
+        for name in names
     )
-    body = "".join(f"<dt>{name}</dt><dd>{escape(text)}</dd>" for name, text in rows)
     return f'<dl class="instruments">{body}</dl>'
+
+
+def _who(found: Mapping[str, Any], section: Mapping[str, Any]) -> str:
+    """Maker, model, serial number and address of an instrument, as far as the manifest has them."""
+    identity = _tables(found).get("identity", {})
+    who = " ".join(filter(None, (text_in(identity, name) for name in ("manufacturer", "model", "serial"))))
+    return " at ".join(filter(None, (who, text_in(section, "address"))))
+
+
+def _tables(value: object) -> dict[str, dict[str, Any]]:
+    """What of a manifest are tables by name; it may be a stranger's, and anything else counts as absent."""
+    return {name: table for name, table in value.items() if isinstance(table, dict)} if isinstance(value, dict) else {}
+
+
+def _meter(state: RunState, section: Mapping[str, Any]) -> str:
+    read = "not read yet" if state.measured_w is None else f"saw the laser give {_milliwatts(state.measured_w)}"
+    tap = number_in(section, "tap")
+    return read + ("" if tap is None else f", tap {100 * tap:g} %")
+
+
+def _amplifier(state: RunState, section: Mapping[str, Any]) -> str:
+    gives = "" if state.amplified_w is None else f", gives {_milliwatts(state.amplified_w)}"
+    power_w = number_in(section, "power")
+    set_to = "" if power_w is None else f", set to {_milliwatts(power_w)}"
+    return {None: "not known", True: f"on{gives}", False: "off"}[state.through] + set_to
+
+
+def _attenuator(state: RunState, section: Mapping[str, Any]) -> str:
+    gives = "" if state.attenuation_db is None else f", {state.attenuation_db:g} dB"
+    attenuation_db = number_in(section, "attenuation_db")
+    set_to = "" if attenuation_db is None else f", set to {attenuation_db:g} dB"
+    return {None: "not known", True: f"open{gives}", False: "shut"}[state.through] + set_to
+
+
+def _milliwatts(power_w: float) -> str:
+    return f"{power_w * 1e3:.3g} mW"
+
+
+BEHIND = {"attenuator": _attenuator, "amplifier": _amplifier, "power_meter": _meter}
+"""What is said of the instruments behind the laser, where a bench has them."""
 
 
 def image(state: RunState) -> str:

@@ -36,6 +36,9 @@ OTHER = 0.6
 """Part of what different pictures differ by, beyond which two records are not of one picture."""
 UNUSUAL, UNUSUAL_TIMES = 0.35, 3.0
 """So is one beyond a smaller part that also differs by so many times what the records of one picture did before."""
+HIDDEN = 0.3
+"""Part of what different pictures differ by, above which noise hides them: light of few photons has more than darkness
+shows."""
 LIT_ALIKE = 0.7
 """Part of a record with light that a dark one holds where it is not dark."""
 FLAT = 3.0
@@ -183,6 +186,9 @@ class Likeness:
         if known is None or self._dark_record is None or not self._tells_apart(self._noise):
             return None
         difference, usual = float(_rms(values - known[1])), self._as_a_rule
+        if self._hidden(difference):
+            self._repeats = [*self._repeats, difference][-REMEMBERED:]
+            return None
         unusual = difference > UNUSUAL * usual and len(self._repeats) > 2
         if difference > OTHER * usual or (unusual and difference > UNUSUAL_TIMES * float(np.median(self._repeats))):
             what = f"shots {known[0]} and {shot} have one picture and differ by {difference:.1f} codes, as others do"
@@ -202,7 +208,7 @@ class Likeness:
         from_dark = _rms(values[lit] - self._dark_record)
         if self._agreed == 0 and lit.size > 2 and float(np.median(from_dark)) <= HARDLY * self._most_noise:
             return Finding(0, NO_LIGHT)
-        if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise):
+        if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden(0.0):
             return None
         allowed = 1 + SURE / math.sqrt(values[0].size)
         faint = CONTRAST * self._most_noise / self._as_a_rule  # less light than this may be hidden by noise
@@ -227,6 +233,10 @@ class Likeness:
     def _unconfirmed(self, shots: NDArray[Any]) -> list[int]:
         found: list[int] = np.setdiff1d(shots.astype(np.int64), self._confirmed).tolist()
         return found
+
+    def _hidden(self, first: float) -> bool:
+        """Whether noise of the light hides the pictures: by the reference's records, or the `first` two that differ."""
+        return float(np.median(self._repeats or [first])) > HIDDEN * self._as_a_rule
 
     def _tells_apart(self, noise: float) -> bool:
         """Whether records of different pictures differ by more than those of one; False as long as nobody knows."""

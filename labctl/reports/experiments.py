@@ -73,7 +73,7 @@ def experiments_report(
     *,
     entries: Sequence[ExperimentEntry],
     provenance: Mapping[str, Any],
-    title: str = "The paper's experiments on this bench",
+    title: str,
 ) -> Path:
     """Write the report and, in `figures/` beside it, each figure as PNG and SVG; returns the path of the report.
 

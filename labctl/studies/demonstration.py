@@ -19,8 +19,8 @@ from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.layout import run_name
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.recognition import Settings, confusions
+from labctl.studies.paper.report import as_json, results
 from labctl.studies.paper.reproduction import Plan, Reproduced, reproduce
-from labctl.studies.paper.verdict import as_json, results
 from labctl.studies.processes import Interrupted
 from protocols.base import Measurement
 

@@ -295,6 +295,6 @@ BEFALL: dict[str, tuple[tuple[Mapping[str, Fault], Moment], ...]] = {
     ),
     "laser": (*_EVERY, (QUEUE, Moment()), (LASER, Moment())),
     "dmd": (*_EVERY, (DMD, Moment()), (UPLOAD | PICTURE_LIES, Moment("ALP:SEQPUT"))),
-    "patch_panel": (*_EVERY, (QUEUE, Moment())),
+    **dict.fromkeys(("patch_panel", "power_meter", "amplifier", "attenuator"), (*_EVERY, (QUEUE, Moment()))),
 }
 """What may befall which instrument, and when it strikes if nobody says otherwise."""

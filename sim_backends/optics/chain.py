@@ -3,10 +3,10 @@
 Everything in front of the photodiode is linear in the field and in the mirror amplitudes v_p, so modulator, chip and
 fibre commute and fold into one set of masks. At channel m and light time t
 
-    V_m(t) = | sum_r a_r C_rm(t) |^2   (volts behind an infinitely fast detector),   a = v Phi,
+    V_m(t) = | sum_p v_p C_pm(t) |^2   (volts behind an infinitely fast detector),
 
-Phi the real speckle basis and C_rm(t) = sum_d T_rd g_m(t - d dt): T the fibre's taps, g_m the modulated light behind
-port m of the chip. Setting the instruments fixes C; an image then costs two real matrix products.
+C_pm(t) = sum_d T_pd g_m(t - d dt): T the fibre's taps, g_m the modulated light behind port m of the chip. Setting the
+instruments fixes C; an image then costs one real matrix product.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.optics import cavity, derived, drive, fibre, mirrors, receiver
+from sim_backends.optics import cavity, drive, fibre, receiver
 from sim_backends.parameters import Parameters, power_ratio
 
 BYPASS = 0
 IMPULSE_POINTS = 1024
 _ACAUSAL_POINTS = 128  # band limits smear the chip's response a little to negative times
+_POWER_LEFT_OUT = 2e-3  # of the mean power, in what it is computed from
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def driven_light(parameters: Parameters, volts: NDArray[np.float32], sample_rate
 
 
 def port_transmission(parameters: Parameters, port: int) -> float:
-    """Power transmission of everything between laser and detector but projection, chip and fill of the image."""
+    """Power transmission of everything between laser and detector but the overlap with the collected mode and chip."""
     if parameters.light_path == "direct":
         common = power_ratio(-parameters.modulator_loss_db)
     else:
@@ -146,24 +147,24 @@ def masks(
 
     Args:
         fields: (channels, n) one period on a grid of `step_s`.
-        taps: (modes, r, D) of the fibre.
+        taps: (modes, superpixels, D) of the fibre.
         light_times: (K,) s, any order.
         step_s: grid step (s).
 
     Returns:
-        (r, 2 * modes * channels * K) float32, ordered [real or imaginary, mode, channel, time].
+        (superpixels, 2 * modes * channels * K) float32, ordered [real or imaginary, mode, channel, time].
     """
     channels, points = fields.shape
-    modes, rank, depth = taps.shape
+    modes, superpixels, depth = taps.shape
     index, weight = interpolation(light_times / step_s, points)
     used = range(4) if np.any(weight[[0, 2, 3]]) else (1,)
     delayed = np.zeros((depth, channels, light_times.size), np.complex64)
     for corner in used:
         gathered = fields[:, (index[corner] - np.arange(depth)[:, None]) % points]
         delayed += (gathered * weight[corner]).transpose(1, 0, 2)
-    product = taps.reshape(modes * rank, depth) @ delayed.reshape(depth, -1)
-    split = np.stack([product.real, product.imag]).reshape(2, modes, rank, -1)
-    return np.ascontiguousarray(split.transpose(2, 0, 1, 3)).reshape(rank, -1)
+    product = taps.reshape(modes * superpixels, depth) @ delayed.reshape(depth, -1)
+    split = np.stack([product.real, product.imag]).reshape(2, modes, superpixels, -1)
+    return np.ascontiguousarray(split.transpose(2, 0, 1, 3)).reshape(superpixels, -1)
 
 
 def mean_volts(
@@ -171,7 +172,7 @@ def mean_volts(
 ) -> NDArray[np.float64]:
     """Mean of the fast volts over the drive's period, (channels,): what an AC-coupled detector takes away.
 
-    a^T Re(T R_m T^H) a with R_m[d, e] the periodic autocorrelation of g_m at lag e - d; amplitudes a (r,).
+    v^T Re(T R_m T^H) v with R_m[d, e] the periodic autocorrelation of g_m at lag e - d; amplitudes v (superpixels,).
     """
     points = fields.shape[1]
     depth = taps.shape[-1]
@@ -183,10 +184,7 @@ def mean_volts(
 
 def volts_per_field(parameters: Parameters, port: int, laser_power_w: float) -> float:
     """Volts per squared field, the field being a C of unit-power light through fibre and chip."""
-    volts = laser_power_w * port_transmission(parameters, port) * parameters.detector_gain_v_per_w
-    if parameters.light_path == "direct":
-        return volts
-    return volts / mirrors.SIDE**4  # the sum over superpixels as the mean over the square: the collected mode's part
+    return laser_power_w * port_transmission(parameters, port) * parameters.detector_gain_v_per_w
 
 
 def port_noise(
@@ -213,20 +211,51 @@ def port_noise(
     )
 
 
-def draw_fibre(parameters: Parameters, generator: np.random.Generator) -> tuple[NDArray[np.float32], fibre.FibreModes]:
-    """The speckle basis and one fibre; the direct path is a fibre of one mode without delay that all light takes."""
-    if parameters.light_path == "direct":
-        return np.zeros((mirrors.SIDE**2, 1), np.float32), fibre.FibreModes(
-            np.zeros(1), np.ones((1, 1, 1), np.complex64)
-        )
-    basis = fibre.speckle_basis(derived.grain_superpixels(parameters), parameters.basis_cut, parameters.launch_profile)
-    modes = fibre.draw_modes(
-        generator,
-        modes=min(derived.launched_modes(parameters), parameters.simulated_modes_limit),
-        spread=derived.delay_spread_s(parameters),
-        basis=basis,
-        profile=parameters.launch_profile,
-        longest=fibre.delay_spread(parameters.fibre_length_m, parameters.fibre_na, parameters.fibre_index),
-        collected_modes=parameters.collected_modes,
+def power_factors(light: DriveLight, taps: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """What gives the mean power of the collected light for any mirrors v: |a|^2 = sum of (v L)^2, L (superpixels, q).
+
+    The mean over the drive's period is v^T Re(T R T^H) v, R[d, e] the drive's periodic autocorrelation at lag e - d.
+    R, each delay weighed with its share of the light, has few eigenvalues worth keeping: as many as the fibre's delays
+    hold symbols. L = T F with R = F F^H.
+    """
+    points, depth = light.field.size, taps.shape[-1]
+    share = np.sqrt(np.mean(np.abs(taps) ** 2, axis=(0, 1), dtype=np.float64))
+    correlation = np.fft.ifft(np.abs(np.fft.fft(light.field)) ** 2) / points
+    lag = (np.arange(depth)[np.newaxis, :] - np.arange(depth)[:, np.newaxis]) % points
+    power, vectors = np.linalg.eigh(share[:, np.newaxis] * correlation[lag].conj() * share)
+    kept = np.cumsum(power) > _POWER_LEFT_OUT * power.sum()
+    spread = vectors[:, kept] * np.sqrt(power[kept]) / share[:, np.newaxis]
+    factors = taps @ spread.astype(np.complex64)
+    columns = np.concatenate([factors.real, factors.imag], axis=-1)
+    return np.ascontiguousarray(np.concatenate(list(columns), axis=-1))
+
+
+def projection(parameters: Parameters) -> fibre.Projection:
+    """The optics around the mirrors."""
+    return fibre.Projection(
+        wavelength=parameters.design_wavelength_nm * 1e-9,
+        core_radius=parameters.core_diameter_m / 2,
+        aperture=parameters.fibre_na,
+        index=parameters.fibre_index,
+        group_index=parameters.fibre_group_index,
+        length=parameters.fibre_length_m,
+        launch_aperture=parameters.launch_na,
+        launch_profile=parameters.launch_profile,
+        side=parameters.image_side * parameters.core_diameter_m,
+        collection_radius=parameters.collection_core_m / 2,
+        collection_aperture=parameters.collection_na,
+        collection_image=parameters.collection_image,
+        collecting_modes=parameters.collecting_modes,
     )
-    return basis, modes
+
+
+def draw_fibre(parameters: Parameters, generator: np.random.Generator) -> fibre.FibreModes:
+    """One fibre with its collection; the direct path is a fibre of one mode that all light takes."""
+    if parameters.light_path == "direct":
+        return fibre.single_mode()
+    return fibre.draw_modes(
+        generator,
+        projection(parameters),
+        collected_modes=parameters.collected_modes,
+        coherence_s=parameters.fibre_coherence_s,
+    )

@@ -1,16 +1,18 @@
-"""The multimode fibre: a few hundred delayed copies of the light, each with its own speckle field on the mirrors.
+"""The two multimode fibres: what the first throws on the mirrors, what the second takes from them.
 
-A documented reduction of the guided-mode problem. The launch aperture NA_eff, not the fibre's full one, decides how
-many modes carry light, how far apart they arrive and how fine their interference is on the mirrors:
+The light that arrives at the amplifier is one number, the overlap of the light on the mirrors with one mode of the
+collecting fibre:
 
-    E(p, t) = K^(-1/2) sum_k B_pk exp(-i 2 pi nu tau_k) u(t - tau_k)
+    a(t) = sum_p v_p sum_k z_pk c_k exp(-i 2 pi nu tau_k) u(t - tau_k),   z_pk = integral over superpixel p of h psi_k
 
-B_pk: circular Gaussian fields over the superpixels p with the covariance of the pupil the launch fills, evenly or with
-the Gaussian of a single-mode lead; tau_k spread as the pupil's angles are; nu the optical frequency. Weak mode
-coupling, one polarisation, no modal loss. The field of the collecting mode is taken as even over the square.
+psi_k are the LP modes of the first fibre, imaged on the mirrors, each with its own delay tau_k (see `lp_modes`). The
+launch decides how much light a mode has: by the angle at which it leaves, as the Gaussian far field of a single-mode
+lead or evenly up to the aperture; c_k is circular Gaussian of that mean power, because modes of one angle mix on the
+way. h is the collecting mode: a random sum, of unit power, of modes of the second fibre, whose core is imaged around
+the square. nu is the optical frequency. One polarisation, no loss that differs from mode to mode.
 
 Sources: Gloge, Appl. Opt. 10, 2252 (1971); Saleh & Teich, ch. 9 (fibre optics); Goodman, Speckle Phenomena in Optics,
-ch. 4 (coherence of a pupil); Redding et al., Opt. Express 21, 6584 (2013) for the decorrelation with wavelength.
+ch. 3; Redding et al., Opt. Express 21, 6584 (2013) for the decorrelation with wavelength.
 """
 
 import math
@@ -20,27 +22,61 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import j1
+from scipy.sparse import csr_array
 
+from sim_backends.optics.drift import OrnsteinUhlenbeck
+from sim_backends.optics.lp_modes import LpModes, lp_modes, v_number
 from sim_backends.optics.mirrors import SIDE
 from sim_backends.parameters import SPEED_OF_LIGHT
 
 LaunchProfile = Literal["filled", "gaussian"]
 _HALF_WIDTH = 1.616339948  # |2 J1(x) / x|^2 = 1/2
+_LEFT_OUT = 3e-3  # part of a Gaussian launch in modes that are not followed: the latest ones
+_GAUSS_POINTS = np.array([-0.5, 0.5]) / math.sqrt(3)  # of a superpixel's half width: exact for cubic polynomials
+_INTERPOLATED = 6  # grid points that a delayed envelope is interpolated from
 
 
-def v_number(radius: float, aperture: float, wavelength: float) -> float:
-    """V = 2 pi a NA / lambda; radius and wavelength in m."""
-    return 2 * np.pi * radius * aperture / wavelength
+@dataclass(frozen=True)
+class Projection:
+    """The optics around the mirrors.
+
+    Attributes:
+        wavelength: Where the modes are solved (m).
+        core_radius, aperture: Of the first fibre (m, 1).
+        index, group_index: Of its core.
+        length: m.
+        launch_aperture, launch_profile: What the launch fills.
+        side: Of the square, on the first fibre's end face (m).
+        collection_radius, collection_aperture: Of the collecting fibre's core (m, 1).
+        collection_image: Diameter of that core's image on the mirrors, in sides of the square.
+        collecting_modes: So many of its modes, the lowest ones, make up the one that is collected.
+    """
+
+    wavelength: float
+    core_radius: float
+    aperture: float
+    index: float
+    group_index: float
+    length: float
+    launch_aperture: float
+    launch_profile: LaunchProfile
+    side: float
+    collection_radius: float
+    collection_aperture: float
+    collection_image: float
+    collecting_modes: int
 
 
-def mode_count(radius: float, aperture: float, wavelength: float) -> int:
-    """Guided modes of a step-index fibre in one polarisation, V^2 / 4; radius and wavelength in m."""
-    return round(v_number(radius, aperture, wavelength) ** 2 / 4)
+def mode_count(radius: float, aperture: float, wavelength: float, *, within: float | None = None) -> int:
+    """Guided modes of a step-index fibre in one polarisation, or those that leave it within an aperture."""
+    return lp_modes(radius, aperture, wavelength, up_to_aperture=within).count
 
 
 def delay_spread(length: float, aperture: float, index: float) -> float:
-    """Modal delay spread (s) of `length` m: L NA^2 / (2 n c)."""
+    """Modal delay spread (s) of `length` m: L NA^2 / (2 n c), Gloge's for angles up to the aperture.
+
+    Of a core whose group index N is not n, n stands for n^2 / N.
+    """
     return length * aperture**2 / (2 * index * SPEED_OF_LIGHT)
 
 
@@ -54,88 +90,148 @@ def speckle_grain(aperture: float, wavelength: float, profile: LaunchProfile = "
     return half_width * wavelength / (np.pi * aperture)
 
 
-@lru_cache(maxsize=4)
-def speckle_basis(grain: float, cut: float, profile: LaunchProfile = "filled") -> NDArray[np.float32]:
-    """Real Karhunen-Loeve basis of the speckle field on the 28 x 28 superpixel centres.
+@dataclass(frozen=True, eq=False)
+class FibreModes:
+    """One fibre with its collection.
 
-    Covariance of the field at distance r, by the van Cittert-Zernike theorem: 2 J1(x) / x with x = 2 * 1.616 r / grain
-    for a uniformly filled pupil, exp(-2 ln2 (r / grain)^2) for a Gaussian one. C = U L U^T; a field of this covariance
-    is Phi z with Phi = U L^(1/2) and z circular Gaussian of unit variance. Depends on no seed.
-
-    Args:
-        grain: intensity FWHM in superpixels.
-        cut: part of the power (trace) that may be left out.
-        profile: how the launch fills the aperture.
-
-    Returns:
-        (784, r) float32, read-only.
+    Attributes:
+        delays_s: Of each mode against light along the axis, (K,).
+        overlaps: z, (collected modes, superpixels, K) complex64: root power into the collected mode for unit c.
+        excitation: c, which may drift.
     """
-    row, column = np.divmod(np.arange(SIDE * SIDE), SIDE)
-    distance = np.hypot(row[:, None] - row, column[:, None] - column)
-    if profile == "filled":
-        x = 2 * _HALF_WIDTH / grain * distance
-        covariance = np.where(x > 0, 2 * j1(x) / np.where(x > 0, x, 1.0), 1.0)
-    else:
-        covariance = np.exp2(-2 * (distance / grain) ** 2)
-    power, vectors = np.linalg.eigh(covariance)
-    power, vectors = power[::-1], vectors[:, ::-1]
-    rank = int(np.searchsorted(np.cumsum(power), (1 - cut) * SIDE * SIDE)) + 1
-    basis: NDArray[np.float32] = (vectors[:, :rank] * np.sqrt(np.clip(power[:rank], 0, None))).astype(np.float32)
-    basis.setflags(write=False)
-    return basis
+
+    delays_s: NDArray[np.float64]
+    overlaps: NDArray[np.complex64]
+    excitation: OrnsteinUhlenbeck
+
+
+def single_mode() -> FibreModes:
+    """A fibre of one mode without delay that all light takes, whatever the mirrors do."""
+    return FibreModes(np.zeros(1), np.ones((1, 1, 1), np.complex64), OrnsteinUhlenbeck.constant(np.ones(1)))
 
 
 @dataclass(frozen=True, eq=False)
-class FibreModes:
-    """One fibre: mode delays (s), shape (K,), and speckle amplitudes, shape (collected modes, r, K)."""
+class _Modes:
+    """Fields of modes at the Gauss points of the superpixels, (K, 28, 2, 28, 2), their delays (s) and mean powers."""
 
+    fields: NDArray[np.float32]
     delays_s: NDArray[np.float64]
-    amplitudes: NDArray[np.complex64]
+    powers: NDArray[np.float64]
+
+
+@lru_cache(maxsize=4)
+def _launched(projection: Projection) -> _Modes:
+    """Modes of the first fibre with light on the square; the powers of all that are launched add up to 1."""
+    launch, gaussian = projection.launch_aperture, projection.launch_profile == "gaussian"
+    largest = launch * math.sqrt(-math.log(_LEFT_OUT) / 2) if gaussian else launch
+    modes = lp_modes(projection.core_radius, projection.aperture, projection.wavelength, up_to_aperture=largest)
+
+    def brightness(some: LpModes) -> NDArray[np.float64]:
+        sine = some.sine_of_angle(projection.wavelength)[some.twofold]
+        return np.exp(-2 * (sine / launch) ** 2) if gaussian else np.ones(some.count)
+
+    seen = modes.reaching(projection.side / math.sqrt(2))
+    delays = seen.delays(projection.length, projection.index, projection.group_index, projection.aperture)
+    return _Modes(
+        seen.fields(*_gauss_points(projection.side)).reshape(-1, SIDE, 2, SIDE, 2),
+        delays[seen.twofold],
+        brightness(seen) / brightness(modes).sum(),
+    )
+
+
+@lru_cache(maxsize=4)
+def _collecting(projection: Projection) -> NDArray[np.float32]:
+    """Fields of the collecting fibre's lowest modes at the Gauss points, (n, 28, 2, 28, 2)."""
+    modes = lp_modes(projection.collection_radius, projection.collection_aperture, projection.wavelength)
+    fields = modes.imaged(projection.collection_image * projection.side / 2).fields(*_gauss_points(projection.side))
+    lowest = np.argsort(modes.u[modes.twofold], kind="stable")[: projection.collecting_modes]
+    return np.ascontiguousarray(fields[lowest]).reshape(-1, SIDE, 2, SIDE, 2)
+
+
+def _gauss_points(side: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two by two points in each superpixel of a square of `side` m around the axis: x and y, (56, 56)."""
+    along = ((np.arange(SIDE) - (SIDE - 1) / 2)[:, np.newaxis] + _GAUSS_POINTS).ravel() * (side / SIDE)
+    x, y = np.meshgrid(along, along)
+    return x, y
 
 
 def draw_modes(
-    generator: np.random.Generator,
-    *,
-    modes: int,
-    spread: float,
-    basis: NDArray[np.float32],
-    profile: LaunchProfile = "filled",
-    longest: float = math.inf,
-    collected_modes: int = 1,
+    generator: np.random.Generator, projection: Projection, *, collected_modes: int = 1, coherence_s: float = math.inf
 ) -> FibreModes:
-    """Draw a fibre: mode delays and circular Gaussian amplitudes in `basis`, of mean power 1 over all modes.
+    """Draw a fibre and the modes that are collected from it.
 
-    The draw is white noise on the superpixels, projected onto the basis: the fields are then C^(1/2) times that noise,
-    whichever way round an eigenvector of C, or a pair of equal power, came out of the linear algebra of this machine.
-
-    The delay of a mode goes with the square of its angle, tau = spread (sin theta / NA)^2, and solid angle with the
-    same square: uniform delays up to `spread` (s) for a filled pupil, p(tau) = exp(-2 tau / spread) up to `longest`
-    (s, the fibre's full aperture) for a Gaussian one.
+    Args:
+        generator: where the randomness comes from.
+        projection: the optics.
+        collected_modes: how many orthogonal modes reach the detectors, as powers.
+        coherence_s: time over which the field's correlation falls to 1/e; infinite: the fibre does not drift.
     """
-    delays = generator.random(modes)
-    if profile == "gaussian":
-        delays = -0.5 * np.log1p(-delays * (1 - math.exp(-2 * longest / spread)))
-    white = generator.standard_normal((2, collected_modes, len(basis), modes), dtype=np.float32)
-    parts = (basis / np.linalg.norm(basis, axis=0)).T @ white
-    return FibreModes(spread * delays, ((parts[0] + 1j * parts[1]) / np.sqrt(2 * modes)).astype(np.complex64))
+    launched, collecting = _launched(projection), _collecting(projection)
+    excitation = OrnsteinUhlenbeck.draw(generator, np.sqrt(launched.powers), coherence_s)
+    normal = generator.standard_normal((2, len(collecting), collected_modes))
+    mixture, _ = np.linalg.qr(normal[0] + 1j * normal[1])
+    area = (projection.side / (2 * SIDE)) ** 2
+    overlaps = np.empty((collected_modes, SIDE * SIDE, launched.delays_s.size), np.complex64)
+    for number, weights in enumerate(mixture.T):
+        mode = np.tensordot(weights, collecting, axes=1) * area
+        for part, target in ((mode.real, overlaps.real), (mode.imag, overlaps.imag)):
+            taken = np.einsum("kiajb,iajb->ijk", launched.fields, part.astype(np.float32), optimize=True)
+            target[number] = taken.reshape(SIDE * SIDE, -1)
+    return FibreModes(launched.delays_s, overlaps, excitation)
 
 
-def delay_taps(fibre: FibreModes, *, frequency_hz: float, step: float) -> NDArray[np.complex64]:
+def delay_taps(
+    fibre: FibreModes, *, frequency_hz: float, step: float, time_s: float = 0.0
+) -> tuple[NDArray[np.complex64], int]:
     """The fibre as a tapped delay line at one optical frequency.
 
-    T_d = sum over modes with round(tau_k / step) = d of z_k exp(-i 2 pi nu tau_k): envelopes are delayed on the grid,
-    carrier phases are exact (they carry the dependence on wavelength).
+    T_d = sum_k z_k c_k exp(-i 2 pi nu tau_k) w_d(tau_k): the envelope is interpolated between `_INTERPOLATED` points of
+    its grid (Lagrange), so that delays are exact; so are carrier phases, which carry the dependence on wavelength.
 
     Args:
         fibre: the modes.
         frequency_hz: optical frequency nu.
         step: grid step of the envelope (s).
+        time_s: when, for a fibre that drifts.
 
     Returns:
-        (collected modes, r, D) complex64, tap d delays by d * step.
+        (collected modes, superpixels, D) complex64, and how many taps come before the one without delay.
     """
-    phase = np.exp(-2j * np.pi * ((frequency_hz * fibre.delays_s) % 1.0))
-    tap = np.rint(fibre.delays_s / step).astype(np.intp)
-    to_tap = np.zeros((tap.size, int(tap.max()) + 1), np.complex64)
-    to_tap[np.arange(tap.size), tap] = phase
-    return fibre.amplitudes @ to_tap
+    if not fibre.delays_s.any():
+        return (fibre.overlaps * fibre.excitation.at(time_s)).sum(axis=-1, keepdims=True).astype(np.complex64), 0
+    phases = fibre.excitation.at(time_s) * np.exp(-2j * np.pi * ((frequency_hz * fibre.delays_s) % 1.0))
+    position = fibre.delays_s / step
+    base = np.floor(position).astype(np.intp)
+    first = _INTERPOLATED // 2 - 1
+    offsets = np.arange(_INTERPOLATED) - first
+    weights = _lagrange(position - base, offsets)
+    taps = (base[:, np.newaxis] + offsets + first).ravel()
+    modes = np.repeat(np.arange(base.size), _INTERPOLATED)
+    values = (phases[:, np.newaxis] * weights).ravel().astype(np.complex64)
+    spread = csr_array((values, (taps, modes)), shape=(int(taps.max()) + 1, base.size))
+    rows = fibre.overlaps.reshape(-1, base.size)
+    folded = (spread @ rows.T).T
+    return np.ascontiguousarray(folded.reshape(*fibre.overlaps.shape[:2], -1)), first
+
+
+def _lagrange(place: NDArray[np.float64], nodes: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Weights (n, nodes) of Lagrange's interpolation at `place` between values at `nodes`."""
+    weights = np.ones((place.size, nodes.size))
+    for column, node in enumerate(nodes):
+        for other in nodes[nodes != node]:
+            weights[:, column] *= (place - other) / (node - other)
+    return weights
+
+
+__all__ = [
+    "FibreModes",
+    "LaunchProfile",
+    "Projection",
+    "delay_spread",
+    "delay_taps",
+    "draw_modes",
+    "mode_count",
+    "single_mode",
+    "speckle_grain",
+    "v_number",
+]

@@ -98,6 +98,16 @@ def fraction(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
     return counts.astype(np.float32) / np.float32(MIRRORS_PER_SUPERPIXEL**2)
 
 
+def reflected(on: NDArray[np.float32], contrast: float) -> NDArray[np.float32]:
+    """Amplitude that superpixels send towards the fibre while the part `on` of their mirrors is on, any shape.
+
+    Mirrors that are off scatter 1 / contrast of the power there: e + (1 - e) on, e = contrast^(-1/2), taken as in phase
+    with what they would send if they were on.
+    """
+    leaked = np.float32(contrast**-0.5)
+    return leaked + (np.float32(1) - leaked) * on
+
+
 def moved_fraction(seconds: NDArray[np.float64], *, leaves: float, arrives: float) -> NDArray[np.float64]:
     """How far the mirrors have gone from the old image to the new, 0..1, `seconds` after the new image was latched.
 

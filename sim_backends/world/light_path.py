@@ -1,7 +1,7 @@
 """What the detectors put out under a setting of the instruments: the light of every picture, and its noise.
 
 Keeps small caches of what a setting fixes: fields behind the ports, masks at the sampled times, sampling filters. A
-picture then costs two real matrix products and the detector's filter. Knows no mirrors' history and no triggers.
+picture then costs a real matrix product and the detector's filter. Knows no mirrors' history and no triggers.
 """
 
 import math
@@ -22,13 +22,14 @@ from sim_backends.world.twin import Optics, Setting, Twin
 IMAGE_BLOCK = 8
 _BLOCK_BYTES = 32_000_000  # of fields computed together; bounds the memory, not the result
 _KEPT_SETTINGS = 12
-_KEPT_MASK_BYTES = 300_000_000
-_PAGE_POINTS = 4096
+_KEPT_MASK_BYTES = 200_000_000
+_PAGE_POINTS = 2048
 _BLOCK_SAMPLES = 64
 _PHASE_STEP_S = 1.25e-12
 _SAME_PHASE_S = 15e-12
 
 sampling_filter = lru_cache(maxsize=64)(receiver.sampling_filter)
+noise_colour = lru_cache(maxsize=16)(receiver.noise_colour)
 
 
 class Light(NamedTuple):
@@ -60,31 +61,35 @@ class LightPath:
         twin = Twin(parameters, twin_seed)
         self.optics = lru_cache(_KEPT_SETTINGS)(twin.optics)
         self._parameters = parameters
-        self._basis = twin.basis
         self._masks: OrderedDict[tuple[bytes, float, float, int], NDArray[np.float32]] = OrderedDict()
 
     def amplitudes(self, on: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Mirror patterns, on-fractions (images, 784), in the speckle basis: (images, r)."""
+        """What superpixels reflect, (images, 784), with these parts of their mirrors on; direct: all, (images, 1)."""
         if self._parameters.light_path == "direct":
             return np.ones((on.shape[0], 1), np.float32)
-        return in_blocks(on, self._basis)
+        return mirrors.reflected(on, self._parameters.mirror_contrast)
+
+    def white_noise_shape(self, acquisition: Acquisition) -> tuple[int, int]:
+        """Of the white noise that one trigger needs: a row for each channel and one for what they share."""
+        return len(acquisition.channels) + 1, acquisition.samples + self._colour(acquisition).size - 1
 
     def detect(
         self,
-        volts: NDArray[np.float32],
+        white: NDArray[np.float32],
         rows: NDArray[np.intp],
         lateness: NDArray[np.float64],
         acquisition: Acquisition,
         setting: Setting,
         light: Light,
         sight: Sight,
+        volts: NDArray[np.float32],
     ) -> None:
-        """Turn unit noise in `volts[rows]` into what the detectors put out.
+        """Put into `volts[rows]` what the detectors put out, with white noise `white[rows]` of `white_noise_shape`.
 
         Jitter, `lateness` (s) of each row, enters by the trace's slope: first-order Taylor.
         """
         optics = self.optics(setting)
-        floor, linear, quadratic, offset = optics.laws
+        laws, colour = optics.laws, self._colour(acquisition)
         amplitudes = sight.scenes[light.scene].amplitudes
         seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if light.age_s is not None else 0)
         pairs, which = np.unique(seen, return_inverse=True)
@@ -105,17 +110,18 @@ class LightPath:
                 moving_since_s=light.age_s or 0.0,
             )
             signal = np.maximum(clean, 0)
-            deviation = np.sqrt(floor + signal * (linear + quadratic * signal))
-            clean = clean + offset
+            shared = np.sqrt(laws.quadratic) * signal
+            clean = clean + laws.offset_v
             low, high = np.searchsorted(which[order], [begin, begin + len(clean)])
             for first in range(low, high, at_once):
                 places = order[first : min(first + at_once, high)]
                 own, image = rows[places], which[places] - begin
-                traces = volts[own]
-                traces *= deviation[image]
+                unit = receiver.coloured(white[own], colour)
+                traces = laws.own_noise(signal[image], unit[:, :-1])
+                traces += shared[image] * unit[:, -1:]
                 traces += clean[image]
                 traces += lateness[own, np.newaxis, np.newaxis].astype(np.float32) * slope[image]
-                volts[own] = np.minimum(traces, np.float32(self._parameters.detector_limit_v), out=traces)
+                volts[own] = receiver.limited(traces, self._parameters.detector_limit_v)
 
     def sampled(
         self,
@@ -133,10 +139,10 @@ class LightPath:
         Args:
             optics: what the setting fixes.
             acquisition: when to sample.
-            amplitudes: (images, r) mirrors, each of them by itself.
+            amplitudes: (images, superpixels) mirrors, each of them by itself.
             phase_s: trigger's phase in the drive's period, or time from the segment's start to the trigger.
             shift_s: samples are taken this much later than the acquisition says.
-            before: (images, r) where the mirrors come from; None = they stand still.
+            before: (images, superpixels) where the mirrors come from; None = they stand still.
             moving_since_s: time from the mirrors' last change to the trigger.
         """
         constants = self._parameters
@@ -168,6 +174,10 @@ class LightPath:
         clean, slope = receiver.apply_filter(sampling, receiver.fast_volts(field), acquisition.samples)
         if constants.detector_coupling == "ac":
             clean = clean - self._mean_volts(optics, amplitudes)
+        if optics.power_factors is not None:
+            watts = np.square(in_blocks(amplitudes, optics.power_factors)).sum(axis=1)
+            gain = receiver.saturated_gain(watts, constants.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
+            clean, slope = clean * gain, slope * gain
         return clean, slope
 
     def crossings(
@@ -180,8 +190,15 @@ class LightPath:
         period = Acquisition((1,), points / setting.playback.period, points, 0.0)
         optics = self.optics(setting)
         clean, _ = self.sampled(optics, period, amplitudes[np.newaxis], phase_s=0.0, shift_s=0.0)
-        trace = np.minimum(clean[0, 0] + optics.laws[3, 0], np.float32(self._parameters.detector_limit_v))
+        trace = receiver.limited(clean[0, 0] + optics.laws.offset_v[0], self._parameters.detector_limit_v)
         return level_crossings(trace, level_v, rising=rising) / period.sample_rate
+
+    def _colour(self, acquisition: Acquisition) -> NDArray[np.float32]:
+        return noise_colour(
+            acquisition.sample_rate,
+            detector_hz=self._parameters.detector_bandwidth_hz,
+            scope_hz=self._parameters.scope_bandwidth_hz,
+        )
 
     def _mean_volts(self, optics: Optics, amplitudes: NDArray[np.float32]) -> NDArray[np.float32]:
         """What an AC-coupled detector takes away, (images, channels, 1): behind a triggered drive, the idle light."""

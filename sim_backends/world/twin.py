@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.optics import cavity, chain, derived, drive, fibre
+from sim_backends.optics import cavity, chain, derived, drive, fibre, receiver
+from sim_backends.optics.drift import OrnsteinUhlenbeck
 from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
 from sim_backends.world.keyed_random import Purpose, digest, generator
 from sim_backends.world.signals import BYPASS, Emission, Playback
@@ -19,7 +20,7 @@ _FILTERS_S = 1e-9  # more than generator, amplifier and modulator remember
 class Setting:
     """What the instruments fix before the mirrors come in.
 
-    ports: the port whose light each recorded channel sees, None = none. wander_step: number of the virtual-time step.
+    ports: the port whose light each recorded channel sees, None = none. drift_step: number of the virtual-time step.
     segment: of a triggered playback, the one that plays; None: it waits for its first trigger. repeats: how often the
     segment is played before the output idles again; 0: for ever, and has been.
     """
@@ -27,7 +28,7 @@ class Setting:
     emission: Emission | None
     playback: Playback | None
     ports: tuple[int | None, ...]
-    wander_step: int
+    drift_step: int
     segment: int | None = None
     repeats: int = 1
 
@@ -42,14 +43,15 @@ class Setting:
         laser = (self.emission.wavelength_nm, self.emission.power_w) if self.emission else ("dark",)
         played = self.playback.digest if self.playback else "idle"
         segment: tuple[Purpose, ...] = () if self.segment is None else ("segment", self.segment, self.repeats)
-        return digest(*laser, played, *(str(port) for port in self.ports), self.wander_step, *segment)
+        return digest(*laser, played, *(str(port) for port in self.ports), self.drift_step, *segment)
 
 
 @dataclass(frozen=True, eq=False)
 class Optics:
     """What a setting fixes: fields (root volts) behind the ports on a grid of `step_s`, fibre taps, receiver noise.
 
-    laws: (4, channels, 1) float32, rows of `receiver.NoiseLaw`: floor, linear, quadratic, offset.
+    power_factors: of the mean power behind the preamplifier (see `chain.power_factors`), (superpixels, q), root W;
+        none where there is no amplifier. laws: of the channels' receivers.
     idle_s: light idles from this long before the segment's start, and at the end of the fields; None: it is periodic.
     delay_s: from where a sample stands in the drive to its light at the detectors.
     """
@@ -58,24 +60,28 @@ class Optics:
     fields: NDArray[np.complex64]
     taps: NDArray[np.complex64]
     step_s: float
-    laws: NDArray[np.float32]
+    power_factors: NDArray[np.float32] | None
+    laws: receiver.NoiseLaws
     lit: bool
     idle_s: float | None
     delay_s: float
 
 
 class Twin:
-    """A fibre, and a cavity a nanometre.
-
-    Attributes:
-        basis: of the speckle on the superpixels, (784, r).
-    """
+    """A fibre, and a cavity a nanometre."""
 
     def __init__(self, parameters: Parameters, seed: int) -> None:
         self._parameters = parameters
         self._seed = seed
         self._chips: dict[int, cavity.Cavity] = {}
-        self.basis, self._modes = chain.draw_fibre(parameters, self._generator("fibre"))
+        self._modes = chain.draw_fibre(parameters, self._generator("fibre"))
+        self._laser_wander, self._chip_wander = (
+            OrnsteinUhlenbeck.draw(self._generator(what), np.array([math.sqrt(2) * rms_hz]), parameters.wander_time_s)
+            for what, rms_hz in (
+                ("laser wander", parameters.laser_wander_hz),
+                ("chip wander", parameters.chip_wander_hz),
+            )
+        )
 
     def optics(self, setting: Setting) -> Optics:
         """What `setting` fixes."""
@@ -83,25 +89,32 @@ class Twin:
         laser = setting.emission or Emission(constants.design_wavelength_nm, 0.0)
         light, idle_s = self._light(setting)
         frequency = SPEED_OF_LIGHT / (laser.wavelength_nm * 1e-9)
-        frequency += self._detuning("laser wander", constants.laser_wander_hz, setting.wander_step)
+        time_s = setting.drift_step * constants.drift_step_s if setting.drift_step else 0.0
+        frequency += float(self._laser_wander.at(time_s)[0].real)
         nearest_nm = round(laser.wavelength_nm)
         detuning = frequency - SPEED_OF_LIGHT / (nearest_nm * 1e-9)
-        detuning -= self._detuning("chip wander", constants.chip_wander_hz, setting.wander_step)
+        detuning -= float(self._chip_wander.at(time_s)[0].real)
         transfer = chain.chip_transfer(constants, self._chip(nearest_nm), step_s=light.step_s, detuning_hz=detuning)
         wanted = [
             (BYPASS, 0.0) if port is None else (port, math.sqrt(chain.volts_per_field(constants, port, laser.power_w)))
             for port in setting.ports
         ]
         laws = [chain.port_noise(constants, transfer, port, light.step_s) for port in setting.ports]
+        taps, early = fibre.delay_taps(self._modes, frequency_hz=frequency, step=light.step_s, time_s=time_s)
+        factors = None
+        if constants.light_path == "projector" and constants.amplifier_gain > 1 and setting.emission is not None:
+            watts = laser.power_w * constants.projector_transmission * constants.amplifier_gain
+            factors = np.float32(math.sqrt(watts)) * chain.power_factors(light, taps)
         return Optics(
             setting.key,
             chain.port_fields(light, transfer, wanted),
-            fibre.delay_taps(self._modes, frequency_hz=frequency, step=light.step_s),
+            taps,
             light.step_s,
-            np.array([[law.floor, law.linear, law.quadratic, law.offset_v] for law in laws], np.float32).T[:, :, None],
+            factors,
+            receiver.NoiseLaws.of(laws),
             setting.emission is not None,
             idle_s,
-            constants.light_delay_s + (setting.playback.skew_s if setting.playback else 0.0),
+            constants.light_delay_s + (setting.playback.skew_s if setting.playback else 0.0) - early * light.step_s,
         )
 
     def _light(self, setting: Setting) -> tuple[chain.DriveLight, float | None]:
@@ -138,9 +151,6 @@ class Twin:
                 transmission=constants.chip_coupling,
             )
         return self._chips[wavelength_nm]
-
-    def _detuning(self, what: str, rms_hz: float, step: int) -> float:
-        return rms_hz * float(self._generator(what, step).standard_normal()) if rms_hz else 0.0
 
     def _generator(self, *purpose: str | int) -> np.random.Generator:
         return generator(digest(self._seed, *purpose))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sim_backends.optics.launch import Launch
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world.keyed_random import Rekeyed, digest, generator
+from sim_backends.world.keyed_random import Rekeyed, digest, generator, unit_noise
 from sim_backends.world.light_path import Light, LightPath, snapped
 from sim_backends.world.pictures import Pictures, Sight
 from sim_backends.world.segments import DEFAULT_LEVEL_V, SegmentStarts
@@ -75,6 +75,7 @@ class World:
         self.twin_seed = twin_seed
         self.clock = VirtualClock()
         self._light_path = LightPath(self.parameters, twin_seed)
+        self._drift_step_s = self.parameters.drift_step_s
         self._laser: Emission | None = None
         self._launch = Launch()
         self._emission: Emission | None = None  # of the laser as the launch leaves it
@@ -271,11 +272,13 @@ class World:
         keys = self._keys(sight.names, acquisition, setting)
         offsets, lateness = np.zeros(shape[0]), np.empty(shape[0])
         volts = np.empty(shape, np.float32)
+        white = np.empty((shape[0], *self._light_path.white_noise_shape(acquisition)), np.float32)
+        jitter_s = math.hypot(self.parameters.trigger_jitter_s, self.parameters.awg_jitter_s)
         rekeyed = Rekeyed()
         for number, key in enumerate(keys):
             source = rekeyed.generator(key)
-            source.standard_normal(out=volts[number], dtype=np.float32)
-            lateness[number] = self.parameters.trigger_jitter_s * source.standard_normal()
+            source.standard_normal(out=white[number], dtype=np.float32)
+            lateness[number] = jitter_s * source.standard_normal()
             if not self.parameters.shared_reference:
                 offsets[number] = (source.random() - 0.5) / acquisition.sample_rate
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
@@ -285,21 +288,21 @@ class World:
             for light, rows in self._alike(times, coarse, acquisition, sight).items()
         ]
 
-        def detect(noise: NDArray[np.float32], part: Acquisition) -> None:
+        def detect(noise: NDArray[np.float32], part: Acquisition, detected: NDArray[np.float32]) -> None:
             for light, rows, light_setting in lights:
-                self._light_path.detect(noise, rows, lateness, part, light_setting, light, sight)
+                self._light_path.detect(noise, rows, lateness, part, light_setting, light, sight, detected)
 
         def further(part: Acquisition) -> NDArray[np.float32]:
             began = perf_counter()
             others = np.empty((*shape[:2], part.samples), np.float32)
-            for number, key in enumerate(keys):
-                source = rekeyed.generator(digest(key, "further", float(part.start_s)))
-                source.standard_normal(out=others[number], dtype=np.float32)
-            detect(others, part)
+            noise = unit_noise(
+                [digest(key, "further", float(part.start_s)) for key in keys], self._light_path.white_noise_shape(part)
+            )
+            detect(noise, part, others)
             self.physics_seconds += perf_counter() - began
             return others
 
-        detect(volts, acquisition)
+        detect(white, acquisition, volts)
         self.physics_seconds += perf_counter() - began
         return Record(volts, offsets, tuple(keys), further)
 
@@ -351,15 +354,13 @@ class World:
 
     def _crossings(self, condition: TriggerCondition) -> NDArray[np.float64]:
         """Phases (s) at which the light on a channel triggers."""
-        setting = self._setting((condition.source,), self._wander_step(self.clock.now), None, 1, lit=True)
+        setting = self._setting((condition.source,), self._drift_step(self.clock.now), None, 1, lit=True)
         shown = self._pictures.latched(self.clock.now)
         self._light_phases = self._light_path.crossings(setting, shown, condition.level_v, rising=condition.rising)
         return self._light_phases
 
-    def _wander_step(self, time_s: float) -> int:
-        constants = self.parameters
-        wanders = constants.laser_wander_hz > 0 or constants.chip_wander_hz > 0
-        return math.floor(time_s / constants.wander_step_s) if wanders else 0
+    def _drift_step(self, time_s: float) -> int:
+        return math.floor(time_s / self._drift_step_s)
 
     def _alike(
         self, times: NDArray[np.float64], coarse: NDArray[np.float64], acquisition: Acquisition, sight: Sight
@@ -372,7 +373,7 @@ class World:
             zip(*(column.tolist() for column in columns), strict=True)
         ):
             light = Light(
-                self._wander_step(time),
+                self._drift_step(time),
                 segment if segment >= 0 else None,
                 repeat,
                 phase,

@@ -12,6 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from instruments.safe_state import MAY_EMIT
+from instruments.table_amplifier import SIMULATED_TABLE as AMPLIFIER_TABLE
+from instruments.table_attenuator import SIMULATED_TABLE as ATTENUATOR_TABLE
+from instruments.toml_files import read_toml
 from labctl.bench.station import SIMULATED_STATION, Station, write_addresses
 from labctl.commands.main import main as labctl
 from labctl.runs.read.run import open_run
@@ -35,11 +39,14 @@ from sim_backends.faults.catalogue import (
 )
 from sim_backends.optics.mirrors import SIDE
 from sim_backends.parameters import Parameters
+from sim_backends.virtual.amplifier.instrument import VirtualAmplifier
+from sim_backends.virtual.attenuator.instrument import VirtualAttenuator
 from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
+from sim_backends.virtual.pm100.instrument import VirtualPm100
 from sim_backends.virtual.tlg220.instrument import default_table
 from sim_backends.world.world import World
 
-SMALL = Parameters(simulated_modes_limit=20, chip_modes=50)
+SMALL = Parameters(launch_na=0.03, chip_modes=50)
 RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=2", "--set", "window=0.4 ns")
 TIMEOUT_S = 0.4
 BOUNDS = {
@@ -91,8 +98,35 @@ MOMENTS: dict[str, dict[str, Moment]] = {
         "preparing": Moment("ROUTe:CLOSe?"),
         "acquiring": Moment("ROUTe:CLOSe?", 2),
     },
+    "power_meter": {
+        "connecting": Moment("*IDN?"),
+        "preparing": Moment("SENSe:CORRection:COLLect:ZERO:MAGNitude?"),
+        "acquiring": Moment("MEASure:POWer?", 3),
+        "finishing": Moment("MEASure:POWer?", 8),
+    },
+    "amplifier": {
+        "connecting": Moment("*IDN?"),
+        "preparing": Moment("POWer:LEVel?"),
+        "acquiring": Moment("POWer:OUTPut?", 3),
+        "finishing": Moment("OUTPut?", 7),
+    },
+    "attenuator": {
+        "connecting": Moment("*IDN?"),
+        "preparing": Moment("INPut:ATTenuation?"),
+        "acquiring": Moment("INPut:ATTenuation?", 4),
+        "finishing": Moment("OUTPut?", 7),
+    },
 }
 """The reply that a fault on the wire strikes; nothing is said to the patch panel at the end."""
+
+BEHIND_THE_LASER = {"power_meter": VirtualPm100, "amplifier": VirtualAmplifier, "attenuator": VirtualAttenuator}
+"""Instruments that a bench need not have: all of them, where a fault befalls one."""
+BEHIND: dict[str, dict[str, object]] = {
+    "power_meter": {"driver": "thorlabs-pm100", "tap": 0.01, "timeout": TIMEOUT_S},
+    "amplifier": {"driver": "table-amplifier", "power": "100 mW"},
+    "attenuator": {"driver": "table-attenuator", "attenuation_db": 9.0},
+}
+TABLES = {"amplifier": AMPLIFIER_TABLE, "attenuator": ATTENUATOR_TABLE}
 
 SPECIAL: tuple[tuple[str, str, Mapping[str, Fault], Moment, tuple[str, ...]], ...] = (
     *((role, "connecting", START, Moment("", 0), ()) for role in MOMENTS),
@@ -126,8 +160,13 @@ SAFE: dict[str, Callable[[FaultyBench], bool]] = {
     "awg": lambda bench: bench.world._playback is None,
     "dmd": lambda bench: np.array_equal(bench.world._pictures.latched(bench.world.clock.now), _blank(bench.world)),
     "scope": lambda bench: not _scope(bench)._running,
+    "amplifier": lambda bench: not _is_on(bench, "amplifier"),
+    "attenuator": lambda bench: not _is_on(bench, "attenuator"),
 }
 """The safe state, in the simulated world."""
+
+
+Way = tuple[tuple[str, ...], bool]
 
 
 class Case(NamedTuple):
@@ -145,6 +184,11 @@ class Case(NamedTuple):
     def place(self) -> str:
         """The instrument, and the transport unless it is the raw socket."""
         return self.role if self.transport == "socket" else f"{self.role} over {TRANSPORTS[self.transport]}"
+
+    @property
+    def way(self) -> Way:
+        """How the run is asked, and whether there is more behind the laser: what a run without a fault depends on."""
+        return self.options, self.role in BEHIND
 
     @property
     def common(self) -> bool:
@@ -208,7 +252,13 @@ def carried_out(case: Case, folder: Path) -> Ended:
     table["transport"]["timeout_s"] = TIMEOUT_S
     table["commands"]["is_settled"] |= {"timeout_s": TIMEOUT_S, "poll_s": 0.01}
     written, errors = io.StringIO(), io.StringIO()
-    bench = FaultyBench([Befalling(case.role, case.fault, case.moment)], SMALL, noise="by-state", laser_table=table)
+    bench = FaultyBench(
+        [Befalling(case.role, case.fault, case.moment)],
+        SMALL,
+        noise="by-state",
+        laser_table=table,
+        plugged_in=BEHIND_THE_LASER if case.role in BEHIND else {},
+    )
     with bench, short_waits(), contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
         try:
             labctl(
@@ -228,9 +278,9 @@ def carried_out(case: Case, folder: Path) -> Ended:
     return Ended(status, json.loads(written.getvalue()), errors.getvalue(), _kept(folder / "run"), lit, bench.struck)
 
 
-def undisturbed(folder: Path, options: tuple[str, ...] = ()) -> Ended:
+def undisturbed(folder: Path, case: Case) -> Ended:
     """The same run without a fault."""
-    return carried_out(Case("laser", "connecting", "none", Fault("nothing"), Moment("*IDN?"), options), folder)
+    return carried_out(case._replace(fault=Fault("nothing"), moment=Moment("*IDN?"), transport="socket"), folder)
 
 
 def outcome(case: Case, ended: Ended, expected: Ended) -> str:
@@ -258,7 +308,7 @@ def outcome(case: Case, ended: Ended, expected: Ended) -> str:
     assert set(ended.lit) <= excused, f"{ended.lit} is not in the safe state: {error} {notes}"
     unconfirmed = "the safe state is not confirmed" in error + notes
     assert unconfirmed or not ended.lit, f"{ended.lit} is not in the safe state, and nobody was told: {error} {notes}"
-    assert "laser" not in ended.lit or "may still emit, switch it off by its key switch" in error + notes
+    assert all(told in error + notes for role, told in MAY_EMIT.items() if role in ended.lit)
     assert np.array_equal(ended.frames, expected.frames[: len(ended.frames)]), "frames were kept that are wrong"
     if ended.lit:
         return LEFT
@@ -277,8 +327,16 @@ def _station(bench: FaultyBench, case: Case, table: Mapping[str, object], folder
     """A station file of `bench` with short timeouts."""
     commands, station = folder / "laser.toml", folder / "station.toml"
     commands.write_text(_toml(table))
-    sections = {name: {"timeout": f"{TIMEOUT_S} s"} for name in ("awg", "scope", "dmd", "patch_panel")}
+    sections: dict[str, dict[str, object]] = {
+        name: {"timeout": f"{TIMEOUT_S} s"} for name in ("awg", "scope", "dmd", "patch_panel")
+    }
     sections["laser"] = {"commands": str(commands)}
+    if case.role in BEHIND:
+        sections |= BEHIND
+        for role, file in TABLES.items():
+            own = folder / f"{role}.toml"
+            own.write_text(_toml(read_toml(file) | {"transport": {"timeout_s": TIMEOUT_S}}))
+            sections[role] = sections[role] | {"commands": str(own)}
     hasty = Station.model_validate(SIMULATED_STATION.model_dump(exclude_defaults=True) | sections)
     addresses = {role: found["socket"] for role, found in bench.resources.items()}
     write_addresses(station, addresses | {case.role: bench.resources[case.role][case.transport]}, hasty)
@@ -296,6 +354,11 @@ def _scope(bench: FaultyBench) -> VirtualDpo72504dx:
     scope = bench._instruments["scope"]
     assert isinstance(scope, VirtualDpo72504dx)
     return scope
+
+
+def _is_on(bench: FaultyBench, role: str) -> bool:
+    instrument = bench._instruments.get(role)
+    return isinstance(instrument, VirtualAmplifier | VirtualAttenuator) and instrument.on
 
 
 def _blank(world: World) -> NDArray[np.float32]:

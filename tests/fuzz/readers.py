@@ -60,9 +60,10 @@ def _events(path: Path) -> None:
     state = RunState()
     for event in EventReader(path).read():
         state = advanced(state, event)
-    for drawn in (wording.emission, wording.instruments, wording.image, wording.log):
+    for drawn in (wording.emission, wording.image, wording.log):
         drawn(state)
     wording.progress(state, (0, 0))
+    wording.instruments(state, {})
 
 
 def _recording(path: Path) -> None:

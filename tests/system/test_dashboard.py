@@ -28,10 +28,19 @@ CHROMIUM = chromium()
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
+BEHIND_THE_LASER = {
+    "power_meter": {"driver": "thorlabs-pm100", "tap": 0.01},
+    "amplifier": {"driver": "table-amplifier", "commands": "simulated", "power": "100 mW"},
+    "attenuator": {"driver": "table-attenuator", "commands": "simulated", "attenuation_db": 3.0},
+}
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with two runs that are complete."""
+    """A folder with three runs that are complete, one of them on a bench with more instruments."""
     folder = tmp_path_factory.mktemp("runs")
+    more = Station.model_validate(BEHIND_THE_LASER)
+    acquire(Acquisition(ImageReadout(images=5, window=0.8e-9, ports=(2,)), more, folder / "behind"))
     for name, seed in (("past-one", 1), ("past-other", 2)):
         acquire(Acquisition(ImageReadout(images=5, window=0.8e-9, ports=(2,), seed=seed), Station(), folder / name))
     return folder
@@ -156,6 +165,19 @@ def test_a_laser_that_did_not_go_dark_is_said_on_every_page_until_somebody_has_s
         expect(banner).to_have_count(0)
     finally:
         rmtree(run)
+
+
+def test_what_stands_behind_the_laser_is_shown_with_the_other_instruments(page: Page) -> None:
+    page.goto(f"{page.url}run/behind")
+    connected(page)
+    for words in (
+        "power meter.*saw the laser give 30 mW, tap 1 %.*Thorlabs PM100D .simulated. SIM0001 at simulated",
+        "amplifier.*off, set to 100 mW.*labctl optical amplifier .simulated. SIM0001 at simulated",
+        "attenuator.*shut, set to 3 dB.*labctl optical attenuator .simulated. SIM0001 at simulated",
+        "oscilloscope.*TEKTRONIX DPO72504DX SIM0001 at simulated",
+    ):
+        says(page, ".instruments-region", words)
+    narrow(page)
 
 
 def test_runs_are_listed_filtered_and_compared(page: Page) -> None:

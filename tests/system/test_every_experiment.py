@@ -298,8 +298,8 @@ def test_figures_asked_for_in_vain_cost_nothing_that_was_measured(reproduce: Rep
     content["must"] += [{"what": "one of mine", "at_least": 1.0} | must for must in asked.values()]
     status, entry, out = reproduce("fig2", content)
     assert status == 1
-    assert [must["verdict"] for must in entry["must"]] == [None] * (2 + len(asked))
-    assert [must["averaged"]["verdict"] for must in entry["must"]] == ["open"] * 2 + [None] * len(asked)
+    assert [must["verdict"] for must in entry["must"]] == [None] * 2 + ["not reached"] * len(asked)
+    assert [must["averaged"]["verdict"] for must in entry["must"]] == ["open"] * 2 + ["not reached"] * len(asked)
     assert [must["reached"] for must in entry["must"]] == [None] * 2 + [False] * len(asked)
     assert [must["here"] for must in entry["must"][2:]] == [None] * len(asked)
     assert entry["here"].keys() >= {"input", "chip"}

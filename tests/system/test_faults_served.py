@@ -90,6 +90,7 @@ def test_a_reply_breaks_off_at_the_byte_that_was_asked_for(served: Served) -> No
     ("asked", "told"),
     [
         ("scpe:dead", "no instrument 'scpe': one of awg, scope, laser, dmd, patch_panel"),
+        ("amplifier:dead", "no amplifier on this bench: write a section [amplifier] into the station file"),
         ("dmd:interlock", "no fault 'interlock' of dmd: one of nobody-there, refused, lost-before, "),
         ("scope", "write INSTRUMENT:FAULT[@MESSAGE][,nth=N][,times=N][,byte=N], such as scope:no-reply@CURVe?,nth=3"),
         ("scope:dead,after=3", "',after=3'"),

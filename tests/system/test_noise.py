@@ -1,5 +1,6 @@
 """Noise is new for every trigger: references and darks of one run scatter as the twin's own noise model says."""
 
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -33,10 +34,11 @@ def expected_codes(reference: int, scale_v: NDArray[np.float64]) -> NDArray[np.f
     picture = images.images[images.indices == reference][:1]
     shown = replace(images, images=np.concatenate([picture, np.zeros_like(picture)]))
     twin = world(SIMULATED_STATION, shown, PORTS)
-    floor, linear, quadratic, offset = np.asarray(twin.optics.laws, np.float64)
-    light = np.maximum(twin.clean - offset, 0)
-    jitter = twin.parameters.trigger_jitter_s * twin.slope
-    volts = np.sqrt(floor + linear * light + quadratic * light**2 + jitter**2)[..., : protocol.sample_count(images)]
+    laws = twin.optics.laws
+    light = np.maximum(twin.clean - twin.offset_v[:, np.newaxis], 0)
+    jitter = math.hypot(twin.parameters.trigger_jitter_s, twin.parameters.awg_jitter_s) * twin.slope
+    variance = laws.floor + laws.linear * light + laws.quadratic * light**2 + jitter**2
+    volts = np.sqrt(variance)[..., : protocol.sample_count(images)]
     digitiser = digitiser_noise_codes(twin.parameters.enob) ** 2 + 1 / 12
     return np.asarray(np.sqrt((volts / scale_v[:, np.newaxis]) ** 2 + digitiser))
 

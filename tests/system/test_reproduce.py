@@ -1,10 +1,15 @@
-"""What `labctl reproduce` refuses of the experiments of the house."""
+"""What `labctl reproduce` refuses of the experiments of the house, and when it ends in 1."""
 
+import json
+import os
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tests.command_line import as_json
+from labctl.runs.read.run import open_run
+from labctl.studies.paper.experiments import experiments
+from tests.command_line import as_json, labctl
 
 
 def test_an_unknown_experiment_is_refused_before_anything_starts(
@@ -20,3 +25,62 @@ def test_what_is_varied_must_be_said_by_the_experiment(tmp_path: Path, capsys: p
     status, shown = as_json(capsys, "reproduce", "fig2", "--sensitivity", "--out", str(tmp_path / "out"))
     assert status == 2
     assert "says nothing to vary" in str(shown["error"])
+
+
+FEW = """
+title = "Few images"
+paper = ""
+statement = ""
+analysis = "traces"
+averages = [1, 2]
+splits = 1
+
+[runs.input]
+protocol = "image-readout"
+settings = { images = 4, ports = "0", window = "0.4 ns", reference_every = 1 }
+
+[runs.chip]
+protocol = "image-readout"
+settings = { images = 4, ports = "2", window = "0.4 ns", reference_every = 1 }
+
+[[must]]
+what = "difference over noise"
+path = ["chip"]
+at_least = 1e9
+averaged_at_least = -1e9
+"""
+
+
+def test_one_bench_of_any_seed_decides_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = as_json(
+        capsys, "reproduce", "fig2", "--seeds", 1, "--quick", "--first-seed", 3, "--out", tmp_path / "out"
+    )
+    assert (status, found["passed"], found["open"]) == (0, True, 2)
+    assert (found["seeds"], found["first_seed"], found["benches"]) == (1, 3, 1)
+    for must in found["must"]:
+        assert (must["verdict"], must["averaged"]["verdict"]) == (None, "open")
+        assert must["averaged"]["here"] > must["here"], "noise is averaged away"
+    carried_out = []
+    for directory in found["runs"]:
+        with open_run(directory) as run:
+            protocol, sim = run.manifest["protocol"]["settings"], run.manifest["station"]["sim"]
+        assert (protocol["seed"], sim["twin_seed"]) == (3, 3)
+        carried_out.append((protocol["averages"], protocol["timing"]))
+    assert carried_out == [(1, "burst"), (1, "burst"), (16, "software"), (16, "software")]
+    assert "Seeds 3;" in (tmp_path / "out" / "report.html").read_text("utf-8")
+
+
+def test_a_figure_that_is_surely_short_ends_in_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "few.toml").write_text(FEW, encoding="utf-8")
+    monkeypatch.setattr("labctl.commands.reproduce.experiments", partial(experiments, folder=tmp_path))
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    status, out, _ = labctl(capsys, "reproduce", "few", "--seeds", 2, "--out", tmp_path / "out")
+    assert status == 1
+    assert "NOT REACHED" in out
+    assert "2 figures: 1 reached, 1 NOT REACHED, 0 open" in out
+    (found,) = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))["experiments"]
+    (must,) = found["must"]
+    assert (must["verdict"], must["averaged"]["verdict"]) == ("not reached", "reached")
+    assert must["low"] < must["here"] < must["high"]

@@ -164,7 +164,7 @@ class EventLog(Observer):
         self._clock = clock
         self._now = now
         self._lines = _Lines(EVENTS, 0)
-        self._due = {"progress": 0.0, "uploading": 0.0}
+        self._due = {"progress": 0.0, "uploading": 0.0, "powers read": 0.0}
         self._measured: tuple[float, int] | None = None
         self._rate: float | None = None
 
@@ -204,6 +204,11 @@ class EventLog(Observer):
         at = self._clock()
         if self._is_due("uploading", at) or done >= total:
             self.event("uploading", what=what, done=done, total=total)
+
+    def powers(self, found: Mapping[str, float]) -> None:
+        """An event, unless there was one just now."""
+        if self._is_due("powers read", self._clock()):
+            self.event("powers read", **found)
 
     def stored_in(self, directory: Path) -> None:
         """Go on in the file of the run."""

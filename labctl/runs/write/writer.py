@@ -12,19 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 from instruments.values import Drive, Frames
 from labctl.errors import RunError, noted_on
 from labctl.runs.format.durable import not_written, replace_file, sync_folder
-from labctl.runs.format.journal import NOT_COMPARED, Entry, JournalFile, read_journal
+from labctl.runs.format.journal import NOT_COMPARED, JournalFile, read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shape import RunShape
-from labctl.runs.format.shard import encode
 from labctl.runs.format.shards import Shards
 from labctl.runs.read.data_file import evidence_in
 from labctl.runs.write.data_file import write_data_file
 from labctl.runs.write.durability import Durability
 from labctl.runs.write.preparation import prepare
-from labctl.runs.write.recovery import discard_suspect, recover
+from labctl.runs.write.recovery import recover
 from labctl.runs.write.room import Room, require, shots_a_shard
+from labctl.runs.write.stored_shards import StoredShards
 
 Warn = Callable[[str], object]
 """Called with a line that somebody should read while the run goes on."""
@@ -75,10 +75,8 @@ class RunWriter:
         shards: Shards,
         drive: Drive | None,
         durability: Durability,
-        journal: JournalFile,
-        room: Room,
+        stored: StoredShards,
         *,
-        next_shard: int = 0,
         recovered: tuple[str, ...] = (),
         timer: TimerFactory,
     ) -> None:
@@ -90,10 +88,7 @@ class RunWriter:
         self._shards = shards
         self._drive = drive
         self._durability = durability
-        self._journal = journal
-        self._room = room
-        self._next_shard = next_shard
-        self._latest: Path | None = None  # shard that was written
+        self._stored = stored
         self._new_timer = timer
         self._timer: Timer | None = None
         self._guard = threading.RLock()
@@ -101,7 +96,6 @@ class RunWriter:
         self._open_epochs: list[int] = []
         self._open_pass = self._open_first = 0
         self._taken = shards.taken
-        self._unsure: list[Entry] = []  # suspect only because nobody was sure yet
         self._failure: RunError | None = None
         self._closed = False
         self._scales = {
@@ -152,7 +146,8 @@ class RunWriter:
             journal.close()
             raise not_written(directory, error) from error
         room = Room(directory, shape, drive, shots_a_shard(shape, durability, seconds_a_shot), on_warning)
-        return cls(checked, Shards(paths, shape, plan, ()), drive, durability, journal, room, timer=timer)
+        shards = Shards(paths, shape, plan, ())
+        return cls(checked, shards, drive, durability, StoredShards(shards, journal, room), timer=timer)
 
     @classmethod
     def resume(
@@ -192,9 +187,7 @@ class RunWriter:
                 shards,
                 drive,
                 durability,
-                journal,
-                room,
-                next_shard=next_shard,
+                StoredShards(shards, journal, room, next_shard),
                 recovered=recovered,
                 timer=timer,
             )
@@ -308,8 +301,8 @@ class RunWriter:
             if together or len(self._open) >= self._durability.shots or taken[last : last + 1].all():
                 self._close_shard(sure())  # what comes next is there already, or the plan ends here
                 return
-            if self._unsure and sure():
-                self._trust()
+            if self._stored.unsure and sure():
+                self._stored.trust()
             if self._timer is None:
                 self._timer = self._new_timer(self._durability.seconds, self._close_aged)
                 self._timer.start()
@@ -343,11 +336,7 @@ class RunWriter:
         with self._guard:
             self._raise_failure()
             self._close_shard(sure=False, reason=reason)
-            self._unsure.clear()
-            for entry in [*self._shards.entries.values()]:
-                concerned = entry.pass_index == pass_index and entry.first + entry.count > first
-                if concerned and entry.suspect in ("", NOT_COMPARED):
-                    self._journal.append(self._shards.entered_again(entry, reason))
+            self._stored.doubt(reason, pass_index, first)
 
     def discard_suspect(self) -> tuple[str, ...]:
         """Set aside what is suspect: it is missing from then on, so that it is measured again; a line for each shard.
@@ -357,9 +346,9 @@ class RunWriter:
         """
         with self._guard:
             self._raise_failure()
-            lines = discard_suspect(self._shards, self._journal)
-            self._taken, self._latest = self._shards.taken, None
-            return tuple(lines)
+            lines = self._stored.discard_suspect()
+            self._taken = self._shards.taken
+            return lines
 
     def finish(self, *, compression: str | None = None) -> bool:
         """Close the last shard, make data.h5 of the complete shots, let go of the run; True if no shot is missing.
@@ -372,7 +361,7 @@ class RunWriter:
                 return self.complete == self._shape.shots
             try:
                 self.sync()
-                self._require_untouched()
+                self._stored.require_untouched()
                 self._note_suspect()
                 if not self._has_data_file():
                     write_data_file(self._shards, self._manifest, self._drive, compression=compression)
@@ -386,7 +375,7 @@ class RunWriter:
             self._stop_timer()
             self._open.clear()
             self._closed = True
-            self._journal.close()
+            self._stored.close()
 
     def __enter__(self) -> Self:
         return self
@@ -398,7 +387,7 @@ class RunWriter:
             if error is not None and not self._closed:
                 with self._guard:
                     self._close_shard(sure=False)
-                    self._unsure.clear()
+                    self._stored.unsure.clear()
             self.finish()
 
     def _note_suspect(self) -> None:
@@ -451,61 +440,22 @@ class RunWriter:
         """Write what is open, suspect for a `reason` unless somebody is sure, also of what was not sure before."""
         self._stop_timer()
         if sure:
-            self._trust()
+            self._stored.trust()
         if self._open:
-            suspect = "" if sure else reason
+            index, suspect = self._open_pass, "" if sure else reason
             epochs = np.repeat(self._open_epochs, [len(frames.codes) for frames in self._open])
             most = max(1, self._durability.shard_bytes // self._open[0].codes[0].nbytes)
             try:
                 for start in range(0, epochs.size, most):  # more than one round for a large burst alone
                     parts = self._open if epochs.size <= most else [self._open[0].part(start, start + most)]
-                    self._store(self._open_first + start, parts, epochs[start : start + most], suspect)
+                    some = epochs[start : start + most]
+                    self._stored.store(index, self._open_first + start, parts, some, self._scales[index], suspect)
             except RunError as error:
                 self._failure = error
                 raise
             finally:
                 self._open.clear()
                 self._open_epochs.clear()
-
-    def _trust(self) -> None:
-        """Enter again, as not suspect, what was closed before anybody was sure."""
-        while self._unsure:
-            self._journal.append(self._shards.entered_again(self._unsure[0], ""))
-            del self._unsure[0]
-
-    def _store(self, first: int, parts: list[Frames], epochs: NDArray[np.int64], suspect: str) -> None:
-        """Write a shard of the open pass, fsync it, rename it, and enter it in the journal."""
-        pass_index, path = self._open_pass, self._shards.paths.shard(self._next_shard)
-        self._require_untouched()
-        image = encode(self._shape, pass_index, first, parts, epochs, *self._scales[pass_index])
-        self._room.before(path, len(image), self._shards)
-        replace_file(path, image)
-        entry = self._shards.entry(self._next_shard, pass_index, first, epochs.size, image, suspect)
-        self._shards.add(entry)
-        if suspect:
-            self._unsure.append(entry)
-        self._next_shard += 1
-        self._latest = path
-        self._journal.append(entry)  # at last: a signal may end this once the line is there
-        self._require_untouched()
-
-    def _require_untouched(self) -> None:
-        """Whoever removes or replaces the journal or the shards of a run that is being written ends it.
-
-        Raises:
-            RunError: somebody has. A lost journal is written anew with every shard that is stored.
-        """
-        if self._latest is not None and not self._latest.exists():
-            raise RunError(
-                f"{self._latest}: was removed while the run went on; what was stored before is where its folder is "
-                "now: put it back, then `labctl resume` the run"
-            )
-        if not self._journal.untouched:
-            self._journal.write_anew(self._shards.entries.values())
-            raise RunError(
-                f"{self.paths.journal}: was removed or changed while the run went on; it is written anew, with all "
-                "that was stored: find out who does that, then `labctl resume` the run"
-            )
 
     def _stop_timer(self) -> None:
         if self._timer is not None:

@@ -24,6 +24,8 @@ MODULES = {
     "scenes": "paper",
     "imaging": "paper",
     "ghost_imaging": "beyond",
+    "few_photons": "beyond",
+    "analogue_readout": "beyond",
 }
 """Package of `labctl.studies` that has the module. Each has its `ANALYSIS`, loaded when an experiment file names it."""
 
@@ -44,7 +46,7 @@ class Conclusion:
     """What all twins say together.
 
     Attributes:
-        here: Results as JSON; a result with a spread is {"mean", "sd"}, pooled over twins and splits.
+        here: Results as JSON; a figure over benches is what `labctl.analysis.intervals.pooled` makes of them.
         baseline: What digital methods reach on the same images or series, in the same form.
         figures: The figures of the paper, drawn from these results.
         notes: What a reader must know to judge the numbers, in addition to the notes of the experiment file.

@@ -141,6 +141,25 @@ class SensitivityStudy(_Table):
     parameters: tuple[Variation, ...]
 
 
+class FitStudy(_Table):
+    """A parameter of the twin that is fitted to what the paper says of one curve: where it crosses an accuracy.
+
+    Attributes:
+        run: The run whose accuracy it is.
+        variation: The parameter and the values that are tried.
+        accuracy: Below it at the shorter of `windows`, above it at the longer.
+        windows: The two acquisition times.
+        first_seed, twins: Seeds that are used for nothing else.
+    """
+
+    run: str
+    variation: Variation
+    accuracy: float
+    windows: tuple[Seconds, Seconds]
+    first_seed: PositiveInt
+    twins: PositiveInt = 10
+
+
 class Experiment(_Table):
     """One experiment.
 
@@ -161,6 +180,7 @@ class Experiment(_Table):
         settings: Settings of the analysis.
         must: Figures to reach.
         sensitivity: What `--sensitivity` varies.
+        fit: What `--fit` fits.
         notes: Pitfalls, and what a reader must know to judge the figures.
         cause: Why a figure falls short where one does; printed only then.
     """
@@ -181,6 +201,7 @@ class Experiment(_Table):
     settings: dict[str, Any] = {}
     must: tuple[Requirement, ...] = ()
     sensitivity: SensitivityStudy | None = None
+    fit: FitStudy | None = None
     notes: tuple[str, ...] = ()
     cause: str = ""
 

@@ -31,7 +31,7 @@ class Dependence:
 
 
 @dataclass(frozen=True)
-class _Point:
+class Point:
     """A twin of the study: its seed, and the parameters that are not at their defaults."""
 
     seed: int
@@ -68,20 +68,22 @@ def sensitivity(
         raise ExperimentError(f"{plan.station.source}: a real bench has no parameters to vary: leave --station out")
     seeds = plan.seeds_from_first(study.quick_twins if plan.quick else study.twins)
     points = {
-        (variation, value): _points(variation, value, seeds)
+        (variation, value): points_of(variation, value, seeds)
         for variation in study.parameters
         for value in variation.values
     }
     splits = plan.splits_of(experiment)
     tasks = {
-        point: partial(_judged, _acquisition(plan, experiment, study, point), splits, study.window)
+        point: partial(
+            judged, acquisition_of(plan, experiment, study.run, point, study.window), splits, (study.window,)
+        )
         for point in chain.from_iterable(points.values())
     }
     found = in_parallel(tasks, interruption=interruption, progress=lambda done, _steps: progress(done, len(tasks)))
     return [
         Dependence(
             variation,
-            [pooled(found[point][0] for point in points[variation, value]) for value in variation.values],
+            [pooled(found[point][0][0] for point in points[variation, value]) for value in variation.values],
         )
         for variation in study.parameters
     ]
@@ -118,20 +120,22 @@ def as_json(dependences: Sequence[Dependence]) -> dict[str, Any]:
     }
 
 
-def _points(variation: Variation, value: float, seeds: Iterable[int]) -> list[_Point]:
+def points_of(variation: Variation, value: float, seeds: Iterable[int]) -> list[Point]:
     """The twins for one value of a parameter; all defaults are the same twins."""
     changed = () if value == variation.default else ((variation.parameter, variation.parameter_at(value)),)
-    return [_Point(seed, changed) for seed in seeds]
+    return [Point(seed, changed) for seed in seeds]
 
 
-def _acquisition(plan: Plan, experiment: Experiment, study: SensitivityStudy, point: _Point) -> Acquisition:
+def acquisition_of(plan: Plan, experiment: Experiment, run: str, point: Point, window_s: float) -> Acquisition:
+    """The run of one twin, as long as `window_s`, single triggers."""
     single, *_ = plan.columns_of(experiment, point.seed)
-    protocol = single[study.run].model_copy(update={"window": study.window})
+    protocol = single[run].model_copy(update={"window": window_s})
     return plan.acquisition(protocol, plan.folder / point.name, dict(point.parameters))
 
 
-def _judged(run: Acquisition, splits: int, window_s: float) -> NDArray[np.float64]:
-    """Accuracy (splits,) of one twin, which is acquired first."""
+def judged(run: Acquisition, splits: int, windows_s: Sequence[float]) -> list[NDArray[np.float64]]:
+    """Accuracy (splits,) of one twin, which is acquired first, in each of some windows."""
     twin = TwinRuns({"run": acquire_run(run).directory}, {"run": run.protocol}, run.protocol.seed, splits)
     records = twin.records("run")
-    return validate(window_features(records, window_s), records.labels, twin.random_splits(records)).scores
+    ways = twin.random_splits(records)
+    return [validate(window_features(records, window_s), records.labels, ways).scores for window_s in windows_s]

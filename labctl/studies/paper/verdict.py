@@ -1,30 +1,27 @@
-"""From what came of an experiment to the table that people read, the JSON that programs read, and the report."""
+"""Whether what came of an experiment is what had to: every figure of its file, column by column."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 from labctl.analysis.intervals import Bound, Statistic, Verdict
 from labctl.errors import LabctlError
-from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
-from labctl.reports.page import Averaged, Result
-from labctl.runs.format.provenance import git_revision, versions
-from labctl.studies.paper.experiments import Experiment, Requirement, statistic_at
-from labctl.studies.paper.reproduction import Column, Plan, Reproduced
+from labctl.studies.paper.experiments import Requirement, statistic_at
+from labctl.studies.paper.reproduction import Column, Reproduced
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A figure of one column, and what it must be; both None where there is none."""
+    """A figure of one column, and what it must be; None where there is none."""
 
     figure: Statistic | None
     bound: Bound | None
 
     @property
     def verdict(self) -> Verdict | None:
-        """Whether it keeps its bound."""
-        return None if self.figure is None or self.bound is None else self.bound.verdict(self.figure)
+        """Whether it keeps its bound; what is not there does not. None = it has no bound."""
+        if self.bound is None:
+            return None
+        return Verdict.NOT_REACHED if self.figure is None else self.bound.verdict(self.figure)
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,7 @@ class Comparison:
 
     @property
     def fell_short(self) -> bool:
-        """Whether it is surely not reached in a column; what cannot be judged is not either."""
+        """Whether it is not reached in a column, or cannot be judged."""
         return bool(self.wrong) or any(column.verdict is Verdict.NOT_REACHED for column in self.columns)
 
     @property
@@ -80,157 +77,6 @@ def cause(reproduced: Reproduced) -> str:
     return "; ".join(wrong) or reproduced.experiment.cause
 
 
-def as_json(reproduced: Reproduced) -> dict[str, Any]:
-    """The entry of one experiment."""
-    experiment, single = reproduced.experiment, reproduced.columns[0].conclusion
-    return {
-        "name": experiment.name,
-        "title": experiment.title,
-        "series": experiment.series,
-        "paper": experiment.paper,
-        "averages": list(experiment.averages),
-        "here": single.here,
-        "averaged": reproduced.columns[1].conclusion.here if len(reproduced.columns) > 1 else None,
-        "baseline": single.baseline,
-        "must": [
-            {
-                "what": found.must.what,
-                "paper": found.must.paper,
-                **_judged_as_json(found.must, found.columns[0]),
-                "averaged": _judged_as_json(found.must, found.columns[1]) if len(found.columns) > 1 else None,
-                "averages_only": found.averages_only,
-                "beside": None
-                if found.must.beside is None
-                else {
-                    "what": found.must.beside.what,
-                    "figure": None if found.baseline is None else found.baseline["mean"],
-                },
-            }
-            for found in comparisons(reproduced)
-        ],
-        "seeds": len(reproduced.seeds),
-        "first_seed": reproduced.seeds[0],
-        "splits": reproduced.splits,
-        "passed": passed(reproduced),
-        "open": verdicts(reproduced).count(Verdict.OPEN),
-        "cause": cause(reproduced),
-        "runs": [str(directory) for directory in reproduced.runs],
-        "seconds": round(reproduced.seconds, 1),
-    }
-
-
-def results(reproduced: Reproduced) -> list[Result]:
-    """One line for each figure, paper against here."""
-    return [
-        Result(
-            found.must.what,
-            found.must.paper,
-            _required(found.must, found.columns[0]),
-            figure_text(found.must, found.columns[0]),
-            found.columns[0].verdict,
-            _beside(found),
-            None
-            if len(found.columns) < 2
-            else Averaged(
-                _required(found.must, found.columns[1]),
-                figure_text(found.must, found.columns[1]),
-                found.columns[1].verdict,
-            ),
-            _repeats(found.columns[0]),
-        )
-        for found in comparisons(reproduced)
-    ]
-
-
-def figure_text(must: Requirement, judged: Judged) -> str:
-    """A figure with its interval, if it has one."""
-    figure = judged.figure
-    if figure is None:
-        return "none"
-    if figure["low"] is None:
-        return _text(must, figure["mean"])
-    return f"{_text(must, figure['mean'])} [{_number(must, figure['low'])}, {_number(must, figure['high'])}]"
-
-
-def write_report(
-    plan: Plan, everything: Sequence[Reproduced], *, skipped: dict[str, str], failed: dict[str, str]
-) -> Path:
-    """The report of all experiments, in the plan's folder."""
-    entries = [
-        ExperimentEntry(
-            name=found.experiment.name,
-            title=found.experiment.title,
-            statement=f"Paper: {found.experiment.paper}. {' '.join(found.experiment.statement.split())}",
-            results=results(found),
-            figures=_figures(found),
-            seeds=found.seeds,
-            splits=found.splits,
-            seconds=found.seconds,
-            settings={
-                "runs": {name: run.model_dump() for name, run in found.experiment.runs.items()},
-                "averages": found.experiment.averages,
-                "analysis": found.experiment.settings,
-            },
-            notes=_notes(found),
-            cause=cause(found),
-        )
-        for found in everything
-    ]
-    return experiments_report(
-        plan.folder / "report.html",
-        entries=entries,
-        provenance=_provenance(plan) | {"skipped": skipped, "failed": failed},
-    )
-
-
-def write_sensitivity_report(plan: Plan, experiment: Experiment, figure: ExperimentFigure, seconds: float) -> Path:
-    """The report of what an experiment's result depends on, in the plan's folder."""
-    entry = ExperimentEntry(
-        name=experiment.name,
-        title=f"{experiment.title}: what it rests on",
-        statement="One parameter of the twin at a time is moved away from the value that all experiments use.",
-        results=(),
-        figures=(figure,),
-        splits=plan.splits_of(experiment),
-        seconds=seconds,
-        settings={"sensitivity": experiment.sensitivity.model_dump() if experiment.sensitivity else {}},
-    )
-    return experiments_report(
-        plan.folder / "report.html", entries=[entry], provenance=_provenance(plan), title="What the result rests on"
-    )
-
-
-def _provenance(plan: Plan) -> dict[str, Any]:
-    return {
-        "station": plan.station.model_dump(mode="json"),
-        "versions": versions(),
-        "git_revision": git_revision(),
-    }
-
-
-def _figures(found: Reproduced) -> tuple[ExperimentFigure, ...]:
-    """Those of single triggers, then those of the mean of several, called so."""
-    single, *others = (column.conclusion.figures for column in found.columns)
-    several = f"The mean of {found.experiment.averages[-1]} triggers. " if others else ""
-    return (
-        *(replace(figure, caption=f"Single triggers. {figure.caption}") if others else figure for figure in single),
-        *(
-            replace(figure, stem=f"{figure.stem}-averaged", caption=several + figure.caption)
-            for figures in others
-            for figure in figures
-        ),
-    )
-
-
-def _notes(found: Reproduced) -> tuple[str, ...]:
-    """Those of the file and of the analysis, and which figures single triggers do not reach."""
-    of_analysis = dict.fromkeys(note for column in found.columns for note in column.conclusion.notes)
-    notes = (*found.experiment.notes, *of_analysis)
-    if only := averages_only(found):
-        notes = (f"Only the mean of {found.experiment.averages[-1]} triggers reaches: {'; '.join(only)}.", *notes)
-    return notes
-
-
 def averages_only(found: Reproduced) -> list[str]:
     """What the mean of several triggers reaches and single ones do not, in words."""
     return [one.must.what for one in comparisons(found) if one.averages_only]
@@ -249,42 +95,3 @@ def _comparison(must: Requirement, columns: Sequence[Column]) -> Comparison:
         )
     except LabctlError as error:
         return Comparison(must, tuple(Judged(None, bound) for bound in bounds), wrong=str(error))
-
-
-def _judged_as_json(must: Requirement, judged: Judged) -> dict[str, Any]:
-    figure, verdict = judged.figure, judged.verdict
-    return {
-        "here": None if figure is None else figure["mean"],
-        "low": None if figure is None else figure["low"],
-        "high": None if figure is None else figure["high"],
-        "seeds": None if figure is None else len(figure["by_bench"]),
-        "splits": None if figure is None else figure["splits"],
-        "required": _required(must, judged),
-        "verdict": verdict,
-        "reached": None if judged.bound is None else verdict is Verdict.REACHED,
-    }
-
-
-def _required(must: Requirement, judged: Judged) -> str:
-    return "" if judged.bound is None else f"{judged.bound.sign} {_text(must, judged.bound.limit)}"
-
-
-def _beside(found: Comparison) -> str:
-    """The digital baseline; its number of splits where it is not that of the figure."""
-    if found.must.beside is None or found.baseline is None:
-        return ""
-    figure, splits = found.columns[0].figure, found.baseline["splits"]
-    fewer = f" ({splits} splits)" if figure is not None and splits != figure["splits"] else ""
-    return f"{found.must.beside.what} {_text(found.must, found.baseline['mean'])}{fewer}"
-
-
-def _repeats(judged: Judged) -> str:
-    return "" if judged.figure is None else f"{len(judged.figure['by_bench'])} × {judged.figure['splits']}"  # noqa: RUF001
-
-
-def _text(must: Requirement, value: float) -> str:
-    return _number(must, value) + (" %" if must.percent else "")
-
-
-def _number(must: Requirement, value: float) -> str:
-    return f"{100 * value:.1f}" if must.percent else f"{value:.3g}"

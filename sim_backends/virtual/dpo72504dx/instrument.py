@@ -13,7 +13,7 @@ from sim_backends.scpi.arguments import boolean, integer, keyword, run_or_stop
 from sim_backends.scpi.commands import Action, Query, Setting
 from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Chunk, parse
-from sim_backends.scpi.status import EventStatus, ScpiError
+from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.dpo72504dx.autoset import AUTOSET_COMMANDS, Autoset
 from sim_backends.virtual.dpo72504dx.measurements import NO_WAVEFORM, Waveform
 from sim_backends.virtual.dpo72504dx.measuring import MEASUREMENT_COMMANDS, SLOTS, Measuring
@@ -36,7 +36,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
     IDENTITY = "TEKTRONIX,DPO72504DX,SIM0001,CF:91.1CT FV:10.8.3 Build 3"
     OPTIONS = "STD:Standard record length"
     SUFFIXES: ClassVar = {"CH": 4, "MATH": 4, "REF": 4, "MEAS": SLOTS, "SOUrce": 2, "EDGE": 2, "MID": 2}
-    DEFAULT_SUFFIX = None
     FAMILY = Family(files(__package__).joinpath("family.txt").read_text(encoding="utf-8"), suffix_required=True)
     COMMANDS = (
         Setting("HEADer", "headers", boolean),
@@ -92,15 +91,10 @@ class VirtualDpo72504dx(AcquisitionSystem):
 
     def __init__(self, world: World) -> None:
         super().__init__(world, effective_bits=world.parameters.enob)
-        self.status: EventStatus = EventStatus()
         self.stamps = Stamps(lambda: self.frames, self.acquired_trace)
         self.setups = Setups(lambda: learned(self), self.obey)
         self.storage = Storage(self.setups, self.acquired, self.references, self.reset)
         self.autoset = Autoset(self)
-        self.verbose = True
-        self.clears_at_power_on = True
-        self.display_on = True
-        self.panel_lock = "NONe"
         self.reset()
 
     def reset(self) -> None:
@@ -110,11 +104,6 @@ class VirtualDpo72504dx(AcquisitionSystem):
         self.enhances_all = False
         self.output_source, self.output_edge = "ATRIGger", "RISing"
         self.extended_completion = False
-
-    def restore_factory_settings(self) -> None:
-        """`FACtory`: as `*RST`, and replies with headers and long words."""
-        self.reset()
-        self.headers = self.verbose = True
 
     # --- acquisition
 
@@ -165,24 +154,3 @@ class VirtualDpo72504dx(AcquisitionSystem):
         """Execute commands of its own, of which none waits; what they are refused is reported."""
         for _ in self.run(parse(text.encode("latin-1"), [])):
             raise AssertionError(text)
-
-    # --- the rest
-
-    def short_identity(self) -> str:
-        """`ID?`: the identity without the serial number."""
-        maker, model, _, firmware = self.IDENTITY.split(",")
-        return f"{maker},{model},{firmware}"
-
-    @property
-    def pixel_maps(self) -> bool:
-        """FastAcq is off and stays off: -221."""
-        return False
-
-    @pixel_maps.setter
-    def pixel_maps(self, wanted: bool) -> None:
-        if wanted:
-            raise ScpiError(-221, "FastAcq and its pixel maps are not simulated")
-
-    def unlock_panel(self, _word: str) -> None:
-        """`UNLock ALL`."""
-        self.panel_lock = "NONe"

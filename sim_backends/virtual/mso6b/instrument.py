@@ -12,7 +12,7 @@ from datetime import timedelta
 from typing import Any, ClassVar
 
 from sim_backends.scpi.arguments import nr3
-from sim_backends.scpi.status import EventStatus, ScpiError
+from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.mso6b.commands import COMMANDS, PLANNED_BY
 from sim_backends.virtual.mso6b.model import BANDWIDTH_HZ, BITS, RECORDS
 from sim_backends.virtual.oscilloscope.acquisition import AcquisitionSystem
@@ -35,7 +35,6 @@ class VirtualMso6b(AcquisitionSystem):
     IDENTITY = "TEKTRONIX,MSO64B,SIM0006,CF:91.1CT FV:2.4.4.1"
     OPTIONS = "6-BW-10000:License Option"
     SUFFIXES: ClassVar = {"CH": 4}
-    DEFAULT_SUFFIX = None
     COMMANDS = COMMANDS
     PLANNED_BY = PLANNED_BY
     RECORDS = RECORDS
@@ -44,11 +43,6 @@ class VirtualMso6b(AcquisitionSystem):
 
     def __init__(self, world: World, section: Mapping[str, Any] | None = None) -> None:
         super().__init__(world, section, effective_bits=world.parameters.enob_of_12_bits)
-        self.status: EventStatus = EventStatus()
-        self.verbose = True
-        self.clears_at_power_on = True
-        self.display_on = True
-        self.panel_lock = "NONe"
         self.acquisitions_of_a_sequence = self.every_sample = 1
         self.reset()
 
@@ -57,16 +51,6 @@ class VirtualMso6b(AcquisitionSystem):
         super().reset()
         self.trigger.holdoff_by = "TIMe"
         self.filter_shapes = {number: FilterShape() for number in CHANNELS.values()}
-
-    def restore_factory_settings(self) -> None:
-        """`FACtory`: as `*RST`, and replies with headers and long words."""
-        self.reset()
-        self.headers = self.verbose = True
-
-    def short_identity(self) -> str:
-        """`ID?`: the identity without the serial number."""
-        maker, model, _, firmware = self.IDENTITY.split(",")
-        return f"{maker},{model},{firmware}"
 
     @property
     def trigger_slope(self) -> str:
@@ -97,16 +81,6 @@ class VirtualMso6b(AcquisitionSystem):
         return ",".join(name for name, number in CHANNELS.items() if self.channels[number].selected) or "NONE"
 
     @property
-    def pixel_maps(self) -> bool:
-        """FastAcq is off and stays off: -221."""
-        return False
-
-    @pixel_maps.setter
-    def pixel_maps(self, wanted: bool) -> None:
-        if wanted:
-            raise ScpiError(-221, "FastAcq and its pixel maps are not simulated")
-
-    @property
     def fast_averages(self) -> bool:
         """Averages in hardware are off and stay off: -221."""
         return False
@@ -115,10 +89,6 @@ class VirtualMso6b(AcquisitionSystem):
     def fast_averages(self, wanted: bool) -> None:
         if wanted:
             raise ScpiError(-221, "averages made in hardware are not simulated")
-
-    def unlock_panel(self, _word: str) -> None:
-        """`UNLock ALL`."""
-        self.panel_lock = "NONe"
 
     def _of_frames(self, item: Callable[[Trace, int], str]) -> str:
         source = self.transfer.sources[0]

@@ -18,9 +18,9 @@ from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_wi
 from sim_backends.scpi.commands import Command
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
-from sim_backends.virtual.instrument import VirtualInstrument
 from sim_backends.virtual.oscilloscope.fastframe import READY_S, SUMMARY_FRAMES, FastFrame
 from sim_backends.virtual.oscilloscope.horizontal import Horizontal, Records
+from sim_backends.virtual.oscilloscope.instrument import Oscilloscope
 from sim_backends.virtual.oscilloscope.mathematics import Math, Reference
 from sim_backends.virtual.oscilloscope.modes import (
     NO_CODES,
@@ -94,7 +94,7 @@ class Progress:
         return self.frames[0]
 
 
-class AcquisitionSystem(VirtualInstrument):
+class AcquisitionSystem(Oscilloscope):
     """Settings, triggers and records of an oscilloscope; a model adds the commands and what sets it apart."""
 
     PLANNED_BY: ClassVar[frozenset[Command]]  # what changes how samples are taken

@@ -124,7 +124,7 @@ def stopped_at_once(station: Station, directory: Path, warned: list[str]) -> Pat
 def test_a_run_that_goes_on_is_warned_as_it_was_when_it_began(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    station = at(tmp_path)
+    station = at(tmp_path, scope=SIMULATED_STATION.scope.model_copy(update={"bandwidth": 12.5e9}))
     path = saved(station, LONG_AGO)
     begun: list[str] = []
     run = stopped_at_once(station, tmp_path / "run", begun)

@@ -21,6 +21,14 @@ def after(*events: tuple[str, dict[str, Any]]) -> RunState:
 
 STARTED = ("run started", {"protocol": "image-readout", "records": 440, "station": "here", "process": 1})
 LIT = ("emission", {"on": True})
+MANIFEST = {
+    "station": {
+        "attenuator": {"address": "here", "attenuation_db": 3.0},
+        "amplifier": {"address": "here", "power": 0.1},
+        "power_meter": {"address": "here", "tap": 0.01},
+    },
+    "instruments": {name: {"identity": {"model": "M"}} for name in ("attenuator", "amplifier", "power_meter")},
+}
 
 
 @pytest.mark.parametrize(
@@ -67,6 +75,24 @@ def test_a_laser_that_did_not_go_dark_is_an_alarm_until_it_is_seen_to() -> None:
     assert not after(STARTED, ("safe state", {"reached": False, "disobeyed": ["awg"]})).alarm
 
 
+def test_what_stands_behind_the_laser_is_shut_where_it_is_known_to_be() -> None:
+    through = ("light let through", {"measured_w": 0.02, "amplified_w": 0.1, "attenuation_db": 3.0})
+    lit = (STARTED, ("tuned", {"wavelength_nm": 1550.0}), LIT, through)
+    for events, words in (
+        ((STARTED,), ["not known", "not known", "not read yet"]),
+        (lit[:2], ["shut, set to 3 dB", "off, set to 100 mW", "not read yet"]),
+        (lit, ["open, 3 dB", "on, gives 100 mW", "saw the laser give 20 mW"]),
+        ((*lit, ("powers read", {"measured_w": 0.019, "amplified_w": 0.099})), ["open", "99 mW", "give 19 mW"]),
+        ((*lit, ("safe state", {"reached": True})), ["shut", "off", "give 20 mW"]),
+        ((*lit, ("safe state", {"reached": False})), ["not known", "not known", "give 20 mW"]),
+    ):
+        shown = wording.instruments(after(*events), MANIFEST).split("<dt>")
+        found = [line for line in shown if line.startswith(("attenuator", "amplifier", "power meter"))]
+        assert [word in line for word, line in zip(words, found, strict=True)] == [True] * 3, found
+    assert "on, gives" not in wording.instruments(after(*lit).without_writer(), MANIFEST)
+    assert "amplifier" not in wording.instruments(after(*lit), {})
+
+
 @pytest.mark.parametrize("value", [None, "x", -1, 1e300, float("nan"), True, [], {}, HOSTILE])
 def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
     names = ("done", "total", "rate_per_s", "remaining_s", "shot", "kind", "label", "dataset_index", "image", "pass")
@@ -78,7 +104,7 @@ def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
         "disobeyed": value,
     }
     every |= {"wavelength_nm": value, "power_w": value, "on": value, "reached": value, "what": value, "error": value}
-    every["disobeyed"] = value
+    every |= {"disobeyed": value, "measured_w": value, "amplified_w": value, "attenuation_db": value}
     kinds = (
         "run started",
         "uploading",
@@ -87,6 +113,8 @@ def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
         "emission",
         "drive",
         "patched",
+        "light let through",
+        "powers read",
         "scope set",
         "pass started",
         "progress",
@@ -100,7 +128,14 @@ def test_fields_of_the_wrong_kind_count_as_absent(value: object) -> None:
         "unheard of",
     )
     state = after(*((name, every) for name in kinds))
-    shown = wording.emission(state) + wording.progress(state, (0, 0)) + wording.instruments(state) + wording.log(state)
+    shown = wording.emission(state) + wording.progress(state, (0, 0)) + wording.log(state)
+    roles = {
+        "amplifier": {"identity": {"model": value, "serial": HOSTILE}, "address": value},
+        HOSTILE: {},
+        "awg": value,
+    }
+    for found in (value, roles, {name: {"identity": value, "power": value} for name in roles}):
+        shown += wording.instruments(state, {"instruments": found, "station": found})
     assert "<script" not in shown
     assert wording.image(state)
 
@@ -114,7 +149,7 @@ def test_text_of_a_run_is_escaped() -> None:
     )
     parts = (
         wording.progress(state, (0, 0)),
-        wording.instruments(state),
+        wording.instruments(state, {}),
         wording.log(state, HOSTILE),
         wording.image(state),
     )

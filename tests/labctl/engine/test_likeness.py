@@ -63,6 +63,17 @@ def test_noise_is_not_taken_for_anything_else(samples: int, light: float, at_onc
     assert examined(SHOTS, records(SHOTS, samples=samples, light=light), at_once) is None
 
 
+@pytest.mark.parametrize("photons", [0.3, 1.0, 3.0, 5.0, 10.0, 30.0])
+@pytest.mark.parametrize("at_once", [1, 1000])
+def test_noise_of_few_photons_is_not_taken_for_other_pictures(photons: float, at_once: int) -> None:
+    """Darkness is without noise, and records of one picture differ nearly as much as those of others."""
+    generator = np.random.default_rng(9)
+    light = photons * generator.exponential(size=(len(SHOTS), PORTS, SAMPLES))
+    shown = [np.zeros_like(light[0]) if shot.kind is ShotKind.DARK else light[shot.dataset_index] for shot in SHOTS]
+    codes = generator.poisson(np.array(shown)) * (10 / photons)
+    assert examined(SHOTS, np.clip(np.rint(codes), -128, 127).astype(np.int8), at_once) is None
+
+
 def test_bright_pictures_that_are_nearly_the_same_are_not_told_apart_where_the_light_varies() -> None:
     """As of cracks in a wall: nearly all of the light is in every picture, and its power varies from shot to shot."""
     generator = np.random.default_rng(7)

@@ -16,6 +16,7 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, bytes_needed
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.runs.format.journal import read_journal
+from labctl.runs.live.events import EventReader
 from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 from protocols.dynamic_scene import DynamicScene
@@ -52,6 +53,18 @@ def test_a_frame_sync_that_stays_away_is_no_lost_link_and_loses_nothing(
     log = (tmp_path / "run" / "commands.log").read_text()
     assert log.count("> laser OUTPUT ON") == 1
     assert log.rindex("> laser OUTPUT OFF") > log.rindex("> laser OUTPUT ON")
+
+
+def test_what_the_sample_rate_folds_back_is_told_once_when_a_run_starts(tmp_path: Path) -> None:
+    told: list[str] = []
+    filtered = Station.model_validate({"scope": {"bandwidth": "12.5 GHz"}})
+    for name, station in (("whole", Station()), ("filtered", filtered)):
+        protocol = ImageReadout(images=2, classes=(0, 1), ports=(2,), window=0.4e-9)
+        acquire(Acquisition(protocol, station, tmp_path / name), observer=Follower(warning=told.append))
+    (line,) = told
+    assert line.startswith("25 GS/s behind 25 GHz: what lies above 12.5 GHz comes back below it: set scope.bandwidth")
+    events = EventReader(tmp_path / "whole" / "events.jsonl").read()
+    assert [event.fields["text"] for event in events if event.name == "warning"] == told
 
 
 @pytest.mark.parametrize(

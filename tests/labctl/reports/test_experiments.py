@@ -52,7 +52,9 @@ def entries() -> list[ExperimentEntry]:
 
 
 def write(directory: Path) -> Path:
-    return experiments_report(directory / "report.html", entries=entries(), provenance={"versions": {"numpy": "2.4"}})
+    return experiments_report(
+        directory / "report.html", entries=entries(), provenance={"versions": {"numpy": "2.4"}}, title="All"
+    )
 
 
 def test_the_report_stands_alone(tmp_path: Path) -> None:
@@ -124,7 +126,7 @@ def test_baseline_and_mean_have_columns_where_there_are_any(tmp_path: Path) -> N
 def test_names_cannot_break_out_of_an_attribute(tmp_path: Path) -> None:
     drawn = ExperimentFigure("images", image_rows_figure([ImageRow("a", np.eye(28)[np.newaxis])]), "")
     entry = ExperimentEntry('"x<', '"><b>', "", [Result("a", "", "", "", None)], figures=[drawn])
-    page = Page(experiments_report(tmp_path / "report.html", entries=[entry], provenance={}))
+    page = Page(experiments_report(tmp_path / "report.html", entries=[entry], provenance={}, title="All"))
     assert page.attributes["id"] == ['"x<']
     assert page.attributes["href"] == ['#"x<']
     assert page.attributes["alt"] == ['"><b>: images']

@@ -53,3 +53,10 @@ def test_patterns_are_counted_together_as_alone() -> None:
     assert together.shape == (35, 784)
     for counts, pattern in zip(together, packed, strict=True):
         assert np.array_equal(counts, mirrors.on_counts(pattern))
+
+
+def test_mirrors_that_are_off_scatter_the_contrast_s_part_of_the_power() -> None:
+    sent = mirrors.reflected(np.array([0.0, 0.5, 1.0], np.float32), 1000.0)
+    assert sent[0] ** 2 == pytest.approx(1e-3)
+    assert sent[2] == pytest.approx(1.0)
+    assert sent[0] < sent[1] < sent[2]

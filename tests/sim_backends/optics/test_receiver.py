@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
+from scipy.signal import welch
 
 from sim_backends.optics import receiver
 
@@ -134,3 +135,82 @@ def test_scale_offset_position_and_clipping() -> None:
     assert codes.dtype == np.int8
     assert codes.tolist() == [[-50, -25], [127, -128]]
     assert volts[1, 0] == 9.0, "what was measured stays as it was"
+
+
+@pytest.mark.parametrize("sample_rate", [12.5e9, 25e9, 50e9, 100e9])
+def test_coloured_noise_has_the_receiver_s_spectrum_at_any_rate(sample_rate: float) -> None:
+    colour = receiver.noise_colour(sample_rate, detector_hz=12e9, scope_hz=25e9)
+    white = np.random.default_rng(1).standard_normal((400, 512 + colour.size - 1), dtype=np.float32)
+    noise = receiver.coloured(white, colour)
+    assert noise.shape == (400, 512)
+    assert noise.std() == pytest.approx(1.0, abs=0.01)
+    frequency, power = welch(noise, fs=sample_rate, nperseg=64, detrend=False)
+    folded = np.zeros_like(frequency)
+    for fold in range(-8, 9):
+        seen = frequency + fold * sample_rate
+        folded += np.exp(-np.log(2) * (seen / 25e9) ** 2) / (1 + (seen / 12e9) ** 2)
+    ratio = power.mean(axis=0)[1:-1] / (2 * folded[1:-1] / folded.mean() / sample_rate)
+    assert ratio == pytest.approx(1.0, abs=0.15)
+
+
+def test_neighbours_are_correlated_by_little_at_25_gs_and_by_much_at_100() -> None:
+    def neighbours(sample_rate: float) -> float:
+        colour = receiver.noise_colour(sample_rate, detector_hz=12e9, scope_hz=25e9)
+        return float(np.sum(colour[1:] * colour[:-1]))
+
+    assert 0.02 < neighbours(25e9) < 0.15
+    assert 0.5 < neighbours(100e9) < 0.8
+
+
+def law(*, nep: float = 0.0, ase_density: float = 0.0) -> receiver.NoiseLaw:
+    return receiver.noise_law(
+        ase_density=ase_density,
+        ase_bandwidth_hz=100e9,
+        bandwidth_hz=12.5e9,
+        gain_v_per_w=1e6,
+        responsivity=0.9,
+        nep=nep,
+        rin_per_hz=0.0,
+    )
+
+
+@pytest.mark.parametrize("photons", [0.3, 3.0, 30.0])
+def test_a_receiver_that_can_count_gives_poisson_s_numbers(photons: float) -> None:
+    counting = law()
+    laws = receiver.NoiseLaws.of([counting])
+    signal = np.full((20_000, 1, 1), photons * counting.count_v, np.float32)
+    unit = np.random.default_rng(2).standard_normal(signal.shape, dtype=np.float32)
+    counts = (signal + laws.own_noise(signal, unit)) / counting.count_v
+    assert counts == pytest.approx(np.rint(counts), abs=1e-3)
+    assert counts.min() >= -1e-3
+    assert counts.mean() == pytest.approx(photons, rel=0.05)
+    assert counts.var() == pytest.approx(photons, rel=0.05)
+    assert np.mean(counts < 0.5) == pytest.approx(np.exp(-photons), abs=0.01)
+
+
+def test_the_law_of_many_photons_goes_on_where_counting_ends() -> None:
+    counting = law()
+    laws = receiver.NoiseLaws.of([counting])
+    for photons in (99.0, 101.0):
+        signal = np.full((20_000, 1, 1), photons * counting.count_v, np.float32)
+        unit = np.random.default_rng(3).standard_normal(signal.shape, dtype=np.float32)
+        assert laws.own_noise(signal, unit).std() / counting.count_v == pytest.approx(photons**0.5, rel=0.03)
+
+
+def test_noise_of_a_real_receiver_hides_the_grains_of_light() -> None:
+    assert law(nep=24e-12).count_v == 0
+    assert law(ase_density=1e-18).count_v == 0
+    assert law().count_v > 0
+
+
+def test_a_detector_is_one_decibel_short_at_half_its_limit() -> None:
+    volts = np.array([0.0, 0.01, 0.5, 100.0], np.float32)
+    found = receiver.limited(volts, 1.0)
+    assert found[:2] == pytest.approx([0.0, 0.01], rel=1e-3)
+    assert 20 * np.log10(found[2] / 0.5) == pytest.approx(-0.97, abs=0.01)
+    assert found[3] < 1.0
+
+
+def test_an_amplifier_that_would_give_twice_its_saturation_power_gives_half_of_it() -> None:
+    gain = receiver.saturated_gain(np.array([0, 20e-6, 40e-3], np.float32), 20e-3)
+    assert gain == pytest.approx([1, 0.999, 0.5], abs=1e-3)

@@ -22,7 +22,7 @@ def pack(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.packbits(bits, axis=1)
 
 
-def picture(seed: int, fill: float = 0.2) -> NDArray[np.uint8]:
+def picture(seed: int, fill: float = 0.45) -> NDArray[np.uint8]:
     return pack((np.random.default_rng(seed).random(784) < fill).astype(np.uint8))
 
 
@@ -68,6 +68,7 @@ def quiet(*, detector_gain_v_per_w: float = 6e-4, **changes: Any) -> Parameters:
         detector_nep_w_per_rthz=0.0,
         laser_rin_db_per_hz=-300.0,
         trigger_jitter_s=0.0,
+        awg_jitter_s=0.0,
         **changes,
     )
 

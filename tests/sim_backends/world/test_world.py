@@ -218,24 +218,24 @@ def test_showing_during_transit_starts_from_where_the_mirrors_are() -> None:
 
 
 def test_wander_is_a_function_of_virtual_time() -> None:
-    moving = quiet(laser_wander_hz=1e9, chip_wander_hz=1e9, wander_step_s=1.0)
+    moving = quiet(laser_wander_hz=1e9, chip_wander_hz=1e9, wander_time_s=10.0)
 
     def at(seconds: float) -> Array:
         world = bench(parameters=moving)
         world.clock.advance(seconds)
         return shoot(world).volts
 
-    assert np.array_equal(at(3.2), at(3.2))
-    assert distance(at(3.2), at(3.7)) < 1e-3
-    assert distance(at(3.2), at(7.2)) > 3e-3
+    assert np.array_equal(at(3.22), at(3.22))
+    assert np.array_equal(at(3.22), at(3.24))  # within one step
+    assert 0 < distance(at(3.22), at(3.28)) < 0.5 * distance(at(3.22), at(33.0))
 
 
 def test_detectors_cannot_exceed_their_limit() -> None:
-    assert shoot(bench(parameters=Parameters(detector_gain_v_per_w=1e5))).volts.max() == pytest.approx(1.0)
+    assert 0.9 < shoot(bench(parameters=Parameters(detector_gain_v_per_w=1e5))).volts.max() < 1.0
 
 
 def test_direct_path_sees_no_mirrors() -> None:
-    world = bench(parameters=Parameters(light_path="direct", trigger_jitter_s=0.0))
+    world = bench(parameters=Parameters(light_path="direct", trigger_jitter_s=0.0, awg_jitter_s=0.0))
     before = shoot(world).volts
     world.show(None)
     world.clock.advance(10e-6)

@@ -29,7 +29,6 @@ class World:
     """One twin under the drive, images and patching of an alignment.
 
     clean: (images, channels, samples) V without noise, mean of the amplifier's own light included. slope: V/s.
-    laws: (4, channels, 1), the receiver's noise.
     """
 
     parameters: Parameters
@@ -40,22 +39,23 @@ class World:
     @property
     def offset_v(self) -> NDArray[np.float64]:
         """Mean without light, (channels,)."""
-        return np.asarray(self.optics.laws[3, :, 0], np.float64)
+        return np.asarray(self.optics.laws.offset_v[:, 0], np.float64)
 
     def dark_noise_v(self) -> NDArray[np.float64]:
         """Of a sample in the dark at the finest range: receiver, digitiser, rounding, (channels,)."""
         code = FINEST_V / receiver.CODES_PER_DIVISION
         digitiser = code**2 * (receiver.digitiser_noise_codes(self.parameters.enob) ** 2 + 1 / 12)
-        return np.sqrt(np.asarray(self.optics.laws[0, :, 0], np.float64) + digitiser)
+        return np.sqrt(np.asarray(self.optics.laws.floor[:, 0], np.float64) + digitiser)
 
     def repeatability_db(self, scale_v_per_div: NDArray[np.float64]) -> NDArray[np.float64]:
         """Of the first image at these ranges, (channels,)."""
         light = self.clean[0] - self.offset_v[:, np.newaxis]
-        floor, linear, quadratic, _ = np.asarray(self.optics.laws, np.float64)
+        laws = self.optics.laws
         signal = np.maximum(light, 0)
         code = scale_v_per_div[:, np.newaxis] / receiver.CODES_PER_DIVISION
-        variance = floor + linear * signal + quadratic * signal**2
-        variance = variance + (self.parameters.trigger_jitter_s * self.slope[0]) ** 2
+        jitter_s = math.hypot(self.parameters.trigger_jitter_s, self.parameters.awg_jitter_s)
+        variance = laws.floor + laws.linear * signal + laws.quadratic * signal**2
+        variance = variance + (jitter_s * self.slope[0]) ** 2
         variance = variance + code**2 * (receiver.digitiser_noise_codes(self.parameters.enob) ** 2 + 1 / 12)
         found: NDArray[np.float64] = 10 * np.log10(light.var(axis=1, ddof=1) / variance.mean(axis=1))
         return found
@@ -77,7 +77,7 @@ def world(station: Station, images: Images, ports: tuple[int, ...]) -> World:
     volts = (np.rint(samples * station.awg.amplitude / 2 / step) * step).astype(np.float32)
     playback = Playback(volts, np.arange(volts.size) < 1, 0.0, 1.0, SAMPLE_RATE)
     optics = path.optics(
-        Setting(Emission(station.laser.wavelength, station.laser.power), playback, ports, wander_step=0)
+        Setting(Emission(station.laser.wavelength, station.laser.power), playback, ports, drift_step=0)
     )
     numbers = np.arange(len(images.images))
     shown = Patterns(Images(images.images, numbers, numbers), (mirrors.ROWS, mirrors.COLUMNS))
@@ -85,8 +85,7 @@ def world(station: Station, images: Images, ports: tuple[int, ...]) -> World:
     amplitudes = path.amplitudes(mirrors.fraction(mirrors.on_counts(bits)))
     sampled = Acquisition(tuple(range(1, len(ports) + 1)), SAMPLE_RATE, SAMPLES, 0.0)
     clean, slope = path.sampled(optics, sampled, amplitudes, phase_s=0.0, shift_s=0.0)
-    offset = optics.laws[3]
-    seen = np.minimum(clean + offset, parameters.detector_limit_v)
+    seen = receiver.limited(clean + optics.laws.offset_v, parameters.detector_limit_v)
     return World(parameters, optics, np.asarray(seen, np.float64), np.asarray(slope, np.float64))
 
 
@@ -108,8 +107,8 @@ def half_width_m(parameters: Parameters, twin_seed: int) -> float:
 
     |gamma|^2 of its own modes, each weighing as much as it has power on the mirrors.
     """
-    _, modes = chain.draw_fibre(parameters, generator(digest(twin_seed, "fibre")))
-    power = np.sum(np.abs(modes.amplitudes) ** 2, axis=(0, 1), dtype=np.float64)
+    modes = chain.draw_fibre(parameters, generator(digest(twin_seed, "fibre")))
+    power = np.abs(modes.excitation.at(0.0)) ** 2 * np.sum(np.abs(modes.overlaps) ** 2, axis=(0, 1), dtype=np.float64)
     share = 2 / 3 * 40e-12 / derived.delay_spread_s(parameters)
     detuning_hz = np.arange(0, 3e9, 1e6)
     gamma = np.exp(-2j * np.pi * np.multiply.outer(detuning_hz, modes.delays_s)) @ (power / power.sum())

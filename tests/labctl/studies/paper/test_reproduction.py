@@ -17,6 +17,7 @@ from labctl.studies.paper.analyses import MODULES, analysis_of
 from labctl.studies.paper.experiments import Experiment, experiments
 from labctl.studies.paper.feasibility import check
 from labctl.studies.paper.reproduction import Plan, name_by_settings
+from labctl.studies.paper.twin_runs import TwinRuns
 
 GUIDE = Path(__file__).parents[4] / "docs" / "how-to" / "run-the-experiments-on-your-bench.md"
 
@@ -51,6 +52,49 @@ def test_a_seed_is_a_bench_only_where_every_seed_has_a_twin(eleventh: Experiment
         plan = Plan((eleventh,), station, tmp_path / "out")
         assert plan.seeds_of(eleventh) == (1, 2, 3, 4, 5)
         assert plan.benches_of(eleventh) == benches
+
+
+class TestColumns:
+    """Single triggers first, the mean of several beside them."""
+
+    def test_single_triggers_come_in_bursts_where_the_station_is_wired(
+        self, eleventh: Experiment, tmp_path: Path
+    ) -> None:
+        for station, timing in ((SIMULATED_STATION, "burst"), (Station(), "software")):
+            single, averaged = Plan((eleventh,), station, tmp_path).columns_of(eleventh, 7)
+            assert single["chip"].model_dump() | {"averages": 16, "timing": "software"} == averaged["chip"].model_dump()
+            assert single["chip"].model_dump()["timing"] == timing
+            assert (single["chip"].averages, single["chip"].seed) == (1, 7)
+
+    def test_a_file_that_says_how_frames_are_timed_is_heeded(self, eleventh: Experiment, tmp_path: Path) -> None:
+        runs = {"chip": {"protocol": "image-readout", "settings": {"timing": "software"}}}
+        said = Experiment.model_validate(eleventh.model_dump() | {"runs": runs})
+        single, _ = Plan((said,), SIMULATED_STATION, tmp_path).columns_of(said, 1)
+        assert single["chip"].model_dump()["timing"] == "software"
+
+    def test_without_averages_the_runs_settings_hold(self, eleventh: Experiment, tmp_path: Path) -> None:
+        runs = {"chip": {"protocol": "image-readout", "settings": {"averages": 4}}}
+        must = [{"what": "accuracy", "path": ["one_port", "2.0"], "at_least": 0.8}]
+        own = Experiment.model_validate(eleventh.model_dump() | {"runs": runs, "averages": (), "must": must})
+        (only,) = Plan((own,), SIMULATED_STATION, tmp_path).columns_of(own, 1)
+        assert only["chip"].averages == 4
+
+    def test_what_needs_no_light_is_found_once_for_both(self) -> None:
+        known: dict[str, int] = {}
+        columns = [TwinRuns({}, {}, 1, 1, known=known) for _ in range(2)]
+        asked: list[int] = []
+
+        def compute() -> int:
+            asked.append(1)
+            return 5
+
+        assert [column.once("raw pixels", compute) for column in columns] == [5, 5]
+        assert len(asked) == 1
+
+
+def test_seeds_begin_where_they_are_told(eleventh: Experiment, tmp_path: Path) -> None:
+    assert Plan((eleventh,), SIMULATED_STATION, tmp_path, first_seed=3, seeds=2).seeds_of(eleventh) == (3, 4)
+    assert Plan((eleventh,), SIMULATED_STATION, tmp_path, quick=True, first_seed=3).seeds_of(eleventh) == (3,)
 
 
 class TestParametersOfARun:

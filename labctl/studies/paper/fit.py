@@ -1,0 +1,141 @@
+"""The one number of the twin that is fitted: by what the paper says of one curve, on seeds that nothing else uses.
+
+The paper says where accuracy crosses a bound: below it at one acquisition time, above it at a longer one. A value of
+the parameter misses that by how much its accuracy is short of the bound at the longer time, and beyond it at the
+shorter:
+
+    misfit = max(0, bound - accuracy(longer)) + max(0, accuracy(shorter) - bound)
+
+Fitted is the value of least misfit; its interval are the values whose misfit on the same benches is not greater by more
+than chance (Student's t of the differences, bench by bench).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from labctl.analysis.intervals import Statistic, difference, pooled
+from labctl.bench.signals import Interruption
+from labctl.errors import ExperimentError
+from labctl.reports.experiments import ExperimentFigure
+from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
+from labctl.studies.paper.experiments import Experiment, FitStudy
+from labctl.studies.paper.reproduction import Plan, Progress
+from labctl.studies.paper.sensitivity import acquisition_of, judged, points_of
+from labctl.studies.processes import in_parallel
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One value of the parameter: accuracy at the shorter and the longer time, and how far both miss the paper's."""
+
+    value: float
+    shorter: Statistic
+    longer: Statistic
+    misfit: Statistic
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What was tried, value by value; the value of least misfit, and the least and greatest that do not differ."""
+
+    tried: tuple[Tried, ...]
+    fitted: float
+    interval: tuple[float, float]
+
+    @property
+    def reached(self) -> bool:
+        """Whether the fitted value is on the paper's side of the bound at both times, by the means of the benches."""
+        return any(one.value == self.fitted and one.misfit["mean"] == 0.0 for one in self.tried)
+
+
+def fit_of(experiment: Experiment) -> FitStudy:
+    """What the experiment's file wants fitted.
+
+    Raises:
+        ExperimentError: nothing.
+    """
+    if experiment.fit is None:
+        raise ExperimentError(f"experiment {experiment.name} says nothing to fit: --fit is for fig3")
+    return experiment.fit
+
+
+def fit(plan: Plan, experiment: Experiment, *, interruption: Interruption, progress: Progress) -> Fit:
+    """Acquire and judge one run a twin for every value of the parameter.
+
+    Raises:
+        ExperimentError: the experiment says nothing to fit, or the bench is a real one.
+        Interrupted: the operator stopped it.
+    """
+    study = fit_of(experiment)
+    if not plan.station.wholly_simulated:
+        raise ExperimentError(f"{plan.station.source}: a real bench has no parameters to fit: leave --station out")
+    seeds = range(study.first_seed, study.first_seed + (plan.seeds or study.twins))
+    points = {value: points_of(study.variation, value, seeds) for value in study.variation.values}
+    splits = plan.splits_of(experiment)
+    tasks = {
+        point: partial(
+            judged, acquisition_of(plan, experiment, study.run, point, study.windows[1]), splits, study.windows
+        )
+        for point in chain.from_iterable(points.values())
+    }
+    found = in_parallel(tasks, interruption=interruption, progress=lambda done, _steps: progress(done, len(tasks)))
+    tried = [_tried(study, value, [found[point][0] for point in points[value]]) for value in study.variation.values]
+    return concluded(tried)
+
+
+def concluded(tried: Sequence[Tried]) -> Fit:
+    """The value of least misfit, and those that the benches do not tell from it."""
+    best = min(tried, key=lambda one: float(one.misfit["mean"]))
+    alike = [one.value for one in tried if not (difference(one.misfit, best.misfit)["low"] or 0.0) > 0]
+    return Fit(tuple(tried), best.value, (min(alike), max(alike)))
+
+
+def _tried(study: FitStudy, value: float, benches: Sequence[Sequence[Any]]) -> Tried:
+    shorter, longer = (pooled([bench[place] for bench in benches]) for place in (0, 1))
+    short_of = np.maximum(0, study.accuracy - np.asarray(longer["by_bench"]))
+    beyond = np.maximum(0, np.asarray(shorter["by_bench"]) - study.accuracy)
+    return Tried(value, shorter, longer, pooled(short_of + beyond))
+
+
+def figure_of(study: FitStudy, found: Fit) -> ExperimentFigure:
+    """Accuracy at both times against the parameter."""
+    panels = [
+        Sensitivity(
+            f"{study.variation.name}; {window * 1e9:g} ns",
+            [one.value for one in found.tried],
+            [statistic["mean"] for statistic in statistics],
+            [statistic["se"] or 0.0 for statistic in statistics],
+            found.fitted,
+            study.variation.logarithmic,
+        )
+        for window, statistics in zip(
+            study.windows, ([one.shorter for one in found.tried], [one.longer for one in found.tried]), strict=True
+        )
+    ]
+    caption = "Accuracy with standard errors of the mean over benches; dashed: the fitted value; dotted: the paper's."
+    return ExperimentFigure(
+        "fit", sensitivity_figure(panels, window_s=study.windows[1], required=study.accuracy), caption
+    )
+
+
+def as_json(study: FitStudy, found: Fit) -> dict[str, Any]:
+    """The parameter, what was tried, the fitted value and its interval."""
+    return {
+        "parameter": study.variation.parameter,
+        "name": study.variation.name,
+        "accuracy": study.accuracy,
+        "windows_ns": [window * 1e9 for window in study.windows],
+        "tried": [
+            {"value": one.value, "shorter": one.shorter, "longer": one.longer, "misfit": one.misfit}
+            for one in found.tried
+        ],
+        "fitted": found.fitted,
+        "interval": list(found.interval),
+        "fitted_parameter": study.variation.parameter_at(found.fitted),
+        "reached": found.reached,
+    }
