@@ -24,9 +24,12 @@ class ProtocolError(LabctlError):
 
 
 class ShotKind(StrEnum):
-    """What a shot is for."""
+    """What a shot is for. A pattern calibrates; what is alone lacks the reference that else stands beside it."""
 
     IMAGE = "image"
+    IMAGE_ALONE = "image-alone"
+    PATTERN = "pattern"
+    PATTERN_ALONE = "pattern-alone"
     REFERENCE = "reference"
     DARK = "dark"
     SCENE = "scene"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PositiveInt, field_validator
 
 from instruments.bench import Bench
-from instruments.interfaces import BurstDmd
+from instruments.interfaces import BurstDmd, Dmd
 from instruments.units import Seconds
 from instruments.values import Drive, Frames, Scaling, Timebase
 from protocols.base import (
@@ -28,9 +28,10 @@ from protocols.base import (
     ShotKind,
 )
 from protocols.bursts import burst_dmd, load_pictures, played
-from protocols.image_readout import pseudorandom_drive
+from protocols.image_readout import DRIVE_RATE, DRIVE_SAMPLES, pseudorandom_drive
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
+from protocols.reference_picture import beside_reference, field_of
 from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for
 
 SETTLED_PERIODS = 2
@@ -49,7 +50,9 @@ class DynamicScene(Measurement[Images]):
     The scenes begin with images of the first class and end with images of the second, drawn by the seed from the same
     `images` that an image readout with this seed shows. The AWG starts with the DMD's pulse, `switch_after` before
     the switch is commanded, and plays one period of the drive after another: windows at whole periods of a record see
-    the masks of an image readout with the same seed.
+    the masks of an image readout with the same seed. With `reference` the middle of the images is shown beside the
+    reference of ghost imaging, and `repeats_after` is the time after which the drive repeats: so windows see the masks
+    of ghost imaging with that window and the same seed.
     """
 
     name: ClassVar[str] = "dynamic-scene"
@@ -66,6 +69,8 @@ class DynamicScene(Measurement[Images]):
     wavelengths: Wavelengths = (1550.0,)
     switch_after: Annotated[Seconds, Field(gt=0, le=20e-6)] = 4.6e-6
     window: Annotated[Seconds, Field(ge=40e-12, le=20e-6)] = 10e-6
+    reference: bool = False
+    repeats_after: Annotated[Seconds, Field(ge=40e-12, le=20e-6)] = DRIVE_SAMPLES / DRIVE_RATE
 
     @field_validator("switch")
     @classmethod
@@ -101,11 +106,11 @@ class DynamicScene(Measurement[Images]):
     def check(self, bench: Bench, inputs: Images) -> None:
         """The DMD must start the AWG, and the images fit it."""
         burst_dmd(bench)
-        Patterns(inputs, bench.dmd.shape)
+        self._patterns(inputs, bench.dmd)
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
-        """The pseudorandom drive of an image readout with the same seed."""
-        return pseudorandom_drive(bench, self.seed)
+        """The pseudorandom drive of an image readout with the same seed, or of ghost imaging."""
+        return pseudorandom_drive(bench, self.seed, repeats_after_s=self.repeats_after)
 
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
@@ -119,7 +124,7 @@ class DynamicScene(Measurement[Images]):
         """Scene by scene: arm, let the DMD play both images, read; `averages` times."""
         dmd = burst_dmd(bench)
         plan = self.shots(inputs)
-        patterns = Patterns(inputs, dmd.shape)
+        patterns = self._patterns(inputs, dmd)
         drive = self.drive(bench, inputs)
         lead_s = SETTLED_PERIODS * drive.period_s
         timebase = Timebase(self.sample_rate, self.sample_count(inputs), lead_s)
@@ -138,6 +143,11 @@ class DynamicScene(Measurement[Images]):
                 for shot in part.shots:
                     playings = [captures[shot.index]() for _ in range(self.averages)]
                     yield Record(part.pass_, shot.index, _averaged(playings, finer))
+
+    def _patterns(self, inputs: Images, dmd: Dmd) -> Patterns:
+        if not self.reference:
+            return Patterns(inputs, dmd.shape)
+        return Patterns(replace(inputs, images=beside_reference(field_of(inputs.images), reference=True)), dmd.shape)
 
     def _capture(self, bench: Bench, dmd: BurstDmd, scene: Shot, lead_s: float) -> Frames:
         """One playing of a scene: the pulse that starts the AWG ends so long before the second image comes."""

@@ -89,10 +89,7 @@ class ImageReadout(Measurement[Images]):
 
     def check(self, bench: Bench, inputs: Images) -> None:
         """The images must fit the DMD, and the timing the wiring."""
-        if self.timing == "burst":
-            burst_dmd(bench)
-            if self.averages != 1:
-                raise ProtocolError(f"averages = {self.averages}: a burst takes one trigger a shot: choose 1")
+        check_burst(bench, self.timing, self.averages)
         Patterns(inputs, bench.dmd.shape)
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
@@ -105,40 +102,89 @@ class ImageReadout(Measurement[Images]):
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""
-        shot_s = REAL_SHOT_S if self.averages == 1 else REAL_MEAN_S
-        return len(self.passes(bench)) * (REAL_PASS_S + (shots + PROBES) * shot_s)
+        return stills_duration_s(len(self.passes(bench)), shots, self.averages)
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot: show, arm, wait for the marker of the running drive, read. Or in hardware-timed bursts."""
-        timebase = Timebase(self.sample_rate, self.sample_count(inputs))
-        patterns = Patterns(inputs, bench.dmd.shape)
         plan = self.shots(inputs)
-        probes = [shot for shot in plan if shot.kind is ShotKind.IMAGE][:PROBES]
-        drive = self.drive(bench, inputs)
-        if self.timing == "burst":
-            dmd = burst_dmd(bench)
-            memory = PictureMemory(bench, patterns, plan)
-        with bench.emitting(parts[0].pass_.wavelength_nm):
-            for part in parts:
-                pass_ = part.pass_
-                bench.tune(pass_.wavelength_nm)
-                bench.connect(pass_.patching)
-                bench.load_drive(drive)
-                bench.play_drive()
-                bench.configure(timebase, pass_.patching, self.averages)
-                captures = [partial(show_and_capture, bench, patterns[shot]) for shot in probes]
-                yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures))
-                if self.timing == "burst":
-                    yield from measure_bursts(bench, dmd, memory, part, drive, timebase, self.longest_burst)
-                else:
-                    for shot in part.shots:
-                        yield Record(pass_, shot.index, show_and_capture(bench, patterns[shot]))
+        return still_pictures(
+            bench,
+            parts,
+            plan=plan,
+            probes=[shot.index for shot in plan if shot.kind is ShotKind.IMAGE][:PROBES],
+            patterns=Patterns(inputs, bench.dmd.shape),
+            drive=self.drive(bench, inputs),
+            timebase=Timebase(self.sample_rate, self.sample_count(inputs)),
+            averages=self.averages,
+            timing=self.timing,
+            longest_burst=self.longest_burst,
+        )
 
 
-def pseudorandom_drive(bench: Bench, seed: int) -> Drive:
-    """Uniform pseudorandom samples at 25 GS/s, one period of 100 ns, fixed by the seed."""
-    samples = np.random.default_rng((seed, 2)).uniform(-1.0, 1.0, DRIVE_SAMPLES).astype(np.float32)
-    return Drive("pseudorandom", samples, DRIVE_RATE, bench.levels.rf_amplitude_vpp)
+def check_burst(bench: Bench, timing: str, averages: int) -> None:
+    """Find out whether the bench can measure still pictures with this timing.
+
+    Raises:
+        ProtocolError: a burst of averages, or on a bench that is not wired for bursts.
+    """
+    if timing == "burst":
+        burst_dmd(bench)
+        if averages != 1:
+            raise ProtocolError(f"averages = {averages}: a burst takes one trigger a shot: choose 1")
+
+
+def stills_duration_s(passes: int, shots: int, averages: int) -> float:
+    """How long still pictures take on real instruments, ranging included, s."""
+    shot_s = REAL_SHOT_S if averages == 1 else REAL_MEAN_S
+    return passes * (REAL_PASS_S + (shots + PROBES) * shot_s)
+
+
+def still_pictures(
+    bench: Bench,
+    parts: Sequence[Part],
+    *,
+    plan: Sequence[Shot],
+    probes: Sequence[int],
+    patterns: Patterns,
+    drive: Drive,
+    timebase: Timebase,
+    averages: int,
+    timing: Literal["software", "burst"],
+    longest_burst: int | None = None,
+) -> Events:
+    """Measure `parts` shot by shot (show, arm, wait for the marker of the running drive, read), or in bursts.
+
+    plan: what of `patterns` each shot of the run shows. probes: indices of the shots that the ranges are found with.
+    """
+    if timing == "burst":
+        dmd = burst_dmd(bench)
+        memory = PictureMemory(bench, patterns, plan)
+    with bench.emitting(parts[0].pass_.wavelength_nm):
+        for part in parts:
+            pass_ = part.pass_
+            bench.tune(pass_.wavelength_nm)
+            bench.connect(pass_.patching)
+            bench.load_drive(drive)
+            bench.play_drive()
+            bench.configure(timebase, pass_.patching, averages)
+            captures = [partial(show_and_capture, bench, patterns[plan[probe]]) for probe in probes]
+            yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures))
+            if timing == "burst":
+                yield from measure_bursts(bench, dmd, memory, part, drive, timebase, longest_burst)
+            else:
+                for shot in part.shots:
+                    yield Record(pass_, shot.index, show_and_capture(bench, patterns[plan[shot.index]]))
+
+
+def pseudorandom_drive(bench: Bench, seed: int, *, repeats_after_s: float = DRIVE_SAMPLES / DRIVE_RATE) -> Drive:
+    """Uniform pseudorandom samples at 25 GS/s, fixed by the seed, that repeat after a time; a period is 100 ns or more.
+
+    A shorter period would have passed before the light of a drive that starts is through the fibre.
+    """
+    different = max(1, round(repeats_after_s * DRIVE_RATE))
+    samples = np.random.default_rng((seed, 2)).uniform(-1.0, 1.0, different).astype(np.float32)
+    period = np.tile(samples, -(-DRIVE_SAMPLES // different))
+    return Drive("pseudorandom", period, DRIVE_RATE, bench.levels.rf_amplitude_vpp)
 
 
 def show_and_capture(bench: Bench, mirrors: NDArray[np.uint8]) -> Frames:

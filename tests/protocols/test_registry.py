@@ -25,7 +25,7 @@ def test_the_command_line_wins_over_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "settings", "message"),
     [
-        ("nothing", [], "protocol 'nothing' is not installed: choose one of dynamic-scene, image"),
+        ("nothing", [], "protocol 'nothing' is not installed: choose one of dynamic-scene, ghost"),
         ("image-readout", ["colour=red"], "colour: image-readout has no such setting: choose from"),
         ("image-readout", ["images"], "--set images: write it as key=value"),
         ("image-readout", ["images=-3"], "images = '-3': "),
@@ -49,6 +49,7 @@ def test_a_file_that_is_no_protocol(tmp_path: Path, text: str) -> None:
 def test_every_protocol_of_the_house_says_how_its_runs_are_judged() -> None:
     assert {name: judgement_of(name) for name in protocol_names()} == {
         "dynamic-scene": Judgement.EXPERIMENT,
+        "ghost-imaging": Judgement.EXPERIMENT,
         "image-readout": Judgement.READOUT,
         "sequence-readout": Judgement.EXPERIMENT,
         "wavelength-scan": Judgement.ITSELF,

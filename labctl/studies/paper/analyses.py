@@ -24,6 +24,7 @@ MODULES = {
     "scenes": "paper",
     "imaging": "paper",
     "following": "beyond",
+    "ghost_imaging": "beyond",
     "few_photons": "beyond",
     "analogue_readout": "beyond",
     "shortest_time": "beyond",

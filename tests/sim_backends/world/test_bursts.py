@@ -112,10 +112,10 @@ def test_the_first_period_of_a_segment_starts_from_idle_light() -> None:
     long = Acquisition((1,), RATE, 3000, 98e-9 - 20e-9)
     trace = world.record(long, coming(world)).volts[0, 0]
     peak = trace.max()
-    assert np.ptp(trace[:490]) < 1e-3 * peak
+    assert np.ptp(trace[:490]) < 2e-3 * peak
     assert np.ptp(trace[500:2000]) > 0.2 * peak
-    assert np.ptp(trace[2400:]) < 1e-3 * peak
-    np.testing.assert_allclose(trace[2400:], trace[0], atol=1e-3 * peak)
+    assert np.ptp(trace[2400:]) < 2e-3 * peak
+    np.testing.assert_allclose(trace[2400:], trace[0], atol=2e-3 * peak)
     np.testing.assert_allclose(trace[1000:1500], trace[1500:2000], atol=2e-3 * peak)
     assert np.abs(trace[500:600] - trace[1000:1100]).max() > 0.02 * peak
 
@@ -198,7 +198,7 @@ def test_an_endless_projection_triggers_for_ever() -> None:
     times = coming(world, 6)
     assert times[0] - world.clock.now < PICTURE_S
     shown = world.record(LATER, times).volts
-    np.testing.assert_allclose(shown[:3], shown[3:], atol=0.03)
+    assert distance(shown[:3], shown[3:]) < 0.15 * shown.std()
     turns = np.rint((times - projection.start_s - SYNCH_S) / PICTURE_S).astype(int) % 3
     away = shown[turns.tolist().index(0)] - still(PATTERNS[0], LATER)
     assert away.std() < 0.02
