@@ -230,9 +230,9 @@ def power_factors(light: DriveLight, taps: NDArray[np.complex64]) -> NDArray[np.
     return np.ascontiguousarray(np.concatenate(list(columns), axis=-1))
 
 
-def projection(parameters: Parameters) -> fibre.Projection:
+def projector(parameters: Parameters) -> fibre.Projector:
     """The optics around the mirrors."""
-    return fibre.Projection(
+    return fibre.Projector(
         wavelength=parameters.design_wavelength_nm * 1e-9,
         core_radius=parameters.core_diameter_m / 2,
         aperture=parameters.fibre_na,
@@ -255,7 +255,7 @@ def draw_fibre(parameters: Parameters, generator: np.random.Generator) -> fibre.
         return fibre.single_mode()
     return fibre.draw_modes(
         generator,
-        projection(parameters),
+        projector(parameters),
         collected_modes=parameters.collected_modes,
         coherence_s=parameters.fibre_coherence_s,
     )

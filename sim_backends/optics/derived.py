@@ -1,12 +1,12 @@
 """What follows from the parameters: numbers of modes, delay spread, speckle grain, density of resonances."""
 
-from sim_backends.optics import cavity, fibre, mirrors
+from sim_backends.optics import cavity, fibre, lp_modes, mirrors
 from sim_backends.parameters import Parameters
 
 
 def fibre_v_number(parameters: Parameters) -> float:
     """V number of the fibre at its full aperture, 158 at the defaults."""
-    return fibre.v_number(parameters.core_diameter_m / 2, parameters.fibre_na, _wavelength_m(parameters))
+    return lp_modes.v_number(parameters.core_diameter_m / 2, parameters.fibre_na, _wavelength_m(parameters))
 
 
 def launched_modes(parameters: Parameters) -> int:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from sim_backends.optics.drift import OrnsteinUhlenbeck
-from sim_backends.optics.lp_modes import LpModes, lp_modes, v_number
+from sim_backends.optics.lp_modes import LpModes, lp_modes
 from sim_backends.optics.mirrors import SIDE
 from sim_backends.parameters import SPEED_OF_LIGHT
 
@@ -37,7 +37,7 @@ _INTERPOLATED = 6  # grid points that a delayed envelope is interpolated from
 
 
 @dataclass(frozen=True)
-class Projection:
+class Projector:
     """The optics around the mirrors.
 
     Attributes:
@@ -120,31 +120,31 @@ class _Modes:
 
 
 @lru_cache(maxsize=4)
-def _launched(projection: Projection) -> _Modes:
+def _launched(projector: Projector) -> _Modes:
     """Modes of the first fibre with light on the square; the powers of all that are launched add up to 1."""
-    launch, gaussian = projection.launch_aperture, projection.launch_profile == "gaussian"
+    launch, gaussian = projector.launch_aperture, projector.launch_profile == "gaussian"
     largest = launch * math.sqrt(-math.log(_LEFT_OUT) / 2) if gaussian else launch
-    modes = lp_modes(projection.core_radius, projection.aperture, projection.wavelength, up_to_aperture=largest)
+    modes = lp_modes(projector.core_radius, projector.aperture, projector.wavelength, up_to_aperture=largest)
 
     def brightness(some: LpModes) -> NDArray[np.float64]:
-        sine = some.sine_of_angle(projection.wavelength)[some.twofold]
+        sine = some.sine_of_angle(projector.wavelength)[some.twofold]
         return np.exp(-2 * (sine / launch) ** 2) if gaussian else np.ones(some.count)
 
-    seen = modes.reaching(projection.side / math.sqrt(2))
-    delays = seen.delays(projection.length, projection.index, projection.group_index, projection.aperture)
+    seen = modes.reaching(projector.side / math.sqrt(2))
+    delays = seen.delays(projector.length, projector.index, projector.group_index, projector.aperture)
     return _Modes(
-        seen.fields(*_gauss_points(projection.side)).reshape(-1, SIDE, 2, SIDE, 2),
+        seen.fields(*_gauss_points(projector.side)).reshape(-1, SIDE, 2, SIDE, 2),
         delays[seen.twofold],
         brightness(seen) / brightness(modes).sum(),
     )
 
 
 @lru_cache(maxsize=4)
-def _collecting(projection: Projection) -> NDArray[np.float32]:
+def _collecting(projector: Projector) -> NDArray[np.float32]:
     """Fields of the collecting fibre's lowest modes at the Gauss points, (n, 28, 2, 28, 2)."""
-    modes = lp_modes(projection.collection_radius, projection.collection_aperture, projection.wavelength)
-    fields = modes.imaged(projection.collection_image * projection.side / 2).fields(*_gauss_points(projection.side))
-    lowest = np.argsort(modes.u[modes.twofold], kind="stable")[: projection.collecting_modes]
+    modes = lp_modes(projector.collection_radius, projector.collection_aperture, projector.wavelength)
+    fields = modes.imaged(projector.collection_image * projector.side / 2).fields(*_gauss_points(projector.side))
+    lowest = np.argsort(modes.u[modes.twofold], kind="stable")[: projector.collecting_modes]
     return np.ascontiguousarray(fields[lowest]).reshape(-1, SIDE, 2, SIDE, 2)
 
 
@@ -156,21 +156,21 @@ def _gauss_points(side: float) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def draw_modes(
-    generator: np.random.Generator, projection: Projection, *, collected_modes: int = 1, coherence_s: float = math.inf
+    generator: np.random.Generator, projector: Projector, *, collected_modes: int = 1, coherence_s: float = math.inf
 ) -> FibreModes:
     """Draw a fibre and the modes that are collected from it.
 
     Args:
         generator: where the randomness comes from.
-        projection: the optics.
+        projector: the optics.
         collected_modes: how many orthogonal modes reach the detectors, as powers.
         coherence_s: time over which the field's correlation falls to 1/e; infinite: the fibre does not drift.
     """
-    launched, collecting = _launched(projection), _collecting(projection)
+    launched, collecting = _launched(projector), _collecting(projector)
     excitation = OrnsteinUhlenbeck.draw(generator, np.sqrt(launched.powers), coherence_s)
     normal = generator.standard_normal((2, len(collecting), collected_modes))
     mixture, _ = np.linalg.qr(normal[0] + 1j * normal[1])
-    area = (projection.side / (2 * SIDE)) ** 2
+    area = (projector.side / (2 * SIDE)) ** 2
     overlaps = np.empty((collected_modes, SIDE * SIDE, launched.delays_s.size), np.complex64)
     for number, weights in enumerate(mixture.T):
         mode = np.tensordot(weights, collecting, axes=1) * area
@@ -221,17 +221,3 @@ def _lagrange(place: NDArray[np.float64], nodes: NDArray[np.intp]) -> NDArray[np
         for other in nodes[nodes != node]:
             weights[:, column] *= (place - other) / (node - other)
     return weights
-
-
-__all__ = [
-    "FibreModes",
-    "LaunchProfile",
-    "Projection",
-    "delay_spread",
-    "delay_taps",
-    "draw_modes",
-    "mode_count",
-    "single_mode",
-    "speckle_grain",
-    "v_number",
-]

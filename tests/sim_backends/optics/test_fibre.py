@@ -9,11 +9,11 @@ from sim_backends.optics.drift import OrnsteinUhlenbeck
 from sim_backends.parameters import Parameters
 
 NU = 299_792_458.0 / 1550e-9
-PROJECTION = chain.projection(Parameters())
+PROJECTOR = chain.projector(Parameters())
 
 
-def speckle(seed: int, projection: fibre.Projection = PROJECTION, frequency_hz: float = NU) -> NDArray[np.complex64]:
-    modes = fibre.draw_modes(np.random.default_rng(seed), projection)
+def speckle(seed: int, projector: fibre.Projector = PROJECTOR, frequency_hz: float = NU) -> NDArray[np.complex64]:
+    modes = fibre.draw_modes(np.random.default_rng(seed), projector)
     taps, _ = fibre.delay_taps(modes, frequency_hz=frequency_hz, step=5e-12)
     field: NDArray[np.complex64] = taps[0].sum(axis=1)
     return field
@@ -35,26 +35,26 @@ def test_grain_follows_from_the_aperture() -> None:
 
 
 def test_through_a_smooth_collecting_mode_the_grain_is_that_of_the_launch() -> None:
-    smooth = replace(PROJECTION, collecting_modes=1, collection_image=6.0)
+    smooth = replace(PROJECTOR, collecting_modes=1, collection_image=6.0)
     lags = np.zeros(8)
     for seed in range(40):
         field = speckle(seed, smooth).reshape(28, 28)
         lags += [np.mean(field[:, : 28 - lag] * field[:, lag:].conj()).real for lag in range(8)]
     intensity = (lags / lags[0]) ** 2
     half = np.interp(0.5, intensity[:5][::-1], np.arange(5.0)[::-1])
-    superpixel_m = PROJECTION.side / 28
+    superpixel_m = PROJECTOR.side / 28
     assert 2 * half * superpixel_m == pytest.approx(fibre.speckle_grain(0.13, 1550e-9, "gaussian"), rel=0.12)
 
 
 def test_the_collected_mode_takes_no_more_than_all_light_on_the_square() -> None:
-    modes = fibre.draw_modes(np.random.default_rng(3), replace(PROJECTION, collecting_modes=129), collected_modes=129)
+    modes = fibre.draw_modes(np.random.default_rng(3), replace(PROJECTOR, collecting_modes=129), collected_modes=129)
     on_square = 4 * 0.35**2 / np.pi
     taken = np.sum(np.abs(modes.overlaps.sum(axis=1) * modes.excitation.at(0.0)) ** 2)
     assert 0.3 * on_square < taken < on_square
 
 
 def test_late_modes_are_the_fine_ones() -> None:
-    modes = fibre.draw_modes(np.random.default_rng(4), replace(PROJECTION, collecting_modes=1))
+    modes = fibre.draw_modes(np.random.default_rng(4), replace(PROJECTOR, collecting_modes=1))
     order = np.argsort(modes.delays_s)
     early, late = (modes.overlaps[0][:, part].reshape(28, 28, -1) for part in (order[20:100], order[-100:]))
 
@@ -65,8 +65,8 @@ def test_late_modes_are_the_fine_ones() -> None:
 
 
 def test_gaussian_launch_has_late_modes_and_the_filled_one_ends() -> None:
-    gaussian = fibre.draw_modes(np.random.default_rng(4), PROJECTION).delays_s
-    filled = fibre.draw_modes(np.random.default_rng(4), replace(PROJECTION, launch_profile="filled")).delays_s
+    gaussian = fibre.draw_modes(np.random.default_rng(4), PROJECTOR).delays_s
+    filled = fibre.draw_modes(np.random.default_rng(4), replace(PROJECTOR, launch_profile="filled")).delays_s
     spread = fibre.delay_spread(20, 0.13, 1.444)
     assert filled.max() == pytest.approx(spread, rel=0.02)
     assert gaussian.max() > 2.5 * spread
@@ -92,7 +92,7 @@ def test_delays_and_carrier_phases_are_exact(delay_s: float) -> None:
 
 
 def test_a_drifting_fibre_keeps_its_power_and_loses_its_speckle() -> None:
-    modes = fibre.draw_modes(np.random.default_rng(7), PROJECTION, coherence_s=1.0)
+    modes = fibre.draw_modes(np.random.default_rng(7), PROJECTOR, coherence_s=1.0)
     fields = [fibre.delay_taps(modes, frequency_hz=NU, step=5e-12, time_s=t)[0][0].sum(axis=1) for t in (0.0, 0.1, 5.0)]
     overlap = [abs(np.vdot(fields[0], field)) / np.linalg.norm(fields[0]) / np.linalg.norm(field) for field in fields]
     assert overlap[1] == pytest.approx(np.exp(-0.1), abs=0.08)

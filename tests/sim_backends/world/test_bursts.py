@@ -12,7 +12,7 @@ from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
 from sim_backends.world.signals import AUX, Acquisition, Playback, Projection, TriggerCondition
 from sim_backends.world.world import Noise, World
-from tests.sim_backends.world.light import LIGHT, MARKER, RATE, Array, quiet
+from tests.sim_backends.world.light import LIGHT, MARKER, RATE, Array, distance, quiet
 
 PERIOD = 500
 PICTURE_S, SYNCH_S = 44e-6, 10e-6
