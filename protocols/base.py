@@ -170,13 +170,19 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     projector: ClassVar[bool] = True
     takes: ClassVar[type[Images | Sequences]] = Images
     judgement: ClassVar[Judgement] = Judgement.NONE
+    added_settings: ClassVar[frozenset[str]] = frozenset()
 
     seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 1
     averages: Annotated[int, Field(ge=1, le=MOST_AVERAGES)] = 1
 
     def digest(self) -> str:
-        """SHA-256 over the name and every setting, in hex: equal protocols have equal digests."""
-        return hashlib.sha256(f"{self.name} {self.model_dump_json()}".encode()).hexdigest()
+        """SHA-256 over the name and every setting, in hex: equal protocols have equal digests.
+
+        Settings of `added_settings` count where they are not at their defaults only.
+        """
+        fields = type(self).model_fields
+        as_before = {name for name in self.added_settings if getattr(self, name) == fields[name].default}
+        return hashlib.sha256(f"{self.name} {self.model_dump_json(exclude=as_before)}".encode()).hexdigest()
 
     @abstractmethod
     def shots(self, inputs: InputsT) -> Sequence[Shot]:

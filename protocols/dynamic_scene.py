@@ -57,6 +57,7 @@ class DynamicScene(Measurement[Images]):
 
     name: ClassVar[str] = "dynamic-scene"
     judgement: ClassVar[Judgement] = Judgement.EXPERIMENT
+    added_settings: ClassVar[frozenset[str]] = frozenset({"reference", "repeats_after"})
 
     averages: Annotated[int, Field(ge=1, le=MOST_SUMMED)] = 1
     dataset: str = "mnist-0-3"

@@ -56,6 +56,7 @@ class ImageReadout(Measurement[Images]):
 
     name: ClassVar[str] = "image-readout"
     judgement: ClassVar[Judgement] = Judgement.READOUT
+    added_settings: ClassVar[frozenset[str]] = frozenset({"longest_burst"})
 
     dataset: str = "mnist-0-3"
     classes: Classes | None = None

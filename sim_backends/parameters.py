@@ -221,7 +221,7 @@ class Parameters(BaseModel):
         24e-12, "W/rtHz", "Noise-equivalent power: 2.7 uW in 12.6 GHz, 1.6 mV.", ge=0
     )
     detector_limit_v: float = quantity(
-        1.0, "V", "Output the detector's amplifier cannot exceed; it is 1 dB short of linear at half of it.", gt=0
+        1.0, "V", "Output the detector's amplifier cannot exceed; it is 1 dB short where it would give this much.", gt=0
     )
     detector_coupling: Literal["dc", "ac"] = quantity(
         "dc", "-", "ac takes the mean over the drive's period away, and with it the brightness of an image."

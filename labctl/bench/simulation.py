@@ -71,7 +71,7 @@ def simulated_bench(
         laser_table = read_toml(laser.commands)
     return FaultyBench(
         befalling,
-        _parameters(station),
+        physical_parameters(station),
         twin_seed=station.sim.twin_seed,
         noise=station.sim.noise,
         host=host,
@@ -108,7 +108,12 @@ def _plugged_in(station: Station, role: str) -> "Make | None":
     return partial(make, section=section.model_dump(mode="json"))
 
 
-def _parameters(station: Station) -> "Parameters":
+def physical_parameters(station: Station) -> "Parameters":
+    """The physics of a simulated bench.
+
+    Raises:
+        StationError: the station asks for what cannot be.
+    """
     from sim_backends.parameters import Parameters
 
     try:

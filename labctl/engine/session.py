@@ -58,7 +58,7 @@ def acquire(
 ) -> Acquired:
     """Carry out one acquisition; `observer` follows it, and `interruption` is asked after every record.
 
-    Aliasing, and concerns about the newest calibration of the bench, are warnings, before light is switched on.
+    Concerns about the newest calibration of the bench are warnings, before light is switched on.
 
     Raises:
         DatasetError, StationError, ProtocolError, RunError: what was asked for is wrong; no light was switched on.
@@ -98,8 +98,8 @@ def resume(
 ) -> Outcome:
     """Measure what a run still lacks, with the protocol and the seeds of its manifest, on this bench's own station.
 
-    Aliasing, and concerns about the calibration that the run refers to, are warnings, before light is switched on. A
-    run that lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
+    Concerns about the calibration that the run refers to are warnings, before light is switched on. A run that
+    lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
 
     Raises:
         RunError: no run, one that another process is writing, one whose manifest was edited, or one that cannot go on
@@ -153,7 +153,7 @@ def _session(
     observers: Observers,
     observer: Observer | None,
 ) -> Iterator[OpenBench]:
-    """The opened bench under supervision, allowed to light; nothing was sent to it yet. Aliasing is a warning.
+    """The opened bench under supervision, allowed to light; nothing was sent to it yet. Aliasing is noted in the logs.
 
     Supervisor, logs and `observer`, in this order, are added to `observers`, who follow it.
     """
@@ -167,5 +167,6 @@ def _session(
         check_laser(station, [one.wavelength_nm for one in protocol.passes(open_bench.bench)])
         open_bench.bench.require_arm()
         if (aliased := aliasing(protocol.sample_rate, open_bench.bench.scope.bandwidth_hz)) is not None:
-            observers.warning(aliased)
+            log.warning(aliased)
+            events.warning(aliased)
         yield open_bench

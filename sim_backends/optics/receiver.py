@@ -252,8 +252,13 @@ def saturated_gain(power_w: NDArray[np.float32], saturation_w: float) -> NDArray
 
 
 def limited(volts: NDArray[np.float32], limit_v: float) -> NDArray[np.float32]:
-    """What an amplifier makes of `volts` that it would give without limit: v / sqrt(1 + (v / limit)^2) (Rapp)."""
-    return np.asarray(volts / np.sqrt(1 + np.square(volts / np.float32(limit_v))))
+    """What an amplifier makes of `volts` that it would give without limit: v / (1 + (v / limit)^6)^(1/6) (Rapp, p = 3).
+
+    It is 1 dB short of linear at the limit, and flat beyond.
+    """
+    cubed = volts / np.float32(limit_v)
+    cubed *= cubed * cubed
+    return np.asarray(volts / np.cbrt(np.sqrt(1 + np.square(cubed))))
 
 
 def digitiser_noise_codes(enob: float, bits: int = 8) -> float:

@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from instruments.bench import Bench
+from labctl.bench.opening import opened
+from labctl.bench.station import Station
 from labctl.engine.inputs import images_for
 from protocols.base import Images, PassStarted, ProtocolError, Record, ShotKind
 from protocols.dynamic_scene import DynamicScene
@@ -62,8 +64,16 @@ def test_images_under_the_reference_are_refused(bench: Bench, log: Any) -> None:
     assert not log.messages
 
 
-def test_what_beats_with_the_reference_adds_up_pixel_by_pixel(bench: Bench) -> None:
-    """Four pictures, two of them the halves of the third: on the wire the beats of the halves are that of the whole."""
+def test_what_beats_with_the_reference_adds_up_pixel_by_pixel(log: Any) -> None:
+    """Four pictures, two of them the halves of the third: on the wire the beats of the halves are that of the whole.
+
+    Behind an amplifier that does not saturate: one that does gives less to the whole.
+    """
+    with opened(Station().with_parameters({"amplifier_saturation_w": 1e3}), log) as found:
+        _beats_add_up(found.bench)
+
+
+def _beats_add_up(bench: Bench) -> None:
     whole = np.zeros((3, 28, 28), bool)
     whole[:, 4:24, 4:24] = random_patterns(1, 1, (20, 20))
     whole[0, :, 14:] = whole[1, :, :14] = False

@@ -35,7 +35,7 @@ def test_too_much_gain_is_found_by_the_probe_shots(
 ) -> None:
     station = tmp_path / "bench.toml"
     station.write_text(
-        "[wiring]\nburst = true\n[sim]\nparameters = { amplifier_gain_db = 46, detector_limit_v = 2.5 }\n", "utf-8"
+        "[wiring]\nburst = true\n[sim]\nparameters = { detector_gain_v_per_w = 1e5, detector_limit_v = 2.5 }\n", "utf-8"
     )
     words = [word for setting in (*SETTINGS, f"timing={timing}") for word in ("--set", setting)]
     with pytest.raises(SystemExit) as ended:

@@ -84,8 +84,11 @@ def fit(plan: Plan, experiment: Experiment, *, interruption: Interruption, progr
         for point in chain.from_iterable(points.values())
     }
     found = in_parallel(tasks, interruption=interruption, progress=lambda done, _steps: progress(done, len(tasks)))
-    tried = [_tried(study, value, [found[point][0] for point in points[value]]) for value in study.variation.values]
-    return concluded(tried)
+    scores = {
+        value: [judgement for point in points[value] if (judgement := found[point][0]) is not None]
+        for value in study.variation.values
+    }
+    return concluded([_tried(study, value, benches) for value, benches in scores.items() if len(benches) == len(seeds)])
 
 
 def concluded(tried: Sequence[Tried]) -> Fit:

@@ -14,6 +14,7 @@ from instruments.bench import Observer
 from instruments.values import Uploading
 from labctl.bench.opening import Access
 from labctl.bench.signals import Interruption
+from labctl.bench.simulation import physical_parameters
 from labctl.bench.station import Station
 from labctl.engine.engine import Outcome
 from labctl.engine.session import Acquisition, acquire
@@ -126,7 +127,7 @@ class Plan:
         cabled as the protocol asks unless its file says how.
 
         Raises:
-            StationError: `parameters` of a bench that is not simulated.
+            StationError: `parameters` of a bench that is not simulated, or that cannot be.
         """
         if not self.station.wholly_simulated:
             if parameters:
@@ -136,6 +137,8 @@ class Plan:
                 )
             return self.station
         twin = self.station.twin(seed).with_parameters(parameters)
+        if parameters:
+            physical_parameters(twin)
         return twin if "projector" in twin.wiring.model_fields_set else twin.cabled(projector=protocol.projector)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labctl.analysis.evaluation import validate
 from labctl.analysis.intervals import Statistic, pooled
 from labctl.bench.signals import Interruption
+from labctl.engine.recorder import WrongRecord
 from labctl.engine.session import Acquisition
 from labctl.errors import ExperimentError
 from labctl.reports.experiments import ExperimentFigure
@@ -24,10 +25,13 @@ from labctl.studies.processes import in_parallel
 
 @dataclass(frozen=True)
 class Dependence:
-    """How the accuracy depends on one parameter, over the twins, for each of its values."""
+    """How the accuracy depends on one parameter, over the twins, for each of its values.
+
+    None: on one twin at least the bench itself refused its records, as of too little light.
+    """
 
     variation: Variation
-    accuracy: list[Statistic]
+    accuracy: list[Statistic | None]
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ def sensitivity(
     return [
         Dependence(
             variation,
-            [pooled(found[point][0][0] for point in points[variation, value]) for value in variation.values],
+            [_together([found[point][0] for point in points[variation, value]]) for value in variation.values],
         )
         for variation in study.parameters
     ]
@@ -91,17 +95,19 @@ def sensitivity(
 
 def figure_of(study: SensitivityStudy, dependences: Sequence[Dependence]) -> ExperimentFigure:
     """The dependence on every parameter, side by side."""
-    panels = [
-        Sensitivity(
-            found.variation.name,
-            found.variation.values,
-            [accuracy["mean"] for accuracy in found.accuracy],
-            [accuracy["sd"] for accuracy in found.accuracy],
-            found.variation.default,
-            found.variation.logarithmic,
+    panels = []
+    for found in dependences:
+        known = [(value, one) for value, one in zip(found.variation.values, found.accuracy, strict=True) if one]
+        panels.append(
+            Sensitivity(
+                found.variation.name,
+                [value for value, _ in known],
+                [accuracy["mean"] for _, accuracy in known],
+                [accuracy["sd"] for _, accuracy in known],
+                found.variation.default,
+                found.variation.logarithmic,
+            )
         )
-        for found in dependences
-    ]
     caption = "Accuracy against one parameter of the twin at a time; the mark shows what all experiments use."
     figure = sensitivity_figure(panels, window_s=study.window, required=study.required)
     return ExperimentFigure("sensitivity", figure, caption)
@@ -120,6 +126,11 @@ def as_json(dependences: Sequence[Dependence]) -> dict[str, Any]:
     }
 
 
+def _together(benches: Sequence[list[NDArray[np.float64]] | None]) -> Statistic | None:
+    scores = [bench[0] for bench in benches if bench is not None]
+    return pooled(scores) if len(scores) == len(benches) else None
+
+
 def points_of(variation: Variation, value: float, seeds: Iterable[int]) -> list[Point]:
     """The twins for one value of a parameter; all defaults are the same twins."""
     changed = () if value == variation.default else ((variation.parameter, variation.parameter_at(value)),)
@@ -133,9 +144,16 @@ def acquisition_of(plan: Plan, experiment: Experiment, run: str, point: Point, w
     return plan.acquisition(protocol, plan.folder / point.name, dict(point.parameters))
 
 
-def judged(run: Acquisition, splits: int, windows_s: Sequence[float]) -> list[NDArray[np.float64]]:
-    """Accuracy (splits,) of one twin, which is acquired first, in each of some windows."""
-    twin = TwinRuns({"run": acquire_run(run).directory}, {"run": run.protocol}, run.protocol.seed, splits)
+def judged(run: Acquisition, splits: int, windows_s: Sequence[float]) -> list[NDArray[np.float64]] | None:
+    """Accuracy (splits,) of one twin, which is acquired first, in each of some windows.
+
+    None where the run ends because its records are those of no picture: the bench sees too little light.
+    """
+    try:
+        directory = acquire_run(run).directory
+    except WrongRecord:
+        return None
+    twin = TwinRuns({"run": directory}, {"run": run.protocol}, run.protocol.seed, splits)
     records = twin.records("run")
     ways = twin.random_splits(records)
     return [validate(window_features(records, window_s), records.labels, ways).scores for window_s in windows_s]

@@ -79,8 +79,11 @@ class TestWrongUse:
     @pytest.mark.parametrize(
         ("arguments", "message"),
         [
-            (["run"], "Missing argument 'protocol': choose one of dynamic-scene, image-readout, sequence-readout, wav"),
-            (["run", "nothing"], "choose one of dynamic-scene, image-readout, sequence-readout, wavelength-scan"),
+            (["run"], "Missing argument 'protocol': choose one of dynamic-scene, ghost-imaging, image-readout"),
+            (
+                ["run", "nothing"],
+                "choose one of dynamic-scene, ghost-imaging, image-readout, sequence-readout, wavelength-scan",
+            ),
             (["run", "wavelength-scan", "--set", "ports=0,0"], "ports = '0,0': (0, 0) names one twice: list each once"),
             (["run", "image-readout", "--bogus"], "No such option: --bogus"),
             (["fly"], "No such command 'fly'"),

@@ -2,14 +2,16 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from labctl.analysis.intervals import pooled
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station, read_station, write_addresses
-from labctl.errors import ExperimentError
+from labctl.errors import ExperimentError, StationError
 from labctl.studies.paper.experiments import Experiment, experiments
 from labctl.studies.paper.reproduction import Plan
-from labctl.studies.paper.sensitivity import as_json, figure_of, sensitivity, study_of
+from labctl.studies.paper.sensitivity import Dependence, as_json, figure_of, sensitivity, study_of
 
 FILE = """
 title = "Few images"
@@ -68,3 +70,22 @@ def test_a_real_bench_has_nothing_to_vary(experiment: Experiment, tmp_path: Path
     plan = Plan((experiment,), read_station(path), tmp_path / "out")
     with pytest.raises(ExperimentError, match="a real bench has no parameters to vary: leave --station out"):
         sensitivity(plan, experiment, interruption=Interruption(), progress=lambda *_: None)
+
+
+def test_a_value_that_cannot_be_is_refused_before_anything_is_measured(tmp_path: Path) -> None:
+    (tmp_path / "few.toml").write_text(
+        FILE.replace("values = [2.5, 5.5]", "values = [2.5, 5.5, 99.0]"), encoding="utf-8"
+    )
+    (experiment,) = experiments(folder=tmp_path)
+    plan = Plan((experiment,), SIMULATED_STATION, tmp_path / "out")
+    with pytest.raises(StationError, match="enob"):
+        sensitivity(plan, experiment, interruption=Interruption(), progress=lambda *_: None)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_value_whose_light_the_bench_refuses_is_left_out_of_the_figure(experiment: Experiment) -> None:
+    variation, *_ = study_of(experiment).parameters
+    found = [Dependence(variation, [None, pooled([[0.8, 0.9]])])]
+    assert as_json(found)["enob"]["accuracy"][0] is None
+    (axes, *_) = figure_of(study_of(experiment), found).figure.axes
+    assert [np.asarray(line.get_xdata()).tolist() for line in axes.lines if line.get_marker() == "o"] == [[5.5]]
