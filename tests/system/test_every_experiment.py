@@ -80,7 +80,9 @@ def write(folder: Path, name: str, content: Content) -> None:
 
 
 def read(name: str) -> Content:
-    return tomllib.loads((FOLDER / f"{name}.toml").read_text("utf-8"))
+    """An experiment's file, but for what options vary."""
+    content = tomllib.loads((FOLDER / f"{name}.toml").read_text("utf-8"))
+    return {key: value for key, value in content.items() if key not in ("sensitivity", "fit")}
 
 
 def use(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
