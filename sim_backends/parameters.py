@@ -97,10 +97,10 @@ class Parameters(BaseModel):
     fibre_group_index: float = quantity(1.4626, "1", "Silica at 1550 nm, n - lambda dn/dlambda (Malitson 1965).", gt=1)
     fibre_loss_db: float = quantity(1.0, "dB", "Launch and end facets of the multimode fibre.", ge=0)
     image_side: float = quantity(
-        0.3,
+        0.2,
         "1",
-        "Side of the 28x28 square as a part of the imaged core diameter: 60 um of the core, inside its flat middle. "
-        "With the launch aperture it sets the speckle grain, 3 superpixels. The one number that is fitted to the "
+        "Side of the 28x28 square as a part of the imaged core diameter: 40 um of the core, inside its flat middle. "
+        "With the launch aperture it sets the speckle grain, 4.4 superpixels. The one number that is fitted to the "
         "paper, to the curve of figure 3 with single triggers: labctl reproduce fig3 --fit.",
         gt=0,
         le=0.7,
@@ -163,9 +163,9 @@ class Parameters(BaseModel):
         ge=0,
     )
     amplifier_gain_db: float = quantity(
-        26.0,
+        30.0,
         "dB",
-        "Brings the detectors from 130 nW each to some 50 uW against 2.7 uW of their own noise.",
+        "Brings the detectors to some 50 uW for a handwritten digit, against 2.7 uW of their own noise.",
         ge=0,
     )
     amplifier_noise_figure_db: float = quantity(

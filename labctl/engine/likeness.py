@@ -36,9 +36,6 @@ OTHER = 0.6
 """Part of what different pictures differ by, beyond which two records are not of one picture."""
 UNUSUAL, UNUSUAL_TIMES = 0.35, 3.0
 """So is one beyond a smaller part that also differs by so many times what the records of one picture did before."""
-HIDDEN = 0.3
-"""Part of what different pictures differ by, above which noise hides them: light of few photons has more than darkness
-shows."""
 LIT_ALIKE = 0.7
 """Part of a record with light that a dark one holds where it is not dark."""
 FLAT = 3.0
@@ -99,6 +96,7 @@ class Likeness:
         self._lit_level = math.nan  # mean code of the records with light that came last
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
+        self._doubted: tuple[float, NDArray[np.float32]] | None = None  # what the first two differed by, and the first
         self._unjudged = np.empty((0, 3))  # shots, by how much they differ from the one before, and mean codes of both
 
     def examine(self, first: int, codes: Codes) -> Finding | None:
@@ -181,13 +179,28 @@ class Likeness:
         return None
 
     def _of_reference(self, shot: int, values: NDArray[np.float32]) -> Finding | None:
-        """A record of the reference picture that is of another one."""
+        """A record of the reference picture that is of another one.
+
+        Where already the first two differ, the third says which of the two is wrong, or that none is: that noise of the
+        light itself, which darkness does not show, is as large as what pictures differ by.
+        """
         known, self._reference_record = self._reference_record, (shot, values)
         if known is None or self._dark_record is None or not self._tells_apart(self._noise):
             return None
         difference, usual = float(_rms(values - known[1])), self._as_a_rule
-        if self._hidden(difference):
+        if self._hidden:
             self._repeats = [*self._repeats, difference][-REMEMBERED:]
+            return None
+        if self._doubted is not None:
+            before, first = self._doubted
+            self._doubted, across = None, float(_rms(values - first))
+            if min(before, across, difference) > OTHER * usual:
+                self._repeats = [before, across, difference]
+                return None
+            what = f"the reference at shots up to {shot} is of one picture and differs by {before:.1f} codes"
+            return Finding(self._agreed, LATE.format(what))
+        if difference > OTHER * usual and not self._repeats and bool(self._repeated[shot + 1 :].any()):
+            self._doubted = difference, known[1]
             return None
         unusual = difference > UNUSUAL * usual and len(self._repeats) > 2
         if difference > OTHER * usual or (unusual and difference > UNUSUAL_TIMES * float(np.median(self._repeats))):
@@ -208,7 +221,7 @@ class Likeness:
         from_dark = _rms(values[lit] - self._dark_record)
         if self._agreed == 0 and lit.size > 2 and float(np.median(from_dark)) <= HARDLY * self._most_noise:
             return Finding(0, NO_LIGHT)
-        if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden(0.0):
+        if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden:
             return None
         allowed = 1 + SURE / math.sqrt(values[0].size)
         faint = CONTRAST * self._most_noise / self._as_a_rule  # less light than this may be hidden by noise
@@ -234,9 +247,10 @@ class Likeness:
         found: list[int] = np.setdiff1d(shots.astype(np.int64), self._confirmed).tolist()
         return found
 
-    def _hidden(self, first: float) -> bool:
-        """Whether noise of the light hides the pictures: by the reference's records, or the `first` two that differ."""
-        return float(np.median(self._repeats or [first])) > HIDDEN * self._as_a_rule
+    @property
+    def _hidden(self) -> bool:
+        """Whether light of few photons hides its pictures: each record of the reference differs as others' do."""
+        return len(self._repeats) > 2 and float(np.median(self._repeats)) > OTHER * self._as_a_rule
 
     def _tells_apart(self, noise: float) -> bool:
         """Whether records of different pictures differ by more than those of one; False as long as nobody knows."""

@@ -22,8 +22,8 @@ def test_defaults_are_the_bench() -> None:
     assert derived.launched_modes(bench) == 675
     assert derived.collection_modes(bench) == 129
     assert derived.delay_spread_s(bench) == pytest.approx(0.395e-9, rel=0.01)
-    assert derived.grain_superpixels(bench) == pytest.approx(2.95, abs=0.01)
-    assert derived.grain_superpixels(Parameters(launch_profile="filled")) == pytest.approx(2.86, abs=0.01)
+    assert derived.grain_superpixels(bench) == pytest.approx(4.42, abs=0.01)
+    assert derived.grain_superpixels(Parameters(launch_profile="filled")) == pytest.approx(4.29, abs=0.02)
     assert derived.mode_density_per_hz(bench) == pytest.approx(0.99e-9, rel=0.01)
     assert (bench.enob, bench.mirror_leaves_s, bench.mirror_arrives_s) == (5.5, 0.5e-6, 1.5e-6)
 
@@ -31,7 +31,7 @@ def test_defaults_are_the_bench() -> None:
 def test_full_aperture_gives_long_spread_and_fine_grain_together() -> None:
     full = Parameters(launch_na=0.39)
     assert derived.delay_spread_s(full) == pytest.approx(3.56e-9, rel=0.01)
-    assert 0.4 < derived.grain_superpixels(full) < 1.0
+    assert 0.8 < derived.grain_superpixels(full) < 1.6
     assert derived.launched_modes(full) == pytest.approx(6250, rel=0.01)
 
 

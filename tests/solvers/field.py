@@ -149,7 +149,7 @@ def detected(twin: Parameters, power_w: NDArray[np.float64]) -> NDArray[np.float
     reach = np.arange(-round(6 * width), round(6 * width) + 1)
     bell = np.exp(-0.5 * (reach / width) ** 2)
     smooth = np.convolve(volts, bell / bell.sum(), mode="same")
-    return np.asarray(smooth / np.sqrt(1 + (smooth / twin.detector_limit_v) ** 2), np.float64)
+    return np.asarray(smooth / (1 + (smooth / twin.detector_limit_v) ** 6) ** (1 / 6), np.float64)
 
 
 def record(

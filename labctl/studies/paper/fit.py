@@ -41,8 +41,12 @@ class Tried:
 
 @dataclass(frozen=True)
 class Fit:
-    """What was tried, value by value; the value of least misfit, and the least and greatest that do not differ."""
+    """What was tried, value by value; the value of least misfit, and the least and greatest that do not differ.
 
+    bound: the accuracy that the paper's curve crosses between the two times.
+    """
+
+    bound: float
     tried: tuple[Tried, ...]
     fitted: float
     interval: tuple[float, float]
@@ -50,7 +54,8 @@ class Fit:
     @property
     def reached(self) -> bool:
         """Whether the fitted value is on the paper's side of the bound at both times, by the means of the benches."""
-        return any(one.value == self.fitted and one.misfit["mean"] == 0.0 for one in self.tried)
+        (best,) = (one for one in self.tried if one.value == self.fitted)
+        return bool(best.shorter["mean"] <= self.bound <= best.longer["mean"])
 
 
 def fit_of(experiment: Experiment) -> FitStudy:
@@ -88,14 +93,16 @@ def fit(plan: Plan, experiment: Experiment, *, interruption: Interruption, progr
         value: [judgement for point in points[value] if (judgement := found[point][0]) is not None]
         for value in study.variation.values
     }
-    return concluded([_tried(study, value, benches) for value, benches in scores.items() if len(benches) == len(seeds)])
+    tried = [_tried(study, value, benches) for value, benches in scores.items() if len(benches) == len(seeds)]
+    tried = [_tried(study, value, benches) for value, benches in scores.items() if len(benches) == len(seeds)]
+    return concluded(study.accuracy, tried)
 
 
-def concluded(tried: Sequence[Tried]) -> Fit:
+def concluded(bound: float, tried: Sequence[Tried]) -> Fit:
     """The value of least misfit, and those that the benches do not tell from it."""
     best = min(tried, key=lambda one: float(one.misfit["mean"]))
     alike = [one.value for one in tried if not (difference(one.misfit, best.misfit)["low"] or 0.0) > 0]
-    return Fit(tuple(tried), best.value, (min(alike), max(alike)))
+    return Fit(bound, tuple(tried), best.value, (min(alike), max(alike)))
 
 
 def _tried(study: FitStudy, value: float, benches: Sequence[Sequence[Any]]) -> Tried:

@@ -150,7 +150,7 @@ def test_repeats_of_a_pattern_have_noise_of_their_own() -> None:
     volts = world.record(LATER, coming(world, 5)).volts
     assert len(volts) == 4
     assert not np.array_equal(volts[0], volts[2])
-    np.testing.assert_allclose(volts[0], volts[2], atol=0.03)
+    np.testing.assert_allclose(volts[0], volts[2], atol=0.06)
     world.clock.advance(1e-3)
     burst(world, 2, repeats=2)  # the same again is no change
     assert not np.array_equal(world.record(LATER, coming(world)).volts[0], volts[0])
@@ -198,7 +198,7 @@ def test_an_endless_projection_triggers_for_ever() -> None:
     times = coming(world, 6)
     assert times[0] - world.clock.now < PICTURE_S
     shown = world.record(LATER, times).volts
-    assert distance(shown[:3], shown[3:]) < 0.15 * shown.std()
+    assert distance(shown[:3], shown[3:]) < 0.25 * shown.std()
     turns = np.rint((times - projection.start_s - SYNCH_S) / PICTURE_S).astype(int) % 3
     away = shown[turns.tolist().index(0)] - still(PATTERNS[0], LATER)
     assert away.std() < 0.02

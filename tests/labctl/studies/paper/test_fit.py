@@ -37,18 +37,19 @@ default = 4.0
 """
 
 
-def tried(value: float, *misfits: float) -> Tried:
-    return Tried(value, pooled([0.8, 0.8]), pooled([0.8, 0.8]), pooled(misfits))
+def tried(value: float, shorter: float, longer: float, *misfits: float) -> Tried:
+    return Tried(value, pooled([shorter]), pooled([longer]), pooled(misfits))
 
 
 def test_values_that_chance_does_not_tell_apart_make_the_interval() -> None:
-    found = concluded([tried(1, 0.3, 0.31, 0.3), tried(2, 0.02, 0.1, 0.03), tried(3, 0.05, 0.03, 0.04)])
+    values = [tried(1, 0.5, 0.6, 0.3, 0.31, 0.3), tried(2, 0.8, 0.85, 0.02, 0.1, 0.03)]
+    found = concluded(0.9, [*values, tried(3, 0.8, 0.86, 0.05, 0.03, 0.04)])
     assert (found.fitted, found.interval) == (3, (2, 3))
     assert not found.reached
 
 
 def test_a_value_on_the_right_side_of_the_bound_at_both_times_reaches_the_curve() -> None:
-    assert concluded([tried(1, 0.0, 0.0), tried(2, 0.1, 0.2)]).reached
+    assert concluded(0.9, [tried(1, 0.89, 0.91, 0.01, 0.0), tried(2, 0.8, 0.8, 0.1, 0.2)]).reached
 
 
 def test_every_value_is_measured_on_seeds_of_its_own(tmp_path: Path) -> None:
