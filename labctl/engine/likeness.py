@@ -146,13 +146,14 @@ class Likeness:
             return Finding(self._agreed, LATE.format(f"dark shot {begin + place} is lit and the next is not"))
         differences = _rms(np.diff(values, axis=0))
         pictures = np.where(dark, -1, self._picture[begin:end])
+        levels = values.mean(axis=(1, 2))
         if lit.any():
-            self._lit_level = float(values[lit].mean())
+            self._lit_level = float(levels[lit].mean())
         other = (lit | dark)[1:] & (lit | dark)[:-1] & (pictures[1:] != pictures[:-1])
         self._usual = np.append(self._usual, differences[other & lit[1:] & lit[:-1]])[-REMEMBERED:]
         if self._usual.size > 2:
             self._as_a_rule = float(np.median(self._usual))
-        shots, levels = begin + 1 + np.flatnonzero(other), values.mean(axis=(1, 2))
+        shots = begin + 1 + np.flatnonzero(other)
         judge = np.column_stack([shots, differences[other], ((levels[1:] + levels[:-1]) / 2)[other]])
         self._unjudged = np.append(self._unjudged, judge, axis=0)
         darkened = np.flatnonzero(lit[:-1] & dark[1:])
