@@ -2,7 +2,8 @@
 
 A channel of noisy codes never repeats itself; two records of one picture differ by noise, two of different pictures by
 much more, and a dark record is flat. How much is noise, two dark records tell: whatever was shown, it was the same both
-times. Where noise hides the pictures nothing is said.
+times. Each channel is measured by its own noise, so that one without light does not hide what another one shows. Where
+noise hides the pictures in all of them nothing is said.
 """
 
 import math
@@ -25,6 +26,8 @@ Of 5.5 effective bits it has s = 1.65 codes, rounding included (IEEE 1241); ligh
 """
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
+CONTRAST_LIT = 3.0
+"""Times the noise of their own light that they must differ by, for a shot to be held against the one before."""
 STEADY = 0.1
 """Part of the light that different pictures must differ by as well: power, gain and the trigger's jitter are common to
 a record and vary by hundredths of the light, which no dark record shows."""
@@ -48,6 +51,8 @@ LEAST_NOISE = 0.5
 """Codes that quantisation alone makes two records differ by."""
 MOST_VALUES = 256
 """Of each channel and record, which are looked at: enough to tell pictures apart, however long the record."""
+MOST_PAIRS = 0.9
+"""Part of the pairs of references that differ by no more than what light is taken to add to noise."""
 REMEMBERED = 256
 """Differences between pictures that what is usual is taken from."""
 LIT = (ShotKind.IMAGE, ShotKind.REFERENCE)
@@ -89,15 +94,16 @@ class Likeness:
         self._equal, self._compared = 0.0, 1.0  # samples that repeated themselves, of how many
         self._reference_record: tuple[int, NDArray[np.float32]] | None = None
         self._dark_record: NDArray[np.float32] | None = None
-        self._noise = self._most_noise = math.nan  # of the difference of two dark records, as they say, and at most
-        self._noise_of_light = 0.0  # variance that a code of light adds to that of the difference of two records
-        self._usual = np.empty(0)  # by how much records of different pictures differ
-        self._as_a_rule = math.nan  # their median
-        self._lit_level = math.nan  # mean code of the records with light that came last
+        # Of each channel, shape (channels,):
+        self._noise = self._most_noise = np.ones(1)  # of the difference of two dark records, as they say, and at most
+        self._noise_of_light = np.zeros(1)  # variance that a code of light adds to that of the difference of two records
+        self._lit_level = np.zeros(1)  # mean code of the records with light that came last
+        self._usual: NDArray[np.float64] | None = None  # mean squares of what different pictures differ by
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
-        self._doubted: tuple[float, NDArray[np.float32]] | None = None  # what the first two differed by, and the first
-        self._unjudged = np.empty((0, 3))  # shots, by how much they differ from the one before, and mean codes of both
+        self._pairs: list[tuple[NDArray[np.float64], ...]] = []  # of references: what they differ by, mean codes
+        self._doubted: tuple[int, NDArray[np.float32]] | None = None  # the first record of the reference, and its shot
+        self._unjudged: list[tuple[NDArray[Any], ...]] = []  # shots, what they differ by from the one before, mean codes
 
     def examine(self, first: int, codes: Codes) -> Finding | None:
         """Take the records of the shots from `first` on, shape (shots, channels, samples); what is wrong with them."""
@@ -144,18 +150,16 @@ class Likeness:
         flat, following = _varies(values[late]), _varies(values[late + 1])
         for place in late[(flat > FLAT * following) & (following > 0)]:
             return Finding(self._agreed, LATE.format(f"dark shot {begin + place} is lit and the next is not"))
-        differences = _rms(np.diff(values, axis=0))
+        differences = _squares(np.diff(values, axis=0))
         pictures = np.where(dark, -1, self._picture[begin:end])
-        levels = values.mean(axis=(1, 2))
+        levels = values.mean(axis=2)
         if lit.any():
-            self._lit_level = float(levels[lit].mean())
+            self._lit_level = levels[lit].mean(axis=0)
         other = (lit | dark)[1:] & (lit | dark)[:-1] & (pictures[1:] != pictures[:-1])
-        self._usual = np.append(self._usual, differences[other & lit[1:] & lit[:-1]])[-REMEMBERED:]
-        if self._usual.size > 2:
-            self._as_a_rule = float(np.median(self._usual))
-        shots = begin + 1 + np.flatnonzero(other)
-        judge = np.column_stack([shots, differences[other], ((levels[1:] + levels[:-1]) / 2)[other]])
-        self._unjudged = np.append(self._unjudged, judge, axis=0)
+        usual = differences[other & lit[1:] & lit[:-1]]
+        self._usual = usual if self._usual is None else np.append(self._usual, usual, axis=0)[-REMEMBERED:]
+        judge = begin + 1 + np.flatnonzero(other), differences[other], ((levels[1:] + levels[:-1]) / 2)[other]
+        self._unjudged.append(judge)
         darkened = np.flatnonzero(lit[:-1] & dark[1:])
         for place in darkened[_part_of(values[darkened], values[darkened + 1]) > LIT_ALIKE]:
             return Finding(self._agreed, STUCK.format(begin + place + 1))
@@ -170,13 +174,16 @@ class Likeness:
 
         A dark record that differs from the one before as different pictures do is lit, or the other one was.
         """
-        varies = math.sqrt(2) * float(_varies(values))
+        varies = 2 * values.var(axis=1, dtype=np.float64)
         known, self._dark_record = self._dark_record, values
-        pair = varies if known is None else float(_rms(values - known))
-        if known is not None and self._tells_apart(self._noise) and pair > OTHER * self._as_a_rule:
-            what = f"dark shot {shot} differs from the one before by {pair:.1f} codes, as different pictures do"
+        pair = varies if known is None else _squares(values - known)
+        if known is not None and self._tells_apart(self._noise) and self._part_of_usual(pair) > OTHER:
+            what = f"dark shot {shot} differs from the one before by {_rms(pair):.1f} codes, as different pictures do"
             return Finding(self._agreed, LATE.format(what))
-        self._noise, self._most_noise = max(min(pair, varies), LEAST_NOISE), max(pair, varies, LEAST_NOISE)
+        least = LEAST_NOISE**2
+        self._noise = np.sqrt(np.maximum(np.minimum(pair, varies), least))
+        self._most_noise = np.sqrt(np.maximum(np.maximum(pair, varies), least))
+        self._learn_noise_of_light()
         return None
 
     def _of_reference(self, shot: int, values: NDArray[np.float32]) -> Finding | None:
@@ -186,57 +193,73 @@ class Likeness:
         light itself, which darkness does not show, is as large as what pictures differ by.
         """
         known, self._reference_record = self._reference_record, (shot, values)
-        if known is None or self._dark_record is None or not self._tells_apart(self._noise):
+        if known is None:
             return None
-        difference, usual = float(_rms(values - known[1])), self._as_a_rule
+        difference = _squares(values - known[1])
+        self._pairs = [*self._pairs, (difference, values.mean(axis=1))][-REMEMBERED:]
+        if self._dark_record is None or not self._tells_apart(self._noise):
+            return None
+        part = self._part_of_usual(difference)
         if self._hidden:
-            self._repeats = [*self._repeats, difference][-REMEMBERED:]
+            self._repeats = [*self._repeats, part][-REMEMBERED:]
             return None
         if self._doubted is not None:
-            before, first = self._doubted
-            self._doubted, across = None, float(_rms(values - first))
-            if min(before, across, difference) > OTHER * usual:
-                self._repeats = [before, across, difference]
+            (before, first), self._doubted = self._doubted, None
+            parts = [self._part_of_usual(_squares(one - other)) for one, other in ((known[1], first), (values, first))]
+            if min(*parts, part) > OTHER:
+                self._repeats = [*parts, part]
                 return None
-            what = f"the reference at shots up to {shot} is of one picture and differs by {before:.1f} codes"
+            what = f"the reference at shots {before} to {shot} is of one picture and differs as others do"
             return Finding(self._agreed, LATE.format(what))
-        if difference > OTHER * usual and not self._repeats and bool(self._repeated[shot + 1 :].any()):
-            self._doubted = difference, known[1]
+        if part > OTHER and not self._repeats and bool(self._repeated[shot + 1 :].any()):
+            self._doubted = known
             return None
-        unusual = difference > UNUSUAL * usual and len(self._repeats) > 2
-        if difference > OTHER * usual or (unusual and difference > UNUSUAL_TIMES * float(np.median(self._repeats))):
-            what = f"shots {known[0]} and {shot} have one picture and differ by {difference:.1f} codes, as others do"
+        unusual = part > UNUSUAL and len(self._repeats) > 2
+        if part > OTHER or (unusual and part > UNUSUAL_TIMES * float(np.median(self._repeats))):
+            codes = f"{_rms(difference):.1f} codes"
+            what = f"shots {known[0]} and {shot} have one picture and differ by {codes}, as others do"
             return Finding(self._agreed, LATE.format(what))
         self._agreed = shot
-        self._repeats = [*self._repeats, difference][-REMEMBERED:]
-        if (light := float(values.mean() - self._dark_record.mean())) > 0:
-            self._noise_of_light = max(0.0, difference**2 - self._noise**2) / light
+        self._repeats = [*self._repeats, part][-REMEMBERED:]
+        self._learn_noise_of_light()
         return None
+
+    def _learn_noise_of_light(self) -> None:
+        """As most pairs of references have it: power, gain and the trigger's jitter are common to a record, and chance
+        makes few of them much alike in two records."""
+        alike = [pair for pair in self._pairs if self._part_of_usual(pair[0]) <= OTHER]
+        if alike and self._dark_record is not None:
+            differences, levels = (np.array(parts) for parts in zip(*alike, strict=True))
+            light = np.maximum(levels - self._dark_record.mean(axis=1), LEAST_NOISE)
+            added = np.maximum(differences - self._noise**2, 0) / light
+            self._noise_of_light = np.quantile(added, MOST_PAIRS, axis=0, method="higher")
 
     def _not_shown(self, begin: int, values: NDArray[np.float32]) -> Finding | None:
         """A record that is of the picture before its own, or of none; or all are of one."""
-        if self._dark_record is None or not self._usual.size:
+        if self._dark_record is None or self._usual is None or not len(self._usual):
             return None
-        unjudged, self._unjudged = self._unjudged, np.empty((0, 3))
+        shots, differences, levels = (np.concatenate(parts) for parts in zip(*self._unjudged, strict=True))
+        self._unjudged = []
         lit = np.flatnonzero(self._lit[begin : begin + len(values)])
-        from_dark = _rms(values[lit] - self._dark_record)
-        if self._agreed == 0 and lit.size > 2 and float(np.median(from_dark)) <= HARDLY * self._most_noise:
+        from_dark = _times(_squares(values[lit] - self._dark_record), self._most_noise)
+        if self._agreed == 0 and lit.size > 2 and float(np.median(from_dark)) <= HARDLY:
             return Finding(0, NO_LIGHT)
         if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden:
             return None
         allowed = 1 + SURE / math.sqrt(values[0].size)
-        faint = CONTRAST * self._most_noise / self._as_a_rule  # less light than this may be hidden by noise
-        shots, differences, levels = unjudged.T
-        light = np.maximum(levels - self._dark_record.mean(), 0)
-        noise = np.sqrt(self._most_noise**2 + self._noise_of_light * light)
+        usual = self._as_a_rule(self._most_noise)
+        faint = CONTRAST / usual  # less light than this may be hidden by noise
+        light = np.maximum(levels - self._dark_record.mean(axis=1), 0)
+        noise = _times(self._most_noise**2 + self._noise_of_light * light, self._most_noise)
+        differs = _times(differences, self._most_noise)
         found = {
             shot: "is that of the shot before"
-            for shot in self._unconfirmed(shots[differences <= allowed * noise])
+            for shot in self._unconfirmed(shots[(differs <= allowed * noise) & (usual >= CONTRAST_LIT * noise)])
             if not self._alike(self._shots[shot - 1], self._shots[shot], faint)
         }
         found |= {
             shot: "is dark"
-            for shot in self._unconfirmed(begin + lit[from_dark <= allowed * self._most_noise])
+            for shot in self._unconfirmed(begin + lit[from_dark <= allowed])
             if not self._alike(replace(self._shots[shot], kind=ShotKind.DARK), self._shots[shot], faint)
         }
         if not found:
@@ -251,12 +274,20 @@ class Likeness:
     @property
     def _hidden(self) -> bool:
         """Whether light of few photons hides its pictures: each record of the reference differs as others' do."""
-        return len(self._repeats) > 2 and float(np.median(self._repeats)) > OTHER * self._as_a_rule
+        return len(self._repeats) > 2 and float(np.median(self._repeats)) > OTHER
 
-    def _tells_apart(self, noise: float) -> bool:
+    def _as_a_rule(self, noise: NDArray[np.float64]) -> float:
+        """By how many times the noise records of different pictures differ; nan as long as nobody knows."""
+        return math.nan if self._usual is None or len(self._usual) < 3 else float(np.median(_times(self._usual, noise)))
+
+    def _part_of_usual(self, difference: NDArray[np.float64]) -> float:
+        """The difference of two records, of what those of different pictures differ by."""
+        return float(_times(difference, self._noise)) / self._as_a_rule(self._noise)
+
+    def _tells_apart(self, noise: NDArray[np.float64]) -> bool:
         """Whether records of different pictures differ by more than those of one; False as long as nobody knows."""
-        light = 0.0 if self._dark_record is None else self._lit_level - float(self._dark_record.mean())
-        return self._as_a_rule >= max(CONTRAST * noise, STEADY * light)
+        dark = 0.0 if self._dark_record is None else self._dark_record.mean(axis=1)
+        return self._as_a_rule(noise) >= max(CONTRAST, STEADY * float(_times((self._lit_level - dark) ** 2, noise)))
 
 
 def alike_by(inputs: Inputs) -> Alike:
@@ -293,7 +324,16 @@ def _varies(values: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.asarray(values.std(axis=-1).mean(axis=-1), np.float64)
 
 
-def _rms(values: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Over the channels and samples of each record."""
-    count = values.shape[-1] * values.shape[-2]
-    return np.asarray(np.sqrt(np.einsum("...ij,...ij->...", values, values) / count), np.float64)
+def _squares(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Mean squares of the samples of each channel."""
+    return np.asarray(np.einsum("...ij,...ij->...i", values, values) / values.shape[-1], np.float64)
+
+
+def _times(squares: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rms over the channels of records, each by its own noise."""
+    return np.asarray(np.sqrt((squares / noise**2).mean(axis=-1)), np.float64)
+
+
+def _rms(squares: NDArray[np.float64]) -> float:
+    """Over channels and samples of a record, in codes."""
+    return math.sqrt(squares.mean())

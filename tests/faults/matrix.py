@@ -46,7 +46,7 @@ from sim_backends.virtual.pm100.instrument import VirtualPm100
 from sim_backends.virtual.tlg220.instrument import default_table
 from sim_backends.world.world import World
 
-SMALL = Parameters(launch_na=0.03, image_side=0.3, amplifier_gain_db=26.0, chip_modes=50)
+SMALL = Parameters(chip_modes=50)
 RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=2", "--set", "window=0.4 ns")
 TIMEOUT_S = 0.4
 BOUNDS = {

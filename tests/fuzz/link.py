@@ -9,7 +9,7 @@ from sim_backends.scpi.messages import Message, MessageReader
 from sim_backends.virtual.instrument import VirtualInstrument
 from sim_backends.world.world import World
 
-SMALL = Parameters(launch_na=0.03, image_side=0.3, amplifier_gain_db=26.0, chip_modes=50)
+SMALL = Parameters(chip_modes=50)
 COUNTED: Counter[str] = Counter()
 """How many inputs (connections) and messages there have been."""
 

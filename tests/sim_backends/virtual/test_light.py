@@ -25,7 +25,7 @@ class Bench:
     def __init__(self, ask: Ask, twin_seed: int = 1) -> None:
         self.ask = ask
         world = World(
-            Parameters(launch_na=0.03, image_side=0.3, amplifier_gain_db=26.0, chip_modes=50), twin_seed=twin_seed
+            Parameters(chip_modes=50), twin_seed=twin_seed
         )
         self.awg, self.scope, self.laser = VirtualAwg70002a(world), VirtualDpo72504dx(world), VirtualTlg220(world)
         self.dmd, self.switch = VirtualAlp(world), VirtualFibreSwitch(world)

@@ -170,7 +170,7 @@ def test_frames_that_come_later(ask: Ask, read: Read, scope: VirtualDpo72504dx, 
 
 def test_a_burst_of_pictures(ask: Ask) -> None:
     """The frames of a projection are found even by a client that waited for the mirrors first."""
-    world = lit(Parameters(launch_na=0.03, image_side=0.3, amplifier_gain_db=26.0, chip_modes=50))
+    world = lit(Parameters(chip_modes=50))
     scope = set_up(ask, world)
     world.play(playback(triggered=True))
     fast_frame(ask, scope, 5)
