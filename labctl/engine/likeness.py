@@ -96,7 +96,8 @@ class Likeness:
         self._dark_record: NDArray[np.float32] | None = None
         # Of each channel, shape (channels,):
         self._noise = self._most_noise = np.ones(1)  # of the difference of two dark records, as they say, and at most
-        self._noise_of_light = np.zeros(1)  # variance that a code of light adds to that of the difference of two records
+        self._noise_of_light = np.zeros(1)  # variance that the reference's light adds to that of two records' difference
+        self._light = np.ones(1)  # of the reference, codes
         self._lit_level = np.zeros(1)  # mean code of the records with light that came last
         self._usual: NDArray[np.float64] | None = None  # mean squares of what different pictures differ by
         self._agreed = 0  # the last shot whose record showed again what one before had shown
@@ -230,8 +231,8 @@ class Likeness:
         alike = [pair for pair in self._pairs if self._part_of_usual(pair[0]) <= OTHER]
         if alike and self._dark_record is not None:
             differences, levels = (np.array(parts) for parts in zip(*alike, strict=True))
-            light = np.maximum(levels - self._dark_record.mean(axis=1), LEAST_NOISE)
-            added = np.maximum(differences - self._noise**2, 0) / light
+            self._light = np.maximum((levels - self._dark_record.mean(axis=1)).mean(axis=0), LEAST_NOISE)
+            added = np.maximum(differences - self._noise**2, 0)
             self._noise_of_light = np.quantile(added, MOST_PAIRS, axis=0, method="higher")
 
     def _not_shown(self, begin: int, values: NDArray[np.float32]) -> Finding | None:
@@ -249,7 +250,8 @@ class Likeness:
         allowed = 1 + SURE / math.sqrt(values[0].size)
         usual = self._as_a_rule(self._most_noise)
         faint = CONTRAST / usual  # less light than this may be hidden by noise
-        light = np.maximum(levels - self._dark_record.mean(axis=1), 0)
+        # A brighter picture's noise is not foretold from a faint reference.
+        light = np.clip((levels - self._dark_record.mean(axis=1)) / self._light, 0, 1)
         noise = _times(self._most_noise**2 + self._noise_of_light * light, self._most_noise)
         differs = _times(differences, self._most_noise)
         found = {
