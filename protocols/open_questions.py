@@ -28,8 +28,8 @@ SWITCH_AFTER_S = 4e-6
 EARLIER_S = 2e-6
 WINDOW_S = 16e-6
 STEP_S = 0.25e-6
-"""Light is looked at so often from the drive's start on, over the window, each time for 20 ns."""
-LOOK = 500
+"""Light is looked at so often from the drive's start on, over the window, each time for 200 ns."""
+LOOK = 5000
 REST = 1000
 """Samples of a drive that rests."""
 AT_REST = 0.05

@@ -37,8 +37,9 @@ FEWEST_VALUES, FEWEST_OF_ONE_SHOT = 40, 80
 """Of a record, below which chance decides whether it looks like another one; and where one shot alone is judged."""
 OTHER = 0.6
 """Part of what different pictures differ by, beyond which two records are not of one picture."""
-UNUSUAL, UNUSUAL_TIMES = 0.35, 3.0
-"""So is one beyond a smaller part that also differs by so many times what the records of one picture did before."""
+UNUSUAL, UNUSUAL_TIMES, STILL_USUAL_TIMES = 0.35, 3.0, 1.4
+"""So is one beyond a smaller part that also differs by so many times what the records of one picture did before; where
+light of few photons makes those differ nearly as much, so many times that are still usual."""
 LIT_ALIKE = 0.7
 """Part of a record with light that a dark one holds where it is not dark."""
 FLAT = 3.0
@@ -215,8 +216,9 @@ class Likeness:
         if part > OTHER and not self._repeats and bool(self._repeated[shot + 1 :].any()):
             self._doubted = known
             return None
-        unusual = part > UNUSUAL and len(self._repeats) > 2
-        if part > OTHER or (unusual and part > UNUSUAL_TIMES * float(np.median(self._repeats))):
+        usually = float(np.median(self._repeats)) if len(self._repeats) > 2 else math.nan
+        other = part > OTHER and not part <= STILL_USUAL_TIMES * usually
+        if other or (part > UNUSUAL and part > UNUSUAL_TIMES * usually):
             codes = f"{_rms(difference):.1f} codes"
             what = f"shots {known[0]} and {shot} have one picture and differ by {codes}, as others do"
             return Finding(self._agreed, LATE.format(what))

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
+
 from instruments.bench import Bench
 from instruments.interfaces import BYPASS_PORT, BurstDmd
 from instruments.values import Answer
@@ -61,7 +63,8 @@ def _answers(bench: Bench, wavelength_nm: float, *, light: bool) -> Iterator[Ans
     if bench.wiring.burst and bench.wiring.projector and isinstance(dmd, BurstDmd):
         port = BYPASS_PORT if BYPASS_PORT in bench.patch_panel.ports else bench.patch_panel.ports[0]
         images = images_for(ImageReadout(images=PROBES, seed=SEED))
-        picture = Patterns(images, dmd.shape)[Shot(0, ShotKind.IMAGE, int(images.indices[0]), 0, 0)]
+        fullest = int(images.indices[np.count_nonzero(images.images, axis=(1, 2)).argmax()])
+        picture = Patterns(images, dmd.shape)[Shot(0, ShotKind.IMAGE, fullest, 0, 0)]
         channel = bench.wiring.channels[0]
         bench.connect({channel: port})
         with bench.emitting(wavelength_nm):

@@ -78,7 +78,7 @@ def _beats_add_up(bench: Bench) -> None:
     whole[:, 4:24, 4:24] = random_patterns(1, 1, (20, 20))
     whole[0, :, 14:] = whole[1, :, :14] = False
     inputs = Images(whole, np.zeros(3, np.int64), np.arange(3))
-    protocol = GhostImaging(**SMALL | {"patterns": 2, "averages": 64, "window": 2e-9})
+    protocol = GhostImaging(**SMALL | {"patterns": 2, "averages": 256, "window": 2e-9})
     events = list(protocol.acquire(bench, inputs, protocol.parts(bench, inputs)))
     (started,) = (event for event in events if isinstance(event, PassStarted))
     records = [event for event in events if isinstance(event, Record)]

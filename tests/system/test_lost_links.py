@@ -129,7 +129,7 @@ def test_a_run_goes_on_over_a_new_link_and_its_frames_are_the_same(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     expected, replied = undisturbed
-    station, _ = through("scope", *(int(part * replied) for part in (0.3, 0.9, 1.2)))
+    station, _ = through("scope", *(int(part * replied) for part in (0.3, 1.05, 1.2)))
     status, result = as_json(capsys, *RUN, "--station", str(station), "--out", str(tmp_path / "run"))
     assert status == 0
     assert result["complete"]
@@ -184,7 +184,7 @@ def test_a_link_that_stays_dead_ends_the_run_dark(
     capsys: pytest.CaptureFixture[str],
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    station, _ = through("scope", int(0.6 * undisturbed[1]), heals=False)
+    station, _ = through("scope", int(0.75 * undisturbed[1]), heals=False)
     status, out, told = labctl(capsys, *RUN, "--station", station, "--out", tmp_path / "run", "--json")
     result = json.loads(out)
     assert status == 1

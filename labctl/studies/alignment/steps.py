@@ -18,8 +18,8 @@ from labctl.studies.alignment.findings import COVERAGE, Finding
 from protocols.alignment import SAMPLE_RATE, Answered, Dark, Hopped, Ranged, Repeated
 from protocols.image_readout import DRIVE_RATE
 
-WELL_USED = 0.7
-"""Part of its range that a channel's images should fill."""
+WELL_USED = 0.6
+"""Part of its range that a channel's images should fill: 1 / 1.3 at most, less what noise has of single triggers."""
 NOISY_V = 5e-3
 """Noise in the dark that a detector of this kind does not have by itself."""
 REPEATABLE_DB = 10.0
