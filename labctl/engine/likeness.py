@@ -191,8 +191,8 @@ class Likeness:
     def _of_reference(self, shot: int, values: NDArray[np.float32]) -> Finding | None:
         """A record of the reference picture that is of another one.
 
-        Where already the first two differ, the third says which of the two is wrong, or that none is: that noise of the
-        light itself, which darkness does not show, is as large as what pictures differ by.
+        Where already the first two differ, the third says whether one of them is wrong, or none is: that noise of the
+        light itself, which darkness does not show, makes all three differ nearly as pictures do.
         """
         known, self._reference_record = self._reference_record, (shot, values)
         if known is None:
@@ -208,7 +208,7 @@ class Likeness:
         if self._doubted is not None:
             (before, first), self._doubted = self._doubted, None
             parts = [self._part_of_usual(_squares(one - other)) for one, other in ((known[1], first), (values, first))]
-            if min(*parts, part) > OTHER:
+            if max(*parts, part) <= STILL_USUAL_TIMES * min(*parts, part):
                 self._repeats = [*parts, part]
                 return None
             what = f"the reference at shots {before} to {shot} is of one picture and differs as others do"
@@ -216,9 +216,9 @@ class Likeness:
         if part > OTHER and not self._repeats and bool(self._repeated[shot + 1 :].any()):
             self._doubted = known
             return None
-        usually = float(np.median(self._repeats)) if len(self._repeats) > 2 else math.nan
-        other = part > OTHER and not part <= STILL_USUAL_TIMES * usually
-        if other or (part > UNUSUAL and part > UNUSUAL_TIMES * usually):
+        usually = float(np.median(self._repeats)) if self._repeats else 0.0
+        other = part > max(OTHER, STILL_USUAL_TIMES * usually)
+        if other or (len(self._repeats) > 2 and part > max(UNUSUAL, UNUSUAL_TIMES * usually)):
             codes = f"{_rms(difference):.1f} codes"
             what = f"shots {known[0]} and {shot} have one picture and differ by {codes}, as others do"
             return Finding(self._agreed, LATE.format(what))
