@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from labctl.analysis.estimates import Estimate
 
-BRIGHT = 99.0
-"""Percentile of the samples from which on the noise of the highest ones is taken: it grows with the light."""
+BRIGHT, FEWEST_BRIGHT = 0.01, 16
+"""Part of the samples, and their least number, that the noise of the highest is taken from: it grows with the light."""
 TOP, FLAT = 0.01, 4
 """Part of the range and number of times that make a flat top."""
 
@@ -40,7 +40,8 @@ def used_range(twice: NDArray[np.floating], full_scale_v: float) -> Estimate:
         full_scale_v: V.
     """
     mean = twice.mean(axis=0)
-    brightest = mean >= np.percentile(mean, BRIGHT)
+    count = min(mean.size, max(FEWEST_BRIGHT, round(BRIGHT * mean.size)))
+    brightest = mean >= np.partition(mean, -count, axis=None)[-count]
     spread = float(np.sqrt(np.mean((twice[0] - twice[1])[brightest] ** 2)) / 2)
     return Estimate(float(np.ptp(mean)) / full_scale_v, math.sqrt(2) * spread / full_scale_v)
 
