@@ -8,7 +8,7 @@ that
 
     mean signal at rest - mean signal of the drive = (1 - f) B = sin^2(d / 2) B
 
-tells the phases of all steps and B alike, whatever the amplifier makes of volts. Their sum is the depth, from the
+tells the phases of all steps and B alike, whatever the RF amplifier makes of volts. Their sum is the depth, from the
 lowest to the highest voltage.
 
 B differs from image to image and is 0 on average: a difference of interferences. A hop takes time: while the fibre
@@ -22,6 +22,10 @@ s^2 the noise of the mean at rest, which all share, n_k how many times longer th
 T, poles and s are those of largest likelihood, from holds of two lengths; b is free for each image, any order of
 magnitude as likely as another (Jeffreys).
 
+An amplifier behind the fibre that saturates gives a signal V of light P = V (1 + v V), homogeneous saturation by the
+mean power, which slow amplifiers go by: bright images move less, and deep hops otherwise than shallow ones. The
+likelihood is that of P, in units of V; v is found with the rest.
+
 The depth of a shallow drive hides: sin^2 of a small angle is nearly its square, and hops of twice the width move the
 signal four times as far, however wide they are. What tells is the small rest, which goes with the square of the depth.
 Its likelihood is no Gaussian there, so that the uncertainty is read where it is to hold: the end of the likelihood
@@ -30,7 +34,7 @@ would change, evenly between the two, in squares. The hop between the ends says 
 a deep one, which comes round to where it began; it is left out where it moves the signal less than those half as wide.
 
 Sources: Goodman, Speckle Phenomena in Optics, ch. 3 (sums with a constant phasor), ch. 5 (temporal smoothing);
-Jeffreys, Theory of Probability (1961), 3.1; GUM (JCGM 100:2008), 4.3.7, for what lies evenly between bounds.
+Jeffreys, Theory of Probability (1961), 3.1; Saleh & Teich, Photonics, ch. 15 (saturation); GUM (JCGM 100:2008), 4.3.7, for what lies evenly between bounds.
 """
 
 import math
@@ -55,8 +59,11 @@ STARTS = (0.4, 1.6, 3.2, 4.8, 6.4, 8.0)
 SHALLOWEST = 1e-3
 """Depth (rad) below which all are alike: the rest that tells is a part 1e-7 of the signal."""
 NOISE = 1e-3
-UNEVEN, POLE, DECAY = 0.02, 0.5, 0.3
-"""What the parameters behind the depth count in: logarithms of the parts of it, of poles and decay; 1 for noise."""
+UNEVEN, POLE, DECAY, SATURATED = 0.02, 0.5, 0.3, 0.1
+"""What the parameters behind the depth count in: logarithms of the parts of it, of poles and decay; 1 for noise. The
+search for saturation begins where it takes this part of the mean light."""
+LEAST_SIGNAL = 1e-3
+"""Mean of the signals at rest, in what hops move them by, that light cannot be less than."""
 KNOWN, POLE_KNOWN = 30.0, 1.0
 """How well these are known beforehand, one standard deviation. Of the poles more than the signals of a shallow drive
 say: what plays and modulates 25 GS/s has 6 to 43 GHz (two standard deviations)."""
@@ -112,16 +119,13 @@ def drive_depth(
     """
     differences = np.asarray(idle - np.asarray(hopping, np.float64))
     telling = _telling(differences, pairs)
-    differences, pairs = (
-        differences[:, telling],
-        tuple(pair for pair, tells in zip(pairs, telling, strict=True) if tells),
-    )
-    rows = differences.reshape(-1, differences.shape[-1]).T
-    strengths = np.linalg.svd(rows, compute_uv=False) ** 2
+    pairs = tuple(pair for pair, tells in zip(pairs, telling, strict=True) if tells)
+    hopped = np.asarray(hopping, np.float64)[:, telling]
+    strengths = np.linalg.svd(differences[:, telling].reshape(-1, differences.shape[-1]), compute_uv=False) ** 2
     if strengths[0] < WEAK * strengths.sum():
         raise AnalysisError("the mean signal does not follow the drive: check modulator and RF amplifier")
-    model = _Model(pairs, len(levels), hold_s, np.asarray(sequence, np.float64), rows / np.sqrt(np.mean(rows**2)))
-    rest = np.zeros(len(levels) + 1)
+    model = _Model(pairs, len(levels), hold_s, np.asarray(sequence, np.float64), np.asarray(idle, np.float64), hopped)
+    rest = np.zeros(len(levels) + 2)
     found = lowest(model.cost, min((np.array([start, *rest]) for start in STARTS), key=model.cost))
     if found[0] < 0:
         found[0] = -found[0]
@@ -151,10 +155,10 @@ def _telling(differences: NDArray[np.float64], pairs: tuple[tuple[int, int], ...
 
 
 class _Model:
-    """Likelihood of the differences `rows` (traces, holds * pairs), their mean square 1.
+    """Likelihood of the signals at rest (traces,) and hopping (holds, pairs, traces).
 
-    Parameters: depth (rad), logarithms of its first parts against the last, of pole, decay and noise, each about where
-    the search begins and in the units above.
+    Parameters: depth (rad), logarithms of its first parts against the last, of pole, decay and noise, and saturation,
+    each about where the search begins and in the units above; saturation as a logarithm.
     """
 
     def __init__(
@@ -163,7 +167,8 @@ class _Model:
         levels: int,
         hold_s: tuple[float, ...],
         sequence: NDArray[np.float64],
-        rows: NDArray[np.float64],
+        idle: NDArray[np.float64],
+        hopping: NDArray[np.float64],
     ) -> None:
         self._sums = np.array([[low <= step < high for step in range(levels - 1)] for low, high in pairs], np.float64)
         self._held = [np.repeat(sequence, round(hold / STEP_S)) for hold in hold_s]
@@ -171,35 +176,49 @@ class _Model:
         self._noise = 1 + np.diag(np.repeat([self._held[0].size / held.size for held in self._held], len(pairs)))
         variances, directions = np.linalg.eigh(self._noise)
         self._whitening = (directions / np.sqrt(variances)) @ directions.T
-        self._known = np.array([*[KNOWN] * (levels - 2), POLE_KNOWN, KNOWN, KNOWN])
-        self._power = np.mean(rows**2, axis=0)
-        self._rows = rows @ self._whitening
+        self._known = np.array([*[KNOWN] * (levels - 2), POLE_KNOWN, KNOWN, KNOWN, KNOWN])
+        unit = math.sqrt(np.mean((idle - hopping) ** 2))
+        self._idle, self._hopping = idle / unit, hopping.reshape(-1, idle.size) / unit
+        self._mean = float(np.mean(self._idle))
 
     def cost(self, parameters: NDArray[np.float64], *, poles: int = POLES) -> float:
         """Minus the logarithm of the likelihood."""
         light = self._whitening @ self._light(parameters, poles) @ self._whitening
         variances, directions = np.linalg.eigh(light)
         spread = np.multiply.outer(BRIGHTNESS, np.clip(variances, 0, None)) + _noise(parameters)
-        costs = (np.log(spread).sum(axis=1)[:, np.newaxis] + (1 / spread) @ ((self._rows @ directions) ** 2).T) / 2
-        return float(-logsumexp(-costs, axis=0).sum() + np.sum((parameters[1:] / self._known) ** 2) / 2)
+        moved = self._moved(parameters) @ self._whitening @ directions
+        costs = (np.log(spread).sum(axis=1)[:, np.newaxis] + (1 / spread) @ (moved**2).T) / 2
+        stretched = np.log1p(2 * self._saturation(parameters) * self._hopping).sum()
+        return float(-logsumexp(-costs, axis=0).sum() - stretched + np.sum((parameters[1:] / self._known) ** 2) / 2)
 
     def steps(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Phase from each level to the next, rad."""
-        parts = np.exp(UNEVEN * np.append(parameters[1:-3], -parameters[1:-3].sum()))
+        parts = np.exp(UNEVEN * np.append(parameters[1:-4], -parameters[1:-4].sum()))
         steps: NDArray[np.float64] = max(abs(float(parameters[0])), SHALLOWEST) * parts / parts.sum()
         return steps
 
     def power(self, parameters: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean squares of the differences, as measured and as expected, (holds, pairs) each."""
         noise = _noise(parameters) * np.diagonal(self._noise)
-        light = np.diagonal(self._light(parameters, POLES)) / self._power.size
-        expected = noise + max(0.0, float((self._power - noise).sum())) * light
+        moved = np.mean(self._moved(parameters) ** 2, axis=0)
+        light = np.diagonal(self._light(parameters, POLES)) / moved.size
+        expected = noise + max(0.0, float((moved - noise).sum())) * light
         shape = len(self._held), -1
-        return self._power.reshape(shape), expected.reshape(shape)
+        return moved.reshape(shape), expected.reshape(shape)
+
+    def _saturation(self, parameters: NDArray[np.float64]) -> float:
+        """The v of P = V (1 + v V), where the mean square of the differences of V is 1."""
+        return SATURATED * math.exp(np.clip(parameters[-1], -10, 2)) / max(self._mean, LEAST_SIGNAL)
+
+    def _moved(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """By how much the light at rest is more than the hopping one, (traces, holds * pairs)."""
+        saturation = self._saturation(parameters)
+        rest, hopping = (signal * (1 + saturation * signal) for signal in (self._idle, self._hopping))
+        return np.asarray((rest - hopping).T)
 
     def _light(self, parameters: NDArray[np.float64], poles: int) -> NDArray[np.float64]:
         """Covariance of the differences of an image of brightness 1 without noise; its trace is its size."""
-        pole, decay = np.exp(np.clip(np.array([POLE, DECAY]) * parameters[-3:-1], -7, 4)) * (RISE_S, DECAY_S)
+        pole, decay = np.exp(np.clip(np.array([POLE, DECAY]) * parameters[-4:-2], -7, 4)) * (RISE_S, DECAY_S)
         hops = self._sums @ self.steps(parameters)
         changes = []
         for held in self._held:
@@ -216,4 +235,4 @@ class _Model:
 
 def _noise(parameters: NDArray[np.float64]) -> float:
     """Variance of the noise of the mean at rest, 1 = mean square of the differences."""
-    return float(NOISE * np.exp(np.clip(parameters[-1], -18, 10)))
+    return float(NOISE * np.exp(np.clip(parameters[-2], -18, 10)))
