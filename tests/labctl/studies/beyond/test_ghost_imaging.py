@@ -21,11 +21,11 @@ SMALLER = {"images": 20, "wavelengths": "1550 nm", "ports": "2-5"}
 def small() -> Experiment:
     """The experiment of the house with one wavelength, fewer pictures and a single kind of image."""
     (whole,) = experiments(("b1",))
-    runs = {name: whole.runs[name] for name in ("digits", "scenes")}
+    runs = {name: whole.runs[name] for name in ("digits-finer", "scenes")}
     runs = {name: run.model_copy(update={"settings": run.settings | SMALLER}) for name, run in runs.items()}
-    runs["digits"].settings["patterns"] = 300
-    settings = whole.settings | {"sets": whole.settings["sets"][:1], "wavelengths": [1], "windows": ["2 ns", "10 ns"]}
-    return whole.model_copy(update={"runs": runs, "settings": settings, "must": whole.must[:1]})
+    runs["digits-finer"].settings["patterns"] = 300
+    settings = whole.settings | {"sets": whole.settings["sets"][2:3], "wavelengths": [1], "windows": ["2 ns", "10 ns"]}
+    return whole.model_copy(update={"runs": runs, "settings": settings, "must": whole.must[2:3]})
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +39,13 @@ def reproduced(tmp_path_factory: pytest.TempPathFactory) -> Reproduced:
 @pytest.mark.timeout(600)
 def test_unseen_digits_come_back_by_masks_of_random_patterns(reproduced: Reproduced) -> None:
     conclusion = reproduced.columns[0].conclusion
-    here, baseline = conclusion.here["digits"], conclusion.baseline["digits"]
+    here, baseline = conclusion.here["digits-finer"], conclusion.baseline["digits-finer"]
     for reading in ("one_frame", "two_frames"):
         errors = here[reading]["1"]
         assert errors["10.0"]["mean"] < errors["2.0"]["mean"]
         assert errors["10.0"]["mean"] < baseline["constant"]["mean"]
         assert here["patterns"][reading]["1"]["10.0"]["mean"] < 0.5, "0.5 is what a grey image has"
-    assert [figure.stem for figure in conclusion.figures] == ["images-digits", "rmse-digits", "film"]
+    assert [figure.stem for figure in conclusion.figures] == ["images-digits-finer", "rmse-digits-finer", "film"]
 
 
 def test_the_film_has_100_million_frames_a_second_and_sees_the_switch(reproduced: Reproduced) -> None:
@@ -66,10 +66,10 @@ def test_the_film_has_100_million_frames_a_second_and_sees_the_switch(reproduced
 
 
 def test_runs_of_another_kind_are_named(reproduced: Reproduced) -> None:
-    directories = dict(zip(("digits", "scenes"), reproduced.runs, strict=True))
+    directories = dict(zip(("digits-finer", "scenes"), reproduced.runs, strict=True))
     protocols = small().protocols
     settings = Settings.model_validate(small().settings)
-    swapped = {"digits": protocols["scenes"], "scenes": protocols["scenes"]}
+    swapped = {"digits-finer": protocols["scenes"], "scenes": protocols["scenes"]}
     with pytest.raises(AnalysisError, match="dynamic-scene shows no random patterns"):
         ANALYSIS.examine(TwinRuns(directories, swapped, 101, 1), settings)
     longer = settings.model_copy(update={"windows": (20e-9,), "film": None})
