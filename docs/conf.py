@@ -29,6 +29,8 @@ myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
+# Methods that scikit-learn puts on estimators, with references into its own manual.
+autodoc_default_options = {"exclude-members": "set_partial_fit_request, set_score_request"}
 napoleon_use_ivar = True
 linkcheck_ignore = [r"https?://.*"]  # only what lies here: the build works offline
 nb_execution_mode = "force"

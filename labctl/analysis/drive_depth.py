@@ -34,7 +34,8 @@ would change, evenly between the two, in squares. The hop between the ends says 
 a deep one, which comes round to where it began; it is left out where it moves the signal less than those half as wide.
 
 Sources: Goodman, Speckle Phenomena in Optics, ch. 3 (sums with a constant phasor), ch. 5 (temporal smoothing);
-Jeffreys, Theory of Probability (1961), 3.1; Saleh & Teich, Photonics, ch. 15 (saturation); GUM (JCGM 100:2008), 4.3.7, for what lies evenly between bounds.
+Jeffreys, Theory of Probability (1961), 3.1; Saleh & Teich, Photonics, ch. 15 (saturation); GUM (JCGM 100:2008), 4.3.7,
+for what lies evenly between bounds.
 """
 
 import math

@@ -23,11 +23,11 @@ JITTER = 1e-4
 class KernelClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn ships no types
     """Kernel ridge regression of the classes' indicators on a subset of regressors; the largest answer is the class.
 
-    f(x) = sum over the landmarks z of beta_z exp(-gamma |x - z|^2 / V), V the sum of the features' variances; beta has
-    the least sum over the shots of |f - indicator|^2 + alpha shots beta' K beta, K the kernel of the landmarks. The
-    landmarks are drawn from the training shots (Nystroem's approximation; Williams & Seeger, NIPS 13, 2001; Rasmussen &
-    Williams, Gaussian Processes for Machine Learning, 2006, section 8.3.1). gamma and alpha are those of the best
-    accuracy on a part of the training shots that is kept from their fit.
+    f(x) = sum over the landmarks z of beta_z exp(-gamma d(x, z)^2 / V), d the distance, V the sum of the features'
+    variances; beta has the least sum over the shots of (f - indicator)^2 + alpha shots beta' K beta, K the kernel of
+    the landmarks. The landmarks are drawn from the training shots (Nystroem's approximation; Williams & Seeger, NIPS
+    13, 2001; Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, section 8.3.1). gamma and alpha are
+    those of the best accuracy on a part of the training shots that is kept from their fit.
 
     Args:
         landmarks: How many landmarks; at most the number of shots.

@@ -97,7 +97,7 @@ class Likeness:
         self._dark_record: NDArray[np.float32] | None = None
         # Of each channel, shape (channels,):
         self._noise = self._most_noise = np.ones(1)  # of the difference of two dark records, as they say, and at most
-        self._noise_of_light = np.zeros(1)  # variance that the reference's light adds to that of two records' difference
+        self._noise_of_light = np.zeros(1)  # variance that the reference's light adds to that of a difference
         self._light = np.ones(1)  # of the reference, codes
         self._lit_level = np.zeros(1)  # mean code of the records with light that came last
         self._usual: NDArray[np.float64] | None = None  # mean squares of what different pictures differ by
@@ -105,7 +105,7 @@ class Likeness:
         self._repeats: list[float] = []  # by how much records of the reference differed
         self._pairs: list[tuple[NDArray[np.float64], ...]] = []  # of references: what they differ by, mean codes
         self._doubted: tuple[int, NDArray[np.float32]] | None = None  # the first record of the reference, and its shot
-        self._unjudged: list[tuple[NDArray[Any], ...]] = []  # shots, what they differ by from the one before, mean codes
+        self._unjudged: list[tuple[NDArray[Any], ...]] = []  # shots, what they differ by from those before, mean codes
 
     def examine(self, first: int, codes: Codes) -> Finding | None:
         """Take the records of the shots from `first` on, shape (shots, channels, samples); what is wrong with them."""
@@ -229,7 +229,8 @@ class Likeness:
 
     def _learn_noise_of_light(self) -> None:
         """As most pairs of references have it: power, gain and the trigger's jitter are common to a record, and chance
-        makes few of them much alike in two records."""
+        makes few of them much alike in two records.
+        """
         alike = [pair for pair in self._pairs if self._part_of_usual(pair[0]) <= OTHER]
         if alike and self._dark_record is not None:
             differences, levels = (np.array(parts) for parts in zip(*alike, strict=True))

@@ -188,8 +188,8 @@ class LightPath:
             return np.empty(0)
         points = math.ceil(setting.playback.period / self._parameters.record_step_s)
         period = Acquisition((1,), points / setting.playback.period, points, 0.0)
-        optics = self.optics(setting)
-        clean, _ = self.sampled(optics, period, amplitudes[np.newaxis], phase_s=0.0, shift_s=0.0)
+        optics = self.optics(setting).of_one(amplitudes)
+        clean, _ = self.sampled(optics, period, np.ones((1, 1), np.float32), phase_s=0.0, shift_s=0.0)
         trace = receiver.limited(clean[0, 0] + optics.laws.offset_v[0], self._parameters.detector_limit_v)
         return level_crossings(trace, level_v, rising=rising) / period.sample_rate
 

@@ -1,7 +1,7 @@
 """One twin: its fibre and its chips, drawn from a seed, and what the instruments' settings make of their light."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,12 @@ class Optics:
     lit: bool
     idle_s: float | None
     delay_s: float
+
+    def of_one(self, amplitudes: NDArray[np.float32]) -> "Optics":
+        """The same for a single picture, mirrors of `amplitudes` (superpixels,) as one: cheap for a whole period."""
+        factors = None if self.power_factors is None else amplitudes[np.newaxis] @ self.power_factors
+        taps = np.einsum("p,mpd->md", amplitudes, self.taps)[:, np.newaxis]
+        return replace(self, key=digest(self.key, amplitudes.tobytes()), taps=taps, power_factors=factors)
 
 
 class Twin:

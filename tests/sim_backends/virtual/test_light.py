@@ -24,9 +24,7 @@ class Bench:
 
     def __init__(self, ask: Ask, twin_seed: int = 1) -> None:
         self.ask = ask
-        world = World(
-            Parameters(chip_modes=50), twin_seed=twin_seed
-        )
+        world = World(Parameters(chip_modes=50), twin_seed=twin_seed)
         self.awg, self.scope, self.laser = VirtualAwg70002a(world), VirtualDpo72504dx(world), VirtualTlg220(world)
         self.dmd, self.switch = VirtualAlp(world), VirtualFibreSwitch(world)
         samples = np.random.default_rng(5).uniform(-1, 1, 2500).astype("<f4").tobytes()

@@ -153,9 +153,9 @@ def test_shallow_drives_are_known_as_well_as_stated(rf_gain: float, seed: int) -
     """From 0.1 pi to 1.3 pi: the generator at its lowest amplitude, 0.25 Vpp, and less gain behind it.
 
     k as everywhere: one of these 28 is beyond it once in 500 times. It must not be had by stating nothing: from a third
-    of pi on the depth x is told to three tenths. What tells is the part (x / 4)^2 = 0.07 by which a whole drive moves the
-    signal less than four times what half of one does. Noise is 1.4 % of what that does to one image: 0.15 % of 16
-    images, three halves and two holds, or 1 % of x. Poles that are known to a factor of 1.6 may double it.
+    of pi on the depth x is told to three tenths. What tells is the part (x / 4)^2 = 0.07 by which a whole drive moves
+    the signal less than four times what half of one does; noise, poles known to a factor of 1.6 and the amplifier's
+    saturation hide some of it.
     """
     station = twin(seed, rf_gain=rf_gain)
     station = station.model_copy(update={"awg": station.awg.model_copy(update={"amplitude": 0.25})})
@@ -205,7 +205,7 @@ class TestFaults:
         ("parameters", "limit_v", "said"),
         [
             ({"detector_limit_v": 0.04}, 1.5, "flat at 4"),
-            ({"detector_limit_v": 20.0, "detector_gain_v_per_w": 30e3}, 30.0, "the coarsest range: attenuate the light"),
+            ({"detector_limit_v": 20.0, "detector_gain_v_per_w": 3e4}, 30.0, "the coarsest range: attenuate the light"),
         ],
         ids=["detector", "digitiser"],
     )
