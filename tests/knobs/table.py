@@ -25,7 +25,7 @@ ONE_PICTURE = (0, 4)
 """The first image, and the first reference, which shows it again; the simulated noise of further ones is the same."""
 RUN = ("run", "image-readout", "--json", "--set", "images=10", "--set", "reference_every=4", "--set", "ports=2,3,4,5")
 WINDOW = ("--set", "window=1.6 ns")
-TIMEOUT_S = 0.8
+TIMEOUT_S = 2.0
 NOISE_FACTOR = 2.2
 """How much larger than that of two records of the first picture the difference of a wrong record is at least: brighter
 pictures have up to 1.3 times its noise, which scatters by a fifth."""
