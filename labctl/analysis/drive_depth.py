@@ -189,7 +189,7 @@ class _Model:
         spread = np.multiply.outer(BRIGHTNESS, np.clip(variances, 0, None)) + _noise(parameters)
         moved = self._moved(parameters) @ self._whitening @ directions
         costs = (np.log(spread).sum(axis=1)[:, np.newaxis] + (1 / spread) @ (moved**2).T) / 2
-        stretched = np.log1p(2 * self._saturation(parameters) * self._hopping).sum()
+        stretched = np.log1p(2 * self._saturation(parameters) * np.maximum(self._hopping, 0)).sum()
         return float(-logsumexp(-costs, axis=0).sum() - stretched + np.sum((parameters[1:] / self._known) ** 2) / 2)
 
     def steps(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -103,7 +103,9 @@ class Likeness:
         self._usual: NDArray[np.float64] | None = None  # mean squares of what different pictures differ by
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
-        self._pairs: list[tuple[NDArray[np.float64], ...]] = []  # of references: what they differ by, mean codes
+        self._pairs: list[
+            tuple[NDArray[np.float64], NDArray[np.float64]]
+        ] = []  # of references: differences, mean codes
         self._doubted: tuple[int, NDArray[np.float32]] | None = None  # the first record of the reference, and its shot
         self._unjudged: list[tuple[NDArray[Any], ...]] = []  # shots, what they differ by from those before, mean codes
 
@@ -161,7 +163,8 @@ class Likeness:
         usual = differences[other & lit[1:] & lit[:-1]]
         self._usual = usual if self._usual is None else np.append(self._usual, usual, axis=0)[-REMEMBERED:]
         judge = begin + 1 + np.flatnonzero(other), differences[other], ((levels[1:] + levels[:-1]) / 2)[other]
-        self._unjudged.append(judge)
+        if self._dark.any():  # without a dark shot nothing ever is judged
+            self._unjudged.append(judge)
         darkened = np.flatnonzero(lit[:-1] & dark[1:])
         for place in darkened[_part_of(values[darkened], values[darkened + 1]) > LIT_ALIKE]:
             return Finding(self._agreed, STUCK.format(begin + place + 1))
@@ -201,13 +204,13 @@ class Likeness:
         self._pairs = [*self._pairs, (difference, values.mean(axis=1))][-REMEMBERED:]
         if self._dark_record is None or not self._tells_apart(self._noise):
             return None
-        part = self._part_of_usual(difference)
+        part = float(self._part_of_usual(difference))
         if self._hidden:
             self._repeats = [*self._repeats, part][-REMEMBERED:]
             return None
         if self._doubted is not None:
             (before, first), self._doubted = self._doubted, None
-            parts = [self._part_of_usual(_squares(one - other)) for one, other in ((known[1], first), (values, first))]
+            parts = [float(self._part_of_usual(_squares(one - first))) for one in (known[1], values)]
             if max(*parts, part) <= STILL_USUAL_TIMES * min(*parts, part):
                 self._repeats = [*parts, part]
                 return None
@@ -231,11 +234,13 @@ class Likeness:
         """As most pairs of references have it: power, gain and the trigger's jitter are common to a record, and chance
         makes few of them much alike in two records.
         """
-        alike = [pair for pair in self._pairs if self._part_of_usual(pair[0]) <= OTHER]
-        if alike and self._dark_record is not None:
-            differences, levels = (np.array(parts) for parts in zip(*alike, strict=True))
-            self._light = np.maximum((levels - self._dark_record.mean(axis=1)).mean(axis=0), LEAST_NOISE)
-            added = np.maximum(differences - self._noise**2, 0)
+        if self._dark_record is None or not self._pairs:
+            return
+        differences, levels = (np.array(parts) for parts in zip(*self._pairs, strict=True))
+        alike = self._part_of_usual(differences) <= OTHER
+        if alike.any():
+            self._light = np.maximum((levels[alike] - self._dark_record.mean(axis=1)).mean(axis=0), LEAST_NOISE)
+            added = np.maximum(differences[alike] - self._noise**2, 0)
             self._noise_of_light = np.quantile(added, MOST_PAIRS, axis=0, method="higher")
 
     def _not_shown(self, begin: int, values: NDArray[np.float32]) -> Finding | None:
@@ -285,9 +290,9 @@ class Likeness:
         """By how many times the noise records of different pictures differ; nan as long as nobody knows."""
         return math.nan if self._usual is None or len(self._usual) < 3 else float(np.median(_times(self._usual, noise)))
 
-    def _part_of_usual(self, difference: NDArray[np.float64]) -> float:
-        """The difference of two records, of what those of different pictures differ by."""
-        return float(_times(difference, self._noise)) / self._as_a_rule(self._noise)
+    def _part_of_usual(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The difference of two records, or of pairs of them, of what those of different pictures differ by."""
+        return _times(difference, self._noise) / self._as_a_rule(self._noise)
 
     def _tells_apart(self, noise: NDArray[np.float64]) -> bool:
         """Whether records of different pictures differ by more than those of one; False as long as nobody knows."""

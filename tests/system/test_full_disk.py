@@ -19,7 +19,7 @@ STATION = """
 shots = 2
 [sim]
 noise = "by-state"
-parameters = { launch_na = 0.03, image_side = 0.3, amplifier_gain_db = 26.0, chip_modes = 50 }
+parameters = { chip_modes = 50 }
 """
 APART = ("unshare", "--user", "--map-root-user", "--mount")
 

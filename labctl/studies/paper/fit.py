@@ -94,7 +94,6 @@ def fit(plan: Plan, experiment: Experiment, *, interruption: Interruption, progr
         for value in study.variation.values
     }
     tried = [_tried(study, value, benches) for value, benches in scores.items() if len(benches) == len(seeds)]
-    tried = [_tried(study, value, benches) for value, benches in scores.items() if len(benches) == len(seeds)]
     return concluded(study.accuracy, tried)
 
 

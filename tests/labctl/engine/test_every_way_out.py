@@ -25,7 +25,7 @@ from tests.faults.matrix import SAFE
 from tests.observers import Follower
 
 STATION = Station(
-    sim=SimSection(parameters={"launch_na": 0.03, "image_side": 0.3, "amplifier_gain_db": 26.0, "chip_modes": 50}),
+    sim=SimSection(parameters={"chip_modes": 50}),
     durability=DurabilitySection(shots=2, seconds=3600),
 )
 SETTINGS = {"images": 4, "ports": (2, 3, 4, 5, 6), "window": 0.4e-9}
@@ -163,10 +163,7 @@ def test_what_is_told_of_a_run_cannot_harm_it(
 ) -> None:
     monkeypatch.setattr("labctl.commands.run.describe", raising(kind("told")))
     station = tmp_path / "station.toml"
-    station.write_text(
-        "[sim.parameters]\nlaunch_na = 0.03\nimage_side = 0.3\namplifier_gain_db = 26.0\nchip_modes = 50\n",
-        encoding="utf-8",
-    )
+    station.write_text("[sim.parameters]\nchip_modes = 50\n", encoding="utf-8")
     with pytest.raises((kind, SystemExit)):
         main(["run", "image-readout", "--set", "images=4", "--station", str(station), "--out", str(tmp_path / "run")])
     assert verify_run(tmp_path / "run").complete

@@ -82,7 +82,7 @@ def test_other_states_look_different(bench: Bench, instrument: str, command: str
 def test_another_image_and_back(bench: Bench) -> None:
     before = bench.curve()
     bench.show(BOTTOM)
-    assert likeness(before, bench.curve()) < 0.95
+    assert likeness(before, bench.curve()) < 0.5
     bench.show(TOP)
     assert likeness(before, bench.curve()) > 0.85
 
