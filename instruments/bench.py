@@ -15,7 +15,7 @@ from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscillosco
 from instruments.limits import Levels, Limits
 from instruments.optical_train import OpticalTrain
 from instruments.safe_state import UnsafeBench, ending_with, in_order, safe_state
-from instruments.values import Drive, EdgeTrigger, Frames, Timebase
+from instruments.values import Drive, EdgeTrigger, Frames, Identity, Timebase
 
 
 class Observer:
@@ -32,6 +32,9 @@ class Observer:
 
     def event(self, name: str, **fields: Any) -> None:
         """A setting has settled, or the run has come to another stage: names and fields of `events.jsonl`."""
+
+    def identified(self, name: str, identity: Identity) -> None:
+        """The instrument called `name` has said who it is; what is raised here refuses it."""
 
     def uploading(self, what: str, done: int, total: int) -> None:
         """So much of a waveform or of pictures is uploaded, of so much in all."""
@@ -88,6 +91,11 @@ class Observers(Observer):
         """As of each."""
         for observer in self._observers:
             observer.event(name, **fields)
+
+    def identified(self, name: str, identity: Identity) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.identified(name, identity)
 
     def uploading(self, what: str, done: int, total: int) -> None:
         """As of each."""

@@ -13,6 +13,7 @@ from instruments.remedies import unwritable
 __all__ = [
     "IMPORT_FAILURES",
     "AnalysisError",
+    "BenchInUse",
     "DatasetError",
     "ExperimentError",
     "LabctlError",
@@ -38,6 +39,12 @@ class UsageError(LabctlError):
 
 class StationError(LabctlError):
     """The station file is wrong: one line that names file, key, value and what to do."""
+
+
+class BenchInUse(LabctlError):
+    """Another process has an instrument: one line that says who, which run, since when and how long still."""
+
+    exit_status = 1
 
 
 class DatasetError(LabctlError):

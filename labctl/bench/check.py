@@ -10,6 +10,7 @@ from instruments.interfaces import Instrument
 from instruments.transcripts import Transcript
 from instruments.values import Examination, Identity, Range
 from labctl.bench.identity import asked, require_known
+from labctl.bench.lock import held
 from labctl.bench.opening import Access, opened_one_by_one
 from labctl.bench.station import Station
 
@@ -64,6 +65,7 @@ def check_bench(
     Raises:
         StationError: the station is wrong.
         OutOfRange: a level above its limit.
+        BenchInUse: another process has an instrument; nothing was sent to any.
     """
     allowed = {
         "laser": {"laser.power": Range(0.0, station.limits.optical_power, "W")},
@@ -71,7 +73,10 @@ def check_bench(
         "scope": {"detector": Range(-station.limits.detector, station.limits.detector, "V")},
         "amplifier": {"amplifier.power": Range(0.0, station.limits.amplified_power, "W")},
     }
-    with opened_one_by_one(station, transcript, access) as instruments:
+    with (
+        held(station, "labctl check", access.wire) as hold,
+        opened_one_by_one(station, transcript, access) as instruments,
+    ):
         findings = {}
         for name, instrument in instruments.items():
             section = station.section_of(name)
@@ -80,6 +85,7 @@ def check_bench(
                 if isinstance(instrument, InstrumentError):
                     raise instrument
                 _ask(station, name, instrument, findings[name])
+                hold.identified(name, findings[name].identity)
                 _test(name, instrument, findings[name], patience_s, begins)
                 _require_no_errors(name, findings[name])
             except InstrumentError as error:

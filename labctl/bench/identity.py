@@ -1,5 +1,6 @@
 """Is an instrument one that its driver is for? Found out in the dark, before anything is set."""
 
+from instruments.bench import Bench
 from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
 from instruments.sections import SIMULATED
@@ -18,6 +19,20 @@ def identified(station: Station, name: str, instrument: Instrument) -> Identity:
     identity = asked(station, name, instrument)
     require_known(station, name, identity)
     return identity
+
+
+def who_they_are(station: Station, bench: Bench) -> dict[str, Identity]:
+    """Who the instruments of `bench` are, by name; its observer hears of each.
+
+    Raises:
+        InstrumentError: one does not answer, or is another instrument than its driver is for.
+        BenchInUse: another process has one.
+    """
+    found = {}
+    for name, instrument in bench.instruments.items():
+        found[name] = identified(station, name, instrument)
+        bench.observer.identified(name, found[name])
+    return found
 
 
 def asked(station: Station, name: str, instrument: Instrument) -> Identity:

@@ -29,19 +29,23 @@ REFUSED = "no light is switched on, since nothing would switch it off if this pr
 
 
 @contextmanager
-def supervised(station: Station, log: CommandLog, wire: Wire = Wire()) -> Iterator[Observer]:
+def supervised(
+    station: Station, log: CommandLog, wire: Wire = Wire(), held: tuple[int, ...] = ()
+) -> Iterator[Observer]:
     """One supervisor for the block; what is yielded must observe the bench that is opened inside it.
 
     The bench then gives no light before the supervisor is ready, and none if it has died. A block that switched light
     on and did not go the way into the safe state to its end leaves that to the supervisor. The bench's connections are
     closed by then.
 
+    held: descriptors of the locks that keep others from the bench, which it holds as long as itself.
+
     A bench that is simulated in this process, or replayed, has none: it ends with the process.
     """
     if wire.replay is not None or not within_reach(station):
         yield Observer()
         return
-    supervisor = _Supervisor(station, log)
+    supervisor = _Supervisor(station, log, held)
     try:
         yield supervisor
     finally:
@@ -51,12 +55,12 @@ def supervised(station: Station, log: CommandLog, wire: Wire = Wire()) -> Iterat
 class _Supervisor(Observer):
     """The process that supervises a bench, and what this process knows of the bench's light."""
 
-    def __init__(self, station: Station, log: CommandLog) -> None:
+    def __init__(self, station: Station, log: CommandLog, held: tuple[int, ...]) -> None:
         self._log = log
         self._lit = False
         try:
             self._process = subprocess.Popen(  # noqa: S603
-                COMMAND, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **_a_session_of_its_own()
+                COMMAND, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **_apart(held)
             )
         except OSError as error:
             raise UnsafeBench(f"the supervisor cannot be started ({error}): {REFUSED}") from None
@@ -121,8 +125,8 @@ class _Supervisor(Observer):
         self._orders.write(f"{line}\n".encode())
 
 
-def _a_session_of_its_own() -> dict[str, Any]:
-    """What keeps the signals of the terminal and of the process group from a new process."""
+def _apart(inherited: tuple[int, ...]) -> dict[str, Any]:
+    """What keeps the signals of the terminal and of the process group from a new process, and lets it inherit locks."""
     if sys.platform == "win32":
         return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.DETACHED_PROCESS}
-    return {"start_new_session": True}
+    return {"start_new_session": True, "pass_fds": inherited}

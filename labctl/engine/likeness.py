@@ -188,7 +188,6 @@ class Likeness:
         least = LEAST_NOISE**2
         self._noise = np.sqrt(np.maximum(np.minimum(pair, varies), least))
         self._most_noise = np.sqrt(np.maximum(np.maximum(pair, varies), least))
-        self._learn_noise_of_light()
         return None
 
     def _of_reference(self, shot: int, values: NDArray[np.float32]) -> Finding | None:
@@ -227,19 +226,18 @@ class Likeness:
             return Finding(self._agreed, LATE.format(what))
         self._agreed = shot
         self._repeats = [*self._repeats, part][-REMEMBERED:]
-        self._learn_noise_of_light()
         return None
 
-    def _learn_noise_of_light(self) -> None:
+    def _learn_noise_of_light(self, dark: NDArray[np.float32]) -> None:
         """As most pairs of references have it: power, gain and the trigger's jitter are common to a record, and chance
         makes few of them much alike in two records.
         """
-        if self._dark_record is None or not self._pairs:
+        if not self._pairs:
             return
         differences, levels = (np.array(parts) for parts in zip(*self._pairs, strict=True))
         alike = self._part_of_usual(differences) <= OTHER
         if alike.any():
-            self._light = np.maximum((levels[alike] - self._dark_record.mean(axis=1)).mean(axis=0), LEAST_NOISE)
+            self._light = np.maximum((levels[alike] - dark.mean(axis=1)).mean(axis=0), LEAST_NOISE)
             added = np.maximum(differences[alike] - self._noise**2, 0)
             self._noise_of_light = np.quantile(added, MOST_PAIRS, axis=0, method="higher")
 
@@ -255,6 +253,7 @@ class Likeness:
             return Finding(0, NO_LIGHT)
         if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden:
             return None
+        self._learn_noise_of_light(self._dark_record)
         allowed = 1 + SURE / math.sqrt(values[0].size)
         usual = self._as_a_rule(self._most_noise)
         faint = CONTRAST / usual  # less light than this may be hidden by noise

@@ -4,7 +4,7 @@ from datetime import datetime
 from typing import Any
 
 from instruments.bench import Bench
-from labctl.bench.identity import identified
+from labctl.bench.identity import who_they_are
 from labctl.engine.plan import Request
 from labctl.runs.format.provenance import git_revision, versions
 
@@ -36,9 +36,7 @@ def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any
 
 def light_and_instruments(request: Request, bench: Bench) -> tuple[dict[str, Any], dict[str, Any]]:
     """What the laser settled on for the first pass, in the dark, and who all instruments are and how they are set."""
-    identities = {
-        name: vars(identified(request.station, name, instrument)) for name, instrument in bench.instruments.items()
-    }
+    identities = {name: vars(identity) for name, identity in who_they_are(request.station, bench).items()}
     light = vars(bench.set_light(request.protocol.passes(bench)[0].wavelength_nm))
     return light, {
         name: {"identity": identities[name], "settings": instrument.settings()}

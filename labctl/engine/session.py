@@ -10,6 +10,7 @@ from instruments.bench import Observer, Observers
 from labctl.bench import answers
 from labctl.bench.calibration import newest, warnings
 from labctl.bench.laser_limits import check_laser
+from labctl.bench.lock import held
 from labctl.bench.opening import Access, OpenBench, opened
 from labctl.bench.own_stations import remember
 from labctl.bench.signals import Interruption
@@ -153,15 +154,16 @@ def _session(
     observers: Observers,
     observer: Observer | None,
 ) -> Iterator[OpenBench]:
-    """The opened bench under supervision, allowed to light; nothing was sent to it yet. Aliasing is noted in the logs.
+    """The opened bench, held, supervised, allowed to light; nothing was sent to it yet. Aliasing is noted in the logs.
 
-    Supervisor, logs and `observer`, in this order, are added to `observers`, who follow it.
+    Its hold, supervisor, logs and `observer`, in this order, are added to `observers`, who follow it.
     """
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         events = stack.enter_context(EventLog())
-        supervisor = stack.enter_context(supervised(station, log, access.wire))
-        for one in (supervisor, log, events, observer or Observer()):
+        hold = stack.enter_context(held(station, f"a run of {protocol.name}", access.wire))
+        supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
+        for one in (hold, supervisor, log, events, observer or Observer()):
             observers.add(one)
         open_bench = stack.enter_context(opened(station, log, access, observer=observers))
         check_laser(station, [one.wavelength_nm for one in protocol.passes(open_bench.bench)])

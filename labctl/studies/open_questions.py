@@ -13,6 +13,7 @@ from instruments.interfaces import BYPASS_PORT, BurstDmd
 from instruments.values import Answer
 from labctl.bench import answers
 from labctl.bench.laser_limits import check_laser
+from labctl.bench.lock import held
 from labctl.bench.opening import Access, opened
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
@@ -44,7 +45,8 @@ def ask_bench(station: Station, log: CommandLog, access: Access, *, light: bool)
     """
     started = datetime.now(UTC)
     with ExitStack() as stack:
-        supervisor = stack.enter_context(supervised(station, log, access.wire))
+        hold = stack.enter_context(held(station, "labctl check --deep", access.wire))
+        supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
         bench = stack.enter_context(opened(station, log, access, observer=supervisor)).bench
         if light:
             check_laser(station, (station.laser.wavelength,))

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.bench import Bench
+from instruments.bench import Bench, Observers
 from instruments.errors import NoTrigger
 from instruments.interfaces import BYPASS_PORT
 from instruments.values import Scaling
 from labctl.analysis.decorrelation import Scan
 from labctl.bench import calibration
-from labctl.bench.identity import identified
+from labctl.bench.identity import who_they_are
 from labctl.bench.laser_limits import check_laser
+from labctl.bench.lock import held
 from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
@@ -98,15 +99,16 @@ def align_bench(
     results: list[Result] = []
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
-        supervisor = stack.enter_context(supervised(station, log, access.wire))
-        bench = stack.enter_context(opened(station, log, access, observer=supervisor)).bench
+        hold = stack.enter_context(held(station, "labctl align", access.wire))
+        supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
+        bench = stack.enter_context(opened(station, log, access, observer=Observers(hold, supervisor))).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
         check_laser(station, (station.laser.wavelength, last))
         bench.scope.sample_rate.check("scope sample rate", FINE_RATE)
         bench.require_arm()
         instruments = {
-            name: {"identity": vars(identified(station, name, instrument)), "settings": instrument.settings()}
-            for name, instrument in bench.instruments.items()
+            name: {"identity": vars(identity), "settings": bench.instruments[name].settings()}
+            for name, identity in who_they_are(station, bench).items()
         }
         with writing(folder, "name another --out"):
             folder.mkdir(parents=True, exist_ok=True)

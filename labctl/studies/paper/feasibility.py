@@ -6,8 +6,9 @@ from typing import Any
 
 from instruments.bench import Bench
 from instruments.errors import LinkError
-from labctl.bench.identity import identified
+from labctl.bench.identity import who_they_are
 from labctl.bench.laser_limits import check_laser
+from labctl.bench.lock import held
 from labctl.bench.opening import opened
 from labctl.bench.station import Station
 from labctl.engine.inputs import inputs_for
@@ -106,6 +107,6 @@ class _Benches:
         """Ask every instrument once who it is, unless they are simulated in this process and cannot be missing."""
         key = station.model_dump_json()
         if key not in self._identified and not station.wholly_simulated:
-            for name, instrument in self._opened[key].instruments.items():
-                identified(station, name, instrument)
+            with held(station, "labctl reproduce", self._plan.access.wire):
+                who_they_are(station, self._opened[key])
         self._identified.add(key)

@@ -1,0 +1,94 @@
+"""A lock of this machine: a file that stays, locked by the system, with a note of who holds it.
+
+The system lets go of it when the last process that has it open ends, however that ends.
+"""
+
+import os
+import re
+import stat
+import sys
+from contextlib import suppress
+from hashlib import sha256
+from io import FileIO
+from pathlib import Path
+
+from labctl.errors import BenchInUse
+
+PLACES = (Path("/run/lock"), Path("/tmp"))  # noqa: S108  # for all users, who cannot remove each other's files there
+LONGEST_NOTE = 1 << 12
+
+
+class LockFile:
+    """What `key` stands for, which one process at a time may have."""
+
+    def __init__(self, key: str) -> None:
+        """Not locked yet.
+
+        Raises:
+            BenchInUse: somebody keeps this user from opening it.
+        """
+        readable = re.sub(r"\W+", "-", key)[-40:].strip("-")
+        path = _folder() / f"labctl-{readable}-{sha256(key.encode()).hexdigest()[:12]}.lock"
+        try:
+            self._file = _there(path)
+        except OSError as error:
+            raise BenchInUse(f"{path}: cannot be locked ({error.strerror}): remove it, or ask whose it is") from None
+
+    def lock(self) -> bool:
+        """Whether this process has it now."""
+        try:
+            if sys.platform == "win32":
+                import msvcrt
+
+                self._file.seek(LONGEST_NOTE)  # behind the note, which others may read
+                msvcrt.locking(self._file.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+        return True
+
+    @property
+    def descriptor(self) -> int:
+        """What a process inherits to have it as well."""
+        return self._file.fileno()
+
+    @property
+    def note(self) -> bytes:
+        """What its holder wrote; may be anything."""
+        self._file.seek(0)
+        return self._file.read(LONGEST_NOTE) or b""
+
+    def write(self, note: bytes) -> None:
+        """Say who holds it; a full disk keeps nobody from holding it."""
+        with suppress(OSError):
+            self._file.truncate(0)
+            self._file.seek(0)
+            self._file.write(note)
+
+    def close(self) -> None:
+        """Let go of it, unless another process has inherited it."""
+        self._file.close()
+
+
+def _folder() -> Path:
+    if sys.platform == "win32":
+        found = Path(os.environ.get("PROGRAMDATA", Path.home())) / "labctl"
+        found.mkdir(exist_ok=True)
+        return found
+    shared = stat.S_ISVTX | stat.S_IRWXO
+    return next((place for place in PLACES if place.is_dir() and place.stat().st_mode & shared == shared), PLACES[-1])
+
+
+def _there(path: Path) -> FileIO:
+    """The file, made if it is not there, for every user; nobody is followed elsewhere."""
+    flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    with suppress(FileNotFoundError):
+        return FileIO(path, "r+", opener=lambda name, _: os.open(name, flags))
+    with suppress(FileExistsError):
+        os.close(os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o666))
+        with suppress(OSError):
+            path.chmod(0o666)  # whatever the umask
+    return FileIO(path, "r+", opener=lambda name, _: os.open(name, flags))
