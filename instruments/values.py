@@ -26,11 +26,6 @@ class Identity:
     serial: str
     firmware: str
 
-    @property
-    def simulated(self) -> bool:
-        """Whether it is a virtual instrument: these say so in the model or the serial number."""
-        return "(simulated)" in self.model or self.serial.startswith("SIM")
-
     @classmethod
     def parse(cls, reply: str) -> "Identity":
         """Split a `*IDN?` reply; missing fields become empty strings.

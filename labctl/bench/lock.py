@@ -26,6 +26,7 @@ from labctl.bench.station import Station
 from labctl.errors import BenchInUse
 from labctl.runs.live.events import EVENTS, EventReader
 
+LOOPBACK = "localhost"
 LATEST_BYTES = 1 << 14
 """The end of a run's events, which says how far it is."""
 DARK_WITHIN_S = 10.0
@@ -70,13 +71,20 @@ class Hold(Observer):
         """None yet; `task` is what the bench is opened for."""
         self._holder = Holder(process=os.getpid(), user=_user(), task=task, since=datetime.now(UTC))
         self._locks: dict[str, LockFile] = {}
+        self._real: set[str] = set()
 
-    def take(self, name: str, key: str) -> None:
-        """Hold the instrument called `name`, which `key` identifies.
+    def at(self, name: str, address: str) -> None:
+        """Hold the instrument called `name`, which is at `address`.
 
         Raises:
             BenchInUse: another process has it.
         """
+        place = place_of(address)
+        if LOOPBACK not in place:
+            self._real.add(name)
+        self._take(name, place)
+
+    def _take(self, name: str, key: str) -> None:
         if key in self._locks:
             return
         lock = LockFile(key)
@@ -88,13 +96,13 @@ class Hold(Observer):
         self._sign(lock)
 
     def identified(self, name: str, identity: Identity) -> None:
-        """Hold the instrument by its serial number too.
+        """Hold the instrument by its serial number too, unless it is a program of this machine: these all have one.
 
         Raises:
             BenchInUse: another process has it, at another address.
         """
-        if identity.serial.strip("0 ") and not identity.simulated:
-            self.take(name, f"{identity.manufacturer} {identity.model} {identity.serial}")
+        if identity.serial.strip("0 ") and name in self._real:
+            self._take(name, f"{identity.manufacturer} {identity.model} {identity.serial}")
 
     def stored_in(self, directory: Path) -> None:
         """Say that it is this run."""
@@ -131,7 +139,7 @@ def held(station: Station, task: str, wire: Wire = Wire()) -> Iterator[Hold]:
     try:
         for name, address in station.addresses.items() if wire.replay is None else ():
             if address != SIMULATED and name not in by_hand:
-                hold.take(name, place_of(address))
+                hold.at(name, address)
         yield hold
     finally:
         hold.close()
@@ -149,11 +157,14 @@ def place_of(address: str) -> str:
         found = rname.ResourceName.from_string(address)
     except rname.InvalidResourceName:
         return address.casefold()
-    parts = {name: str(value) for name, value in vars(found).items() if name != "user"}
-    if "host_address" in parts:
-        parts["host_address"] = _numeric(parts["host_address"])
-        parts.pop("board", None)
-    return f"{found.interface_type} {' '.join(parts.values())}".casefold()
+    match found:
+        case rname.TCPIPInstr():
+            parts = _numeric(found.host_address), found.lan_device_name
+        case rname.TCPIPSocket():
+            parts = _numeric(found.host_address), found.port
+        case _:
+            return str(found).casefold()
+    return " ".join(parts).casefold()
 
 
 def _numeric(host: str) -> str:
@@ -161,7 +172,7 @@ def _numeric(host: str) -> str:
         found = {str(one[4][0]) for one in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
     except OSError:  # nobody has this name
         return host
-    return "localhost" if found & {"127.0.0.1", "::1"} else min(found)
+    return LOOPBACK if found & {"127.0.0.1", "::1"} else min(found)
 
 
 def _user() -> str:

@@ -1,4 +1,4 @@
-"""A lock of this machine: a file that stays, locked by the system, with a note of who holds it.
+"""A lock of this machine: a file, locked by the system, with a note of who holds it.
 
 The system lets go of it when the last process that has it open ends, however that ends.
 """
@@ -28,27 +28,18 @@ class LockFile:
             BenchInUse: somebody keeps this user from opening it.
         """
         readable = re.sub(r"\W+", "-", key)[-40:].strip("-")
-        path = _folder() / f"labctl-{readable}-{sha256(key.encode()).hexdigest()[:12]}.lock"
-        try:
-            self._file = _there(path)
-        except OSError as error:
-            raise BenchInUse(f"{path}: cannot be locked ({error.strerror}): remove it, or ask whose it is") from None
+        self._path = _folder() / f"labctl-{readable}-{sha256(key.encode()).hexdigest()[:12]}.lock"
+        self._file = self._opened()
 
     def lock(self) -> bool:
         """Whether this process has it now."""
-        try:
-            if sys.platform == "win32":
-                import msvcrt
-
-                self._file.seek(LONGEST_NOTE)  # behind the note, which others may read
-                msvcrt.locking(self._file.fileno(), msvcrt.LK_NBLCK, 1)
-            else:
-                import fcntl
-
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            return False
-        return True
+        while _locked(self._file):
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(self._file.fileno()), self._path.lstat()):
+                    return True
+            self._file.close()  # whoever had it has removed it meanwhile
+            self._file = self._opened()
+        return False
 
     @property
     def descriptor(self) -> int:
@@ -69,8 +60,37 @@ class LockFile:
             self._file.write(note)
 
     def close(self) -> None:
-        """Let go of it, unless another process has inherited it."""
+        """Let go of it. One that another process has inherited stays; else it is removed."""
         self._file.close()
+        self._file = self._opened()
+        if self.lock():
+            with suppress(OSError):  # another user's
+                self._path.unlink()
+        self._file.close()
+
+    def _opened(self) -> FileIO:
+        try:
+            return _there(self._path)
+        except OSError as error:
+            raise BenchInUse(
+                f"{self._path}: cannot be locked ({error.strerror}): remove it, or ask whose it is"
+            ) from None
+
+
+def _locked(file: FileIO) -> bool:
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            file.seek(LONGEST_NOTE)  # behind the note, which others may read
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def _folder() -> Path:
