@@ -79,15 +79,19 @@ def find_ranges(
     return scope.scalings()
 
 
-def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
+def lock_ranges(
+    bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture], dark: Capture | None = None
+) -> tuple[Scaling, ...]:
     """The vertical ranges of a pass: those `known` from an earlier part of the run, or found from all `probes`.
+
+    dark: a frame without light, taken where probes leave it open whether they have any.
 
     Raises:
         OverLimit: a detector gives more than it may.
         InstrumentError: no light comes, or the oscilloscope does not come back to a range it had.
     """
     if known is None:
-        see_light = partial(require_light, bench)
+        see_light = partial(require_light, bench, dark=dark)
         return find_ranges(bench.scope, bench.limits, probes, bench.require_unchanged, see_light)
     set_ranges(bench.scope, bench.limits, known, probes[0])
     return tuple(known)

@@ -168,11 +168,12 @@ def place_of(address: str) -> str:
 
 
 def _numeric(host: str) -> str:
+    name, comma, port = host.partition(",")  # of VXI-11 without a port mapper
     try:
-        found = {str(one[4][0]) for one in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
+        found = {str(one[4][0]) for one in socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)}
     except OSError:  # nobody has this name
         return host
-    return LOOPBACK if found & {"127.0.0.1", "::1"} else min(found)
+    return (LOOPBACK if found & {"127.0.0.1", "::1"} else min(found)) + comma + port
 
 
 def _user() -> str:

@@ -40,6 +40,9 @@ OTHER = 0.6
 UNUSUAL, UNUSUAL_TIMES, STILL_USUAL_TIMES = 0.35, 3.0, 1.4
 """So is one beyond a smaller part that also differs by so many times what the records of one picture did before; where
 light of few photons makes those differ nearly as much, so many times that are still usual."""
+STRAYS = 5.0
+"""Standard deviations by which the rms of a record's noise may stray: of n samples, every other one independent, by
+1 / sqrt(n) of itself."""
 LIT_ALIKE = 0.7
 """Part of a record with light that a dark one holds where it is not dark."""
 FLAT = 3.0
@@ -69,12 +72,14 @@ Alike = Callable[[Shot, Shot, float], bool]
 class Finding(NamedTuple):
     """What is wrong, and from which shot on it may have been.
 
-    shots: those that are meant, where single ones are: they may be so by chance, and then they are so again.
+    shots: those that are meant, where single ones are: they may be so by chance, and then they are so again. by_chance:
+    so may be all that was measured since.
     """
 
     first: int
     text: str
     shots: tuple[int, ...] = ()
+    by_chance: bool = False
 
 
 class Likeness:
@@ -214,16 +219,17 @@ class Likeness:
                 self._repeats = [*parts, part]
                 return None
             what = f"the reference at shots {before} to {shot} is of one picture and differs as others do"
-            return Finding(self._agreed, LATE.format(what))
+            return Finding(self._agreed, LATE.format(what), by_chance=True)
         if part > OTHER and not self._repeats and bool(self._repeated[shot + 1 :].any()):
             self._doubted = known
             return None
         usually = float(np.median(self._repeats)) if self._repeats else 0.0
-        other = part > max(OTHER, STILL_USUAL_TIMES * usually)
+        still = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(values.size))
+        other = part > max(OTHER, still * usually)
         if other or (len(self._repeats) > 2 and part > max(UNUSUAL, UNUSUAL_TIMES * usually)):
             codes = f"{_rms(difference):.1f} codes"
             what = f"shots {known[0]} and {shot} have one picture and differ by {codes}, as others do"
-            return Finding(self._agreed, LATE.format(what))
+            return Finding(self._agreed, LATE.format(what), by_chance=True)
         self._agreed = shot
         self._repeats = [*self._repeats, part][-REMEMBERED:]
         return None

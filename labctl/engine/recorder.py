@@ -4,6 +4,7 @@ Between records the settings of the bench are compared with what they were set t
 found unchanged for the last time is in doubt until they are compared again.
 """
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,8 @@ from protocols.base import Events, Inputs, Part, PassStarted, Record
 
 COMPARED_EVERY = 50
 """Records after which settings are compared: a count, so that a run sends the same messages however fast it is."""
+MOST_DOUBTS = 1
+"""How often in a pass all since a shot may be doubted and measured again: chance is not the same twice, a fault is."""
 MOST_TWICE, ONE_IN = 3, 100
 """How many shots of a pass may be measured again because of their records: so many, and one in so many."""
 
@@ -77,6 +80,7 @@ class Recorder:
         self._ends: frozenset[int] = frozenset()  # shots of the pass behind which nothing is missing
         self._alike = alike_by(inputs)
         self._twice: dict[int, set[int]] = {}  # by pass, the shots that were measured again because of their records
+        self._doubted = Counter[int]()  # by pass, how often not single shots but all since were
         self._likeness = Likeness((), self._alike)
         self._unexamined: list[Record] = []
         self._scalings: tuple[Scaling, ...] = ()
@@ -245,10 +249,13 @@ class Recorder:
             raise self._wrong(records[0].pass_.index, finding)
 
     def _wrong(self, pass_index: int, finding: Finding) -> InstrumentError:
-        """Single shots may be what they are by chance: they are measured again, unless there are too many of them."""
+        """What may be so by chance is measured again, unless there is too much of it in the pass."""
         twice = self._twice.setdefault(pass_index, set())
         twice.update(finding.shots)
-        if not finding.shots or len(twice) > MOST_TWICE + len(self._whole[pass_index].shots) // ONE_IN:
+        self._doubted[pass_index] += finding.by_chance
+        certain = not finding.shots and not finding.by_chance
+        most = MOST_TWICE + len(self._whole[pass_index].shots) // ONE_IN
+        if certain or self._doubted[pass_index] > MOST_DOUBTS or len(twice) > most:
             self._unsure_from = pass_index, min({finding.first, *twice})
             return WrongRecord(finding.text)
         return DoubtfulRecord(finding.text)

@@ -59,7 +59,7 @@ class Recovery:
         mishap = next((mishap for mishap in MISHAPS if isinstance(error, mishap.error)), None)
         if mishap is None:
             raise error
-        if records > self._records:
+        if records > self._records or mishap.error is DoubtfulRecord:  # which the recorder bounds
             self._attempts, self._records = 0, records
         while self._attempts < ATTEMPTS:
             self._attempts += 1

@@ -51,10 +51,12 @@ def test_a_channel_without_light_is_told(bench: Any) -> None:
     bench.configure(Timebase(25e9, SAMPLES), (1, 2, 3, 4))
     course = np.random.default_rng(1).normal(0, 8, (CHANNELS, SAMPLES))
     course[2] = 0
-    require_light(bench, frames_of(noise(1) + course))
+    require_light(bench, frames_of(noise(1) + course), None)
     assert warned == ["scope: CH3 has no light that can be told from noise: see its fibre"]
+    dark = iter(frames_of(noise(2))).__next__
+    require_light(bench, frames_of(noise(1) + 2), dark)  # photons so few that their course is hidden
     with pytest.raises(InstrumentError, match=r"^bench: no light: 40 probes"):
-        require_light(bench, frames_of(noise(1)))
+        require_light(bench, frames_of(noise(1)), dark)
 
 
 @pytest.mark.parametrize("broken", [{"fibre_loss_db": 300.0}, {"mirror_loss_db": 300.0}], ids=str)

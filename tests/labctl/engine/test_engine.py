@@ -10,11 +10,12 @@ from instruments.errors import InstrumentError
 from instruments.values import Frames
 from labctl.bench.opening import OpenBench, ask_operator
 from labctl.bench.signals import Interruption
-from labctl.bench.station import Station
+from labctl.bench.station import SIMULATED_STATION, Station
 from labctl.engine.engine import Outcome, carry_out
 from labctl.engine.inputs import images_for
 from labctl.engine.plan import Request
 from labctl.runs.read.run import open_run
+from protocols.base import ShotKind
 from protocols.image_readout import ImageReadout
 from tests.observers import Follower
 
@@ -51,6 +52,31 @@ def test_the_same_trace_twice_is_an_error_and_what_was_measured_is_kept(
     with open_run(tmp_path / "run") as stored:
         assert not stored.complete
         assert stored.done[0] > 0
+
+
+def test_a_reference_that_strays_once_is_measured_again(
+    open_bench: OpenBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chance gives a record that looks like another picture's; it does so once."""
+    protocol = ImageReadout(images=200, ports=(2, 3, 4, 5), window=2e-9)
+    kinds = [shot.kind for shot in protocol.shots(images_for(protocol))]
+    strays_at = [place for place, kind in enumerate(kinds) if kind is ShotKind.REFERENCE][4]
+    read, at, last = open_bench.bench.scope.read, [0], list[Frames]()
+
+    def stray() -> Frames:
+        last.append(read())
+        return last[-4] if at == [strays_at] and at.pop() else last[-1]
+
+    def progress(done: int, _total: int) -> None:
+        at[:] = [done] if at else []
+
+    monkeypatch.setattr(open_bench.bench.scope, "read", stray)
+    monkeypatch.setattr("labctl.engine.recovery.PAUSE_S", 0.0)
+    inputs = images_for(protocol)
+    open_bench.bench.observer = Follower(progress)
+    request = Request(protocol, inputs, SIMULATED_STATION)
+    outcome = carry_out(request, open_bench.bench, Interruption(), tmp_path / "run")
+    assert (outcome.complete, outcome.recovered) == (True, 1)
 
 
 def test_an_interruption_finishes_the_shot(open_bench: OpenBench, tmp_path: Path) -> None:
