@@ -158,7 +158,9 @@ class Likeness:
         late = np.flatnonzero(dark[:-1] & lit[1:])
         flat, following = _varies(values[late]), _varies(values[late + 1])
         for place in late[(flat > FLAT * following) & (following > 0)]:
-            return Finding(self._agreed, LATE.format(f"dark shot {begin + place} is lit and the next is not"))
+            return Finding(
+                self._agreed, LATE.format(f"dark shot {begin + place} is lit and the next is not"), by_chance=True
+            )
         differences = _squares(np.diff(values, axis=0))
         pictures = np.where(dark, -1, self._picture[begin:end])
         levels = values.mean(axis=2)
