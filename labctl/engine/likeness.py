@@ -112,6 +112,9 @@ class Likeness:
             tuple[NDArray[np.float64], NDArray[np.float64]]
         ] = []  # of references: differences, mean codes
         self._doubted: tuple[int, NDArray[np.float32]] | None = None  # the first record of the reference, and its shot
+        self._strayed: tuple[int, NDArray[np.float32]] | None = (
+            None  # the reference before one that differs, and its shot
+        )
         self._unjudged: list[tuple[NDArray[Any], ...]] = []  # shots, what they differ by from those before, mean codes
 
     def examine(self, first: int, codes: Codes) -> Finding | None:
@@ -201,7 +204,8 @@ class Likeness:
         """A record of the reference picture that is of another one.
 
         Where already the first two differ, the third says whether one of them is wrong, or none is: that noise of the
-        light itself, which darkness does not show, makes all three differ nearly as pictures do.
+        light itself, which darkness does not show, makes all three differ nearly as pictures do. Where a later one
+        differs, the next says whether that one alone does, which may be chance, or all that come.
         """
         known, self._reference_record = self._reference_record, (shot, values)
         if known is None:
@@ -225,16 +229,33 @@ class Likeness:
         if part > OTHER and not self._repeats and bool(self._repeated[shot + 1 :].any()):
             self._doubted = known
             return None
-        usually = float(np.median(self._repeats)) if self._repeats else 0.0
-        still = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(values.size))
-        other = part > max(OTHER, still * usually)
-        if other or (len(self._repeats) > 2 and part > max(UNUSUAL, UNUSUAL_TIMES * usually)):
+        if self._strayed is not None:
+            (before, earlier), self._strayed = self._strayed, None
+            if self._is_another(float(self._part_of_usual(_squares(values - earlier))), values.size):
+                what = f"shots {before}, {known[0]} and {shot} have one picture and differ as others do"
+                return Finding(self._agreed, LATE.format(what), by_chance=True)
+            self._agreed = shot
+            if not (alone := self._unconfirmed(np.array([known[0]]))):
+                return None
+            what = f"differs from those of its picture at shots {before} and {shot}"
+            return Finding(known[0], NOT_SHOWN.format(known[0], what), tuple(alone))
+        if self._is_another(part, values.size):
+            if self._repeats and bool(self._repeated[shot + 1 :].any()):
+                self._strayed = known
+                return None
             codes = f"{_rms(difference):.1f} codes"
             what = f"shots {known[0]} and {shot} have one picture and differ by {codes}, as others do"
             return Finding(self._agreed, LATE.format(what), by_chance=True)
         self._agreed = shot
         self._repeats = [*self._repeats, part][-REMEMBERED:]
         return None
+
+    def _is_another(self, part: float, size: int) -> bool:
+        """Whether records of the reference, of so many samples, that differ by `part` are of two pictures."""
+        usually = float(np.median(self._repeats)) if self._repeats else 0.0
+        still = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(size))
+        unusual = len(self._repeats) > 2 and part > max(UNUSUAL, UNUSUAL_TIMES * usually)
+        return part > max(OTHER, still * usually) or unusual
 
     def _learn_noise_of_light(self, dark: NDArray[np.float32]) -> None:
         """As most pairs of references have it: power, gain and the trigger's jitter are common to a record, and chance
