@@ -154,7 +154,7 @@ def place_of(address: str) -> str:
         True
     """
     try:
-        found = rname.ResourceName.from_string(address)
+        found = rname.ResourceName.from_string(address.upper())
     except rname.InvalidResourceName:
         return address.casefold()
     match found:

@@ -62,9 +62,9 @@ class LockFile:
     def close(self) -> None:
         """Let go of it. One that another process has inherited stays; else it is removed."""
         self._file.close()
-        self._file = self._opened()
-        if self.lock():
-            with suppress(OSError):  # another user's
+        with suppress(OSError, BenchInUse):  # another user's
+            self._file = self._opened()
+            if self.lock():
                 self._path.unlink()
         self._file.close()
 
@@ -105,10 +105,10 @@ def _folder() -> Path:
 def _there(path: Path) -> FileIO:
     """The file, made if it is not there, for every user; nobody is followed elsewhere."""
     flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-    with suppress(FileNotFoundError):
-        return FileIO(path, "r+", opener=lambda name, _: os.open(name, flags))
-    with suppress(FileExistsError):
-        os.close(os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o666))
-        with suppress(OSError):
-            path.chmod(0o666)  # whatever the umask
-    return FileIO(path, "r+", opener=lambda name, _: os.open(name, flags))
+    while True:  # whoever had it may remove it meanwhile
+        with suppress(FileNotFoundError):
+            return FileIO(path, "r+", opener=lambda name, _: os.open(name, flags))
+        with suppress(FileExistsError):
+            os.close(os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o666))
+            with suppress(OSError):
+                path.chmod(0o666)  # whatever the umask

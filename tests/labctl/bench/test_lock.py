@@ -1,0 +1,46 @@
+"""Where an address leads, and who holds what is there."""
+
+import pytest
+
+from labctl.bench.lock import place_of
+from labctl.bench.lock_file import LockFile
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("TCPIP0::127.0.0.1::4000::SOCKET", "tcpip::localhost::4000::socket"),
+        ("TCPIP::192.0.2.1::INSTR", "TCPIP0::192.0.2.1::inst0::INSTR"),
+        ("TCPIP0::127.0.0.1,5000::inst0::INSTR", "TCPIP0::localhost,5000::inst0::INSTR"),
+        ("usb", "USB"),
+    ],
+)
+def test_one_place_under_two_names(one: str, other: str) -> None:
+    assert place_of(one) == place_of(other)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("TCPIP0::127.0.0.1::4000::SOCKET", "TCPIP0::127.0.0.1::4001::SOCKET"),
+        ("TCPIP::192.0.2.1::gpib0,5::INSTR", "TCPIP::192.0.2.1::gpib0,6::INSTR"),
+        ("TCPIP0::127.0.0.1,5000::inst0::INSTR", "TCPIP0::127.0.0.1,5001::inst0::INSTR"),
+        ("ASRL1::INSTR", "ASRL2::INSTR"),
+    ],
+)
+def test_two_places(one: str, other: str) -> None:
+    assert place_of(one) != place_of(other)
+
+
+def test_a_lock_goes_from_one_to_the_next_and_leaves_no_file() -> None:
+    first, second = LockFile("a test of locks"), LockFile("a test of locks")
+    assert (first.lock(), second.lock()) == (True, False)
+    first.write(b"first")
+    assert second.note == b"first"
+    path = first._path
+    first.close()
+    assert not path.exists()
+    assert second.lock()
+    assert path.exists()
+    second.close()
+    assert not path.exists()
