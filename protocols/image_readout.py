@@ -33,7 +33,6 @@ DRIVE_RATE = 25e9
 DRIVE_SAMPLES = 2500
 """One period of the drive, 100 ns: above the AWG's minimum and longer than the fibre's delay spread."""
 PROBES = 40
-DARK = Shot(-1, ShotKind.DARK, -1, -1, -1)
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 40e-12, 20e-6
 """One sample, and two hundred periods of the drive: half a million samples."""
 
@@ -169,9 +168,8 @@ def still_pictures(
             bench.load_drive(drive)
             bench.play_drive()
             bench.configure(timebase, pass_.patching, averages)
-            dark = partial(show_and_capture, bench, patterns[DARK])
             captures = [partial(show_and_capture, bench, patterns[plan[probe]]) for probe in probes]
-            yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures, dark))
+            yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures))
             if timing == "burst":
                 yield from measure_bursts(bench, dmd, memory, part, drive, timebase, longest_burst)
             else:

@@ -1,7 +1,6 @@
 """Finding the vertical ranges of the oscilloscope from probe shots."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,6 @@ from instruments.interfaces import Oscilloscope
 from instruments.limits import Limits
 from instruments.readback import confirm
 from instruments.values import Frames, Scaling, Vertical
-from protocols.light import require_light
 
 DIVISIONS = 10
 HEADROOM = 1.3
@@ -27,17 +25,12 @@ Capture = Callable[[], Frames]
 
 
 def find_ranges(
-    scope: Oscilloscope,
-    limits: Limits,
-    probes: Sequence[Capture],
-    require_unchanged: Callable[[], None],
-    require_light: Callable[[Sequence[Frames]], None] = lambda _frames: None,
+    scope: Oscilloscope, limits: Limits, probes: Sequence[Capture], require_unchanged: Callable[[], None]
 ) -> tuple[Scaling, ...]:
     """Set each channel so that the traces of all `probes` fill its screen with some headroom.
 
     Starts at the coarsest range and narrows it on the first probe, since a trace of a few codes says little about its
     own height; then takes the extremes over all probes, widening where one is clipped.
-    `require_light` gets their frames.
 
     Returns:
         What a code of each channel now means.
@@ -45,12 +38,11 @@ def find_ranges(
     Raises:
         OverLimit: a detector gives more than it may.
         SettingChanged: of `require_unchanged`.
-        InstrumentError: of `require_light`.
     """
     verticals = [Vertical(scope.vertical_scale.high, 0.0)] * len(scope.channels)
     for _ in range(STEPS):
         verticals = _apply(scope, verticals)
-        narrowed = [_fit(scope, *ends, room=ROOM_FOR_BRIGHTER) for ends in _extremes(scope, [probes[0]()])]
+        narrowed = [_fit(scope, *ends, room=ROOM_FOR_BRIGHTER) for ends in _extremes(scope, probes[:1])]
         require_unchanged()
         scales = zip(narrowed, verticals, strict=True)
         settled = all(new.scale_v_per_div > old.scale_v_per_div / 2 for new, old in scales)
@@ -59,8 +51,7 @@ def find_ranges(
             break
     for _ in range(STEPS):
         verticals = _apply(scope, verticals)
-        frames = [probe() for probe in probes]
-        ends = _extremes(scope, frames)
+        ends = _extremes(scope, probes)
         require_unchanged()
         clipped = np.isnan(ends[:, 0])
         if not clipped.any():
@@ -69,7 +60,6 @@ def find_ranges(
             Vertical(min(2 * old.scale_v_per_div, scope.vertical_scale.high), old.offset_v) if wider else old
             for old, wider in zip(verticals, clipped, strict=True)
         ]
-    require_light(frames)
     widest = scope.vertical_scale.high * DIVISIONS / 2
     ends = np.where(np.isnan(ends), [-widest, widest], ends)
     for channel, pair in zip(scope.channels, ends, strict=True):
@@ -79,20 +69,15 @@ def find_ranges(
     return scope.scalings()
 
 
-def lock_ranges(
-    bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture], dark: Capture | None = None
-) -> tuple[Scaling, ...]:
+def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
     """The vertical ranges of a pass: those `known` from an earlier part of the run, or found from all `probes`.
-
-    dark: a frame without light, taken where probes leave it open whether they have any.
 
     Raises:
         OverLimit: a detector gives more than it may.
-        InstrumentError: no light comes, or the oscilloscope does not come back to a range it had.
+        InstrumentError: the oscilloscope does not come back to a range it had.
     """
     if known is None:
-        see_light = partial(require_light, bench, dark=dark)
-        return find_ranges(bench.scope, bench.limits, probes, bench.require_unchanged, see_light)
+        return find_ranges(bench.scope, bench.limits, probes, bench.require_unchanged)
     set_ranges(bench.scope, bench.limits, known, probes[0])
     return tuple(known)
 
@@ -114,13 +99,14 @@ def set_ranges(scope: Oscilloscope, limits: Limits, scalings: Sequence[Scaling],
         confirm(f"scope: CH{channel} offset", wanted.offset_v, found.offset_v, wanted.scale_v / 4, unit="V")
 
 
-def _extremes(scope: Oscilloscope, frames: Sequence[Frames]) -> NDArray[np.float64]:
-    """Lowest and highest voltage of each channel over all frames, shape (channels, 2); NaN where one is clipped."""
+def _extremes(scope: Oscilloscope, probes: Sequence[Capture]) -> NDArray[np.float64]:
+    """Lowest and highest voltage of each channel over all probes, shape (channels, 2); NaN where one is clipped."""
+    frames = [probe() for probe in probes]
     scalings = scope.scalings()
     codes = np.concatenate([frame.codes for frame in frames])
     ends = np.stack([codes.min(axis=(0, 2)), codes.max(axis=(0, 2))], axis=1)
     volts = np.array([scaling.scale_v * pair + scaling.offset_v for scaling, pair in zip(scalings, ends, strict=True)])
-    if len(frames) > 1:
+    if len(probes) > 1:
         volts[np.any([frame.clipped[0] for frame in frames], axis=0)] = np.nan
     return volts
 
