@@ -62,6 +62,10 @@ REMEMBERED = 256
 LIT = (ShotKind.IMAGE, ShotKind.REFERENCE)
 LATE = "bench: {}: pictures or records come late; switch oscilloscope and DMD off and on"
 NOT_SHOWN = "dmd: shot {}: its record {}, within noise: its picture was not shown; switch the DMD off and on"
+STRAYED = (
+    "dmd: shot {}: its record differs from those of its picture at shots {} and {}: its picture was not shown; switch "
+    "the DMD off and on"
+)
 STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
 NO_LIGHT = "bench: records with light differ from dark ones by noise alone: check laser, fibres and DMD"
 
@@ -237,8 +241,7 @@ class Likeness:
             self._agreed = shot
             if not (alone := self._unconfirmed(np.array([known[0]]))):
                 return None
-            what = f"differs from those of its picture at shots {before} and {shot}"
-            return Finding(known[0], NOT_SHOWN.format(known[0], what), tuple(alone))
+            return Finding(known[0], STRAYED.format(known[0], before, shot), tuple(alone))
         if self._is_another(part, values.size):
             if self._repeats and bool(self._repeated[shot + 1 :].any()):
                 self._strayed = known

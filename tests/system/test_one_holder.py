@@ -5,10 +5,10 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,9 +17,9 @@ from labctl.bench.lock import held
 from labctl.bench.station import Station
 from labctl.errors import BenchInUse
 from tests.command_line import as_json, labctl
+from tests.system.conftest import LABCTL
 from tests.system.waiting import until_stored
 
-LABCTL = (sys.executable, "-P", "-c", "from labctl.commands.main import main; main()")
 RUN = ("run", "image-readout", "--set", "window=0.4 ns")
 ENDLESS = ("--set", "images=4000")
 REFUSED = re.compile(
@@ -28,17 +28,9 @@ REFUSED = re.compile(
 )
 
 
-@pytest.fixture(scope="module")
-def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    path = tmp_path_factory.mktemp("bench") / "bench.toml"
-    serving = subprocess.Popen(
-        [*LABCTL, "sim", "serve", "--json", "--save-station", str(path)], stdout=subprocess.PIPE, text=True
-    )
-    with serving:
-        assert serving.stdout is not None
-        json.loads(serving.stdout.readline())
-        yield path
-        serving.terminate()
+@pytest.fixture
+def station(served: tuple[dict[str, Any], Path]) -> Path:
+    return served[1]
 
 
 @contextmanager
