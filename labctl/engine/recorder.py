@@ -22,10 +22,8 @@ from protocols.base import Events, Inputs, Part, PassStarted, Record
 
 COMPARED_EVERY = 50
 """Records after which settings are compared: a count, so that a run sends the same messages however fast it is."""
-MOST_DOUBTS = 1
-"""How often in a pass all since a shot may be doubted and measured again: chance is not the same twice, a fault is."""
 MOST_TWICE, ONE_IN = 3, 100
-"""How many shots of a pass may be measured again because of their records: so many, and one in so many."""
+"""How often records of a pass may be measured again because of what they are: so often, and once in so many shots."""
 
 
 def _not_yet() -> bool:
@@ -80,8 +78,9 @@ class Recorder:
         self._ends: frozenset[int] = frozenset()  # shots of the pass behind which nothing is missing
         self._alike = alike_by(inputs)
         self._twice: dict[int, set[int]] = {}  # by pass, the shots that were measured again because of their records
-        self._doubted = Counter[int]()  # by pass, how often not single shots but all since were
-        self._likeness = Likeness((), self._alike)
+        self._doubted = Counter[int]()  # by pass, how often that was not single shots but all since
+        self._passed = -1  # the last shot of the pass that was measured when all since was doubted
+        self._likeness: tuple[int, Likeness] = -1, Likeness((), self._alike)
         self._unexamined: list[Record] = []
         self._scalings: tuple[Scaling, ...] = ()
         self._lowest = self._highest = np.empty(0)
@@ -173,7 +172,10 @@ class Recorder:
             self._bench.dmd.blank()  # the picture that was probed may be the one to be measured: it is to be shown anew
         self._scalings = scalings
         shots = self._whole[index].shots
-        self._likeness, self._unexamined = Likeness(shots, self._alike, self._twice.get(index, ())), []
+        if self._likeness[0] != index:
+            self._likeness = index, Likeness(shots, self._alike)
+            self._passed = -1
+        self._unexamined = []
         missing = self._writer.missing(index)
         self._ends = frozenset(missing[np.append(np.diff(missing) > 1, True)].tolist())
         self._lowest, self._highest = self._bench.limits.detector_codes(scalings)
@@ -242,20 +244,26 @@ class Recorder:
         if not records or unsure_from is None:
             return
         with self._observer.step("comparison"):
-            finding = self._likeness.examine(records[0].first, np.concatenate([one.frames.codes for one in records]))
+            likeness = self._likeness[1]
+            finding = likeness.examine(records[0].first, np.concatenate([one.frames.codes for one in records]))
         if finding is not None:
             self._unsure_from = records[0].pass_.index, min(finding.first, unsure_from[1])
             self._bench.require_unchanged()  # a setting may be the reason
-            raise self._wrong(records[0].pass_.index, finding)
+            likeness.measured_again(finding)
+            last = records[-1].first + len(records[-1].frames.codes) - 1
+            raise self._wrong(records[0].pass_.index, finding, last)
 
-    def _wrong(self, pass_index: int, finding: Finding) -> InstrumentError:
-        """What may be so by chance is measured again, unless there is too much of it in the pass."""
+    def _wrong(self, pass_index: int, finding: Finding, last: int) -> InstrumentError:
+        """What may be so by chance is measured again, unless it has just been, or too much of the pass has."""
         twice = self._twice.setdefault(pass_index, set())
         twice.update(finding.shots)
-        self._doubted[pass_index] += finding.by_chance
-        certain = not finding.shots and not finding.by_chance
+        again = finding.told_by is not None and finding.told_by <= self._passed
+        if finding.told_by is not None:
+            self._doubted[pass_index] += 1
+            self._passed = last
+        certain = not finding.shots and finding.told_by is None
         most = MOST_TWICE + len(self._whole[pass_index].shots) // ONE_IN
-        if certain or self._doubted[pass_index] > MOST_DOUBTS or len(twice) > most:
+        if certain or again or self._doubted[pass_index] + len(twice) > most:
             self._unsure_from = pass_index, min({finding.first, *twice})
             return WrongRecord(finding.text)
         return DoubtfulRecord(finding.text)

@@ -155,7 +155,8 @@ def test_a_picture_that_was_not_shown(shot: int) -> None:
     finding = examined(SHOTS, codes)
     assert finding is not None
     assert shot in finding.shots or (SHOTS[shot].kind is not ShotKind.IMAGE and finding.first <= shot)
-    confirmed = Likeness(SHOTS, alike_by(pictures(len(SHOTS))), finding.shots)
+    confirmed = Likeness(SHOTS, alike_by(pictures(len(SHOTS))))
+    confirmed.measured_again(finding)
     assert not finding.shots or confirmed.examine(0, codes) is None, "measured again, it is as it is"
 
 
