@@ -18,8 +18,9 @@ from instruments.safe_state import ending_with
 from instruments.values import Drive, Frames, Timebase, Vertical
 from protocols.base import Images, Shot, ShotKind
 from protocols.image_readout import DRIVE_RATE, pseudorandom_drive
+from protocols.light import Capture
 from protocols.patterns import Patterns
-from protocols.ranging import DIVISIONS, Capture, find_ranges
+from protocols.ranging import DIVISIONS, find_ranges
 
 SAMPLE_RATE = 25e9
 SAMPLES = 100

@@ -10,6 +10,7 @@ from instruments.interfaces import Oscilloscope
 from instruments.limits import Limits
 from instruments.readback import confirm
 from instruments.values import Frames, Scaling, Vertical
+from protocols.light import Capture, require_light
 
 DIVISIONS = 10
 HEADROOM = 1.3
@@ -20,8 +21,6 @@ ROOM_FOR_BRIGHTER = 6.0
 STEPS = 8
 SAME_SCALE = 1e-3
 """A quarter of a code at the ends of the range: by so much a scale that is set again may differ."""
-
-Capture = Callable[[], Frames]
 
 
 def find_ranges(
@@ -39,10 +38,17 @@ def find_ranges(
         OverLimit: a detector gives more than it may.
         SettingChanged: of `require_unchanged`.
     """
+    return _search(scope, limits, probes, require_unchanged)[0]
+
+
+def _search(
+    scope: Oscilloscope, limits: Limits, probes: Sequence[Capture], require_unchanged: Callable[[], None]
+) -> tuple[tuple[Scaling, ...], Frames, Frames]:
+    """The ranges found, and two frames of the first probe: in the range before, and in this one."""
     verticals = [Vertical(scope.vertical_scale.high, 0.0)] * len(scope.channels)
     for _ in range(STEPS):
         verticals = _apply(scope, verticals)
-        narrowed = [_fit(scope, *ends, room=ROOM_FOR_BRIGHTER) for ends in _extremes(scope, probes[:1])]
+        narrowed = [_fit(scope, *ends, room=ROOM_FOR_BRIGHTER) for ends in _extremes(scope, [probes[0]()])]
         require_unchanged()
         scales = zip(narrowed, verticals, strict=True)
         settled = all(new.scale_v_per_div > old.scale_v_per_div / 2 for new, old in scales)
@@ -51,7 +57,8 @@ def find_ranges(
             break
     for _ in range(STEPS):
         verticals = _apply(scope, verticals)
-        ends = _extremes(scope, probes)
+        frames = [probe() for probe in probes]
+        ends = _extremes(scope, frames)
         require_unchanged()
         clipped = np.isnan(ends[:, 0])
         if not clipped.any():
@@ -65,8 +72,8 @@ def find_ranges(
     for channel, pair in zip(scope.channels, ends, strict=True):
         limits.check_detector(channel, float(max(pair, key=abs)))
     _apply(scope, [_fit(scope, *pair, room=HEADROOM) for pair in ends])
-    probes[0]()
-    return scope.scalings()
+    again = probes[0]()
+    return scope.scalings(), frames[0], again
 
 
 def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
@@ -74,10 +81,12 @@ def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[
 
     Raises:
         OverLimit: a detector gives more than it may.
-        InstrumentError: the oscilloscope does not come back to a range it had.
+        InstrumentError: the oscilloscope does not come back to a range it had, or no light reaches it.
     """
     if known is None:
-        return find_ranges(bench.scope, bench.limits, probes, bench.require_unchanged)
+        scalings, first, again = _search(bench.scope, bench.limits, probes, bench.require_unchanged)
+        require_light(bench, probes, first, again)
+        return scalings
     set_ranges(bench.scope, bench.limits, known, probes[0])
     return tuple(known)
 
@@ -99,14 +108,13 @@ def set_ranges(scope: Oscilloscope, limits: Limits, scalings: Sequence[Scaling],
         confirm(f"scope: CH{channel} offset", wanted.offset_v, found.offset_v, wanted.scale_v / 4, unit="V")
 
 
-def _extremes(scope: Oscilloscope, probes: Sequence[Capture]) -> NDArray[np.float64]:
-    """Lowest and highest voltage of each channel over all probes, shape (channels, 2); NaN where one is clipped."""
-    frames = [probe() for probe in probes]
+def _extremes(scope: Oscilloscope, frames: Sequence[Frames]) -> NDArray[np.float64]:
+    """Lowest and highest voltage of each channel over all frames, shape (channels, 2); NaN where one is clipped."""
     scalings = scope.scalings()
     codes = np.concatenate([frame.codes for frame in frames])
     ends = np.stack([codes.min(axis=(0, 2)), codes.max(axis=(0, 2))], axis=1)
     volts = np.array([scaling.scale_v * pair + scaling.offset_v for scaling, pair in zip(scalings, ends, strict=True)])
-    if len(probes) > 1:
+    if len(frames) > 1:
         volts[np.any([frame.clipped[0] for frame in frames], axis=0)] = np.nan
     return volts
 

@@ -29,7 +29,7 @@ twins = 1
 [[sensitivity.parameters]]
 name = "effective bits"
 parameter = "enob"
-values = [2.5, 5.5]
+values = [3.5, 5.5]
 default = 5.5
 [[sensitivity.parameters]]
 name = "detector bandwidth (GHz)"
@@ -56,7 +56,7 @@ def test_the_defaults_are_measured_once(experiment: Experiment, tmp_path: Path) 
         progress=lambda done, total: seen.append((done, total)),
     )
     runs = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert runs == ["seed-1", "seed-1-detector_bandwidth_hz-3e+09", "seed-1-enob-2.5"]
+    assert runs == ["seed-1", "seed-1-detector_bandwidth_hz-3e+09", "seed-1-enob-3.5"]
     assert seen[-1] == (3, 3)
     shown = as_json(found)
     assert shown["enob"]["accuracy"][1] == shown["detector_bandwidth_hz"]["accuracy"][1]
@@ -74,7 +74,7 @@ def test_a_real_bench_has_nothing_to_vary(experiment: Experiment, tmp_path: Path
 
 def test_a_value_that_cannot_be_is_refused_before_anything_is_measured(tmp_path: Path) -> None:
     (tmp_path / "few.toml").write_text(
-        FILE.replace("values = [2.5, 5.5]", "values = [2.5, 5.5, 99.0]"), encoding="utf-8"
+        FILE.replace("values = [3.5, 5.5]", "values = [2.5, 5.5, 99.0]"), encoding="utf-8"
     )
     (experiment,) = experiments(folder=tmp_path)
     plan = Plan((experiment,), SIMULATED_STATION, tmp_path / "out")

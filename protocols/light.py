@@ -1,0 +1,90 @@
+"""Is there light at all? Found out from probe shots, before anything is recorded.
+
+Light follows the drive and the picture: two records of one picture have their course in time in common, and two records
+of noise have none. The correlation of the two says which (R. A. Fisher, Metron 1, 3-32 (1921): its artanh is normal,
+of variance 1 / (n - 3) for n independent samples).
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.bench import Bench
+from instruments.errors import InstrumentError
+from instruments.values import Frames
+
+SURE = 4.0
+"""Standard deviations of noise that a correlation must exceed: by chance it does once in 30 000 cases, or in some 5000
+where a receiver slower than the sampling makes half of the samples depend on the others."""
+FEWEST_SAMPLES = 3
+"""Of a record that has a course in time."""
+MOST_SAMPLES, LONGEST_S = 4096, 30.0
+"""Of each channel, and for how long, light is looked for in more probes where noise hides it in one: so many samples of
+four channels show light of a fifth of the noise."""
+
+Capture = Callable[[], Frames]
+
+
+class InCommon:
+    """What records have in common with others of the same picture, channel by channel.
+
+    Attributes:
+        samples: of each channel, how many there were beside the means.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is known yet."""
+        self._products = np.zeros((3, 1))
+        self.samples = 0
+
+    def add(self, first: Frames, again: Frames) -> None:
+        """Take two records of one picture, in whatever vertical ranges."""
+        one, other = _course(first), _course(again)
+        products = [(one * other).sum(axis=(0, 2)), (one**2).sum(axis=(0, 2)), (other**2).sum(axis=(0, 2))]
+        self._products = self._products + np.array(products)
+        self.samples += one.shape[0] * (one.shape[2] - 1)
+
+    @property
+    def certainty(self) -> float:
+        """Standard deviations of noise that the correlation of all channels together amounts to."""
+        both, first, again = self._products
+        scale = np.sqrt(first * again)
+        correlation = np.clip(np.divide(both, scale, out=np.zeros_like(scale), where=scale > 0), -0.999, 0.999)
+        return float(np.arctanh(correlation).sum() * math.sqrt(max(self.samples - 3, 0) / scale.size))
+
+
+def require_light(bench: Bench, probes: Sequence[Capture], first: Frames, again: Frames) -> None:
+    """See that light reaches the oscilloscope; where noise hides it in one probe, all of them are taken in pairs.
+
+    A record of one or two samples has no course in time, and nothing is said of it.
+
+    Args:
+        bench: takes the probes.
+        probes: take a frame of a picture each, which is shown anew.
+        first: a frame of the first of them that was taken before.
+        again: another one of it.
+
+    Raises:
+        InstrumentError: no light was found.
+    """
+    if first.codes.shape[2] < FEWEST_SAMPLES:
+        return
+    common = InCommon()
+    common.add(first, again)
+    began_s, pairs = bench.now(), 1
+    while common.certainty < SURE:
+        if common.samples > MOST_SAMPLES or bench.now() - began_s > LONGEST_S:
+            raise InstrumentError(
+                "bench: no light: probes have nothing in common but noise: see that the laser emits, its "
+                "shutter is open, the drive runs, the DMD shows images and all fibres are in"
+            )
+        probe = probes[pairs % len(probes)]
+        common.add(probe(), probe())
+        pairs += 1
+
+
+def _course(frames: Frames) -> NDArray[np.float64]:
+    """Codes less the mean of their record: that one drifts without any light."""
+    return np.asarray(frames.codes - frames.codes.mean(axis=2, keepdims=True), np.float64)

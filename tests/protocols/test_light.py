@@ -1,0 +1,105 @@
+"""Is there light? What two records of one picture have in common, and a bench without light records nothing."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from instruments.errors import InstrumentError
+from instruments.values import Frames, Timebase
+from labctl.bench.opening import opened
+from labctl.bench.station import SimSection, Station, WiringSection
+from labctl.engine.inputs import images_for, inputs_for
+from protocols.base import Measurement
+from protocols.ghost_imaging import GhostImaging
+from protocols.image_readout import ImageReadout
+from protocols.light import SURE, InCommon, require_light
+from protocols.sequence_readout import SequenceReadout
+from protocols.wavelength_scan import WavelengthScan
+from sim_backends.faults.bench import Befalling, FaultyBench
+from sim_backends.faults.catalogue import Fault, Moment
+
+CHANNELS, SAMPLES, NOISE = 4, 10, 8.0
+
+
+def probe(course: Any = 0.0, seed: int = 1) -> Callable[[], Frames]:
+    """Frames of a course in noise, always others."""
+    generator = np.random.default_rng(seed)
+
+    def frames() -> Frames:
+        codes = np.rint(generator.normal(0, NOISE, (1, CHANNELS, SAMPLES)) + course).astype(np.int8)
+        return Frames(codes, np.zeros((1, CHANNELS)), np.zeros(1), np.zeros((1, CHANNELS), bool))
+
+    return frames
+
+
+def test_noise_is_hardly_ever_taken_for_light() -> None:
+    found = []
+    for seed in range(2000):
+        common, frames = InCommon(), probe(seed=seed)
+        common.add(frames(), frames())
+        found.append(common.certainty)
+    assert np.std(found) == pytest.approx(1, abs=0.15)
+    assert np.mean(np.array(found) > 2.3) == pytest.approx(0.011, abs=0.01)
+    assert max(found) < SURE + 1
+
+
+def test_records_that_never_change_have_nothing_in_common() -> None:
+    still = Frames(np.full((1, 2, 5), 7, np.int8), np.zeros((1, 2)), np.zeros(1), np.zeros((1, 2), bool))
+    common = InCommon()
+    common.add(still, still)
+    assert common.certainty == 0
+
+
+def test_light_of_a_fifth_of_the_noise_is_found_in_more_probes(bench: Any) -> None:
+    bench.configure(Timebase(25e9, SAMPLES), (1, 2, 3, 4))
+    dark = probe()
+    with pytest.raises(InstrumentError, match=r"^bench: no light: probes have nothing in common but noise"):
+        require_light(bench, [dark], dark(), dark())
+    courses = np.random.default_rng(2).normal(0, NOISE / 5, (10, CHANNELS, SAMPLES))
+    for seed in range(10):
+        probes = [probe(course, seed) for course in courses]
+        require_light(bench, probes, probes[0](), probes[0]())
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [
+        ImageReadout(images=40),
+        ImageReadout(images=40, timing="burst", window=0.4e-9),
+        ImageReadout(images=4, averages=4, ports=(2,)),
+        WavelengthScan(images=4, steps=2),
+        GhostImaging(images=4, patterns=24),
+        SequenceReadout(symbols=50, ports=(2, 3)),
+    ],
+    ids=lambda protocol: protocol.name,
+)
+def test_nothing_is_recorded_without_light(log: Any, protocol: Measurement[Any]) -> None:
+    station = Station(wiring=WiringSection(burst=True), sim=SimSection(parameters={"fibre_loss_db": 300.0}))
+    inputs = inputs_for(protocol)
+    with opened(station, log) as found, pytest.raises(InstrumentError, match="no light"):
+        next(protocol.acquire(found.bench, inputs, protocol.parts(found.bench, inputs)))
+
+
+def test_mirrors_that_give_no_light(log: Any) -> None:
+    protocol = ImageReadout(images=40)
+    inputs = inputs_for(protocol)
+    with (
+        opened(Station(sim=SimSection(parameters={"mirror_loss_db": 300.0})), log) as found,
+        pytest.raises(InstrumentError, match="no light"),
+    ):
+        next(protocol.acquire(found.bench, inputs, protocol.parts(found.bench, inputs)))
+
+
+def test_a_laser_that_only_says_so(log: Any) -> None:
+    dark = Fault("obeys and answers, and emits nothing", happens=lambda laser: laser.world.emit(None), lasting=True)
+    protocol = ImageReadout(images=40)
+    inputs = images_for(protocol)
+    with FaultyBench([Befalling("laser", dark, Moment())]) as broken:
+        addresses: dict[str, dict[str, Any]] = {
+            role: {"address": found["socket"]} for role, found in broken.resources.items()
+        }
+        addresses["laser"] |= {"commands": "simulated", "armed": True}
+        with opened(Station.model_validate(addresses), log) as found, pytest.raises(InstrumentError, match="no light"):
+            next(protocol.acquire(found.bench, inputs, protocol.parts(found.bench, inputs)))
