@@ -27,7 +27,7 @@ def _one_line(text: str) -> str:
 
 
 def _address(text: str) -> str:
-    if not text or not text.isascii() or set(text) & set(";\"'"):
+    if not text.isascii() or set(text) & set(";\"'"):
         raise ValueError("is no address: write one as VISA does, without quotes and semicolons")
     return text
 
@@ -41,7 +41,9 @@ def _trigger_source(value: object) -> object:
 
 
 Text = Annotated[str, Field(max_length=200), AfterValidator(_one_line)]
-Address = Annotated[Text, AfterValidator(_address), Field(description='VISA resource, or "simulated".')]
+Address = Annotated[
+    Text, AfterValidator(_address), Field(description='VISA resource, or "simulated"; empty until somebody knows it.')
+]
 Timeout = Annotated[Seconds, Field(gt=0, description="Bound on every reply.")]
 File = Annotated[Path, AfterValidator(_from_the_station_file)]
 """A file of the instrument: its path from the folder of the station file, or "simulated" for the simulated one's."""

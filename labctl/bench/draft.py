@@ -48,7 +48,8 @@ def draft(values: Values, remarks: Mapping[str, Sequence[str]], *, name: str, sc
     comment with its default. remarks: table -> lines about what was found. schema: where the JSON Schema lies, for
     editors.
     """
-    parts = [HEADING.format(schema=schema) + f"\nname = {toml(name)}\n"]
+    mixed = f"# mixed = false  # {Station.model_fields['mixed'].description}\n"
+    parts = [HEADING.format(schema=schema) + f"\nname = {toml(name)}\n{mixed}"]
     for table, field in Station.model_fields.items():
         section: Any = driver(table, values[table]["driver"]).section if table in USUAL else field.annotation
         if isinstance(section, type) and issubclass(section, BaseModel):

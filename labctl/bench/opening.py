@@ -130,6 +130,8 @@ class _Reach:
         """
         section, driver = self.station.section_of(name), self.station.driver_of(name)
         address = section.address
+        if not address:
+            raise NotConfigured(f"{name}.address is empty: write its VISA address into {self.station.source}")
         if self.simulation is not None and address == SIMULATED and not driver.by_hand:
             if name not in self.simulation.resources:
                 raise StationError(
@@ -155,6 +157,11 @@ def _reached(station: Station, transcript: Transcript, access: Access) -> Iterat
             transcript = stack.enter_context(recorded(transcript, station, wire.record))
         if wire.replay is not None:
             station = redirected(station, wire.replay)
+        if station.partly_simulated and not station.mixed:
+            raise StationError(
+                f"{station.source}: simulated: {', '.join(station.simulations)}; the others are not, so that light and "
+                f"records have nothing to do with each other: write the address, or mixed = true"
+            )
         station = with_laser_commands(station)
         simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
         yield _Reach(station, transcript, simulation, access)

@@ -141,6 +141,7 @@ class Station(Section):
 
     source: str = "built-in station"
     name: Text = "simulated bench"
+    mixed: Annotated[bool, Field(description="Some instruments are real and others simulated, as is meant.")] = False
     awg: SerializeAsAny[AwgSection] = Field(default_factory=dict, validate_default=True)
     scope: SerializeAsAny[ScopeSection] = Field(default_factory=dict, validate_default=True)
     laser: SerializeAsAny[LaserSection] = Field(default_factory=dict, validate_default=True)
@@ -238,6 +239,12 @@ class Station(Section):
     def wholly_simulated(self) -> bool:
         """Whether every instrument is one of a simulated bench in this process."""
         return len(self.simulations) == len(self.addresses)
+
+    @property
+    def partly_simulated(self) -> bool:
+        """Whether some instruments are there and others simulated; those that a person sets are neither."""
+        there = self.addresses.keys() - self.simulations - set(self.by_hand)
+        return bool(self.simulations and there)
 
     def twin(self, seed: int) -> "Station":
         """This bench with another twin behind its simulated instruments."""

@@ -36,9 +36,9 @@ TITLES = {
 EVERY_PORT = "0-9,11-14"
 EXAMPLE = "TCPIP0::192.0.2.10::inst0::INSTR"
 BEFORE_QUESTIONS = f"""\
-Enter takes what is in brackets; '{SIMULATED}' stands in for what is not there.
+Enter takes what is in brackets, or leaves open what is not there; '{SIMULATED}' stands in for it.
 An address is written as VISA does, such as {EXAMPLE}."""
-ABSENT = f'Not found, so it is simulated: write its VISA address, such as "{EXAMPLE}".'
+ABSENT = f'Not found: write its VISA address, such as "{EXAMPLE}".'
 
 
 def init(
@@ -81,7 +81,7 @@ def init(
         tell(BEFORE_QUESTIONS)
     places: dict[str, str] = {}
     for role, title in TITLES.items():
-        default = proposed.get(role, SIMULATED)
+        default = proposed.get(role, "")
         question = f"Address of the {title}" + "".join(f", or '{word}'" for word in _words(role))
         places[role] = _asked(asking, question, said[role], default, partial(_check_place, role))
         if "::" in places[role] and places[role] not in heard:
@@ -107,6 +107,7 @@ def init(
         "station": str(file),
         "schema": str(schema),
         "instruments": {role: values[role] for role in TITLES},
+        "absent": [role for role, place in places.items() if not place],
         "silent": [role for role, place in places.items() if "::" in place and not _at(place, answers)],
         "others": [
             {"address": answer.address, "identity": answer.who}
@@ -138,7 +139,7 @@ def _words(role: str) -> tuple[str, ...]:
 
 def _check_place(role: str, place: str) -> None:
     words = (SIMULATED, *_words(role))
-    if place in words:
+    if not place or place in words:
         return
     if "::" not in place:
         raise ValueError(f"{place!r} is no address: write one such as {EXAMPLE}, or {' or '.join(words)}")
@@ -181,9 +182,9 @@ def _instruments(
         values[role] = {"driver": known, "address": place}
         if answer is not None:
             remarks[role] = (f"Answered here: {' '.join(answer.who.split())}.",)
-        elif place == SIMULATED:
+        elif not place:
             remarks[role] = (ABSENT,)
-        elif place != USB:
+        elif place not in (SIMULATED, USB):
             remarks[role] = ("Did not answer when this file was written.",)
     speaks_table = driver("laser", values["laser"]["driver"]).section is Tlg220Section
     if speaks_table and "(simulated)" in " ".join(remarks.get("laser", ())):
@@ -219,6 +220,8 @@ def _print(result: dict[str, Any]) -> None:
         ("instrument", "driver", "address"),
         ((role, found["driver"], found.get("address", "by hand")) for role, found in result["instruments"].items()),
     )
+    for role in result["absent"]:
+        say(f"{role}: not found: write its address into the file")
     for role in result["silent"]:
         say(f"{role}: nobody answers at its address: see that it is switched on, or correct the address in the file")
     for other in result["others"]:

@@ -10,7 +10,10 @@ from labctl.printable import printable
 
 
 def ask(question: str, default: str, check: Callable[[str], object]) -> str:
-    """The answer to `question`, or `default` for Enter; `check` raises `ValueError` where it cannot be used."""
+    """The answer to `question`, or `default`, which may be empty, for Enter.
+
+    check: raises `ValueError` where an answer cannot be used.
+    """
 
     def checked(answer: str) -> str:
         try:
@@ -21,7 +24,9 @@ def ask(question: str, default: str, check: Callable[[str], object]) -> str:
             raise typer.BadParameter(printable(str(error))) from None
         return answer
 
-    return str(typer.prompt(printable(question), default=default, value_proc=checked, err=True))
+    return str(
+        typer.prompt(printable(question), default=default, show_default=bool(default), value_proc=checked, err=True)
+    )
 
 
 def confirm(question: str) -> bool:

@@ -72,6 +72,7 @@ class RunState:
     alarm: bool = False
     started: Event | None = None
     simulated: bool = False
+    mixed: bool = False
     station: str = ""
     protocol: str = ""
     wavelength_nm: float | None = None
@@ -133,6 +134,7 @@ def _started(_state: RunState, fields: Mapping[str, Any]) -> RunState:
         protocol=text_in(fields, "protocol"),
         station=text_in(fields, "station"),
         simulated=fields.get("simulated") is True,
+        mixed=fields.get("mixed") is True,
         total=int(number_in(fields, "records") or 0),
         done=int(number_in(fields, "done") or 0),
         wavelength_nm=_state.wavelength_nm,

@@ -59,7 +59,8 @@ def progress(state: RunState, records: tuple[int, int]) -> str:
     one = "" if state.pass_index is None or not state.passes else f"pass {state.pass_index + 1} of {state.passes}"
     rate = "" if state.rate_per_s is None else f"{state.rate_per_s:.0f} records/s"
     left = "" if state.remaining_s is None else f"{duration(state.remaining_s)} left"
-    bench = "" if not state.station else "simulated bench" if state.simulated else state.station
+    partly = f"{state.station}: some instruments are simulated" if state.mixed else "simulated bench"
+    bench = "" if not state.station else partly if state.simulated else state.station
     details = " · ".join(filter(None, (f"{done} of {total} records", rate, left, one, state.uploading, bench)))
     return (
         f'<div class="progress"><div class="line"><strong class="phase {state.phase.name.lower()}">'

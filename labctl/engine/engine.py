@@ -125,6 +125,7 @@ def _tell_start(event: str, request: Request, bench: Bench, writer: RunWriter, *
         done=sum(writer.done),
         station=request.station.source,
         simulated=request.station.simulated,
+        mixed=request.station.partly_simulated,
         process=os.getpid(),
         heeds_signals=heeds_signals(),
         host=platform.node(),

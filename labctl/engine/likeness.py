@@ -106,7 +106,8 @@ class Unlike:
         self, shots: NDArray[Any], times: NDArray[np.float64], others: Sequence[Shot], faint: float
     ) -> list[int]:
         """Those of `shots` whose records differ from those of `others` by no more than the noise: by 1 `times` it."""
-        near = [p for p in np.flatnonzero(times <= GAP) if not self._alike(others[p], self._shots[shots[p]], faint)]
+        places = np.flatnonzero(times <= GAP).tolist()
+        near = [place for place in places if not self._alike(others[place], self._shots[shots[place]], faint)]
         found = [int(shots[place]) for place in near if times[place] <= 1]
         self._between += len(near) - len(found)
         return [] if self._between else found
@@ -310,8 +311,8 @@ class Likeness:
         light = np.clip((levels - dark.mean(axis=1)) / self._light, 0, 1)
         noise = _times(self._most_noise**2 + self._noise_of_light * light, self._most_noise)
         from_before = _times(differences, self._most_noise) / (allowed * noise)
-        before = [self._shots[shot - 1] for shot in shots]
-        darkened = [replace(self._shots[begin + place], kind=ShotKind.DARK) for place in lit]
+        before = [self._shots[int(shot) - 1] for shot in shots]
+        darkened = [replace(self._shots[begin + int(place)], kind=ShotKind.DARK) for place in lit]
         found = dict.fromkeys(self._from_dark.unlike(begin + lit, from_dark / allowed, darkened, faint), "is dark")
         found |= dict.fromkeys(
             self._from_before.unlike(shots, from_before, before, faint), "is that of the shot before"

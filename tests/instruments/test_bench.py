@@ -155,7 +155,7 @@ def test_a_bypassed_chip_has_one_fibre() -> None:
             r"awg.amplitude = 0.6 Vpp is outside 0.25..0.5 Vpp",
         ),
         (Station(laser={"driver": "manual-laser"}), r"manual-laser.*key switch is the only interlock"),
-        (Station(laser={"address": "TCPIP0::127.0.0.1::9::SOCKET"}), r"commands\.\w+\.write = '<unknown>'"),
+        (Station(mixed=True, laser={"address": "TCPIP0::127.0.0.1::9::SOCKET"}), r"commands\.\w+\.write = '<unknown>'"),
     ],
 )
 def test_a_wrong_station_is_refused_before_any_message(station: Station, message: str, log: Any) -> None:
@@ -165,7 +165,9 @@ def test_a_wrong_station_is_refused_before_any_message(station: Station, message
 
 
 def test_an_address_that_does_not_answer(log: Any) -> None:
-    station = Station(awg=Station().awg.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET", "timeout": 0.5}))
+    station = Station(
+        mixed=True, awg=Station().awg.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET", "timeout": 0.5})
+    )
     with opened(station, log) as found, pytest.raises(InstrumentError, match=r"awg at TCPIP0::127.0.0.1::9::SOCKET"):
         found.bench.awg.identify()
 
@@ -173,7 +175,7 @@ def test_an_address_that_does_not_answer(log: Any) -> None:
 def test_the_clock_of_a_real_bench_does_not_go_back_when_that_of_the_wall_does(
     log: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    station = Station(scope=Station().scope.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"}))
+    station = Station(mixed=True, scope=Station().scope.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"}))
     wall = iter([7200.0, 3600.0])
     monkeypatch.setattr(time, "time", lambda: next(wall))
     with opened(station, log) as found:
@@ -184,15 +186,15 @@ def test_the_clock_of_a_real_bench_does_not_go_back_when_that_of_the_wall_does(
 def test_a_bench_that_is_not_armed_says_nothing_to_its_laser(log: Any) -> None:
     laser = {"address": "TCPIP0::127.0.0.1::9::SOCKET", "commands": SIMULATED_LASER}
     with (
-        opened(Station(laser=laser), log) as found,
+        opened(Station(mixed=True, laser=laser), log) as found,
         pytest.raises(NotConfigured, match=r"not armed.*--arm"),
         found.bench.emitting(1550.0),
     ):
         pass
     assert not log.messages
     for station, armed in (
-        (Station(laser=laser), True),
-        (Station(laser=laser | {"armed": True}), False),
+        (Station(mixed=True, laser=laser), True),
+        (Station(mixed=True, laser=laser | {"armed": True}), False),
     ):
         with opened(station, log, Access(armed=armed)) as found:
             found.bench.require_arm()

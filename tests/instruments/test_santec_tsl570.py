@@ -103,12 +103,12 @@ def test_it_is_found_by_its_own_terminator_and_recognised(santec: str) -> None:
 
 def test_a_station_with_the_driver_of_another_laser_is_told_who_is_there(santec: str) -> None:
     laser = {"driver": "alnair-tlg-220", "address": santec, "commands": "simulated"}
-    found = check_bench(Station.model_validate({"laser": laser}), lambda *_: None)["laser"]
+    found = check_bench(Station.model_validate({"mixed": True, "laser": laser}), lambda *_: None)["laser"]
     assert "is 'SANTEC TSL-570', which driver 'alnair-tlg-220' is not for: correct laser.address" in found.problem
 
 
 def test_and_so_is_one_with_its_driver_at_another_laser() -> None:
     with SimulatedBench() as simulation:
         laser = {"driver": "santec-tsl-570", "address": simulation.resources["laser"]["socket"], "timeout": 0.3}
-        found = check_bench(Station.model_validate({"laser": laser}), lambda *_: None)["laser"]
+        found = check_bench(Station.model_validate({"mixed": True, "laser": laser}), lambda *_: None)["laser"]
     assert "is 'Alnair Labs TLG-220 (simulated)', which driver 'santec-tsl-570' is not for" in found.problem

@@ -44,7 +44,9 @@ def station_file(folder: Path, *, without: str = "", **sections: str) -> Path:
     tables.pop(without, None)
     for name, lines in sections.items():
         tables[name] = tables.get(name, "") + lines + "\n"
-    path.write_text("".join(f"[{name}]\n{lines}" for name, lines in tables.items()), encoding="utf-8")
+    path.write_text(
+        "mixed = true\n" + "".join(f"[{name}]\n{lines}" for name, lines in tables.items()), encoding="utf-8"
+    )
     return path
 
 

@@ -150,7 +150,7 @@ def test_a_driver_whose_library_is_missing_is_one_instrument_that_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "bench.toml"
-    path.write_text("[dmd]\naddress = 'usb'\n", encoding="utf-8")
+    path.write_text("mixed = true\n[dmd]\naddress = 'usb'\n", encoding="utf-8")
     status, found = checked(path, capsys)
     assert status == 1
     assert found["instruments"]["dmd"]["problem"].startswith("dmd: ")

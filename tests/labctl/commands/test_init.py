@@ -69,11 +69,15 @@ def test_nobody_answers_and_nothing_is_asked(tmp_path: Path, capsys: pytest.Capt
     status, out, _ = labctl(capsys, "init", path, "--no-search", "--yes", "--address", SILENT)
     assert status == 0
     station = written(path)
-    assert station.wholly_simulated
+    assert set(station.addresses.values()) == {""}
     assert not station.laser.armed
     assert station.limits.optical_power == station.laser.power == 0.03
     assert path.read_text("utf-8").count("# Not found") == 5
+    assert "laser: not found: write its address into the file" in out
     assert f"next: labctl check --station {path}" in out
+    status, out, _ = labctl(capsys, "check", "--station", path)
+    assert status == 1
+    assert "laser.address is empty: write its VISA address" in out
 
 
 def test_every_key_is_there_with_its_default(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,12 +85,12 @@ def test_every_key_is_there_with_its_default(tmp_path: Path, capsys: pytest.Capt
     path = tmp_path / "bench.toml"
     labctl(capsys, "init", path, "--no-search", "--yes")
     whole = tomllib.loads(re.sub(r"^# (?=\w+ = )", "", path.read_text("utf-8"), flags=re.MULTILINE))
-    assert whole.pop("name") == "bench"
+    assert (whole.pop("name"), whole.pop("mixed")) == ("bench", False)
     whole = {table: {key: value for key, value in keys.items() if value != ""} for table, keys in whole.items()}
     assert Station.model_validate(whole) == Station(name="simulated bench")
     for table, keys in whole.items():
         fields = type(getattr(Station(), table)).model_fields
-        assert keys.keys() >= {key for key, field in fields.items() if field.default is not None}
+        assert keys.keys() | {"address"} >= {key for key, field in fields.items() if field.default is not None}
 
 
 def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -96,7 +100,7 @@ def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: py
     status, out, _ = labctl(capsys, "init", path, "--no-search", *said, *more, "--json")
     assert status == 0
     station = written(path)
-    assert (station.awg.address, station.dmd.address, station.scope.address) == (SILENT, "usb", "simulated")
+    assert (station.awg.address, station.dmd.address, station.scope.address) == (SILENT, "usb", "")
     assert (station.laser.driver, station.patch_panel.driver) == ("manual-laser", "manual-patch-panel")
     assert (station.limits.optical_power, station.laser.power) == (0.005, 0.005)
     assert (station.name, station.wiring.burst, station.patch_panel.ports) == ("room 2", True, (2, 3, 4, 5, 6))
@@ -123,7 +127,7 @@ def test_a_person_is_asked_and_may_just_press_enter(
     status, out, err = labctl(capsys, "init", path, "--no-search", "--address", addresses["awg"], "--json")
     assert (status, out.count("\n")) == (0, 1)
     assert f"Address of the arbitrary waveform generator [{addresses['awg']}]:  TEKTRONIX AWG70002A SIM0001" in err
-    assert "Address of the oscilloscope [simulated]:  TEKTRONIX DPO72504DX" in err
+    assert "Address of the oscilloscope:  TEKTRONIX DPO72504DX" in err
     assert "Error: 'by hand' is no address: write one such as TCPIP0::192.0.2.10::inst0::INSTR, or simulated or" in err
     assert "Error: ports = 'two': 'two' is not a list of ports: write it like '2-6'" in err
     assert "Error: '20' has no unit: write it like '20 W'" in err
@@ -200,7 +204,7 @@ def test_a_person_hears_at_once_who_is_at_an_address(
     status, out, err = labctl(capsys, "init", tmp_path / "bench.toml", "--no-search")
     assert status == 0
     assert "An address is written as VISA does, such as TCPIP0::192.0.2.10::inst0::INSTR" in err
-    assert "generator [simulated]:  nobody answers there now" in err
+    assert "generator:  nobody answers there now" in err
     assert "FV:6.1.0123: not what labctl knows as oscilloscope" in err
     assert "awg: nobody answers at its address" in out
 

@@ -121,7 +121,7 @@ class TestWrongUse:
             ("[awg]\ncolour = 'red'", "awg.colour = 'red': unknown key"),
             ("[laser]\npower = '30 V'", "laser.power = '30 V'"),
             ("[laser]\npower = '40 mW'", "laser.power = 40 mW exceeds limits.optical_power = 30 mW"),
-            ("[laser]\naddress = 'TCPIP0::127.0.0.1::9::SOCKET'", "write = '<unknown>'"),
+            ("mixed = true\n[laser]\naddress = 'TCPIP0::127.0.0.1::9::SOCKET'", "write = '<unknown>'"),
             ("[laser]\ndriver = 'manual-laser'", "key switch is the only interlock"),
             ("[patch_panel]\nports = '2-5'", "port 6 is not patched"),
             ("[wiring]\nburst = false", "needs wiring.burst = true"),
@@ -174,7 +174,9 @@ class TestWrongUse:
         self, capsys: pytest.CaptureFixture[str], tmp_path: Path
     ) -> None:
         station = tmp_path / "bench.toml"
-        station.write_text("[awg]\naddress = 'TCPIP0::127.0.0.1::9::SOCKET'\ntimeout = '0.5 s'\n", encoding="utf-8")
+        station.write_text(
+            "mixed = true\n[awg]\naddress = 'TCPIP0::127.0.0.1::9::SOCKET'\ntimeout = '0.5 s'\n", encoding="utf-8"
+        )
         out = tmp_path / "run"
         status, _, err = labctl(capsys, "run", "image-readout", *SMALL, "--station", station, "--out", out)
         assert status == 1
