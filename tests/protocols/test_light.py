@@ -77,14 +77,14 @@ def test_light_of_a_fifth_of_the_noise_is_found_in_more_probes(bench: Any) -> No
 )
 def test_nothing_is_recorded_without_light(log: Any, protocol: Measurement[Any]) -> None:
     station = Station(wiring=WiringSection(burst=True), sim=SimSection(parameters={"fibre_loss_db": 300.0}))
-    inputs = inputs_for(protocol)
+    inputs = images_for(protocol)
     with opened(station, log) as found, pytest.raises(InstrumentError, match="no light"):
         next(protocol.acquire(found.bench, inputs, protocol.parts(found.bench, inputs)))
 
 
 def test_mirrors_that_give_no_light(log: Any) -> None:
     protocol = ImageReadout(images=40)
-    inputs = inputs_for(protocol)
+    inputs = images_for(protocol)
     with (
         opened(Station(sim=SimSection(parameters={"mirror_loss_db": 300.0})), log) as found,
         pytest.raises(InstrumentError, match="no light"),
