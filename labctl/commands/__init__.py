@@ -14,6 +14,7 @@ COMMANDS = {
     "dark": "labctl.commands.control:dark",
     "verify": "labctl.commands.verify:verify",
     "runs": "labctl.commands.runs:runs",
+    "note": "labctl.commands.note:note",
     "show": "labctl.commands.show:show",
     "compare": "labctl.commands.compare:compare",
     "export": "labctl.commands.export:export",

@@ -1,6 +1,7 @@
 """`labctl runs`: what has been measured."""
 
 import os
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, get_args
@@ -10,13 +11,16 @@ import typer
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.errors import UsageError
-from labctl.runs.index import ORDERS, Choice, RunRow, State, list_runs
+from labctl.runs.index import RunRow, State
+from labctl.studies.catalogue import Catalogue, Found
 
 STATES = get_args(State)
+EXAMPLE = '"images >= 300 and accuracy > 0.9 and tag = good"'
 
 
 def runs(
     folder: Annotated[Path, typer.Argument(help="Folder of run directories.")] = Path("runs"),
+    where: Annotated[str, typer.Option("--where", help=f"Only runs of which this is so: {EXAMPLE}; or words.")] = "",
     protocol: Annotated[str | None, typer.Option("--protocol", help="Only runs of this protocol.")] = None,
     since: Annotated[
         str | None, typer.Option("--since", help="Only runs begun since, in UTC: 2026-11-21 or 2026-11-21T09:15.")
@@ -24,40 +28,44 @@ def runs(
     state: Annotated[str | None, typer.Option("--state", help=f"Only runs that are {', '.join(STATES)}.")] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Only runs with this seed.")] = None,
     limit: Annotated[int | None, typer.Option("--limit", min=1, help="Only the last so many.")] = None,
-    sort: Annotated[str, typer.Option("--sort", help=f"By {', '.join(ORDERS)}; the last is the largest.")] = "started",
+    sort: Annotated[str, typer.Option("--sort", help="By any key of --keys; the last is the largest.")] = "started",
+    columns: Annotated[str, typer.Option("--columns", help='Keys to show as well, such as "images,accuracy".')] = "",
+    keys: Annotated[bool, typer.Option("--keys", help="Say what runs can be found and sorted by.")] = False,
     as_json: JsonOption = False,
 ) -> int:
     """List the runs in a folder, the newest last."""
-    if sort not in ORDERS:
-        raise UsageError(f"--sort {sort}: choose one of {', '.join(ORDERS)}")
-    choice = Choice(protocol, _time(since), _state(state), seed, limit)
-    there = list_runs(folder)
-    rows = choice.of(there, sort)
-    show({"runs": [_listed(row) for row in rows]}, as_json, lambda: _print(folder, there, rows))
+    catalogue = Catalogue(folder)
+    if keys:
+        known = catalogue.keys()
+        show({"keys": known}, as_json, lambda: say(", ".join(known) or f"{folder}: no runs yet"))
+        return DONE
+    asked = [f"({where})"] if where.strip() else []
+    asked += [f'protocol = "{protocol}"'] if protocol is not None else []
+    asked += [f'started >= "{_time(since)}"'] if since is not None else []
+    asked += [f'state = "{_state(state)}"'] if state is not None else []
+    asked += [f"seed = {seed}"] if seed is not None else []
+    found = catalogue.find(" and ".join(asked), sort=sort, limit=limit)
+    more = [key.strip().lower() for key in columns.split(",") if key.strip()]
+    show({"runs": [_listed(one) for one in found]}, as_json, lambda: _print(folder, found, more, asked=bool(asked)))
     return DONE
 
 
-def _time(text: str | None) -> datetime | None:
-    if text is None:
-        return None
+def _time(text: str) -> str:
     try:
         found = datetime.fromisoformat(text)
     except ValueError:
         raise UsageError(f"--since {text}: is no date: write it like 2026-11-21 or 2026-11-21T09:15") from None
-    return found if found.tzinfo else found.replace(tzinfo=UTC)
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
 
 
-def _state(text: str | None) -> State | None:
-    for state in STATES:
-        if text == state:
-            found: State = state
-            return found
-    if text is not None:
+def _state(text: str) -> str:
+    if text not in STATES:
         raise UsageError(f"--state {text}: choose one of {', '.join(STATES)}")
-    return None
+    return text
 
 
-def _listed(row: RunRow) -> dict[str, object]:
+def _listed(found: Found) -> dict[str, object]:
+    row = found.row
     return {
         "run": str(row.path),
         "protocol": row.protocol,
@@ -69,27 +77,36 @@ def _listed(row: RunRow) -> dict[str, object]:
         "complete": row.complete,
         "state": row.state,
         "problem": row.problem,
+        "known": {key: list(values) for key, values in found.facts.items()},
     }
 
 
-def _print(folder: Path, there: list[RunRow], rows: list[RunRow]) -> None:
-    if not there:
-        say(f"{folder}: no runs yet")
-    elif not rows:
-        say(f"{folder}: none of its {len(there)} runs is of that kind")
-    else:
-        table(
-            ("run", "protocol", "started", "seed", "twin", "shots", ""),
+def _print(folder: Path, found: list[Found], columns: list[str], *, asked: bool) -> None:
+    if not found:
+        say(f"{folder}: none of its runs is of that kind" if asked else f"{folder}: no runs yet")
+        return
+    table(
+        ("run", "protocol", "started", "seed", "twin", "shots", "tags", *columns, ""),
+        (
             (
-                (
-                    row.name,
-                    row.protocol,
-                    row.started,
-                    "" if row.seed is None else row.seed,
-                    "" if row.twin_seed is None else row.twin_seed,
-                    f"{row.shots}/{row.planned}",
-                    row.problem.removeprefix(f"{row.path}{os.sep}") or row.state,  # its name stands there already
-                )
-                for row in rows
-            ),
-        )
+                one.row.name,
+                one.row.protocol,
+                one.row.started,
+                "" if one.row.seed is None else one.row.seed,
+                "" if one.row.twin_seed is None else one.row.twin_seed,
+                f"{one.row.shots}/{one.row.planned}",
+                " ".join((*("*" for star in one.facts.get("star", ()) if star), *map(str, one.facts.get("tag", ())))),
+                *(_text(one.facts.get(key, ())) for key in columns),
+                _how(one.row),
+            )
+            for one in found
+        ),
+    )
+
+
+def _text(values: Sequence[str | float]) -> str:
+    return ", ".join(f"{value:.6g}" if isinstance(value, float) else value for value in values)
+
+
+def _how(row: RunRow) -> str:
+    return row.problem.removeprefix(f"{row.path}{os.sep}") or row.state  # its name stands there already

@@ -4,7 +4,7 @@ All pages share what was read. A run is known by its name in the folder and by n
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -13,13 +13,14 @@ from labctl.dashboard.accuracy import Curve
 from labctl.dashboard.following import Following
 from labctl.dashboard.learning import Learning
 from labctl.dashboard.state import ENDED, Phase, RunState, advanced
-from labctl.errors import RunError
+from labctl.errors import RunError, UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import RunRow, run_directories, run_row
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import is_elsewhere, writer_named
 from labctl.runs.read.follower import Follower, Latest
+from labctl.studies.catalogue import Catalogue
 
 LOOK_EVERY_S = 0.25
 LIST_EVERY_S = 2.0
@@ -104,6 +105,14 @@ class WatchedRun:
         return self.state.phase not in (*ENDED, Phase.UNKNOWN)
 
 
+class RunSearch(NamedTuple):
+    """The runs that `words` ask for, the latest first; `refused`: why they are not understood."""
+
+    words: str
+    rows: Sequence[RunRow]
+    refused: str = ""
+
+
 class Watching:
     """The runs in `folder`."""
 
@@ -122,11 +131,29 @@ class Watching:
         self._rows: list[RunRow] = []
         self._listed: dict[Path, Listed] = {}
         self._watched: dict[str, WatchedRun] = {}
+        self._catalogue = Catalogue(folder)
+        self._searched: tuple[str, Sequence[RunRow], RunSearch] | None = None
 
     def rows(self) -> list[RunRow]:
         """All runs, the latest first."""
         self._list()
         return self._rows
+
+    def search(self, words: str) -> RunSearch:
+        """The runs that `words` ask for, as `labctl runs --where` does; asked anew when the list was."""
+        rows = self.rows()
+        if self._searched is None or self._searched[0] != words or self._searched[1] is not rows:
+            self._searched = words, rows, self._search(words, rows)
+        return self._searched[2]
+
+    def _search(self, words: str, rows: Sequence[RunRow]) -> RunSearch:
+        if not words.strip():
+            return RunSearch("", rows)
+        try:
+            names = {found.row.name for found in self._catalogue.find(words)}
+        except UsageError as error:
+            return RunSearch(words, (), str(error))
+        return RunSearch(words, [row for row in rows if row.name in names])
 
     def running(self) -> list[str]:
         """Names of the runs that a process writes now, the latest first."""

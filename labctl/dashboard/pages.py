@@ -85,8 +85,9 @@ def show_list(watching: Watching) -> None:
             regions.append(Region("live", live))
         with ui.element("section"):
             _heading("Runs")
-            wanted = ui.input("Filter", placeholder="words, such as: image incomplete").classes("filter")
-            regions.append(Region("all", lambda: wording.run_list(watching.rows(), wanted.value or "")))
+            example = "words, or: images >= 300 and tag = good"
+            wanted = ui.input("Search", placeholder=example).classes("filter")
+            regions.append(Region("all", lambda: wording.run_list(watching.search(wanted.value or ""))))
             wanted.on_value_change(regions[-1].refresh)
         with ui.element("section"), ui.expansion("Start a run").classes("begin"):
             _show_form(watching)

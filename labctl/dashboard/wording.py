@@ -1,6 +1,5 @@
 """What the pages say, as HTML: all text from runs is escaped here, and nowhere else is HTML made of it."""
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 from urllib.parse import quote
@@ -10,7 +9,7 @@ import numpy as np
 from labctl.dashboard import sketches
 from labctl.dashboard.accuracy import LEAST, Curve
 from labctl.dashboard.following import BLOCK, LAST, Following
-from labctl.dashboard.monitor import WatchedRun
+from labctl.dashboard.monitor import RunSearch, WatchedRun
 from labctl.dashboard.sketches import Line, escape
 from labctl.dashboard.state import ENDED, Emission, Phase, RunState, number_in, text_in
 from labctl.runs.index import RunRow
@@ -21,7 +20,7 @@ MOST_PLOTS = 16
 """Of traces: where more were measured, as in a wavelength scan, the last ones."""
 MAY_EMIT = "LASER MAY STILL EMIT"
 SHOWN_ROWS = 200
-"""Of the list of runs; the filter finds the others."""
+"""Of the list of runs; a search finds the others."""
 LONGEST_PROBLEM = 300
 MOST_INSTRUMENTS = 20
 NAMES = {
@@ -208,24 +207,14 @@ def log(state: RunState, problem: str = "") -> str:
     return f'<ol class="log">{lines}</ol>' if lines else '<p class="nothing">no events</p>'
 
 
-def run_list(rows: Sequence[RunRow], wanted: str) -> str:
-    """The list of runs that have every word of `wanted`."""
-    found = [row for row in rows if _matches(row, wanted)]
-    if not found:
-        return '<p class="nothing">no runs</p>' if not rows else '<p class="nothing">no run has these words</p>'
-    more = f'<p class="nothing">{len(found) - SHOWN_ROWS} more: filter</p>' if len(found) > SHOWN_ROWS else ""
-    return f'<div class="runs">{"".join(map(_row, found[:SHOWN_ROWS]))}</div>{more}'
-
-
-def _matches(row: RunRow, wanted: str) -> bool:
-    """Whether every word that is wanted begins one of the run's; so "complete" finds no incomplete one."""
-    text = f"{row.name} {row.protocol} {row.started} {row.state} seed={row.seed} twin={row.twin_seed}"
-    found = _split(text)
-    return all(any(one.startswith(word) for one in found) for word in _split(wanted))
-
-
-def _split(text: str) -> list[str]:
-    return [word for word in re.split(r"[^\w=.:]+", text.lower()) if word]
+def run_list(search: RunSearch) -> str:
+    """The list of runs that were searched for, or why the words are not understood."""
+    if search.refused or not search.rows:
+        why = search.refused or ("no run is of that kind" if search.words else "no runs")
+        return f'<p class="nothing">{escape(why)}</p>'
+    more = len(search.rows) - SHOWN_ROWS
+    rest = f'<p class="nothing">{more} more: search</p>' if more > 0 else ""
+    return f'<div class="runs">{"".join(map(_row, search.rows[:SHOWN_ROWS]))}</div>{rest}'
 
 
 def _row(row: RunRow) -> str:

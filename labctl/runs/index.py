@@ -4,9 +4,7 @@ Read from manifests and journals alone, so it is quick; of a run that lacks shot
 """
 
 import os
-from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -64,58 +62,6 @@ class RunRow:
         if self.complete:
             return "complete"
         return "running" if self.running else "incomplete"
-
-    @property
-    def began(self) -> datetime | None:
-        """When the run began; None if the manifest does not say."""
-        try:
-            found = datetime.fromisoformat(self.started)
-        except ValueError:
-            return None
-        return found if found.tzinfo else found.replace(tzinfo=UTC)
-
-
-_LONG_AGO = datetime.min.replace(tzinfo=UTC)
-ORDERS: Mapping[str, Callable[[RunRow], Any]] = {
-    "started": lambda row: row.began or _LONG_AGO,
-    "name": lambda row: row.name,
-    "protocol": lambda row: row.protocol,
-    "seed": lambda row: -1 if row.seed is None else row.seed,
-    "shots": lambda row: row.shots,
-}
-"""What runs can be sorted by; equal ones stay in the order of their names."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Which runs are wanted; None for all.
-
-    Attributes:
-        protocol: name of the protocol.
-        since: runs that began then or later.
-        state: how far they got.
-        seed: of the protocol.
-        limit: the last so many, in the chosen order.
-    """
-
-    protocol: str | None = None
-    since: datetime | None = None
-    state: State | None = None
-    seed: int | None = None
-    limit: int | None = None
-
-    def of(self, rows: Iterable[RunRow], order: str = "started") -> list[RunRow]:
-        """The chosen ones of `rows`, sorted by one of `ORDERS`, the newest or largest last."""
-        found = sorted((row for row in rows if self._takes(row)), key=ORDERS[order])
-        return found if self.limit is None else found[max(0, len(found) - self.limit) :]
-
-    def _takes(self, row: RunRow) -> bool:
-        return (
-            self.protocol in (None, row.protocol)
-            and self.state in (None, row.state)
-            and self.seed in (None, row.seed)
-            and (self.since is None or (row.began is not None and row.began >= self.since))
-        )
 
 
 def list_runs(folder: Path | str) -> list[RunRow]:

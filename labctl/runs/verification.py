@@ -21,6 +21,7 @@ from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, w
 from labctl.runs.format.plan import names_its_manifest, read_drive, read_plan
 from labctl.runs.format.shard import MOST_BYTES as MOST_OF_A_SHARD
 from labctl.runs.format.shards import Shards
+from labctl.runs.notes import read_notes
 from labctl.runs.read.data_file import MOST_BYTES, damaged
 from labctl.runs.write.data_file import constants, shard_in_data_file, write_data_file
 
@@ -132,6 +133,7 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
     if state == "stale" or (state == "missing" and intact.complete.size):
         notes.append(f"data.h5 is {state}: `labctl verify --rebuild` makes it from the shards")
     notes += [f"{count} records are suspect: {reason}" for reason, count in intact.suspect.items()]
+    notes += read_notes(paths).problems
     return RunReport(
         path=str(path),
         complete=intact.completed == manifest.shape.shots,

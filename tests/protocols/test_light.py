@@ -10,7 +10,7 @@ from instruments.errors import InstrumentError
 from instruments.values import Frames, Timebase
 from labctl.bench.opening import opened
 from labctl.bench.station import SimSection, Station, WiringSection
-from labctl.engine.inputs import images_for, inputs_for
+from labctl.engine.inputs import images_for
 from protocols.base import Measurement
 from protocols.ghost_imaging import GhostImaging
 from protocols.image_readout import ImageReadout

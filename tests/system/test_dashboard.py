@@ -194,9 +194,9 @@ def test_what_stands_behind_the_laser_is_shown_with_the_other_instruments(page: 
 def test_runs_are_listed_filtered_and_compared(page: Page) -> None:
     narrow(page)
     rows = page.locator("a.run")
-    page.get_by_label("Filter").fill("past incomplete")
+    page.get_by_label("Search").fill("past incomplete")
     expect(rows).to_have_count(0)
-    page.get_by_label("Filter").fill("past complete")
+    page.get_by_label("Search").fill("past complete")
     expect(rows).to_have_count(2)
     fits(page)
     rows.filter(has_text="past-one").click()

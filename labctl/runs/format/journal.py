@@ -11,11 +11,8 @@ last pass). `crc` is always the last key: the CRC-32 (as in zip), 8 hex digits, 
 says why the shots of the shard may be wrong: they complete nothing. Of several lines of a shard the last one counts.
 """
 
-import json
 import os
-import re
 import sys
-import zlib
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -26,6 +23,7 @@ from typing import Self
 
 from instruments.remedies import unreadable
 from labctl.errors import RunError
+from labctl.runs.format.checked_line import TornLine, decode, encode
 from labctl.runs.format.durable import not_written, replace_file, write_all
 from labctl.runs.format.own_files import opened, read_own
 
@@ -34,7 +32,6 @@ LARGEST_JOURNAL = 1 << 28
 MOST_PROBLEMS = 1000
 NOT_COMPARED = "not compared with the settings afterwards"
 """Why shots are suspect that were stored before anybody was sure of them."""
-_LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}')
 
 
 @dataclass(frozen=True)
@@ -66,8 +63,7 @@ class Entry:
             values["discarded"] = self.discarded
         if self.suspect:
             values["suspect"] = self.suspect
-        body = json.dumps(values).encode()
-        return body[:-1] + f', "crc": "{zlib.crc32(body):08x}"}}\n'.encode()
+        return encode(values)
 
     @classmethod
     def decode(cls, line: bytes) -> "Entry":
@@ -76,14 +72,8 @@ class Entry:
         Raises:
             ValueError: not a journal line, or its checksum is wrong.
         """
-        found = _LINE.fullmatch(line.rstrip(b"\r\n"))
-        if not found:
-            raise TornLine("not a whole line")
-        body = found[1] + b"}"
-        if zlib.crc32(body) != int(found[2], 16):
-            raise ValueError("checksum is wrong")
+        values = decode(line)
         try:
-            values = json.loads(body)
             return cls(
                 shard=int(values["shard"]),
                 pass_index=int(values["pass"]),
@@ -95,12 +85,8 @@ class Entry:
                 discarded=str(values.get("discarded", "")),
                 suspect=str(values.get("suspect", "")),
             )
-        except (KeyError, TypeError, OverflowError, RecursionError) as error:
+        except (KeyError, TypeError, OverflowError) as error:
             raise ValueError(f"lacks {error}") from error
-
-
-class TornLine(ValueError):
-    """A line that ends too early: what a crash in the middle of an append leaves behind."""
 
 
 @dataclass(frozen=True)

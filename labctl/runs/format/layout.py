@@ -7,6 +7,7 @@ runs/20261121T091500Z-image-readout-1a2b3c4d/
   journal.jsonl     one checksummed line per closed shard, only ever appended to; the state of the run follows from it
   shards/000000.h5  a contiguous range of shots of one pass; never rewritten
   data.h5           all complete shots as one file, written at the end; what people open
+  notes.jsonl       what people say of it, one checksummed line each, only ever appended to: `labctl.runs.notes`
   events.jsonl      what the run was doing, for whoever watches it: `labctl.runs.live.events`
   commands.log  figures/  report.html
 ```
@@ -59,6 +60,11 @@ class RunPaths:
     def events(self) -> Path:
         """What the run was doing."""
         return self.directory / "events.jsonl"
+
+    @property
+    def notes(self) -> Path:
+        """What people say of the run."""
+        return self.directory / "notes.jsonl"
 
     @property
     def models(self) -> Path:

@@ -1,12 +1,8 @@
 import json
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-import pytest
-
-from labctl.runs.index import Choice, RunRow, list_runs
+from labctl.runs.index import list_runs
 
 
 def test_runs_are_listed_by_name(tmp_path: Path, write_whole: Callable[..., Path], cut: Path) -> None:
@@ -41,40 +37,6 @@ def test_a_damaged_run_is_a_row_with_its_problem(cut: Path) -> None:
 
 def test_no_folder_no_runs(tmp_path: Path) -> None:
     assert list_runs(tmp_path / "runs") == []
-
-
-def row(name: str, started: str, **values: Any) -> RunRow:
-    return RunRow(Path(name), "image-readout", started, **{"seed": 1, "shots": 7, "planned": 7} | values)
-
-
-ROWS = [
-    row("a", "2026-11-21T09:15:00Z", seed=4),
-    row("b", "2026-11-19T09:15:00+00:00", shots=3),
-    row("c", "2026-11-20T23:59:59", planned=9),
-    row("d", "", problem="d: damaged"),
-]
-
-
-@pytest.mark.parametrize(
-    ("choice", "order", "names"),
-    [
-        (Choice(), "started", "dbca"),
-        (Choice(), "name", "abcd"),
-        (Choice(), "shots", "bacd"),
-        (Choice(limit=2), "started", "ca"),
-        (Choice(limit=9), "seed", "bcda"),
-        (Choice(since=datetime(2026, 11, 20, tzinfo=UTC)), "started", "ca"),
-        (Choice(since=datetime(2026, 11, 21, 9, 15, tzinfo=UTC)), "started", "a"),
-        (Choice(state="complete"), "name", "a"),
-        (Choice(state="incomplete"), "name", "bc"),
-        (Choice(state="unreadable"), "name", "d"),
-        (Choice(seed=4), "name", "a"),
-        (Choice(protocol="image-readout", limit=1), "name", "d"),
-        (Choice(protocol="dynamic-scene"), "name", ""),
-    ],
-)
-def test_runs_are_chosen_and_sorted(choice: Choice, order: str, names: str) -> None:
-    assert "".join(found.name for found in choice.of(ROWS, order)) == names
 
 
 def test_a_listing_opens_no_data(tmp_path: Path, whole: Path) -> None:

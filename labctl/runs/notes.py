@@ -1,0 +1,144 @@
+"""notes.jsonl: what people say of a run, while it goes on or later; beside what was measured, and never in it.
+
+A line is a JSON object with its own checksum, such as
+
+    {"time": "2026-11-23T14:02:47+00:00", "by": "ada", "note": "fibre touched", "tags": ["good"], "crc": "0a1b2c3d"}
+
+`time` and `by` (who wrote it) are always there; `note`, `tags`, `untagged`, `star` and `operator` where they were said.
+What was said is never changed: the last line about a tag, the star or the operator counts.
+"""
+
+import getpass
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from io import BytesIO, FileIO
+from typing import Any
+
+from instruments.remedies import unreadable
+from labctl.errors import RunError
+from labctl.printable import printable
+from labctl.runs.format.checked_line import decode, encode
+from labctl.runs.format.durable import not_made, write_all
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.own_files import opened, read_own
+
+LARGEST = 1 << 24
+LONGEST_NOTE, LONGEST_WORD = 4000, 100
+
+
+@dataclass(frozen=True)
+class Note:
+    """One thing that was said: when (UTC, ISO 8601), by whom, and what."""
+
+    time: str
+    by: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Notes:
+    """What people say of a run.
+
+    Attributes:
+        notes: in the order in which they were written.
+        tags: by name.
+        star: somebody marked the run.
+        operator: who measured it, empty if nobody said.
+        problems: a line of text for every damaged line.
+    """
+
+    notes: tuple[Note, ...] = ()
+    tags: tuple[str, ...] = ()
+    star: bool = False
+    operator: str = ""
+    problems: tuple[str, ...] = ()
+
+
+def read_notes(paths: RunPaths) -> Notes:
+    """What people say of a run; nothing where there is no file.
+
+    Raises:
+        RunError: the file cannot be read.
+    """
+    try:
+        data = read_own(paths.notes, LARGEST)
+    except FileNotFoundError:
+        return Notes()
+    except OSError as error:
+        raise RunError(unreadable(paths.notes, error, "restore it from a copy, or remove it")) from error
+    notes: list[Note] = []
+    tags: set[str] = set()
+    star, operator = False, ""
+    problems: list[str] = []
+    for number, line in enumerate(BytesIO(data), start=1):
+        try:
+            said = decode(line)
+        except ValueError as error:
+            problems.append(f"{paths.notes.name} line {number}: {error}")
+            continue
+        if text := str(said.get("note", "")):
+            notes.append(Note(str(said.get("time", "")), str(said.get("by", "")), text))
+        tags |= _words(said.get("tags"))
+        tags -= _words(said.get("untagged"))
+        star = bool(said.get("star", star))
+        operator = str(said.get("operator", operator))
+    return Notes(tuple(notes), tuple(sorted(tags)), star, operator, tuple(problems))
+
+
+def say_of(
+    paths: RunPaths,
+    text: str = "",
+    *,
+    tags: Sequence[str] = (),
+    untagged: Sequence[str] = (),
+    star: bool | None = None,
+    operator: str | None = None,
+) -> None:
+    """Append what is said of a run, in one line; nothing that is there is touched.
+
+    Raises:
+        RunError: no such run, it cannot be written, nothing was said, or it is too long.
+    """
+    if not paths.manifest.exists():
+        raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it): name a run")
+    said: dict[str, Any] = {
+        "note": printable(text.strip()),
+        "tags": [_word(tag) for tag in tags],
+        "untagged": [_word(tag) for tag in untagged],
+        "star": star,
+        "operator": None if operator is None else _word(operator),
+    }
+    said = {name: value for name, value in said.items() if value not in ("", [], None)}
+    if not said:
+        raise RunError(f"{paths.directory}: nothing is said of it: write a note, a tag, a star or an operator")
+    if len(text) > LONGEST_NOTE:
+        raise RunError(f"{paths.directory}: a note of {len(text)} characters: write {LONGEST_NOTE} at most")
+    line = encode({"time": datetime.now(UTC).isoformat(timespec="seconds"), "by": _user()} | said)
+    try:
+        with FileIO(paths.notes, "a+", opener=opened) as file:
+            length = file.seek(0, os.SEEK_END)
+            torn = length > 0 and (file.seek(length - 1), file.read(1))[1] != b"\n"
+            write_all(file, b"\n" * torn + line)
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise not_made(paths.notes, error) from error
+
+
+def _word(text: str) -> str:
+    word = printable(" ".join(text.split()))
+    if not word or len(word) > LONGEST_WORD:
+        raise RunError(f"{word[:LONGEST_WORD]!r}: is no tag or name: write 1 to {LONGEST_WORD} characters")
+    return word
+
+
+def _words(found: object) -> set[str]:
+    return {str(word) for word in found} if isinstance(found, list) else set()
+
+
+def _user() -> str:
+    try:
+        return printable(getpass.getuser())
+    except (OSError, KeyError, ImportError):  # no name for this user: in a container, or on Windows without USERNAME
+        return ""

@@ -1,0 +1,209 @@
+"""A catalogue of the runs in a folder, by which one of thousands is found again.
+
+It is a SQLite file beside the runs that holds nothing of its own: what changed since it was made is read again from the
+runs, and without it, or where none can be written, it is made anew.
+"""
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from labctl.errors import AnalysisError, RunError, UsageError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
+from labctl.runs.index import RunRow, run_directories, run_row
+from labctl.runs.live.owner import writer_of
+from labctl.runs.notes import Notes, read_notes
+from labctl.studies.readout_file import load_metadata
+from labctl.studies.search import condition, words_in
+
+FILE = "catalogue.sqlite"
+VERSION = 1
+"""Of the tables below: a catalogue of another version is made anew."""
+MOST_VALUES = 64
+"""Of one setting that is a list."""
+LONGEST_VALUE = 4000
+_TABLES = f"""
+    PRAGMA user_version = {VERSION};
+    CREATE TABLE run (name TEXT PRIMARY KEY, stamp TEXT, complete INTEGER, row TEXT, facts TEXT, words TEXT);
+    CREATE TABLE fact (run TEXT, key TEXT, number REAL, text TEXT COLLATE NOCASE);
+    CREATE INDEX fact_of_run ON fact (run, key);
+"""
+Facts = Mapping[str, Sequence[str | float]]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A run that was found, and what is known of it: key -> every value."""
+
+    row: RunRow
+    facts: Facts
+
+
+class Catalogue:
+    """The runs in a folder, as they are when it is asked."""
+
+    def __init__(self, folder: Path) -> None:
+        """Of the runs in `folder`, which need not exist yet."""
+        self._folder = folder
+
+    def find(self, words: str = "", *, sort: str = "started", limit: int | None = None) -> list[Found]:
+        """The runs that `words` ask for, as `labctl.studies.search` reads them, the newest or largest last.
+
+        sort: any key; of several values the largest counts. limit: the last so many.
+
+        Raises:
+            UsageError: the words are not understood, or no run has that key.
+        """
+        with self._open() as database:
+            keys = self._keys(database)
+            if sort not in keys and keys:
+                raise UsageError(f"{sort}: no run here has that: sort by one of {', '.join(sorted(keys))}")
+            sql, values = condition(words, keys)
+            largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
+            chosen = database.execute(
+                f"SELECT name, row, facts FROM run WHERE {sql} "  # noqa: S608 -- of signs that `condition` chooses
+                f"ORDER BY {largest.format('number')} DESC, {largest.format('text')} DESC, name DESC LIMIT ?",
+                [*values, sort, sort, -1 if limit is None else limit],
+            ).fetchall()
+            return [Found(self._row(name, row), json.loads(facts)) for name, row, facts in reversed(chosen)]
+
+    def keys(self) -> list[str]:
+        """All that is known of some run, by name."""
+        with self._open() as database:
+            return sorted(self._keys(database))
+
+    def _row(self, name: str, text: str) -> RunRow:
+        return replace(RunRow(**json.loads(text)), path=self._folder / name)
+
+    @staticmethod
+    def _keys(database: sqlite3.Connection) -> frozenset[str]:
+        return frozenset(key for (key,) in database.execute("SELECT DISTINCT key FROM fact"))
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        """The tables as the runs are now; in memory where no file can be written, or another process writes it."""
+        with closing(self._connected()) as database:
+            with database:
+                self._refresh(database)
+            yield database
+
+    def _connected(self) -> sqlite3.Connection:
+        path = self._folder / FILE
+        if self._folder.is_dir():
+            with suppress(sqlite3.Error):
+                database = sqlite3.connect(path, timeout=1.0)
+                try:
+                    return _with_tables(database)
+                except sqlite3.Error:
+                    database.close()
+        return _with_tables(sqlite3.connect(":memory:"))
+
+    def _refresh(self, database: sqlite3.Connection) -> None:
+        entries = database.execute("SELECT name, stamp, json_extract(row, '$.running'), complete FROM run")
+        known = {name: (stamp, bool(running), complete) for name, stamp, running, complete in entries}
+        there = {directory.name: directory for directory in run_directories(self._folder)}
+        for name in known.keys() - there.keys():
+            _forget(database, name)
+        for name, directory in there.items():
+            paths = RunPaths(directory)
+            stamp = _stamp(paths)
+            before, running, complete = known.get(name, ("", False, False))
+            if stamp == before and (complete or running == (writer_of(paths) is not None)):
+                continue
+            _forget(database, name)
+            _enter(database, name, stamp, paths)
+
+
+def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
+    (version,) = database.execute("PRAGMA user_version").fetchone()
+    if version != VERSION:
+        database.executescript("DROP TABLE IF EXISTS run; DROP TABLE IF EXISTS fact;" + _TABLES)
+    database.execute("BEGIN IMMEDIATE").connection.rollback()  # whether it can be written
+    return database
+
+
+def _stamp(paths: RunPaths) -> str:
+    """Changes whenever one of the files does that the catalogue is made of."""
+    stamps = []
+    for path in (paths.manifest, paths.journal, paths.notes, paths.models):
+        with suppress(OSError):
+            found = path.lstat()
+            stamps.append(f"{path.name} {found.st_size} {found.st_mtime_ns}")
+    return ", ".join(stamps)
+
+
+def _forget(database: sqlite3.Connection, name: str) -> None:
+    database.execute("DELETE FROM fact WHERE run = ?", [name])
+    database.execute("DELETE FROM run WHERE name = ?", [name])
+
+
+def _enter(database: sqlite3.Connection, name: str, stamp: str, paths: RunPaths) -> None:
+    row = run_row(paths)
+    facts = facts_of(paths, row)
+    stored = {field: value for field, value in vars(row).items() if field != "path"} | {"path": ""}
+    told = ((key, *(f"{one:g}" if isinstance(one, float) else one for one in values)) for key, values in facts.items())
+    text = " ".join(word for words in told for word in words)
+    entry = [name, stamp, row.complete, json.dumps(stored), json.dumps(facts), f" {' '.join(words_in(text))}"]
+    database.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?)", entry)
+    database.executemany(
+        "INSERT INTO fact VALUES (?, ?, ?, ?)",
+        [
+            (name, key, *((value, None) if isinstance(value, float) else (None, value)))
+            for key, values in facts.items()
+            for value in values
+        ],
+    )
+
+
+def facts_of(paths: RunPaths, row: RunRow) -> Facts:
+    """What is known of a run: how it is listed, the settings of its protocol, what people say, how its readouts score.
+
+    Keys are those of `labctl runs`, of the protocol's settings, and `accuracy`, `tag`, `note`, `star`, `operator`.
+    Quantities are in SI units, wavelengths in nm; yes and no are 1 and 0.
+    """
+    found: dict[str, list[str | float]] = {}
+    if not row.problem:
+        values = Manifest.read(paths).values
+        protocol, station = values.get("protocol"), values.get("station")
+        settings = protocol.get("settings") if isinstance(protocol, dict) else None
+        for key, value in settings.items() if isinstance(settings, dict) else ():
+            found[str(key).lower()] = _values(value)
+        if isinstance(station, dict):
+            found["bench"] = _values(station.get("name"))
+        found["accuracy"] = [score for path in paths.readouts for score in _accuracy(path)]
+    for key in ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned", "state", "problem"):
+        found[key] = _values(getattr(row, key))
+    with suppress(ValueError):
+        found["started"] = [datetime.fromisoformat(row.started).astimezone(UTC).isoformat()]
+    try:
+        said = read_notes(paths)
+    except RunError:
+        said = Notes()
+    found["tag"], found["note"] = list(said.tags), [one.text for one in said.notes]
+    found["star"], found["operator"] = [float(said.star)], _values(said.operator)
+    return {key: values for key, values in found.items() if values}
+
+
+def _values(value: Any) -> list[str | float]:
+    """A setting as numbers and text: nothing for None and no text, every element of a list."""
+    if isinstance(value, bool | int | float):
+        return [float(value)]
+    if isinstance(value, str):
+        return [value[:LONGEST_VALUE]] if value else []
+    if isinstance(value, list | tuple):
+        return [one for element in value[:MOST_VALUES] for one in _values(element)]
+    return []
+
+
+def _accuracy(path: Path) -> list[float]:
+    try:
+        score = load_metadata(path).get("accuracy")
+    except AnalysisError:
+        return []
+    return [float(score)] if isinstance(score, int | float) else []

@@ -1,0 +1,83 @@
+"""Runs are found again, by what they are and by what people say of them."""
+
+import os
+import shutil
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from labctl.studies.catalogue import FILE, VERSION, Catalogue
+from tests.labctl.commands.conftest import AsJson, Typed
+
+
+@pytest.fixture
+def folder(bench_run: Path, tmp_path: Path) -> Path:
+    """Three copies of a run."""
+    for name in ("first", "second", "third"):
+        shutil.copytree(bench_run, tmp_path / "runs" / name)
+    return tmp_path / "runs"
+
+
+def names(as_json: AsJson, folder: Path, *words: str) -> list[str]:
+    status, found = as_json("runs", folder, *words)
+    assert status == 0
+    return [Path(one["run"]).name for one in found["runs"]]
+
+
+def test_a_note_finds_a_run_again(folder: Path, typed: Typed, as_json: AsJson) -> None:
+    status, out, err = typed("note", folder / "second", "fibre touched", "--tag", "good", "--star", "--operator", "Ada")
+    assert (status, err) == (0, "")
+    assert "second: starred, by Ada, good\n" in out
+    assert out.endswith(": fibre touched\n")
+    assert names(as_json, folder, "--where", "tag = good and images >= 24") == ["second"]
+    assert names(as_json, folder, "--where", "operator = ada and note ~ touched") == ["second"]
+    assert names(as_json, folder, "--where", "touched") == ["second"]
+    assert names(as_json, folder, "--where", "not star = 1") == ["first", "third"]
+    typed("note", folder / "second", "--untag", "good")
+    assert names(as_json, folder, "--where", "protocol = image-readout and star = 1") == ["second"]
+    status, _, err = typed("runs", folder, "--where", "tag = good")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "tag: no run here has that" in err
+
+
+def test_how_well_a_readout_scored(folder: Path, typed: Typed, as_json: AsJson) -> None:
+    status, trained = as_json("train", folder / "third", "--window", "0.4 ns")
+    assert status == 0
+    assert names(as_json, folder, "--where", f"accuracy >= {trained['accuracy']}") == ["third"]
+    assert names(as_json, folder, "--sort", "accuracy") == ["first", "second", "third"]
+    _, out, _ = typed("runs", folder, "--columns", "accuracy,window", "--limit", "1", "--sort", "accuracy")
+    assert f"{trained['accuracy']:.6g}" in out
+    assert "4e-10" in out
+    _, out, _ = typed("runs", folder, "--keys")
+    assert {"accuracy", "images", "protocol", "started", "window"} <= set(out.strip().split(", "))
+
+
+def test_the_catalogue_is_made_again_at_any_time(folder: Path, as_json: AsJson) -> None:
+    everything = ["first", "second", "third"]
+    assert names(as_json, folder) == everything
+    (folder / FILE).write_bytes(b"no database")
+    assert names(as_json, folder) == everything
+    (folder / FILE).unlink()
+    with sqlite3.connect(folder / FILE) as other:
+        other.execute(f"PRAGMA user_version = {VERSION + 1}")
+        other.execute("CREATE TABLE run (other)")
+    other.close()
+    assert names(as_json, folder) == everything
+    shutil.rmtree(folder / "second")
+    assert names(as_json, folder) == ["first", "third"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="nothing is forbidden to this user")
+def test_a_folder_that_cannot_be_written_is_listed_as_well(folder: Path, as_json: AsJson) -> None:
+    folder.chmod(0o500)
+    assert names(as_json, folder) == ["first", "second", "third"]
+    folder.chmod(0o700)
+
+
+def test_another_process_may_write_the_catalogue_at_the_same_time(folder: Path) -> None:
+    Catalogue(folder).find()
+    other = sqlite3.connect(folder / FILE)
+    other.execute("BEGIN EXCLUSIVE")
+    assert len(Catalogue(folder).find()) == 3
+    other.close()
