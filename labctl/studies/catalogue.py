@@ -5,6 +5,7 @@ runs, and without it, or where none can be written, it is made anew.
 """
 
 import json
+import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -23,15 +24,18 @@ from labctl.studies.readout_file import load_metadata
 from labctl.studies.search import condition, words_in
 
 FILE = "catalogue.sqlite"
-VERSION = 1
-"""Of the tables below: a catalogue of another version is made anew."""
+APPLICATION, VERSION = 0x6C616263, 1
+"""What the file says of itself and of its tables: one of another version is made anew, any other is let alone."""
 MOST_VALUES = 64
 """Of one setting that is a list."""
 LONGEST_VALUE = 4000
 _TABLES = f"""
+    DROP TABLE IF EXISTS run;
+    DROP TABLE IF EXISTS fact;
+    PRAGMA application_id = {APPLICATION};
     PRAGMA user_version = {VERSION};
-    CREATE TABLE run (name TEXT PRIMARY KEY, stamp TEXT, complete INTEGER, row TEXT, facts TEXT, words TEXT);
-    CREATE TABLE fact (run TEXT, key TEXT, number REAL, text TEXT COLLATE NOCASE);
+    CREATE TABLE run (name BLOB PRIMARY KEY, stamp TEXT, complete INTEGER, row TEXT, facts TEXT, words TEXT);
+    CREATE TABLE fact (run BLOB, key TEXT, number REAL, text TEXT COLLATE NOCASE);
     CREATE INDEX fact_of_run ON fact (run, key);
 """
 Facts = Mapping[str, Sequence[str | float]]
@@ -78,8 +82,8 @@ class Catalogue:
         with self._open() as database:
             return sorted(self._keys(database))
 
-    def _row(self, name: str, text: str) -> RunRow:
-        return replace(RunRow(**json.loads(text)), path=self._folder / name)
+    def _row(self, name: bytes, text: str) -> RunRow:
+        return replace(RunRow(**json.loads(text)), path=self._folder / os.fsdecode(name))
 
     @staticmethod
     def _keys(database: sqlite3.Connection) -> frozenset[str]:
@@ -95,7 +99,7 @@ class Catalogue:
 
     def _connected(self) -> sqlite3.Connection:
         path = self._folder / FILE
-        if self._folder.is_dir():
+        if self._folder.is_dir() and not (path.is_symlink() or (path.exists() and not path.is_file())):
             with suppress(sqlite3.Error):
                 database = sqlite3.connect(path, timeout=1.0)
                 try:
@@ -107,13 +111,13 @@ class Catalogue:
     def _refresh(self, database: sqlite3.Connection) -> None:
         entries = database.execute("SELECT name, stamp, json_extract(row, '$.running'), complete FROM run")
         known = {name: (stamp, bool(running), complete) for name, stamp, running, complete in entries}
-        there = {directory.name: directory for directory in run_directories(self._folder)}
+        there = {os.fsencode(directory.name): directory for directory in run_directories(self._folder)}
         for name in known.keys() - there.keys():
             _forget(database, name)
         for name, directory in there.items():
             paths = RunPaths(directory)
             stamp = _stamp(paths)
-            before, running, complete = known.get(name, ("", False, False))
+            before, running, complete = known.get(name, (None, False, False))
             if stamp == before and (complete or running == (writer_of(paths) is not None)):
                 continue
             _forget(database, name)
@@ -121,9 +125,13 @@ class Catalogue:
 
 
 def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
-    (version,) = database.execute("PRAGMA user_version").fetchone()
-    if version != VERSION:
-        database.executescript("DROP TABLE IF EXISTS run; DROP TABLE IF EXISTS fact;" + _TABLES)
+    (application,), (version,) = (
+        database.execute(f"PRAGMA {what}").fetchone() for what in ("application_id", "user_version")
+    )
+    if application != APPLICATION and database.execute("SELECT 1 FROM sqlite_master").fetchone():
+        raise sqlite3.DatabaseError("is of another program")
+    if (application, version) != (APPLICATION, VERSION):
+        database.executescript(_TABLES)
     database.execute("BEGIN IMMEDIATE").connection.rollback()  # whether it can be written
     return database
 
@@ -138,12 +146,12 @@ def _stamp(paths: RunPaths) -> str:
     return ", ".join(stamps)
 
 
-def _forget(database: sqlite3.Connection, name: str) -> None:
+def _forget(database: sqlite3.Connection, name: bytes) -> None:
     database.execute("DELETE FROM fact WHERE run = ?", [name])
     database.execute("DELETE FROM run WHERE name = ?", [name])
 
 
-def _enter(database: sqlite3.Connection, name: str, stamp: str, paths: RunPaths) -> None:
+def _enter(database: sqlite3.Connection, name: bytes, stamp: str, paths: RunPaths) -> None:
     row = run_row(paths)
     facts = facts_of(paths, row)
     stored = {field: value for field, value in vars(row).items() if field != "path"} | {"path": ""}
@@ -173,7 +181,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
         protocol, station = values.get("protocol"), values.get("station")
         settings = protocol.get("settings") if isinstance(protocol, dict) else None
         for key, value in settings.items() if isinstance(settings, dict) else ():
-            found[str(key).lower()] = _values(value)
+            found[_text(key.lower())] = _values(value)
         if isinstance(station, dict):
             found["bench"] = _values(station.get("name"))
         found["accuracy"] = [score for path in paths.readouts for score in _accuracy(path)]
@@ -185,7 +193,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
         said = read_notes(paths)
     except RunError:
         said = Notes()
-    found["tag"], found["note"] = list(said.tags), [one.text for one in said.notes]
+    found["tag"], found["note"] = _values(said.tags), _values([one.text for one in said.notes])
     found["star"], found["operator"] = [float(said.star)], _values(said.operator)
     return {key: values for key, values in found.items() if values}
 
@@ -193,12 +201,18 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
 def _values(value: Any) -> list[str | float]:
     """A setting as numbers and text: nothing for None and no text, every element of a list."""
     if isinstance(value, bool | int | float):
-        return [float(value)]
+        with suppress(OverflowError):
+            return [float(value)]
     if isinstance(value, str):
-        return [value[:LONGEST_VALUE]] if value else []
+        return [_text(value)] if value else []
     if isinstance(value, list | tuple):
         return [one for element in value[:MOST_VALUES] for one in _values(element)]
     return []
+
+
+def _text(value: str) -> str:
+    """As SQLite takes it: names and manifests may hold what is not Unicode."""
+    return value[:LONGEST_VALUE].encode("utf-8", "replace").decode("utf-8")
 
 
 def _accuracy(path: Path) -> list[float]:

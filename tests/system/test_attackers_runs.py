@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -198,7 +199,7 @@ def test_a_broken_run_does_not_break_the_list(scene: Scene) -> None:
         assert rows[str(run)]["state"] == "unreadable"
         assert str(path) in rows[str(run)]["problem"]
         (line,) = [line for line in as_text["out"].splitlines() if line.startswith(run.name)]
-        assert f"0/0    {path.relative_to(run)}: is a" in line
+        assert re.search(rf" 0/0 +{re.escape(str(path.relative_to(run)))}: is a", line)
 
 
 PAGE = """
@@ -208,13 +209,13 @@ from labctl.dashboard import wording
 from labctl.dashboard.monitor import Watching
 now = [0.0]
 watching = Watching(Path(sys.argv[1]), clock=lambda: now[0])
-rows = watching.rows()
+search = watching.search("")
 seen = {}
-for row in rows:
+for row in search.rows:
     watched = watching.run(row.name)
     watched.look()
     seen[row.name] = watched.problem
-listed = wording.run_list(rows, "")
+listed = wording.run_list(search)
 listed.encode()
 print(json.dumps([listed, seen]))
 """

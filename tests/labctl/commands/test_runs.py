@@ -1,8 +1,10 @@
 """Runs are found again, by what they are and by what people say of them."""
 
+import json
 import os
 import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -59,13 +61,37 @@ def test_the_catalogue_is_made_again_at_any_time(folder: Path, as_json: AsJson) 
     (folder / FILE).write_bytes(b"no database")
     assert names(as_json, folder) == everything
     (folder / FILE).unlink()
-    with sqlite3.connect(folder / FILE) as other:
+    names(as_json, folder)
+    with closing(sqlite3.connect(folder / FILE)) as other:
         other.execute(f"PRAGMA user_version = {VERSION + 1}")
-        other.execute("CREATE TABLE run (other)")
-    other.close()
     assert names(as_json, folder) == everything
+    (folder / FILE).unlink()
+    with closing(sqlite3.connect(folder / FILE)) as other:
+        other.execute("CREATE TABLE run (other)")
+    assert names(as_json, folder) == everything
+    with closing(sqlite3.connect(folder / FILE)) as other:
+        assert other.execute("SELECT name FROM sqlite_master").fetchall() == [("run",)], (
+            "of somebody else, and as it was"
+        )
+    (folder / FILE).unlink()
     shutil.rmtree(folder / "second")
     assert names(as_json, folder) == ["first", "third"]
+
+
+def test_a_link_in_its_place_leads_nowhere(folder: Path, tmp_path: Path, as_json: AsJson) -> None:
+    (folder / FILE).symlink_to(tmp_path / "elsewhere.sqlite")
+    assert names(as_json, folder) == ["first", "second", "third"]
+    assert not (tmp_path / "elsewhere.sqlite").exists()
+
+
+def test_what_is_not_unicode_is_listed_as_well(folder: Path, as_json: AsJson) -> None:
+    strange = folder / os.fsdecode(b"fou\xffth")
+    (folder / "first").rename(strange)
+    values = json.loads((strange / "manifest.json").read_text("utf-8"))
+    values["protocol"]["settings"] |= {"dataset": "\ud800", "images": 10**400, "\ud801": 1}
+    (strange / "manifest.json").write_text(json.dumps(values), "utf-8")
+    assert len(names(as_json, folder)) == 3
+    assert len(names(as_json, folder, "--where", "not images > 1")) == 1
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="nothing is forbidden to this user")
