@@ -4,6 +4,8 @@ from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+LAST_PORT = 14
+
 Number = TypeVar("Number", int, float)
 
 
@@ -22,6 +24,8 @@ def parse_ports(value: object) -> object:
         first, _, last = part.strip().partition("-")
         if not (first.isdecimal() and (last or first).isdecimal() and max(len(first), len(last)) <= 2):
             raise ValueError(f"{value!r} is not a list of ports: write it like '2-6' or '2,3,5'")
+        if int(last or first) > LAST_PORT:
+            raise ValueError(f"the chip has ports 1 to {LAST_PORT}, and 0 is the fibre before it: choose of these")
         ports.extend(range(int(first), int(last or first) + 1))
     return tuple(ports)
 
@@ -37,7 +41,7 @@ def require_distinct(values: tuple[Number, ...]) -> tuple[Number, ...]:
     return values
 
 
-Port = Annotated[int, Field(ge=0, le=14)]
+Port = Annotated[int, Field(ge=0, le=LAST_PORT)]
 _Ranges = Annotated[str, Field(pattern=r"^\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?(,\s*\d{1,2}\s*(-\s*\d{1,2}\s*)?)*$")]
 Ports = Annotated[
     tuple[Port, ...],

@@ -1,6 +1,8 @@
 """TOML files that may be anybody's: bounded before they are parsed, and taken as data or refused in one line."""
 
 import tomllib
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,15 +71,20 @@ def _check(value: object, depth: int = 0) -> None:
             raise TomlError("it holds a whole number of more than 64 bits")
 
 
-def describe(error: "ValidationError") -> str:
-    """The first fault of a validation in one line: key, value, what is wrong; each cut to what a line can hold."""
+def describe(error: "ValidationError", keys: Iterable[str] = ()) -> str:
+    """The first fault of a validation in one line: key, value, what is wrong; each cut to what a line can hold.
+
+    keys: those that there are: the one most like an unknown one is named.
+    """
     fault = error.errors(include_url=False)[0]
     key = _cut(".".join(str(part) for part in fault["loc"]))
     if fault["type"] == "missing":
         return f"{key} is missing: write it"
     value = _cut(repr(fault["input"]))
     if fault["type"] == "extra_forbidden":
-        return f"{key} = {value}: unknown key: check its spelling against the reference of settings"
+        meant = get_close_matches(str(fault["loc"][-1]), keys, 1)
+        hint = f"did you mean {meant[0]}?" if meant else "check its spelling against the reference of settings"
+        return f"{key} = {value}: unknown key: {hint}"
     message = _cut(fault["msg"].removeprefix("Value error, "))
     return f"{key} = {value}: {message}" if key else message
 

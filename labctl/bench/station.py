@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
@@ -279,9 +280,16 @@ def read_station(path: Path | None) -> Station:
     except TomlError as error:
         raise StationError(f"{path}: is not TOML ({error}): correct that line") from None
     except ValidationError as error:
-        raise StationError(f"{path}: {describe(error)}") from None
+        raise StationError(f"{path}: {describe(error, _keys())}") from None
     except StationError as error:
         raise StationError(f"{path}: {error}") from None
+
+
+def _keys() -> set[str]:
+    """Every key that some table of some station has."""
+    tables: list[type[BaseModel]] = [Station, *(found.section for role in USUAL for found in installed(role).values())]
+    tables += [LimitsSection, WiringSection, DurabilitySection, CalibrationSection, SimSection]
+    return {key for table in tables for key in table.model_fields}
 
 
 def write_addresses(path: Path, addresses: Mapping[str, str], station: Station = SIMULATED_STATION) -> None:

@@ -31,7 +31,7 @@ def list_data(data: DataOption = None, as_json: JsonOption = False) -> int:
                     row["kind"],
                     row["shape"],
                     row["licence"],
-                    row["path"] or f"labctl data fetch {row['name']}",
+                    row["path"] or row["obtain"],
                 )
                 for row in rows
             ),

@@ -1,5 +1,6 @@
 """`labctl run`: one acquisition."""
 
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -52,7 +53,7 @@ def run(
     acquisition = Acquisition(asked, found, directory, data, access, profile)
     if dry_run:
         plan = _plan(acquisition)
-        show(plan, as_json, lambda: table(("what", "value"), plan.items()))
+        show(plan, as_json, lambda: table(("what", "value"), _for_people(plan)))
         return DONE
     options = options_again(attended=attended, armed=armed, data=data)
     with interruptible() as interruption, resumable(directory, options), progress_bar(asked.name) as progress:
@@ -72,6 +73,7 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
         size = bytes_needed(Request(protocol, inputs, acquisition.station), bench)
         passes = protocol.passes(bench)
         aliased = aliasing(protocol.sample_rate, bench.scope.bandwidth_hz)
+        seconds, power_w = protocol.duration_s(bench, len(shots)), acquisition.station.laser.power
         return {
             "protocol": protocol.name,
             "digest": protocol.digest(),
@@ -80,10 +82,31 @@ def _plan(acquisition: Acquisition) -> dict[str, Any]:
             "passes": len(passes),
             "ports": [list(pass_.patching.values()) for pass_ in passes],
             "samples": protocol.sample_count(inputs),
-            "estimated_seconds_on_a_real_bench": protocol.duration_s(bench, len(shots)),
+            "wavelengths_nm": sorted({one.wavelength_nm for one in passes}),
+            "laser_power_w": power_w,
+            "estimated_seconds_on_a_real_bench": seconds,
+            "dose_j": power_w * seconds,
             "bytes_needed": size,
             **({} if aliased is None else {"aliasing": aliased}),
         }
+
+
+def _for_people(plan: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The plan with units; a person is told no digest."""
+    with_units: dict[str, tuple[str, Callable[[Any], str]]] = {
+        "wavelengths_nm": ("wavelengths", lambda found: f"{', '.join(f'{one:g}' for one in found)} nm"),
+        "laser_power_w": ("laser power", lambda found: f"{1e3 * found:g} mW"),
+        "estimated_seconds_on_a_real_bench": ("time on a real bench", lambda found: f"{found:.0f} s"),
+        "dose_j": ("light in that time", lambda found: f"{found:.3g} J at most"),
+        "bytes_needed": ("on disk", lambda found: f"{1e-6 * found:.1f} MB"),
+        "ports": ("ports", lambda found: "; ".join(", ".join(map(str, one)) for one in found)),
+    }
+    rows = []
+    for key, value in plan.items():
+        if key != "digest":
+            title, written = with_units.get(key, (key, str))
+            rows.append((title, written(value)))
+    return rows
 
 
 def describe(outcome: Outcome, options: str) -> dict[str, Any]:

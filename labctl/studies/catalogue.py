@@ -5,6 +5,7 @@ runs, and without it, or where none can be written, it is made anew.
 """
 
 import json
+import math
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +21,6 @@ from labctl.runs.format.manifest import Manifest
 from labctl.runs.index import RunRow, run_directories, run_row
 from labctl.runs.live.owner import writer_of
 from labctl.runs.notes import Notes, read_notes
-from labctl.studies.readout_file import load_metadata
 from labctl.studies.search import condition, words_in
 
 FILE = "catalogue.sqlite"
@@ -202,7 +202,7 @@ def _values(value: Any) -> list[str | float]:
     """A setting as numbers and text: nothing for None and no text, every element of a list."""
     if isinstance(value, bool | int | float):
         with suppress(OverflowError):
-            return [float(value)]
+            return [number] if math.isfinite(number := float(value)) else []
     if isinstance(value, str):
         return [_text(value)] if value else []
     if isinstance(value, list | tuple):
@@ -216,8 +216,10 @@ def _text(value: str) -> str:
 
 
 def _accuracy(path: Path) -> list[float]:
+    from labctl.studies.readout_file import load_metadata  # takes longer to load than a list of runs takes
+
     try:
         score = load_metadata(path).get("accuracy")
     except AnalysisError:
         return []
-    return [float(score)] if isinstance(score, int | float) else []
+    return [float(score)] if isinstance(score, int | float) and math.isfinite(score) else []

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from instruments.ports import parse_ports
 
 
-@given(st.lists(st.integers(0, 99), min_size=1, unique=True))
+@given(st.lists(st.integers(0, 14), min_size=1, unique=True))
 def test_port_lists_round_trip(ports: list[int]) -> None:
     assert parse_ports(",".join(map(str, ports))) == tuple(ports)
 
@@ -17,3 +17,8 @@ def test_ranges_and_single_ports() -> None:
     assert parse_ports(3) == (3,)
     with pytest.raises(ValueError, match=r"'2-x' is not a list of ports: write it like '2-6'"):
         parse_ports("2-x")
+
+
+def test_a_port_that_the_chip_does_not_have() -> None:
+    with pytest.raises(ValueError, match=r"the chip has ports 1 to 14, and 0 is the fibre before it"):
+        parse_ports("2-99")
