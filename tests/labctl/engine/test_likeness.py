@@ -191,3 +191,55 @@ def test_no_light() -> None:
 def noise() -> NDArray[np.int8]:
     drawn = np.random.default_rng(4).normal(0, NOISE, RIGHT.shape)
     return np.rint(drawn).astype(np.int8)
+
+
+def test_a_reference_that_strays_is_still_its_own() -> None:
+    """Jitter and gain are common to a record: it is nearer to no other picture, and not as far as others are."""
+    shot = next(shot.index for shot in SHOTS[50:] if shot.kind is ShotKind.REFERENCE)
+    codes = RIGHT.copy()
+    strays = np.random.default_rng(6).normal(0, 0.68 * LIGHT, codes[shot].shape)
+    codes[shot] = np.clip(codes[shot] + np.rint(strays), -128, 127)
+    assert examined(SHOTS, codes) is None
+
+
+@pytest.mark.parametrize("off", [-1, 1])
+def test_a_reference_among_pictures_nearly_like_it_is_told_from_those_beside_it(off: int) -> None:
+    """Records that come late or early differ from the reference by less than pictures do as a rule."""
+    alike = [shot.index - 1 for shot in SHOTS if shot.kind is ShotKind.REFERENCE and shot.index > 30]
+    codes = RIGHT.copy().astype(np.float64)
+    generator = np.random.default_rng(10)
+    for shot in alike:
+        codes[shot] = RIGHT[0] + generator.normal(0, 0.4 * LIGHT, codes[shot].shape)
+    right = np.clip(np.rint(codes), -128, 127).astype(np.int8)
+    assert examined(SHOTS, right) is None
+    late = np.roll(right, -off, axis=0)
+    late[:40] = right[:40]
+    finding = examined(SHOTS, late)
+    assert finding is not None
+    assert finding.first <= 40
+
+
+def test_where_records_come_near_one_another_by_chance_none_is_held_against_the_one_before() -> None:
+    codes = RIGHT.copy()
+    near = next(shot.index for shot in SHOTS[20:] if {shot.kind, SHOTS[shot.index - 1].kind} == {ShotKind.IMAGE})
+    codes[near] = np.rint(again(codes[near - 1]) + np.random.default_rng(12).normal(0, 1.75 * NOISE, codes[near].shape))
+    assert examined(SHOTS, codes, 1000) is None
+    later = near + 2
+    codes[later] = again(codes[later - 1])
+    assert examined(SHOTS, codes, 1000) is None
+
+
+def test_what_was_doubted_is_measured_again_and_held_against_what_was_before() -> None:
+    late = RIGHT.copy()
+    late[47:] = RIGHT[46:-1]
+    late[47] = again(late[47])
+    likeness = Likeness(SHOTS, alike_by(pictures(len(SHOTS))))
+    finding = likeness.examine(0, late)
+    assert finding is not None
+    assert finding.told_by is not None
+    likeness.measured_again(finding)
+    assert likeness.examine(finding.first, RIGHT[finding.first :]) is None
+    likeness.measured_again(finding)
+    same = likeness.examine(finding.first, late[finding.first :])
+    assert same is not None
+    assert same.told_by == finding.told_by
