@@ -221,10 +221,12 @@ def test_a_reference_among_pictures_nearly_like_it_is_told_from_those_beside_it(
 
 def test_where_records_come_near_one_another_by_chance_none_is_held_against_the_one_before() -> None:
     codes = RIGHT.copy()
-    near = next(shot.index for shot in SHOTS[20:] if {shot.kind, SHOTS[shot.index - 1].kind} == {ShotKind.IMAGE})
+    near, later = (
+        next(shot.index for shot in SHOTS[first:] if {shot.kind, SHOTS[shot.index - 1].kind} == {ShotKind.IMAGE})
+        for first in (20, 30)
+    )
     codes[near] = np.rint(again(codes[near - 1]) + np.random.default_rng(12).normal(0, 1.75 * NOISE, codes[near].shape))
     assert examined(SHOTS, codes, 1000) is None
-    later = near + 2
     codes[later] = again(codes[later - 1])
     assert examined(SHOTS, codes, 1000) is None
 
