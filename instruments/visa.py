@@ -1,6 +1,7 @@
 """The VISA link: one instrument, with text, binary blocks, its error queue, bounded waits and a transcript."""
 
 import contextlib
+import errno
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -8,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pyvisa.rname import InvalidResourceName, ResourceName
 
 from instruments.errors import InstrumentError, LinkError, excerpt
 from instruments.sessions import ENCODING, FAILURES, Digest, OtherLength, Session, came_late
@@ -19,6 +21,8 @@ ErrorQueue = Callable[["VisaLink"], list[str]]
 Answer = TypeVar("Answer")
 Block = TypeVar("Block", bound=NDArray[Any])
 
+EXAMPLE = "TCPIP0::192.0.2.10::inst0::INSTR"
+"""Of an address, for messages."""
 MAX_ERRORS_READ = 64
 MOST_TOLD = 5
 """Different errors that a message quotes."""
@@ -265,12 +269,22 @@ class VisaLink:
             )
         except Exception as error:  # pyvisa-py raises the bare class when a connection cannot be made
             raise LinkError(
-                f"{self.name} at {self.resource} cannot be reached ({_one_line(error)}): check address, cable and power"
+                f"{self.name} at {self.resource} cannot be reached ({self._why(error)}): check address, cable and power"
             ) from error
         self._session = session
         if self._recorder is not None:
             self._tap = self._recorder.tap(self.name, self.resource)
         return session
+
+    def _why(self, error: Exception) -> str:
+        """Why there is no session: what pyvisa and pyvisa-py raise for two kinds of wrong address speaks of others."""
+        try:
+            ResourceName.from_string(self.resource)
+        except InvalidResourceName:
+            return f"that is no VISA address; one is written like {EXAMPLE}"
+        if isinstance(error, OSError) and error.errno == errno.EBADF:
+            return "nothing on the network has that name or address"
+        return _one_line(error)
 
     def _log(self, direction: str, message: str) -> None:
         if self._tap is not None:

@@ -15,6 +15,7 @@ from instruments.remedies import unwritable
 from instruments.sections import SIMULATED, USB, InstrumentSection, PatchPanelSection
 from instruments.toml_files import describe
 from instruments.units import quantity
+from instruments.visa import EXAMPLE
 from labctl.bench.discovery import SERIAL, Answer, answers_at, visible_addresses
 from labctl.bench.draft import draft
 from labctl.bench.drivers import driver, installed
@@ -34,7 +35,6 @@ TITLES = {
     "patch_panel": "patch panel",
 }
 EVERY_PORT = "0-9,11-14"
-EXAMPLE = "TCPIP0::192.0.2.10::inst0::INSTR"
 BEFORE_QUESTIONS = f"""\
 Enter takes what is in brackets, or leaves open what is not there; '{SIMULATED}' stands in for it.
 An address is written as VISA does, such as {EXAMPLE}."""

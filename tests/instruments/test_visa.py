@@ -161,3 +161,17 @@ def test_an_address_that_is_none(log: Any) -> None:
     link = VisaLink("somewhere", name="awg", timeout_s=0.3, transcript=log)
     with pytest.raises(LinkError, match="awg at somewhere cannot be reached"):
         link.query("*IDN?")
+
+
+@pytest.mark.parametrize(
+    ("resource", "why"),
+    [
+        ("nonsense", "that is no VISA address; one is written like TCPIP0::192.0.2.10::inst0::INSTR"),
+        ("TCPIP::no-such-host.invalid::INSTR", "nothing on the network has that name or address"),
+    ],
+)
+def test_an_address_that_is_none_is_told_so(resource: str, why: str) -> None:
+    link = VisaLink(resource, name="scope", timeout_s=1.0, transcript=lambda *_: None)
+    with pytest.raises(LinkError) as refused:
+        link.query("*IDN?")
+    assert str(refused.value) == f"scope at {resource} cannot be reached ({why}): check address, cable and power"
