@@ -6,8 +6,9 @@ from enum import StrEnum
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
+from scipy.stats import binomtest
 
 from labctl.errors import AnalysisError
 
@@ -45,6 +46,18 @@ class Bound:
 
     def _kept(self, value: float) -> bool:
         return value >= self.limit if self.sign == ">=" else value <= self.limit
+
+
+def interval(right: NDArray[np.bool_]) -> tuple[float, float]:
+    """Wilson's interval of an accuracy of which these shots are a sample, at `CONFIDENCE`.
+
+    Example:
+        >>> from labctl.analysis.intervals import interval
+        >>> [round(end, 3) for end in interval(np.repeat([True, False], [90, 10]))]
+        [0.826, 0.945]
+    """
+    found = binomtest(int(right.sum()), right.size).proportion_ci(CONFIDENCE, "wilson")
+    return float(found.low), float(found.high)
 
 
 def pooled(scores: Iterable[ArrayLike]) -> Statistic:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 from sklearn.linear_model import RidgeClassifierCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -25,7 +24,6 @@ FOLLOWING = {"rls": "recursive least squares", "nlms": "NLMS"}
 FROZEN = {"softmax": "softmax, frozen", "ridge": "ridge, frozen"}
 READOUTS = FOLLOWING | FROZEN
 """What is compared, by its key, in words."""
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -78,18 +76,6 @@ def first_showings(groups: NDArray[Any], before: NDArray[Any] | None = None) -> 
     first = np.zeros(groups.size, np.bool_)
     first[np.unique(groups, return_index=True)[1]] = True
     return first if before is None else first & ~np.isin(groups, before)
-
-
-def interval(right: NDArray[np.bool_]) -> tuple[float, float]:
-    """Wilson's interval of an accuracy of which these shots are a sample, at `CONFIDENCE`.
-
-    Example:
-        >>> from labctl.analysis.prequential import interval
-        >>> [round(end, 3) for end in interval(np.repeat([True, False], [90, 10]))]
-        [0.826, 0.945]
-    """
-    found = binomtest(int(right.sum()), right.size).proportion_ci(CONFIDENCE, "wilson")
-    return float(found.low), float(found.high)
 
 
 def _readouts() -> dict[str, Any]:

@@ -55,12 +55,17 @@ def seconds(text: str) -> float:
 
 def _print_training(trained: dict[str, Any]) -> None:
     say(f"{trained['model']}: softmax on {trained['features']} features, {trained['training_shots']} training shots")
-    say(f"accuracy on the {trained['test_shots']} shots kept apart: {trained['accuracy']:.3f}")
+    say(f"accuracy on the {trained['test_shots']} shots kept apart: {_with_interval(trained)}, 95 % interval")
+
+
+def _with_interval(found: dict[str, Any]) -> str:
+    low, high = found["interval"]
+    return f"{found['accuracy']:.3f} [{low:.3f}, {high:.3f}]"
 
 
 def _print_evaluation(found: dict[str, Any]) -> None:
     rows = [
-        ("this readout, unseen shots", f"{found['accuracy']:.3f}", f"{found['test_shots']} shots"),
+        ("this readout, unseen shots", _with_interval(found), f"{found['test_shots']} shots, 95 % interval"),
         (
             "random splits",
             f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}",

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.prequential import READOUTS, interval, prequential
+from labctl.analysis.intervals import interval
+from labctl.analysis.prequential import READOUTS, prequential
 from labctl.analysis.windows import WindowFeatures
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run

@@ -21,7 +21,7 @@ from labctl.analysis.evaluation import (
     window_key,
     windows_to_try,
 )
-from labctl.analysis.intervals import Verdict
+from labctl.analysis.intervals import Verdict, interval
 from labctl.analysis.readouts import softmax_readout
 from labctl.analysis.splits import SEEDS, Split, enough_splits, forward_in_time_split, own_split, random_splits
 from labctl.datasets import catalogue
@@ -81,7 +81,7 @@ def train_readout(
         raise AnalysisError(f"{directory}: all images are of one class: there is nothing to tell apart")
     with threadpool_limits(1):
         pipeline.fit(records.traces[train], records.labels[train])
-    score = float(np.mean(pipeline.predict(records.traces[test]) == records.labels[test]))
+    right = pipeline.predict(records.traces[test]) == records.labels[test]
     path = out or RunPaths(directory).models / f"softmax-{window_key(window_s)}ns-ports-{'-'.join(map(str, chosen))}.h5"
     metadata = {
         "readout": "softmax",
@@ -94,7 +94,8 @@ def train_readout(
         "training_shots": int(train.size),
         "test_shots": int(test.size),
         "test_groups": np.unique(records.groups[test]).tolist(),
-        "accuracy": score,
+        "accuracy": float(np.mean(right)),
+        "interval": interval(right),
     }
     with writing(path, "name another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -146,6 +147,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "run": str(directory),
         "test_shots": int(test.size),
         "accuracy": float(np.mean(predicted == records.labels[test])),
+        "interval": interval(predicted == records.labels[test]),
         "splits": splits,
         "random_splits": mean_and_sd(random.scores),
         "forward_in_time": float(forward.scores[0]),
