@@ -26,6 +26,8 @@ from labctl.studies.search import condition, words_in
 FILE = "catalogue.sqlite"
 APPLICATION, VERSION = 0x6C616263, 1
 """What the file says of itself and of its tables: one of another version is made anew, any other is let alone."""
+LISTED = ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned", "state", "problem")
+"""Keys that are attributes of `RunRow`."""
 MOST_VALUES = 64
 """Of one setting that is a list."""
 LONGEST_VALUE = 4000
@@ -66,8 +68,10 @@ class Catalogue:
         """
         with self._open() as database:
             keys = self._keys(database)
-            if sort not in keys and keys:
-                raise UsageError(f"{sort}: no run here has that: sort by one of {', '.join(sorted(keys))}")
+            if sort not in keys.union(LISTED):
+                raise UsageError(
+                    f"{sort}: no run here has that: sort by one of {', '.join(sorted(keys.union(LISTED)))}"
+                )
             sql, values = condition(words, keys)
             largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
             chosen = database.execute(
@@ -185,7 +189,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
         if isinstance(station, dict):
             found["bench"] = _values(station.get("name"))
         found["accuracy"] = [score for path in paths.readouts for score in _accuracy(path)]
-    for key in ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned", "state", "problem"):
+    for key in LISTED:
         found[key] = _values(getattr(row, key))
     with suppress(ValueError):
         found["started"] = [datetime.fromisoformat(row.started).astimezone(UTC).isoformat()]

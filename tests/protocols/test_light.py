@@ -10,7 +10,7 @@ from instruments.errors import InstrumentError
 from instruments.values import Frames, Timebase
 from labctl.bench.opening import opened
 from labctl.bench.station import SimSection, Station, WiringSection
-from labctl.engine.inputs import images_for
+from labctl.engine.inputs import images_for, inputs_for
 from protocols.base import Measurement
 from protocols.ghost_imaging import GhostImaging
 from protocols.image_readout import ImageReadout
@@ -77,7 +77,7 @@ def test_light_of_a_fifth_of_the_noise_is_found_in_more_probes(bench: Any) -> No
 )
 def test_nothing_is_recorded_without_light(log: Any, protocol: Measurement[Any]) -> None:
     station = Station(wiring=WiringSection(burst=True), sim=SimSection(parameters={"fibre_loss_db": 300.0}))
-    inputs = images_for(protocol)
+    inputs = inputs_for(protocol)
     with opened(station, log) as found, pytest.raises(InstrumentError, match="no light"):
         next(protocol.acquire(found.bench, inputs, protocol.parts(found.bench, inputs)))
 
