@@ -48,7 +48,7 @@ from sim_backends.world.world import World
 
 SMALL = Parameters(chip_modes=50)
 RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=6", "--set", "window=0.4 ns")
-"""Port 6 of this bench has light that one pair of probes shows: more of them would move the moments, which are counts."""
+"""Port 6 of this bench has light that one pair of probes shows: more would move the moments, which are counts."""
 TIMEOUT_S = 0.4
 BOUNDS = {
     "instruments.tektronix_awg70002a.SLOW_S": TIMEOUT_S,
