@@ -19,9 +19,9 @@ from pathlib import Path
 
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
+from labctl.runs.catalogue import FILE, Catalogue
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_directories
-from labctl.studies.catalogue import FILE, Catalogue
 from protocols.image_readout import ImageReadout
 
 RUNS = 10_000

@@ -11,8 +11,8 @@ import typer
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.errors import UsageError
+from labctl.runs.catalogue import Catalogue, Found
 from labctl.runs.index import RunRow, State
-from labctl.studies.catalogue import Catalogue, Found
 
 STATES = get_args(State)
 EXAMPLE = '"images >= 300 and accuracy > 0.9 and tag = good"'

@@ -14,13 +14,13 @@ from labctl.dashboard.following import Following
 from labctl.dashboard.learning import Learning
 from labctl.dashboard.state import ENDED, Phase, RunState, advanced
 from labctl.errors import RunError, UsageError
+from labctl.runs.catalogue import Catalogue
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import RunRow, run_directories, run_row
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import is_elsewhere, writer_named
 from labctl.runs.read.follower import Follower, Latest
-from labctl.studies.catalogue import Catalogue
 
 LOOK_EVERY_S = 0.25
 LIST_EVERY_S = 2.0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from labctl.studies.catalogue import FILE, VERSION, Catalogue
+from labctl.runs.catalogue import FILE, VERSION, Catalogue
 from tests.labctl.commands.conftest import AsJson, Typed
 
 

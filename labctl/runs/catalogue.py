@@ -15,19 +15,21 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from labctl.errors import AnalysisError, RunError, UsageError
+from labctl.errors import RunError, UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.index import RunRow, run_directories, run_row
 from labctl.runs.live.owner import writer_of
 from labctl.runs.notes import Notes, read_notes
-from labctl.studies.search import condition, words_in
+from labctl.runs.search import condition, words_in
 
 FILE = "catalogue.sqlite"
 APPLICATION, VERSION = 0x6C616263, 1
 """What the file says of itself and of its tables: one of another version is made anew, any other is let alone."""
 LISTED = ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned", "state", "problem")
 """Keys that are attributes of `RunRow`."""
+LARGEST_READOUT = 1 << 30
+"""Bytes that a readout's file may unfold to."""
 MOST_VALUES = 64
 """Of one setting that is a list."""
 LONGEST_VALUE = 4000
@@ -59,7 +61,7 @@ class Catalogue:
         self._folder = folder
 
     def find(self, words: str = "", *, sort: str = "started", limit: int | None = None) -> list[Found]:
-        """The runs that `words` ask for, as `labctl.studies.search` reads them, the newest or largest last.
+        """The runs that `words` ask for, as `labctl.runs.search` reads them, the newest or largest last.
 
         sort: any key; of several values the largest counts. limit: the last so many.
 
@@ -220,10 +222,13 @@ def _text(value: str) -> str:
 
 
 def _accuracy(path: Path) -> list[float]:
-    from labctl.studies.readout_file import load_metadata  # takes longer to load than a list of runs takes
+    """What a readout scored on the shots kept apart, as its file says."""
+    from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked  # h5py takes long to load
 
     try:
-        score = load_metadata(path).get("accuracy")
-    except AnalysisError:
+        with walked(path) as file:
+            check_plain(file, LARGEST_READOUT)
+            score = json.loads(attribute(file, "metadata"))["accuracy"]
+    except (*HDF5_ERRORS, RunError):
         return []
     return [float(score)] if isinstance(score, int | float) and math.isfinite(score) else []

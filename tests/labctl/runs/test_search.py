@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labctl.errors import UsageError
-from labctl.studies.search import LONGEST, condition, words_in
+from labctl.runs.search import LONGEST, condition, words_in
 
 RUNS: dict[str, dict[str, list[str | float]]] = {
     "a-image": {"protocol": ["image-readout"], "images": [300.0], "window": [1e-9], "tag": ["good", "shown twice"]},
