@@ -20,9 +20,9 @@ SURE = 4.0
 where a receiver slower than the sampling makes half of the samples depend on the others."""
 FEWEST_SAMPLES = 3
 """Of a record that has a course in time."""
-MOST_SAMPLES, LONGEST_S = 4096, 30.0
+MOST_SAMPLES, LONGEST_S = 32768, 30.0
 """Of each channel, and for how long, light is looked for in more probes where noise hides it in one: so many samples of
-four channels show light of a fifth of the noise."""
+four channels show light of a tenth of the noise, and so many of one channel light of a seventh."""
 
 Capture = Callable[[], Frames]
 

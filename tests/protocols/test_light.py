@@ -67,7 +67,7 @@ def test_light_of_a_fifth_of_the_noise_is_found_in_more_probes(bench: Any) -> No
     "protocol",
     [
         ImageReadout(images=40),
-        ImageReadout(images=40, timing="burst", window=0.4e-9),
+        ImageReadout(images=40, timing="burst"),
         ImageReadout(images=4, averages=4, ports=(2,)),
         WavelengthScan(images=4, steps=2),
         GhostImaging(images=4, patterns=24),
