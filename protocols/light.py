@@ -15,12 +15,12 @@ from instruments.bench import Bench
 from instruments.errors import InstrumentError
 from instruments.values import Frames
 
-SURE = 4.0
-"""Standard deviations of noise that a correlation must exceed: by chance it does once in 30 000 cases, or in some 5000
-where a receiver slower than the sampling makes half of the samples depend on the others."""
+SURE = 3.0
+"""Standard deviations of noise that a correlation must exceed. Of pairs of noise one in 700 does, more where a receiver
+is slower than the sampling; the comparison of records with dark ones finds those a little later."""
 FEWEST_SAMPLES = 3
 """Of a record that has a course in time."""
-MOST_SAMPLES, LONGEST_S = 32768, 30.0
+MOST_SAMPLES, LONGEST_S = 32768, 60.0
 """Of each channel, and for how long, light is looked for in more probes where noise hides it in one: so many samples of
 four channels show light of a tenth of the noise, and so many of one channel light of a seventh."""
 
