@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 from scipy.stats import binomtest
 
@@ -48,15 +48,15 @@ class Bound:
         return value >= self.limit if self.sign == ">=" else value <= self.limit
 
 
-def interval(right: NDArray[np.bool_]) -> tuple[float, float]:
-    """Wilson's interval of an accuracy of which these shots are a sample, at `CONFIDENCE`.
+def interval(right: int, tested: int) -> tuple[float, float]:
+    """Wilson's interval of an accuracy of which `tested` shots are a sample, `right` of them right, at `CONFIDENCE`.
 
     Example:
         >>> from labctl.analysis.intervals import interval
-        >>> [round(end, 3) for end in interval(np.repeat([True, False], [90, 10]))]
+        >>> [round(end, 3) for end in interval(90, 100)]
         [0.826, 0.945]
     """
-    found = binomtest(int(right.sum()), right.size).proportion_ci(CONFIDENCE, "wilson")
+    found = binomtest(right, tested).proportion_ci(CONFIDENCE, "wilson")
     return float(found.low), float(found.high)
 
 

@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.values import Codes
-from labctl.engine.repetition import Repetition
+from labctl.engine.repetition import UNLIKELY, Repetition
 from protocols.base import Images, Inputs, Shot, ShotKind
 
-UNLIKELY = 1e-7
-"""How improbable it must be that chance alone makes records look wrong."""
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
 STEADY = 0.1
@@ -96,19 +94,21 @@ class Unlike:
     A gap must be between those and all that differ: otherwise some of them are so near by chance.
     """
 
-    def __init__(self, shots: Sequence[Shot], alike: Alike) -> None:
-        """Of a pass that measures `shots`."""
+    def __init__(self, shots: Sequence[Shot], alike: Alike, other: Callable[[int], Shot]) -> None:
+        """Of a pass that measures `shots`; `other`: the one that the record of a shot is held against."""
         self._shots = shots
         self._alike = alike
+        self._other = other
         self._between = 0  # records that lay in the gap
 
-    def unlike(
-        self, shots: NDArray[Any], times: NDArray[np.float64], others: Sequence[Shot], faint: float
-    ) -> list[int]:
-        """Those of `shots` whose records differ from those of `others` by no more than the noise: by 1 `times` it."""
-        places = np.flatnonzero(times <= GAP).tolist()
-        near = [place for place in places if not self._alike(others[place], self._shots[shots[place]], faint)]
-        found = [int(shots[place]) for place in near if times[place] <= 1]
+    def unlike(self, shots: NDArray[Any], times: NDArray[np.float64], faint: float) -> list[int]:
+        """Those of `shots` whose records differ from those of the others by no more than the noise: by 1 `times` it."""
+        near = [
+            (shot, nearness)
+            for shot, nearness in zip(shots[times <= GAP].tolist(), times[times <= GAP].tolist(), strict=True)
+            if not self._alike(self._other(shot), self._shots[shot], faint)
+        ]
+        found = [shot for shot, nearness in near if nearness <= 1]
         self._between += len(near) - len(found)
         return [] if self._between else found
 
@@ -130,9 +130,8 @@ class Likeness:
         self._last: Known | None = None
         self._dark_record: Known | None = None
         self._reference: Known | None = None
-        self._followed: tuple[Known, int, NDArray[np.float64]] | None = (
-            None  # the last two, if unusual, and their difference
-        )
+        # The references that came last, if unusual: the earlier one, the later one's shot, what they differ by.
+        self._followed: tuple[Known, int, NDArray[np.float64]] | None = None
         # Of each channel, shape (channels,):
         self._noise = self._most_noise = np.ones(1)  # of the difference of two dark records, as they say, and at most
         self._noise_of_light = np.zeros(1)  # variance that the reference's light adds to that of a difference
@@ -142,7 +141,8 @@ class Likeness:
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
         self._pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []  # of references: what differs, levels
-        self._from_before, self._from_dark = Unlike(shots, alike), Unlike(shots, alike)
+        self._from_before = Unlike(shots, alike, lambda shot: shots[shot - 1])
+        self._from_dark = Unlike(shots, alike, lambda shot: replace(shots[shot], kind=ShotKind.DARK))
         self._unjudged: list[tuple[NDArray[Any], ...]] = []  # shots, what they differ by from those before, mean codes
 
     def examine(self, first: int, codes: Codes) -> Finding | None:
@@ -205,12 +205,14 @@ class Likeness:
         lit, dark = self._lit[begin : begin + len(values)], self._dark[begin : begin + len(values)]
         late = np.flatnonzero(dark[:-1] & lit[1:])
         flat, following = _varies(values[late]), _varies(values[late + 1])
-        usually = float(np.median(_varies(values[lit]))) if lit.any() else 0.0
-        for place in late[(flat > FLAT * following) & (FLAT * flat > usually) & (usually > FLAT * following)]:
+        swapped = flat > FLAT * following
+        usually = float(np.median(_varies(values[lit]))) if swapped.any() else 0.0
+        for place in late[swapped & (FLAT * flat > usually) & (usually > FLAT * following)]:
             shot = begin + int(place)
             what = LATE.format(f"dark shot {shot} is lit and the next is not")
             return Finding(self._agreed, what, told_by=shot + 1)
-        darkened = np.flatnonzero(lit[:-1] & dark[1:] & (_varies(values[:-1]) > FLAT * LEAST_NOISE))
+        darkened = np.flatnonzero(lit[:-1] & dark[1:])
+        darkened = darkened[_varies(values[darkened]) > FLAT * LEAST_NOISE]
         for place in darkened[_part_of(values[darkened], values[darkened + 1]) > LIT_ALIKE]:
             return Finding(self._agreed, STUCK.format(begin + place + 1))
         return None
@@ -311,12 +313,9 @@ class Likeness:
         light = np.clip((levels - dark.mean(axis=1)) / self._light, 0, 1)
         noise = _times(self._most_noise**2 + self._noise_of_light * light, self._most_noise)
         from_before = _times(differences, self._most_noise) / (allowed * noise)
-        before = [self._shots[int(shot) - 1] for shot in shots]
-        darkened = [replace(self._shots[begin + int(place)], kind=ShotKind.DARK) for place in lit]
-        found = dict.fromkeys(self._from_dark.unlike(begin + lit, from_dark / allowed, darkened, faint), "is dark")
-        found |= dict.fromkeys(
-            self._from_before.unlike(shots, from_before, before, faint), "is that of the shot before"
-        )
+        dark_ones = self._from_dark.unlike(begin + lit, from_dark / allowed, faint)
+        found = dict.fromkeys(dark_ones, "is dark")
+        found |= dict.fromkeys(self._from_before.unlike(shots, from_before, faint), "is that of the shot before")
         for shot in self._confirmed:
             found.pop(shot, None)
         if not found:

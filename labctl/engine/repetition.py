@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 UNLIKELY = 1e-7
-"""How improbable it must be that channels repeat themselves by chance."""
+"""How improbable it must be that chance alone makes records look wrong."""
 REPEATED = 0.17
 """Part of the samples that repeat themselves at least: 1 / (2 s sqrt pi), where noise is the digitiser's alone.
 

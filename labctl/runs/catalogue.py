@@ -97,7 +97,10 @@ class Catalogue:
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
-        """The tables as the runs are now; in memory where no file can be written, or another process writes it."""
+        """The tables as the runs are now; in memory where no file can be written, or another process writes it.
+
+        They are refreshed in the transaction that opening them begins.
+        """
         with closing(self._connected()) as database:
             with database:
                 self._refresh(database)
@@ -138,7 +141,7 @@ def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
         raise sqlite3.DatabaseError("is of another program")
     if (application, version) != (APPLICATION, VERSION):
         database.executescript(_TABLES)
-    database.execute("BEGIN IMMEDIATE").connection.rollback()  # whether it can be written
+    database.execute("BEGIN IMMEDIATE")  # or another process writes it, or nobody can
     return database
 
 

@@ -78,4 +78,4 @@ def in_words(found: dict[str, Any]) -> list[str]:
 
 
 def _accuracy(right: NDArray[np.bool_]) -> dict[str, Any]:
-    return {"accuracy": float(np.mean(right)), "interval": list(interval(right))}
+    return {"accuracy": float(np.mean(right)), "interval": list(interval(int(right.sum()), right.size))}

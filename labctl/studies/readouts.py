@@ -95,7 +95,7 @@ def train_readout(
         "test_shots": int(test.size),
         "test_groups": np.unique(records.groups[test]).tolist(),
         "accuracy": float(np.mean(right)),
-        "interval": interval(right),
+        "interval": interval(int(right.sum()), right.size),
     }
     with writing(path, "name another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -124,7 +124,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         own = _own_split(run, records)
     with _used(model, directory):
         unfitted = clone(readout)
-        predicted = readout.predict(records.traces[test])
+        right = readout.predict(records.traces[test]) == records.labels[test]
         random = validate(
             records.traces,
             records.labels,
@@ -146,8 +146,8 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "model": str(model),
         "run": str(directory),
         "test_shots": int(test.size),
-        "accuracy": float(np.mean(predicted == records.labels[test])),
-        "interval": interval(predicted == records.labels[test]),
+        "accuracy": float(np.mean(right)),
+        "interval": interval(int(right.sum()), right.size),
         "splits": splits,
         "random_splits": mean_and_sd(random.scores),
         "forward_in_time": float(forward.scores[0]),

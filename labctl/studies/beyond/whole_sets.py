@@ -7,14 +7,13 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt
-from scipy.stats import binomtest
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from instruments.units import Seconds
 from labctl.analysis.baselines import kernel_of_pixels_accuracy, raw_pixel_accuracy
 from labctl.analysis.evaluation import CrossValidation, validate, window_key
-from labctl.analysis.intervals import CONFIDENCE, Statistic
+from labctl.analysis.intervals import Statistic, interval
 from labctl.analysis.kernel import KernelClassifier
 from labctl.analysis.splits import Split, own_split
 from labctl.datasets import catalogue
@@ -159,10 +158,9 @@ def _statistic(by_bench: Iterable[float], tested: int) -> Statistic:
     """As `pooled` gives it, but with the interval over test images, which a single bench has too."""
     scores = np.array(list(by_bench))
     mean = float(scores.mean())
-    interval = binomtest(round(mean * tested), tested).proportion_ci(CONFIDENCE, "wilson")
+    low, high = interval(round(mean * tested), tested)
     spread = float(scores.std(ddof=1)) if scores.size > 1 else 0.0
-    ends = {"low": float(interval.low), "high": float(interval.high)}
-    return {"mean": mean, "sd": spread, "se": None, **ends, "by_bench": scores.tolist(), "splits": 1}
+    return {"mean": mean, "sd": spread, "se": None, "low": low, "high": high, "by_bench": scores.tolist(), "splits": 1}
 
 
 def _accuracy(one: SetSettings, here: dict[str, Any], baseline: dict[str, Any]) -> ExperimentFigure:
