@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,14 @@ class Judgement(StrEnum):
     ITSELF = "itself"
     EXPERIMENT = "experiment"
     NONE = "none"
+
+
+class Seeds(NamedTuple):
+    """What is drawn at random, each from a seed of its own: which images or sequences, their order, the drive."""
+
+    images: int
+    order: int
+    drive: int
 
 
 class Inputs(Protocol):
@@ -150,17 +158,20 @@ class Record:
 
 InputsT = TypeVar("InputsT", bound=Inputs)
 
+Seed = Annotated[int, Field(ge=0, lt=1 << 32)]
+OWN_SEEDS = frozenset({"image_seed", "order_seed", "drive_seed"})
+
 Events = Generator[PassStarted | Record, None, None]
 
 
 class Measurement(BaseModel, ABC, Generic[InputsT]):
     """The base of all protocols: frozen, so that it can be hashed, stored, and carried out again as it was.
 
-    `seed` fixes everything that is drawn at random: which images, their order, the drive. Frames are the mean of
-    `averages` triggers, each with the same weight. `sample_rate` is the oscilloscope's, S/s. `projector`: the light
-    comes by multimode fibre and DMD; otherwise it goes from the modulator straight into the chip. `takes`: what is
-    shown or played, `Images` by the settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by
-    `dataset`, `classes`, `symbols`.
+    `seed` fixes everything that is drawn at random: which images or sequences, their order, the drive; `image_seed`,
+    `order_seed` and `drive_seed` draw one of these from another seed. Frames are the mean of `averages` triggers, each
+    with the same weight. `sample_rate` is the oscilloscope's, S/s. `projector`: the light comes by multimode fibre and
+    DMD; otherwise it goes from the modulator straight into the chip. `takes`: what is shown or played, `Images` by the
+    settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by `dataset`, `classes`, `symbols`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -172,17 +183,27 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     judgement: ClassVar[Judgement] = Judgement.NONE
     added_settings: ClassVar[frozenset[str]] = frozenset()
 
-    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 1
+    seed: Seed = 1
+    image_seed: Seed | None = None
+    order_seed: Seed | None = None
+    drive_seed: Seed | None = None
     averages: Annotated[int, Field(ge=1, le=MOST_AVERAGES)] = 1
 
     def digest(self) -> str:
         """SHA-256 over the name and every setting, in hex: equal protocols have equal digests.
 
-        Settings of `added_settings` count where they are not at their defaults only.
+        Settings of `added_settings`, and seeds beside `seed`, count where they are not at their defaults only.
         """
         fields = type(self).model_fields
-        as_before = {name for name in self.added_settings if getattr(self, name) == fields[name].default}
+        added = self.added_settings | OWN_SEEDS
+        as_before = {name for name in added if getattr(self, name) == fields[name].default}
         return hashlib.sha256(f"{self.name} {self.model_dump_json(exclude=as_before)}".encode()).hexdigest()
+
+    @property
+    def seeds(self) -> Seeds:
+        """Those that are asked for, and `seed` for all others."""
+        own = (self.image_seed, self.order_seed, self.drive_seed)
+        return Seeds(*(self.seed if one is None else one for one in own))
 
     @abstractmethod
     def shots(self, inputs: InputsT) -> Sequence[Shot]:

@@ -111,7 +111,7 @@ class DynamicScene(Measurement[Images]):
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
         """The pseudorandom drive of an image readout with the same seed, or of ghost imaging."""
-        return pseudorandom_drive(bench, self.seed, repeats_after_s=self.repeats_after)
+        return pseudorandom_drive(bench, self.seeds.drive, repeats_after_s=self.repeats_after)
 
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
@@ -165,7 +165,7 @@ class DynamicScene(Measurement[Images]):
             raise ProtocolError(
                 f"{self.dataset}: {members.size} images of class {label} for {self.scenes} scenes: ask for fewer scenes"
             )
-        return np.random.default_rng((self.seed, 3, draw)).choice(members, self.scenes, replace=False)
+        return np.random.default_rng((self.seeds.order, 3, draw)).choice(members, self.scenes, replace=False)
 
 
 def _pictures(scene: Shot) -> tuple[Shot, Shot]:

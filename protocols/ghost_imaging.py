@@ -55,7 +55,7 @@ class GhostImaging(Measurement[Images]):
     def patterns_of(self, inputs: Images) -> NDArray[np.bool_]:
         """The random patterns, as large as the part of the images that is shown."""
         rows, columns = field_of(inputs.images).shape[1:]
-        return random_patterns(self.seed, self.patterns, (rows, columns))
+        return random_patterns(self.seeds.images, self.patterns, (rows, columns))
 
     def shots(self, inputs: Images) -> Sequence[Shot]:
         """Patterns and images in random order, each beside the reference and then alone."""
@@ -63,7 +63,7 @@ class GhostImaging(Measurement[Images]):
         shown = [Shot(0, ShotKind.PATTERN, -1, -1, number) for number in range(self.patterns)]
         shown += [Shot(0, ShotKind.IMAGE, index, label, index) for index, label in images]
         shots: list[Shot] = []
-        for place, row in enumerate(np.random.default_rng((self.seed, 1)).permutation(len(shown)), start=1):
+        for place, row in enumerate(np.random.default_rng((self.seeds.order, 1)).permutation(len(shown)), start=1):
             shots += (shown[row], replace(shown[row], kind=ALONE[shown[row].kind]))
             if place % self.reference_every == 0 or place == len(shown):
                 shots += (Shot(0, ShotKind.REFERENCE, -1, -1, -1), Shot(0, ShotKind.DARK, -1, -1, -1))
@@ -86,7 +86,7 @@ class GhostImaging(Measurement[Images]):
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
         """Uniform pseudorandom samples at 25 GS/s, fixed by the seed; they repeat after the window."""
-        return pseudorandom_drive(bench, self.seed, repeats_after_s=self.window)
+        return pseudorandom_drive(bench, self.seeds.drive, repeats_after_s=self.window)
 
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""

@@ -74,7 +74,7 @@ class ImageReadout(Measurement[Images]):
 
         Classes alternate throughout, so that no slow drift of the bench can follow the labels.
         """
-        order = balanced_order(inputs.labels, np.random.default_rng((self.seed, 1)))
+        order = balanced_order(inputs.labels, np.random.default_rng((self.seeds.order, 1)))
         reference = order[0]
         shots: list[Shot] = []
         for place, image in enumerate(order, start=1):
@@ -95,7 +95,7 @@ class ImageReadout(Measurement[Images]):
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
         """Uniform pseudorandom samples at 25 GS/s, fixed by the seed."""
-        return pseudorandom_drive(bench, self.seed)
+        return pseudorandom_drive(bench, self.seeds.drive)
 
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
@@ -160,6 +160,7 @@ def still_pictures(
     if timing == "burst":
         dmd = burst_dmd(bench)
         memory = PictureMemory(bench, patterns, plan)
+    dark = next((partial(show_and_capture, bench, patterns[shot]) for shot in plan if shot.kind is ShotKind.DARK), None)
     with bench.emitting(parts[0].pass_.wavelength_nm):
         for part in parts:
             pass_ = part.pass_
@@ -169,7 +170,7 @@ def still_pictures(
             bench.play_drive()
             bench.configure(timebase, pass_.patching, averages)
             captures = [partial(show_and_capture, bench, patterns[plan[probe]]) for probe in probes]
-            yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures))
+            yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures, dark))
             if timing == "burst":
                 yield from measure_bursts(bench, dmd, memory, part, drive, timebase, longest_burst)
             else:

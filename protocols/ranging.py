@@ -76,8 +76,12 @@ def _search(
     return scope.scalings(), frames[0], again
 
 
-def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture]) -> tuple[Scaling, ...]:
+def lock_ranges(
+    bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[Capture], dark: Capture | None = None
+) -> tuple[Scaling, ...]:
     """The vertical ranges of a pass: those `known` from an earlier part of the run, or found from all `probes`.
+
+    `dark` takes a frame of dark mirrors, where there are any: light is found more surely with one.
 
     Raises:
         OverLimit: a detector gives more than it may.
@@ -85,7 +89,7 @@ def lock_ranges(bench: Bench, known: Sequence[Scaling] | None, probes: Sequence[
     """
     if known is None:
         scalings, first, again = _search(bench.scope, bench.limits, probes, bench.require_unchanged)
-        require_light(bench, probes, first, again)
+        require_light(bench, probes, first, again, dark)
         return scalings
     set_ranges(bench.scope, bench.limits, known, probes[0])
     return tuple(known)

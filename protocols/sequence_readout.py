@@ -71,7 +71,7 @@ class SequenceReadout(Measurement[Sequences]):
 
     def shots(self, inputs: Sequences) -> Sequence[Shot]:
         """The sequences in a class-balanced random order."""
-        order = balanced_order(inputs.labels, np.random.default_rng((self.seed, 1)))
+        order = balanced_order(inputs.labels, np.random.default_rng((self.seeds.order, 1)))
         return [
             Shot(
                 place,

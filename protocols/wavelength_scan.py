@@ -77,6 +77,9 @@ class WavelengthScan(Measurement[Images]):
     def _readout(self) -> ImageReadout:
         return ImageReadout(
             seed=self.seed,
+            image_seed=self.image_seed,
+            order_seed=self.order_seed,
+            drive_seed=self.drive_seed,
             averages=self.averages,
             dataset=self.dataset,
             classes=self.classes,

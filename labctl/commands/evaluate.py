@@ -77,16 +77,11 @@ def _print_online(found: dict[str, Any]) -> None:
     table(
         ("readout", f"all {found['judged_shots']} shots", f"last {found['last_shots']}"),
         (
-            (READOUTS[name], *(_with_interval(entry[part]) for part in ("all", "last")))
+            (READOUTS[name], *(train.with_interval(entry[part]) for part in ("all", "last")))
             for name, entry in found["readouts"].items()
         ),
     )
     say("in brackets: 95 % intervals of the accuracy on further images of this run")
-
-
-def _with_interval(accuracy: dict[str, Any]) -> str:
-    low, high = accuracy["interval"]
-    return f"{100 * accuracy['accuracy']:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def _print(found: dict[str, Any]) -> None:

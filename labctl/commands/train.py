@@ -55,17 +55,18 @@ def seconds(text: str) -> float:
 
 def _print_training(trained: dict[str, Any]) -> None:
     say(f"{trained['model']}: softmax on {trained['features']} features, {trained['training_shots']} training shots")
-    say(f"accuracy on the {trained['test_shots']} shots kept apart: {_with_interval(trained)}, 95 % interval")
+    say(f"accuracy on the {trained['test_shots']} shots kept apart: {with_interval(trained)}, 95 % interval")
 
 
-def _with_interval(found: dict[str, Any]) -> str:
+def with_interval(found: dict[str, Any]) -> str:
+    """An accuracy and its interval, for people."""
     low, high = found["interval"]
     return f"{found['accuracy']:.3f} [{low:.3f}, {high:.3f}]"
 
 
 def _print_evaluation(found: dict[str, Any]) -> None:
     rows = [
-        ("this readout, unseen shots", _with_interval(found), f"{found['test_shots']} shots, 95 % interval"),
+        ("this readout, unseen shots", with_interval(found), f"{found['test_shots']} shots, 95 % interval"),
         (
             "random splits",
             f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}",
@@ -76,6 +77,9 @@ def _print_evaluation(found: dict[str, Any]) -> None:
     if found["own_split"] is not None:
         rows.append(("the data set's own split", f"{found['own_split']:.3f}", "trained on its training part"))
     for name, control in found["controls"].items():
+        if control is None:
+            rows.append((f"control: {name}", "not judged", "too few such shots in this run"))
+            continue
         verdict = "at chance" if control["at_chance"] else "NOT at chance"
         rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))
     table(("what", "accuracy", ""), rows)

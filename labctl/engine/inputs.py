@@ -30,7 +30,9 @@ def images_for(protocol: Measurement[Images], data: Path | None = None) -> Image
     """
     name, classes, count, rule = _settings(protocol, "dataset", "classes", "images", "binarisation")
     images = None if count == EVERY_IMAGE else count
-    loaded = datasets.load(name, classes=classes, images=images, seed=protocol.seed, directory=data).binarised(rule)
+    loaded = datasets.load(name, classes=classes, images=images, seed=protocol.seeds.images, directory=data).binarised(
+        rule
+    )
     return Images(loaded.images.astype(np.bool_), loaded.labels, loaded.indices)
 
 
@@ -47,7 +49,7 @@ def sequences_for(protocol: Measurement[Sequences], data: Path | None = None) ->
         return Sequences(loaded.sequences, loaded.labels, loaded.groups, loaded.indices)
     if symbols > length:
         raise ProtocolError(f"symbols = {symbols}: the sequences of {name!r} have {length}: ask for fewer")
-    starts = np.random.default_rng((protocol.seed, 4)).integers(0, length - symbols, len(loaded))
+    starts = np.random.default_rng((protocol.seeds.images, 4)).integers(0, length - symbols, len(loaded))
     columns = starts[:, np.newaxis] + np.arange(symbols)
     stretches = np.take_along_axis(loaded.sequences, columns, axis=1)
     return Sequences(stretches, loaded.labels, loaded.groups, loaded.indices * length + starts)

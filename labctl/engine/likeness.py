@@ -37,7 +37,9 @@ STILL_USUAL_TIMES = 1.4
 them differ nearly as much as those of different pictures."""
 STRAYS = 5.0
 """Standard deviations by which the rms of a record's noise may stray: of n samples, every other one independent, by
-1 / sqrt(n) of itself."""
+1 / sqrt(n) of itself. Single photons make it stray further; then by as many of what references differed by so far."""
+SIGMAS_OF_MEDIAN_DEVIATION = 1.4826
+"""Standard deviation of what is normal, in median deviations."""
 LIT_ALIKE = 0.7
 """Part of a record with light that a dark one holds where it is not dark."""
 FLAT = 3.0
@@ -246,8 +248,7 @@ class Likeness:
             return None
         part = float(self._part_of_usual(own))
         learned = len(self._repeats) >= ENOUGH
-        still = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(values.size))
-        usual = self._hidden or part <= still * float(np.median(self._repeats or [0.0]))
+        usual = self._hidden or part <= self._still_usual(values.size)
         beside = () if before is None or self._repeated[shot - 1] else (before - values, before - known.values)
         rather = any(self._is_rather(_squares(one), own, values.size) for one in beside)
         if not usual and (rather or (learned and part > OTHER)):
@@ -266,6 +267,14 @@ class Likeness:
         known, _, own = followed
         rather = self._is_rather(_squares(record.values - known.values), own, record.values.size)
         return self._not_of_reference(*followed) if rather else None
+
+    def _still_usual(self, size: int) -> float:
+        """What records of the reference, of `size` samples, may differ by: as a part of what different pictures do."""
+        repeats = np.array(self._repeats or [0.0])
+        median = np.median(repeats)
+        scatter = SIGMAS_OF_MEDIAN_DEVIATION * np.median(np.abs(repeats - median))
+        strays = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(size))
+        return float(max(strays * median, median + STRAYS * scatter))
 
     def _not_of_reference(self, known: Known, shot: int, own: NDArray[np.float64]) -> Finding:
         what = f"shots {known.shot} and {shot} have one picture and differ by {_rms(own):.1f} codes, as others do"

@@ -24,6 +24,7 @@ from labctl.analysis.evaluation import (
 from labctl.analysis.intervals import Verdict, interval
 from labctl.analysis.readouts import softmax_readout
 from labctl.analysis.splits import SEEDS, Split, enough_splits, forward_in_time_split, own_split, random_splits
+from labctl.analysis.windows import WindowFeatures
 from labctl.datasets import catalogue
 from labctl.errors import AnalysisError, one_line, writing
 from labctl.reports.page import Result
@@ -32,6 +33,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import Run, open_run
+from labctl.studies.masks import Masks
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 
 LONGEST_REASON = 200
@@ -48,6 +50,7 @@ class _Trained(BaseModel):
     ports: tuple[int, ...]
     seed: int = Field(ge=0, lt=SEEDS)
     test_groups: tuple[int, ...]
+    masks: Masks | None = None  # earlier readouts say nothing of them
 
     @classmethod
     def of(cls, model: Path) -> "_Trained":
@@ -68,7 +71,7 @@ def train_readout(
         RunError: no such run.
     """
     with open_run(directory) as run:
-        records, digest = read_records(run), run.digest()
+        records, digest, masks = read_records(run), run.digest(), Masks.of(run)
     chosen = ports or records.ports
     pipeline = softmax_readout(
         ports=ports,
@@ -87,6 +90,7 @@ def train_readout(
         "readout": "softmax",
         "run": str(directory),
         "frames_sha256": digest,
+        "masks": masks.model_dump(mode="json"),
         "window_s": window_s,
         "ports": list(chosen),
         "features": int(len(chosen) * round(window_s / records.sample_interval_s)),
@@ -100,7 +104,8 @@ def train_readout(
     with writing(path, "name another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
     save_model(path, pipeline, metadata)
-    return {"model": str(path)} | {key: value for key, value in metadata.items() if key != "test_groups"}
+    kept = metadata.keys() - {"test_groups", "masks"}
+    return {"model": str(path)} | {key: value for key, value in metadata.items() if key in kept}
 
 
 def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
@@ -108,19 +113,22 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
 
     Random splits are as many as the number of images needs; where the run shows training and test part of a data set,
     the set's own split is one more. On the run it was trained on only the shots kept apart are tested. Controls train
-    on what says nothing about the labels (shuffled labels, a fixed image, darkness) and must stay at chance. Writes
-    figures and report of the run.
+    on what says nothing about the labels (shuffled labels, a fixed image, darkness), on ports and window of this
+    readout, and must stay at chance. Writes figures and report of the run.
 
     Raises:
-        AnalysisError: not a readout, or a run it does not fit.
+        AnalysisError: not a readout, or a run it does not fit: of another drive, bench, wavelength or sampling.
         RunError: no such run.
     """
     readout, trained = load_model(model), _Trained.of(model)
     with open_run(directory) as run:
+        if trained.masks is not None and (why := trained.masks.unlike(Masks.of(run))) is not None:
+            raise AnalysisError(f"{model}: cannot work on {directory}: {why}")
         records = read_records(run)
         test = _unseen(records, trained, run.digest())
         splits = enough_splits(np.unique(records.groups).size)
-        controls = _controls(run, records, splits=splits, seed=trained.seed)
+        with _used(model, directory):
+            controls = _controls(run, records, readout[0], splits=splits, seed=trained.seed)
         own = _own_split(run, records)
     with _used(model, directory):
         unfitted = clone(readout)
@@ -178,7 +186,9 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
                 for score in ([] if by_set is None else by_set.scores)
             ),
             *(
-                Result(
+                Result(f"control: {name}", "", "at chance", "too few such shots", None)
+                if entry is None
+                else Result(
                     f"control: {name}",
                     "",
                     "at chance",
@@ -227,31 +237,30 @@ def _own_split(run: Run, records: Records) -> Split | None:
         return None
 
 
-def _controls(run: Run, records: Records, *, splits: int, seed: int) -> dict[str, dict[str, Any]]:
-    """Accuracy on what must not be recognisable, and chance.
+def _controls(
+    run: Run, records: Records, window: WindowFeatures, *, splits: int, seed: int
+) -> dict[str, dict[str, Any] | None]:
+    """Accuracy on what must not be recognisable, by the features of `window`, and chance; None of too few shots.
 
     A reference or dark shot is given the label of the image shown last before it: were anything but the mirrors to
     carry the label (drift, a trace read twice), it would be found there.
     """
-    flat = records.traces.reshape(records.labels.size, -1)
-    candidates = {"shuffled labels": (flat, shuffled_labels(records.labels, records.groups, seed=seed), records.groups)}
+    shuffled = shuffled_labels(records.labels, records.groups, seed=seed)
+    candidates = {"shuffled labels": (window.transform(records.traces), shuffled, records.groups)}
     for name, kind in (("fixed image", "reference"), ("dark", "dark")):
         try:
             blank = read_records(run, kind)
         except AnalysisError:
             continue
         before = np.searchsorted(records.indices, blank.indices) - 1
-        candidates[name] = (
-            blank.traces.reshape(blank.labels.size, -1),
-            records.labels[before],
-            np.arange(blank.labels.size),
-        )
-    found = {}
+        candidates[name] = (window.transform(blank.traces), records.labels[before], np.arange(blank.labels.size))
+    found: dict[str, dict[str, Any] | None] = {}
     for name, (features, labels, groups) in candidates.items():
         try:
             checked = control(features, labels, groups, splits=splits, seed=seed)
         except AnalysisError:
-            continue  # too few such shots to split
+            found[name] = None
+            continue
         found[name] = {
             "accuracy": float(np.mean(checked.scores)),
             "chance": checked.chance,

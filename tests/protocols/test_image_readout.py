@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from protocols.base import Images, ProtocolError, Shot, ShotKind
+from protocols.base import Images, ProtocolError, Seeds, Shot, ShotKind
 from protocols.image_readout import ImageReadout, balanced_order
 from protocols.patterns import Patterns
 
@@ -47,6 +47,12 @@ class TestSettings:
     def test_the_digest_follows_every_setting(self) -> None:
         assert ImageReadout().digest() == ImageReadout().digest()
         variants = [ImageReadout(seed=2), ImageReadout(ports=(2,)), ImageReadout(averages=4)]
+        assert len({ImageReadout().digest(), *(variant.digest() for variant in variants)}) == 4
+
+    def test_seeds_of_their_own_count_where_there_are_some(self) -> None:
+        assert ImageReadout(seed=2).seeds == (2, 2, 2)
+        assert ImageReadout(seed=2, image_seed=3, drive_seed=5).seeds == Seeds(images=3, order=2, drive=5)
+        variants = [ImageReadout(image_seed=1), ImageReadout(order_seed=1), ImageReadout(drive_seed=1)]
         assert len({ImageReadout().digest(), *(variant.digest() for variant in variants)}) == 4
 
     def test_it_survives_json(self) -> None:

@@ -1,6 +1,8 @@
 """Is there light? What two records of one picture have in common, and a bench without light records nothing."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,6 +36,12 @@ def probe(course: Any = 0.0, seed: int = 1) -> Callable[[], Frames]:
     return frames
 
 
+def shifted(frames: Callable[[], Frames], by: Callable[[], float]) -> Frames:
+    """A frame whose level drifts meanwhile."""
+    found = frames()
+    return replace(found, codes=np.rint(found.codes + by()).astype(np.int8))
+
+
 def test_noise_is_hardly_ever_taken_for_light() -> None:
     found = []
     for seed in range(2000):
@@ -61,6 +69,19 @@ def test_light_of_a_fifth_of_the_noise_is_found_in_more_probes(bench: Any) -> No
     for seed in range(10):
         probes = [probe(course, seed) for course in courses]
         require_light(bench, probes, probes[0](), probes[0]())
+
+
+def test_light_without_a_course_is_brighter_than_a_dark_frame(bench: Any) -> None:
+    bench.configure(Timebase(25e9, SAMPLES), (1, 2, 3, 4))
+    dark, drifting = probe(seed=3), iter(range(10**6))
+    with pytest.raises(InstrumentError, match=r"^bench: no light"):
+        require_light(bench, [dark], dark(), dark(), dark)
+    wander = partial(shifted, dark, lambda: next(drifting) / 1000)
+    with pytest.raises(InstrumentError, match=r"^bench: no light"):
+        require_light(bench, [wander], wander(), wander(), wander)
+    for seed in range(10):
+        faint = probe(NOISE / 5, seed)
+        require_light(bench, [faint], faint(), faint(), dark)
 
 
 @pytest.mark.parametrize(

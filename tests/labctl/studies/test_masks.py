@@ -1,0 +1,43 @@
+"""What a readout needs to be the same."""
+
+from typing import Any
+
+import pytest
+
+from labctl.studies.masks import Masks
+
+HERE: dict[str, Any] = {
+    "drive": "abc",
+    "drive_seed": 1,
+    "wavelengths_nm": (1550.0,),
+    "sample_interval_s": 40e-12,
+    "bench": "ours",
+    "twin": None,
+}
+TWIN = {"twin_seed": 1, "parameters": {}}
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "told"),
+    [
+        ({}, {"drive": "abd"}, "its drive is not that of this run: measure with --set drive_seed=1, or train anew"),
+        ({"drive_seed": None}, {"drive": "abd"}, "its drive is not that of this run: measure, or train anew"),
+        ({}, {"bench": "theirs"}, "it was trained on 'ours', and this run is of 'theirs': train anew"),
+        ({}, {"twin": TWIN}, "it was trained on 'ours', and this run is of simulated bench 1: train anew"),
+        (
+            {"twin": TWIN},
+            {"twin": {"twin_seed": 1, "parameters": {"enob": 4.0}}},
+            "it was trained on simulated bench 1, and this run is of simulated bench 1 of changed parameters: "
+            "train anew",
+        ),
+        ({}, {"wavelengths_nm": (1551.0,)}, "it was trained at 1550 nm, and this run is at 1551 nm: train anew"),
+        ({}, {"sample_interval_s": 10e-12}, "its samples are 40 ps apart, here 10: train anew"),
+        ({}, {"sample_interval_s": 40.000000001e-12}, None),
+        ({"twin": TWIN}, {"twin": TWIN, "bench": "another name of the same twin"}, None),
+        ({}, {"drive_seed": 2}, None),
+    ],
+)
+def test_a_readout_knows_its_masks_and_says_which_are_others(
+    here: dict[str, Any], there: dict[str, Any], told: str | None
+) -> None:
+    assert Masks(**HERE | here).unlike(Masks(**HERE | there)) == told
