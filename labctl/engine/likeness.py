@@ -270,11 +270,9 @@ class Likeness:
 
     def _still_usual(self, size: int) -> float:
         """What records of the reference, of `size` samples, may differ by: as a part of what different pictures do."""
-        repeats = np.array(self._repeats or [0.0])
-        median = np.median(repeats)
-        scatter = SIGMAS_OF_MEDIAN_DEVIATION * np.median(np.abs(repeats - median))
+        median, scatter = _median_and_scatter(np.array(self._repeats or [0.0]))
         strays = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(size))
-        return float(max(strays * median, median + STRAYS * scatter))
+        return max(strays * median, median + STRAYS * scatter)
 
     def _not_of_reference(self, known: Known, shot: int, own: NDArray[np.float64]) -> Finding:
         what = f"shots {known.shot} and {shot} have one picture and differ by {_rms(own):.1f} codes, as others do"
@@ -334,8 +332,14 @@ class Likeness:
 
     @property
     def _hidden(self) -> bool:
-        """Whether light of few photons hides its pictures: each record of the reference differs as others' do."""
-        return len(self._repeats) >= ENOUGH and float(np.median(self._repeats)) > OTHER
+        """Whether light of few photons hides its pictures: then no record is `RATHER` times nearer to its own picture.
+
+        Records of the reference differ by so much of what different pictures do, as a rule or not seldom.
+        """
+        if len(self._repeats) < ENOUGH:
+            return False
+        median, scatter = _median_and_scatter(np.array(self._repeats))
+        return median + scatter > 1 / RATHER
 
     def _as_a_rule(self, noise: NDArray[np.float64]) -> float:
         """By how many times the noise records of different pictures differ; nan as long as nobody knows."""
@@ -395,6 +399,12 @@ def _squares(values: NDArray[np.float32]) -> NDArray[np.float64]:
 def _times(squares: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rms over the channels of records, each by its own noise."""
     return np.asarray(np.sqrt((squares / noise**2).mean(axis=-1)), np.float64)
+
+
+def _median_and_scatter(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Of values with some far off: the standard deviation as the median deviation has it."""
+    median = float(np.median(values))
+    return median, SIGMAS_OF_MEDIAN_DEVIATION * float(np.median(np.abs(values - median)))
 
 
 def _rms(squares: NDArray[np.float64]) -> float:
