@@ -134,6 +134,7 @@ class Likeness:
         self._reference: Known | None = None
         # The references that came last, if unusual: the earlier one, the later one's shot, what they differ by.
         self._followed: tuple[Known, int, NDArray[np.float64]] | None = None
+        self._pending: Finding | None = None  # not said before it is known how much references differ
         # Of each channel, shape (channels,):
         self._noise = self._most_noise = np.ones(1)  # of the difference of two dark records, as they say, and at most
         self._noise_of_light = np.zeros(1)  # variance that the reference's light adds to that of a difference
@@ -163,7 +164,7 @@ class Likeness:
         """What was measured since a finding is measured again, and single shots that it meant are as they then are."""
         self._confirmed.update(finding.shots)
         self._repetition = Repetition()
-        self._last = self._followed = None
+        self._last = self._followed = self._pending = None
         self._unjudged = []
         self._agreed = min(self._agreed, finding.first)
         if self._dark_record is not None and self._dark_record.shot >= finding.first:
@@ -188,7 +189,7 @@ class Likeness:
         judge = begin + 1 + np.flatnonzero(other), differences[other], ((levels[1:] + levels[:-1]) / 2)[other]
         if self._dark.any():  # without a dark shot nothing ever is judged
             self._unjudged.append(judge)
-        if (finding := self._lit_in_the_dark(begin, values)) is not None:
+        if (finding := self._sure_of(self._lit_in_the_dark(begin, values), ends=False)) is not None:
             return finding
         repeated = self._repeated[begin:end]
         for place in new + np.flatnonzero((dark | repeated | np.append(False, repeated[:-1]))[new:]):
@@ -198,9 +199,27 @@ class Likeness:
                 finding = self._of_dark(record)
             if finding is None and repeated[place]:
                 finding = self._of_reference(record, values[place - 1] if place else None)
-            if finding is not None:
+            if (finding := self._sure_of(finding, ends=record.shot == len(self._shots) - 1)) is not None:
                 return finding
         return self._not_shown(begin, values)
+
+    def _sure_of(self, finding: Finding | None, *, ends: bool) -> Finding | None:
+        """What is found, as soon as it is known that light of few photons does not make it look so.
+
+        That is when references have told how much they differ, or a second thing is found before; at the latest when
+        the pass `ends`. What chance never does is said at once.
+        """
+        if finding is not None and finding.told_by is None:
+            return finding
+        pending, self._pending = self._pending, None
+        if self._hidden:
+            return None
+        if ends or len(self._repeats) >= ENOUGH:
+            return pending or finding
+        if pending is not None and finding is not None:
+            return pending
+        self._pending = pending or finding
+        return None
 
     def _lit_in_the_dark(self, begin: int, values: NDArray[np.float32]) -> Finding | None:
         """A dark record that holds the shot before it; or one with light, where the next has none that should."""
@@ -230,7 +249,7 @@ class Likeness:
         if known is not None and self._tells_apart(self._noise) and self._part_of_usual(pair) > OTHER:
             codes = f"{_rms(pair):.1f} codes"
             what = f"dark shot {record.shot} differs from the one before by {codes}, as different pictures do"
-            return Finding(self._agreed, LATE.format(what))
+            return Finding(self._agreed, LATE.format(what), told_by=record.shot)
         least = LEAST_NOISE**2
         self._noise = np.sqrt(np.maximum(np.minimum(pair, varies), least))
         self._most_noise = np.sqrt(np.maximum(np.maximum(pair, varies), least))
@@ -251,9 +270,12 @@ class Likeness:
         usual = self._hidden or part <= self._still_usual(values.size)
         beside = () if before is None or self._repeated[shot - 1] else (before - values, before - known.values)
         rather = any(self._is_rather(_squares(one), own, values.size) for one in beside)
-        if not usual and (rather or (learned and part > OTHER)):
+        wrong = not usual and (rather or (learned and part > OTHER))
+        if wrong and learned:
             return self._not_of_reference(known, shot, own)
         self._repeats = [*self._repeats, part][-REMEMBERED:]
+        if wrong:
+            return self._not_of_reference(known, shot, own)
         if part <= OTHER:
             self._agreed = shot
         self._followed = None if usual else (known, shot, own)
