@@ -20,7 +20,9 @@ from labctl.engine.repetition import UNLIKELY, Repetition
 from protocols.base import Images, Inputs, Shot, ShotKind
 
 CONTRAST = 6.0
-"""Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart."""
+"""Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart. And all
+but `FEW` of them by half of it: where single photons come, records of two pictures that hold none are alike."""
+FEW = 0.1
 STEADY = 0.1
 """Part of the light that different pictures must differ by as well: power, gain and the trigger's jitter are common to
 a record and vary by hundredths of the light, which no dark record shows."""
@@ -227,7 +229,7 @@ class Likeness:
         late = np.flatnonzero(dark[:-1] & lit[1:])
         flat, following = _varies(values[late]), _varies(values[late + 1])
         swapped = flat > FLAT * following
-        usually = float(np.median(_varies(values[lit]))) if swapped.any() else 0.0
+        usually = float(np.quantile(_varies(values[lit]), FEW)) if swapped.any() else 0.0
         for place in late[swapped & (FLAT * flat > usually) & (usually > FLAT * following)]:
             shot = begin + int(place)
             what = LATE.format(f"dark shot {shot} is lit and the next is not")
@@ -330,7 +332,7 @@ class Likeness:
         self._unjudged = []
         lit = np.flatnonzero(self._lit[begin : begin + len(values)])
         from_dark = _times(_squares(values[lit] - dark), self._most_noise)
-        if self._agreed == 0 and lit.size > 2 and float(np.median(from_dark)) <= HARDLY:
+        if self._agreed == 0 and lit.size > 2 and _hardly(from_dark, values[0].size):
             return Finding(0, NO_LIGHT)
         if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden:
             return None
@@ -376,7 +378,10 @@ class Likeness:
     def _tells_apart(self, noise: NDArray[np.float64]) -> bool:
         """Whether records of different pictures differ by more than those of one; False as long as nobody knows."""
         dark = 0.0 if self._dark_record is None else self._dark_record.values.mean(axis=1)
-        return self._as_a_rule(noise) >= max(CONTRAST, STEADY * float(_times((self._lit_level - dark) ** 2, noise)))
+        least = max(CONTRAST, STEADY * float(_times((self._lit_level - dark) ** 2, noise)))
+        if self._usual is None or not self._as_a_rule(noise) >= least:
+            return False
+        return bool(np.quantile(_times(self._usual, noise), FEW) >= CONTRAST / 2)
 
 
 def alike_by(inputs: Inputs) -> Alike:
@@ -421,6 +426,12 @@ def _squares(values: NDArray[np.float32]) -> NDArray[np.float64]:
 def _times(squares: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rms over the channels of records, each by its own noise."""
     return np.asarray(np.sqrt((squares / noise**2).mean(axis=-1)), np.float64)
+
+
+def _hardly(times: NDArray[np.float64], size: int) -> bool:
+    """Whether records of `size` samples differ from dark ones by noise alone, and all but a few by no single photon."""
+    strays = 1 + STRAYS / math.sqrt(size)
+    return bool(np.median(times) <= HARDLY and np.quantile(times, 1 - FEW) <= HARDLY * strays)
 
 
 def _median_and_scatter(values: NDArray[np.float64]) -> tuple[float, float]:
