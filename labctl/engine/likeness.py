@@ -139,6 +139,7 @@ class Likeness:
         self._pending: Finding | None = None  # not said before it is known how much references differ
         # Of each channel, shape (channels,):
         self._noise = self._most_noise = np.ones(1)  # of the difference of two dark records, as they say, and at most
+        self._least_noise = np.full(1, np.inf)  # that any dark record has shown: a stray photon makes one noisier
         self._noise_of_light = np.zeros(1)  # variance that the reference's light adds to that of a difference
         self._light = np.ones(1)  # of the reference, codes
         self._lit_level = np.zeros(1)  # mean code of the records with light that came last
@@ -255,6 +256,7 @@ class Likeness:
         least = LEAST_NOISE**2
         self._noise = np.sqrt(np.maximum(np.minimum(pair, varies), least))
         self._most_noise = np.sqrt(np.maximum(np.maximum(pair, varies), least))
+        self._least_noise = np.minimum(self._least_noise, self._most_noise)
         return None
 
     def _of_reference(self, record: Known, before: NDArray[np.float32] | None) -> Finding | None:
@@ -332,7 +334,7 @@ class Likeness:
         self._unjudged = []
         lit = np.flatnonzero(self._lit[begin : begin + len(values)])
         from_dark = _times(_squares(values[lit] - dark), self._most_noise)
-        if self._agreed == 0 and lit.size > 2 and _hardly(from_dark):
+        if self._agreed == 0 and lit.size > 2 and _hardly(_times(_squares(values[lit] - dark), self._least_noise)):
             return Finding(0, NO_LIGHT)
         if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden:
             return None
