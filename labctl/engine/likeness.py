@@ -72,6 +72,10 @@ Alike = Callable[[Shot, Shot, float], bool]
 """Whether two shots show nearly the same, or differ by less than a part of the pixels that images usually have lit."""
 
 
+Records = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Two of them, shape (channels, samples)."""
+
+
 class Finding(NamedTuple):
     """What is wrong, and from which shot on it may have been.
 
@@ -134,8 +138,7 @@ class Likeness:
         self._last: Known | None = None
         self._dark_record: Known | None = None
         self._reference: Known | None = None
-        # The references that came last, if unusual: the earlier one, the later one's shot, what they differ by.
-        self._followed: tuple[Known, int, NDArray[np.float64]] | None = None
+        self._followed: tuple[Known, Known] | None = None  # the references that came last, if unusual
         self._pending: Finding | None = None  # not said before it is known how much references differ
         # Of each channel, shape (channels,):
         self._noise = self._most_noise = np.ones(1)  # of the difference of two dark records, as they say, and at most
@@ -146,6 +149,7 @@ class Likeness:
         self._usual: NDArray[np.float64] | None = None  # mean squares of what different pictures differ by
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
+        self._repeats_of_light: list[float] = []  # the same, of the root of the light of both
         self._pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []  # of references: what differs, levels
         self._from_before = Unlike(shots, alike, lambda shot: shots[shot - 1])
         self._from_dark = Unlike(shots, alike, lambda shot: replace(shots[shot], kind=ShotKind.DARK))
@@ -271,47 +275,57 @@ class Likeness:
             return None
         part = float(self._part_of_usual(own))
         learned = len(self._repeats) >= ENOUGH
-        usual = self._hidden or part <= self._still_usual(values.size)
-        beside = () if before is None or self._repeated[shot - 1] else (before - values, before - known.values)
-        rather = any(self._is_rather(_squares(one), own, values.size) for one in beside)
+        of_light = part / math.sqrt(self._differ((values, known.values))[1])
+        usual = (
+            self._hidden
+            or part <= _still_usual(self._repeats, values.size)
+            or of_light <= _still_usual(self._repeats_of_light, values.size)
+        )
+        beside = () if before is None or self._repeated[shot - 1] else ((before, values), (before, known.values))
+        rather = any(self._is_rather(pair, (values, known.values)) for pair in beside)
         wrong = not usual and (rather or (learned and part > OTHER))
         if wrong and learned:
-            return self._not_of_reference(known, shot, own)
+            return self._not_of_reference(known, record)
         self._repeats = [*self._repeats, part][-REMEMBERED:]
+        self._repeats_of_light = [*self._repeats_of_light, of_light][-REMEMBERED:]
         if wrong:
-            return self._not_of_reference(known, shot, own)
+            return self._not_of_reference(known, record)
         if part <= OTHER:
             self._agreed = shot
-        self._followed = None if usual else (known, shot, own)
+        self._followed = None if usual else (known, record)
         return None
 
     def _after_reference(self, record: Known) -> Finding | None:
         """The record after one of the reference picture is rather the one that this should have been."""
         followed, self._followed = self._followed, None
-        if followed is None or followed[1] != record.shot - 1 or self._repeated[record.shot]:
+        if followed is None or followed[1].shot != record.shot - 1 or self._repeated[record.shot]:
             return None
-        known, _, own = followed
-        rather = self._is_rather(_squares(record.values - known.values), own, record.values.size)
-        return self._not_of_reference(*followed) if rather else None
+        known, reference = followed
+        rather = self._is_rather((record.values, known.values), (reference.values, known.values))
+        return self._not_of_reference(known, reference) if rather else None
 
-    def _still_usual(self, size: int) -> float:
-        """What records of the reference, of `size` samples, may differ by: as a part of what different pictures do."""
-        median, scatter = _median_and_scatter(np.array(self._repeats or [0.0]))
-        strays = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(size))
-        return max(strays * median, median + STRAYS * scatter)
+    def _not_of_reference(self, known: Known, record: Known) -> Finding:
+        codes = f"{_rms(_squares(record.values - known.values)):.1f} codes"
+        what = f"shots {known.shot} and {record.shot} have one picture and differ by {codes}, as others do"
+        return Finding(min(self._agreed, known.shot), LATE.format(what), told_by=record.shot)
 
-    def _not_of_reference(self, known: Known, shot: int, own: NDArray[np.float64]) -> Finding:
-        what = f"shots {known.shot} and {shot} have one picture and differ by {_rms(own):.1f} codes, as others do"
-        return Finding(min(self._agreed, known.shot), LATE.format(what), told_by=shot)
-
-    def _is_rather(self, other: NDArray[np.float64], own: NDArray[np.float64], size: int) -> bool:
-        """Whether a record of `size` samples differs from another one by less than from that of its own picture.
+    def _is_rather(self, other: Records, own: Records) -> bool:
+        """Whether two records differ by less than two of one picture, which share one record with them.
 
         The ratio of the likelihoods, where every other sample is independent and their noise unknown, is the ratio of
-        the differences to the power of size / 2.
+        the differences to the power of half the number of samples. Noise of few photons is more where light is more:
+        so differences must be in that ratio by themselves, and of the root of their light.
         """
-        times = max(RATHER, UNLIKELY ** (-2 / size))
-        return bool(_times(own, self._noise) > times * _times(other, self._noise))
+        times = max(RATHER, UNLIKELY ** (-2 / own[0].size))
+        (near, its_light), (far, light) = self._differ(other), self._differ(own)
+        return bool(far > times * near and far / math.sqrt(light) > times * near / math.sqrt(its_light))
+
+    def _differ(self, pair: Records) -> tuple[float, float]:
+        """By how many times the noise two records differ, and the light of both, at least one noise."""
+        one, other = pair
+        dark = 0.0 if self._dark_record is None else self._dark_record.values.mean(axis=1)
+        light = ((one + other).mean(axis=1) / 2 - dark) / self._noise
+        return float(_times(_squares(one - other), self._noise)), max(float(light.mean()), 1.0)
 
     def _learn_noise_of_light(self, dark: NDArray[np.float32]) -> None:
         """As most pairs of references have it: power, gain and the trigger's jitter are common to a record, and chance
@@ -428,6 +442,13 @@ def _squares(values: NDArray[np.float32]) -> NDArray[np.float64]:
 def _times(squares: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rms over the channels of records, each by its own noise."""
     return np.asarray(np.sqrt((squares / noise**2).mean(axis=-1)), np.float64)
+
+
+def _still_usual(repeats: list[float], size: int) -> float:
+    """What records of the reference, of `size` samples, may differ by, where others did by `repeats`."""
+    median, scatter = _median_and_scatter(np.array(repeats or [0.0]))
+    strays = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(size))
+    return max(strays * median, median + STRAYS * scatter)
 
 
 def _hardly(times: NDArray[np.float64]) -> bool:
