@@ -1,6 +1,7 @@
 """How few photons are enough: accuracy against photons a sample, counted by the bench and by an ideal counter."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ from instruments.units import Seconds
 from labctl.analysis.evaluation import validate, window_key
 from labctl.analysis.intervals import pooled
 from labctl.analysis.photons import PhotonScale, photon_transfer, photons_needed, scores_at
+from labctl.errors import AnalysisError
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.photons import photons_figure
@@ -56,7 +58,7 @@ class Findings:
     """What one twin shows.
 
     Attributes:
-        photons: Measured mean photons a sample of each level.
+        photons: Measured mean photons a sample of each level; one whose photons cannot be counted is left out.
         receiver: Scores (splits,) by T_N (text, ns) and level.
         ideal: Scores (splits,) of the ideal counter by T_N and photons a sample (text).
     """
@@ -73,9 +75,15 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
     receiver: dict[str, dict[str, Scores]] = {window: {} for window in windows}
     for level in settings.levels:
         records = twin.records(level)
-        photons[level] = float(photon_scale(twin, level).photons(records.traces).mean())
+        try:
+            scale = photon_scale(twin, level)
+        except AnalysisError:  # the reference has hardly a photon on some port of this bench
+            continue
+        photons[level] = float(scale.photons(records.traces).mean())
         for window, window_s in windows.items():
             receiver[window][level] = _scores(twin, records, window_s)
+    if not photons:
+        raise AnalysisError("the reference image has too few photons at every level of light: use more light")
     light = bright_light(twin, settings.bright)
     ideal: dict[str, dict[str, Scores]] = {window: {} for window in windows}
     for place, mean in enumerate(settings.photons):
@@ -98,8 +106,14 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     """Pool all twins and splits, the receiver's at the ideal counter's photons as far as all twins have so many."""
     fewest = max(min(found.photons.values()) for found in findings)
     most = min(max(found.photons.values()) for found in findings)
+    uncounted = dict(Counter(level for found in findings for level in settings.levels if level not in found.photons))
     here: dict[str, Any] = {
-        "photons": {level: pooled(found.photons[level] for found in findings) for level in settings.levels},
+        "photons": {
+            level: pooled(found.photons[level] for found in findings if level in found.photons)
+            for level in settings.levels
+            if level not in uncounted or uncounted[level] < len(findings)
+        },
+        "benches_not_counted": uncounted,
         "receiver": {
             window: {
                 f"{photons:g}": pooled(
@@ -138,7 +152,19 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         "Accuracy on test images against photons a sample; mean and standard deviation over twins and splits. Photons "
         "of the receiver are measured in its own records, those of the ideal counter drawn.",
     )
-    return Conclusion(here | {"photons_needed": needed}, figures=(figure,), notes=_needed(needed, settings.wanted))
+    return Conclusion(
+        here | {"photons_needed": needed},
+        figures=(figure,),
+        notes=_needed(needed, settings.wanted) + _not_counted(uncounted, len(findings)),
+    )
+
+
+def _not_counted(uncounted: Mapping[str, int], benches: int) -> tuple[str, ...]:
+    return tuple(
+        f"{level}: on {count} of {benches} benches the reference image has too few photons on some port to say how "
+        f"many a sample holds; left out there."
+        for level, count in uncounted.items()
+    )
 
 
 ANALYSIS = Analysis(Settings, examine, conclude)

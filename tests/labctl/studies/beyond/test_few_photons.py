@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -5,6 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from labctl.engine.inputs import images_for
+from labctl.errors import AnalysisError
 from labctl.studies.beyond.few_photons import Settings, conclude, examine
 from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.base import ShotKind
@@ -12,9 +14,9 @@ from protocols.image_readout import ImageReadout
 from tests.labctl.studies.paper.conftest import write
 
 PORTS, SAMPLES = (2, 3), 10
-CODES, DARK_CODES = {"dim": 300, "better": 60, "bright": 1}, 40
+CODES, DARK_CODES = {"dim": 300, "better": 60, "bright": 1, "nothing": 0}, 40
 """Of a photon, and without light."""
-PHOTONS = {"dim": 2.0, "better": 20.0, "bright": 4000.0}
+PHOTONS = {"dim": 2.0, "better": 20.0, "bright": 4000.0, "nothing": 0.0}
 SETTINGS = Settings(
     levels=("dim", "better"), bright="bright", photons=(0.5, 4.0, 200.0), windows=("0.4 ns",), wanted=0.8
 )
@@ -53,3 +55,15 @@ def test_photons_are_measured_and_an_ideal_counter_does_the_same(twin: TwinRuns)
     assert receiver["4"]["mean"] == pytest.approx(ideal["4"], abs=0.1)
     assert 0.5 <= concluded.here["photons_needed"]["ideal"]["0.4"] < 200
     assert [figure.stem for figure in concluded.figures] == ["photons"]
+
+
+def test_a_level_whose_photons_cannot_be_counted_is_left_out(twin: TwinRuns) -> None:
+    counted = examine(twin, SETTINGS)
+    dark = examine(replace(twin, runs={**twin.runs, "dim": twin.runs["nothing"]}), SETTINGS)
+    assert list(dark.photons) == list(dark.receiver["0.4"]) == ["better"]
+    concluded = conclude([counted, dark], SETTINGS)
+    assert concluded.here["photons"]["dim"]["mean"] == pytest.approx(counted.photons["dim"])
+    assert concluded.here["benches_not_counted"] == {"dim": 1}
+    assert "dim: on 1 of 2 benches the reference image has too few photons" in concluded.notes[-1]
+    with pytest.raises(AnalysisError, match="too few photons at every level"):
+        examine(replace(twin, runs=dict.fromkeys(twin.runs, twin.runs["nothing"])), SETTINGS)
