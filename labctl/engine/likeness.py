@@ -22,7 +22,7 @@ from protocols.base import Images, Inputs, Shot, ShotKind
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart. And all
 but `FEW` of them by half of it: where single photons come, records of two pictures that hold none are alike."""
-FEW = 0.1
+FEW, NOT_A_FEW = 0.1, 0.25
 STEADY = 0.1
 """Part of the light that different pictures must differ by as well: power, gain and the trigger's jitter are common to
 a record and vary by hundredths of the light, which no dark record shows."""
@@ -150,6 +150,7 @@ class Likeness:
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
         self._repeats_of_light: list[float] = []  # the same, of the root of the light of both
+        self._from_darkness: list[float] = []  # times the noise that records of the reference differed from dark ones
         self._pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []  # of references: what differs, levels
         self._from_before = Unlike(shots, alike, lambda shot: shots[shot - 1])
         self._from_dark = Unlike(shots, alike, lambda shot: replace(shots[shot], kind=ShotKind.DARK))
@@ -273,6 +274,8 @@ class Likeness:
         self._pairs = [*self._pairs, (own, values.mean(axis=1))][-REMEMBERED:]
         if self._dark_record is None or not self._tells_apart(self._noise):
             return None
+        dark = self._dark_record.values
+        self._from_darkness = [*self._from_darkness, float(_times(_squares(values - dark), self._noise))][-REMEMBERED:]
         part = float(self._part_of_usual(own))
         learned = len(self._repeats) >= ENOUGH
         of_light = part / math.sqrt(self._differ((values, known.values))[1])
@@ -374,12 +377,13 @@ class Likeness:
     def _hidden(self) -> bool:
         """Whether light of few photons hides its pictures: then no record is `RATHER` times nearer to its own picture.
 
-        Records of the reference differ by so much of what different pictures do, as a rule or not seldom.
+        Records of the reference differ by so much of what different pictures do, as a rule or not seldom; or not a few
+        of them hold no photon.
         """
         if len(self._repeats) < ENOUGH:
             return False
         median, scatter = _median_and_scatter(np.array(self._repeats))
-        return median + scatter > 1 / RATHER
+        return bool(median + scatter > 1 / RATHER or np.quantile(self._from_darkness, NOT_A_FEW) < CONTRAST)
 
     def _as_a_rule(self, noise: NDArray[np.float64]) -> float:
         """By how many times the noise records of different pictures differ; nan as long as nobody knows."""
