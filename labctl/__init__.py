@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     import xarray
@@ -28,14 +29,52 @@ def open_run(path: "Path | str") -> "xarray.Dataset":
         ...     run.volts.sel(port=3, time=slice(0, 0.4e-9)).shape
         (220, 11)
     """
+    _require_xarray(path)
+    from labctl.runs.read.as_xarray import dataset_of
+
+    return dataset_of(path)
+
+
+def open_runs(runs: "Path | str | Sequence[Path | str]") -> "xarray.Dataset":
+    """Several runs as one xarray Dataset with a first dimension `run`, which reads nothing before it is looked at.
+
+    Of the runs of a sweep, what was varied is a coordinate of `run`, in SI units: `window`, `power`. A shorter record
+    ends in values that are not numbers. Close the dataset, or use it as a context manager. Needs the extra `data`.
+
+    Args:
+        runs: The folder of a sweep or of any runs that have ports and sampling in common, or run directories.
+
+    Raises:
+        labctl.runs.RunError: No runs, one of them damaged, or of other ports; says what to do.
+
+    Example:
+        >>> from labctl import open_runs
+        >>> with open_runs(["runs/mine", "runs/mine"]) as both:
+        ...     both.volts.sel(port=3, time=slice(0, 0.4e-9)).shape
+        (2, 220, 11)
+    """
+    from pathlib import Path
+
+    from labctl.errors import RunError
+    from labctl.runs.index import run_directories
+
+    paths = run_directories(Path(runs)) if isinstance(runs, str | Path) else [Path(one) for one in runs]
+    if not paths:
+        raise RunError(f"{runs}: holds no runs: name a folder that 'labctl sweep' or 'labctl run' made")
+    _require_xarray(paths[0])
+    from labctl.runs.read.several_as_xarray import dataset_of_runs
+
+    return dataset_of_runs(paths)
+
+
+def _require_xarray(path: "Path | str") -> None:
+    from importlib import import_module
+
     from labctl.errors import RunError
 
     try:
-        from labctl.runs.read.as_xarray import dataset_of
-    except ModuleNotFoundError as error:
-        if error.name != "xarray":
-            raise
+        import_module("xarray")
+    except ModuleNotFoundError:
         raise RunError(
             f'{path}: needs xarray to be opened: pip install "photonic-labctl[data]", or read its data.h5 with h5py'
         ) from None
-    return dataset_of(path)

@@ -7,6 +7,7 @@ COMMANDS = {
     "check": "labctl.commands.check:check",
     "align": "labctl.commands.align:align",
     "run": "labctl.commands.run:run",
+    "sweep": "labctl.commands.sweep:sweep",
     "resume": "labctl.commands.resume:resume",
     "pause": "labctl.commands.control:pause",
     "go-on": "labctl.commands.control:go_on",

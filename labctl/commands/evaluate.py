@@ -14,13 +14,19 @@ from labctl.commands.ranges import ports_of
 from labctl.errors import UsageError
 from labctl.studies import online as online_study
 from labctl.studies.fibre import in_words, measure_fibre
+from labctl.studies.sweeps.evaluation import evaluate_sweep
+from labctl.studies.sweeps.folder import is_sweep
 from protocols.base import Judgement
 from protocols.registry import judgement_of
 
 
 def evaluate(
     subject: Annotated[
-        Path, typer.Argument(metavar="MODEL|RUN", help="Model file that labctl train wrote, or a run directory.")
+        Path,
+        typer.Argument(
+            metavar="MODEL|RUN|SWEEP",
+            help="Model file that labctl train wrote, a run directory, or the folder of a sweep.",
+        ),
     ],
     run: Annotated[
         Path | None, typer.Argument(metavar="RUN", help="With a model: run directory to test it on.")
@@ -30,23 +36,34 @@ def evaluate(
         typer.Option("--online", help="A run by itself: readouts that follow it shot by shot, beside frozen ones."),
     ] = False,
     window: Annotated[
-        str | None, typer.Option("--window", help='With --online: acquisition time T_N; default "0.4 ns".')
+        str | None,
+        typer.Option(
+            "--window", help='With --online: acquisition time T_N; default "0.4 ns". Of a sweep: part of its records.'
+        ),
     ] = None,
     ports: Annotated[
-        str | None, typer.Option("--ports", help='With --online: ports, such as "2-5"; without it all of the run.')
+        str | None, typer.Option("--ports", help='With --online or of a sweep: ports, such as "2-5"; without it all.')
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Say how good a result is.
 
     MODEL RUN: tests a readout on shots it has not seen, and its kind on random and forward-in-time splits, with
-    controls. RUN --online: test, then train, in the order it was measured. RUN of wavelength-scan: correlation against
-    detuning, its half width, the fibre's delay spread.
+    controls. SWEEP: a readout at each of its points, with a figure. RUN --online: test, then train, in the order it was
+    measured. RUN of wavelength-scan: correlation against detuning, its half width, the fibre's delay spread.
     """
+    if is_sweep(subject) and not online and run is None:
+        swept = evaluate_sweep(
+            subject, window_s=None if window is None else train.seconds(window), ports=ports_of(ports)
+        )
+        show(swept, as_json, lambda: _print_sweep(swept))
+        return DONE
     if online:
         return _online(subject, run, window, ports, as_json)
     if window is not None or ports is not None:
-        raise UsageError("--window and --ports are for --online: a model has its own, a scan is measured as a whole")
+        raise UsageError(
+            "--window and --ports are for --online and sweeps: a model has its own, a scan is measured as a whole"
+        )
     if run is not None:
         require_readout(run)
         return train.evaluate(subject, run, as_json)
@@ -69,6 +86,24 @@ def _online(subject: Path, model_run: Path | None, window: str | None, ports: st
     found = online_study.evaluate_online(subject, window_s=window_s, ports=ports_of(ports))
     show(found, as_json, lambda: _print_online(found))
     return DONE
+
+
+def _print_sweep(found: dict[str, Any]) -> None:
+    table(
+        ("run", *found["axes"], "accuracy", ""),
+        (
+            (
+                row["run"][:3],
+                *(row[axis] for axis in found["axes"]),
+                train.with_interval(row),
+                "" if row["complete"] else "not complete",
+            )
+            for row in found["points"]
+        ),
+    )
+    if found["reference"]:
+        say(f"the first point, again and again: {', '.join(f'{one:.3f}' for one in found['reference'])}")
+    say(f"figure: {found['figure']}")
 
 
 def _print_online(found: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ import typer
 
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
+from labctl.commands import sweep
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED, WRONG_USE
 from labctl.commands.next_steps import options_again
@@ -16,11 +17,12 @@ from labctl.commands.run import describe, print_outcome
 from labctl.engine import session
 from labctl.engine.resume import SettingsChanged
 from labctl.engine.session import Resumption
+from labctl.studies.sweeps.folder import is_sweep
 
 
 def resume(
     context: typer.Context,
-    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    run: Annotated[Path, typer.Argument(help="Run directory, or the folder of a sweep.")],
     station: Annotated[
         Path | None, typer.Option("--station", help="Station file of this bench; else the one it was begun with here.")
     ] = None,
@@ -29,15 +31,19 @@ def resume(
     armed: ArmOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Go on with a run at its first missing shot, with the settings and seeds it was begun with."""
+    """Go on with a run at its first missing shot, with the settings and seeds it was begun with; or with a sweep."""
     access = access_of(context, attended=attended, armed=armed)
-    resumption = Resumption(run, None if station is None else read_station(station), data, access)
+    named = None if station is None else read_station(station)
+    options = options_again(attended=attended, armed=armed, data=data, station=station)
+    if is_sweep(run):
+        return sweep.go_on(run, named, options=options, access=access, data=data, as_json=as_json)
+    resumption = Resumption(run, named, data, access)
     try:
         with interruptible() as interruption, progress_bar("resume") as progress:
             outcome = session.resume(resumption, observer=progress, interruption=interruption)
     except SettingsChanged as changed:
         return _refuse(changed, as_json)
-    result = describe(outcome, options_again(attended=attended, armed=armed, data=data, station=station))
+    result = describe(outcome, options)
     nothing_to_do = outcome.complete and not outcome.measured
     show(result, as_json, lambda: say(f"{run}: complete already") if nothing_to_do else print_outcome(result))
     return DONE if outcome.complete else INTERRUPTED

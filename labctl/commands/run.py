@@ -7,8 +7,6 @@ from typing import Annotated, Any
 
 import typer
 
-from labctl.bench.laser_limits import check_laser
-from labctl.bench.opening import opened
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
@@ -17,13 +15,11 @@ from labctl.commands.next_steps import next_command, options_again, resumable, r
 from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.engine.engine import Outcome
-from labctl.engine.inputs import inputs_for
-from labctl.engine.plan import Request, aliasing, bytes_needed, new_directory
+from labctl.engine.forecast import forecast
+from labctl.engine.plan import new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import UsageError
-from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
-from protocols.base import ShotKind
 from protocols.registry import protocol_names, read_protocol
 
 
@@ -52,7 +48,7 @@ def run(
     access = access_of(context, attended=attended, armed=armed)
     acquisition = Acquisition(asked, found, directory, data, access, profile)
     if dry_run:
-        plan = _plan(acquisition)
+        plan = forecast(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), _for_people(plan)))
         return DONE
     options = options_again(attended=attended, armed=armed, data=data)
@@ -61,34 +57,6 @@ def run(
     result = describe(acquired.outcome, options) | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
     show(result, as_json, lambda: print_outcome(result))
     return DONE if acquired.outcome.complete else INTERRUPTED
-
-
-def _plan(acquisition: Acquisition) -> dict[str, Any]:
-    protocol = acquisition.protocol
-    inputs = inputs_for(protocol, acquisition.data)
-    shots = protocol.shots(inputs)
-    with CommandLog() as log, opened(acquisition.station, log, acquisition.access) as open_bench:
-        bench = open_bench.bench
-        check_laser(acquisition.station, [one.wavelength_nm for one in protocol.passes(bench)])
-        size = bytes_needed(Request(protocol, inputs, acquisition.station), bench)
-        passes = protocol.passes(bench)
-        aliased = aliasing(protocol.sample_rate, bench.scope.bandwidth_hz)
-        seconds, power_w = protocol.duration_s(bench, len(shots)), acquisition.station.laser.power
-        return {
-            "protocol": protocol.name,
-            "digest": protocol.digest(),
-            "shots": len(shots),
-            "images": sum(shot.kind is ShotKind.IMAGE for shot in shots),
-            "passes": len(passes),
-            "ports": [list(pass_.patching.values()) for pass_ in passes],
-            "samples": protocol.sample_count(inputs),
-            "wavelengths_nm": sorted({one.wavelength_nm for one in passes}),
-            "laser_power_w": power_w,
-            "estimated_seconds_on_a_real_bench": seconds,
-            "dose_j": power_w * seconds,
-            "bytes_needed": size,
-            **({} if aliased is None else {"aliasing": aliased}),
-        }
 
 
 def _for_people(plan: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -23,6 +23,7 @@ def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any
         "light": light,
         "instruments": instruments,
         "calibration": request.calibration,
+        **({"coordinates": dict(request.coordinates)} if request.coordinates else {}),
         "inputs_sha256": request.inputs.digest,
         "started": started.isoformat(timespec="seconds"),
         "versions": versions(),

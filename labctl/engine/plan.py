@@ -1,7 +1,7 @@
 """What a run will measure, as its files describe it: size, shots and drive, and how much room they take."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,13 @@ from protocols.base import Inputs, Measurement, Pass, Shot
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be run: the protocol, what it shows or plays, its station, and a reference to its calibration."""
+    """What is to be run: protocol, what it shows or plays, station, a reference to its calibration, its coordinates."""
 
     protocol: Measurement[Any]
     inputs: Inputs
     station: Station
     calibration: Mapping[str, Any] | None = None
+    coordinates: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
     def durability(self) -> Durability:

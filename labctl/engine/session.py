@@ -1,6 +1,6 @@
 """One run from a station and a protocol: load the inputs, open the bench, carry it out, close it; or go on with one."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,7 +36,10 @@ from protocols.base import Measurement
 
 @dataclass(frozen=True)
 class Acquisition:
-    """What to acquire, with what, and where to put it."""
+    """What to acquire, with what, and where to put it.
+
+    `coordinates`: what the run stands for among others, such as its place on the axes of a sweep, in SI units.
+    """
 
     protocol: Measurement[Any]
     station: Station
@@ -44,6 +47,7 @@ class Acquisition:
     data: Path | None = None
     access: Access = Access()
     profile: bool = False
+    coordinates: Mapping[str, float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ def acquire(
         reference = None if calibrated is None else calibrated.reference()
         _warn([*warnings(reference, station), *answers.warnings(station)], observers)
         remember(Path(station.source))
-        request = Request(protocol, inputs, station, reference)
+        request = Request(protocol, inputs, station, reference, acquisition.coordinates)
         outcome = carry_out(request, open_bench.bench, interruption or Interruption(), acquisition.directory)
         return Acquired(outcome, profile.budget(outcome.shots) if acquisition.profile else {})
 

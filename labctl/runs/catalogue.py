@@ -179,9 +179,10 @@ def _enter(database: sqlite3.Connection, name: bytes, stamp: str, paths: RunPath
 
 
 def facts_of(paths: RunPaths, row: RunRow) -> Facts:
-    """What is known of a run: how it is listed, the settings of its protocol, what people say, how its readouts score.
+    """What is known of a run: how it is listed, settings, place in a sweep, what people say, how its readouts score.
 
-    Keys are those of `labctl runs`, of the protocol's settings, and `accuracy`, `tag`, `note`, `star`, `operator`.
+    Keys are those of `labctl runs`, of the protocol's settings, of the axes of its sweep, `accuracy`, `tag`, `note`,
+    `star` and `operator`.
     Quantities are in SI units, wavelengths in nm; yes and no are 1 and 0.
     """
     found: dict[str, list[str | float]] = {}
@@ -189,8 +190,9 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
         values = Manifest.read(paths).values
         protocol, station = values.get("protocol"), values.get("station")
         settings = protocol.get("settings") if isinstance(protocol, dict) else None
-        for key, value in settings.items() if isinstance(settings, dict) else ():
-            found[_text(key.lower())] = _values(value)
+        for said in (values.get("coordinates"), settings):
+            for key, value in said.items() if isinstance(said, dict) else ():
+                found[_text(key.lower())] = _values(value)
         if isinstance(station, dict):
             found["bench"] = _values(station.get("name"))
         found["accuracy"] = [score for path in paths.readouts for score in _accuracy(path)]
@@ -199,11 +201,11 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
     with suppress(ValueError):
         found["started"] = [datetime.fromisoformat(row.started).astimezone(UTC).isoformat()]
     try:
-        said = read_notes(paths)
+        notes = read_notes(paths)
     except RunError:
-        said = Notes()
-    found["tag"], found["note"] = _values(said.tags), _values([one.text for one in said.notes])
-    found["star"], found["operator"] = [float(said.star)], _values(said.operator)
+        notes = Notes()
+    found["tag"], found["note"] = _values(notes.tags), _values([one.text for one in notes.notes])
+    found["star"], found["operator"] = [float(notes.star)], _values(notes.operator)
     return {key: values for key, values in found.items() if values}
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from xarray.backends.common import BackendArray
 from xarray.core import indexing
 
-from labctl.runs.read.run import open_run
+from labctl.runs.read.run import Run, open_run
 from labctl.runs.read.variables import Variable, variables_of
 
 
@@ -25,7 +25,8 @@ def dataset_of(path: Path | str) -> xr.Dataset:
         }
         dataset = xr.Dataset(
             {one.name: data[one.name] for one in variables if not one.coordinate},
-            {one.name: data[one.name] for one in variables if one.coordinate},
+            {one.name: data[one.name] for one in variables if one.coordinate}
+            | {name: value for name, value in coordinates_of(run).items() if name not in data},
             {
                 "run": str(path),
                 "format_version": str(run.manifest["format_version"]),
@@ -39,6 +40,14 @@ def dataset_of(path: Path | str) -> xr.Dataset:
         raise
     dataset.set_close(run.close)
     return dataset
+
+
+def coordinates_of(run: Run) -> dict[str, float | str]:
+    """Where a run lies on the axes of its sweep; nothing of any other run, or where a stranger's manifest says else."""
+    found = run.manifest.get("coordinates")
+    if not isinstance(found, dict):
+        return {}
+    return {name: value for name, value in found.items() if isinstance(value, float | str)}
 
 
 class _OnDemand(BackendArray):

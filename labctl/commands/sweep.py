@@ -1,0 +1,200 @@
+"""`labctl sweep`: a protocol over settings of itself and of the bench."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from shlex import quote
+from typing import Annotated, Any
+
+import typer
+
+from instruments.bench import Observer
+from labctl.bench.opening import Access
+from labctl.bench.signals import interruptible
+from labctl.bench.station import Station, read_station
+from labctl.commands.access import ArmOption, AttendedOption, access_of
+from labctl.commands.exit_status import DONE, INTERRUPTED
+from labctl.commands.next_steps import options_again, resume_command
+from labctl.commands.options import DataOption, StationOption
+from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
+from labctl.errors import UsageError
+from labctl.runs.format.layout import run_name
+from labctl.studies.sweeps import folder
+from labctl.studies.sweeps.axes import Order, parse_axis
+from labctl.studies.sweeps.declaration import Point, Sweep, points, read_sweep
+from protocols.base import Measurement
+from protocols.registry import protocol_class
+
+
+def sweep(
+    context: typer.Context,
+    subject: Annotated[
+        str, typer.Argument(metavar="PROTOCOL|FILE", help="Name of a protocol, or a sweep file (TOML).")
+    ],
+    over: Annotated[
+        list[str] | None,
+        typer.Option("--over", help='An axis: "window=0.5 ns,1 ns" or "power=3:30:7 mW"; may be repeated.'),
+    ] = None,
+    side_by_side: Annotated[bool, typer.Option("--zip", help="Axes side by side, not in every combination.")] = False,
+    order: Annotated[
+        Order | None, typer.Option("--order", help="In which order points are measured; else at random.")
+    ] = None,
+    reference_every: Annotated[
+        int | None,
+        typer.Option(
+            "--reference-every", min=0, help="The first point again after so many others; 10 if not said, 0: never."
+        ),
+    ] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", help="key=value; may be repeated.")] = None,
+    station: StationOption = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder of the sweep; must be new or empty.")] = None,
+    data: DataOption = None,
+    attended: AttendedOption = False,
+    armed: ArmOption = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; open nothing.")] = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Carry out a protocol at every point of one or several axes; each point is a run."""
+    asked = _asked(subject, over or [], settings or [], side_by_side, order, reference_every)
+    bench = read_station(station)
+    if station is None:
+        bench = bench.cabled(projector=protocol_class(asked.protocol).projector)
+    every = points(asked, bench)
+    directory = out or Path("runs") / _name(asked)
+    access = access_of(context, attended=attended, armed=armed)
+    plan = _plan(every, directory, data, access)
+    if dry_run:
+        show(plan, as_json, lambda: _print_plan(plan))
+        return DONE
+    folder.begin(directory, asked, bench)
+    _tell_plan(plan)
+    return measure(
+        directory,
+        every,
+        options=options_again(attended=attended, armed=armed, data=data),
+        access=access,
+        data=data,
+        as_json=as_json,
+    )
+
+
+def go_on(
+    directory: Path, station: Station | None, *, options: str, access: Access, data: Path | None, as_json: bool
+) -> int:
+    """Go on with a sweep where it ended: `labctl resume`."""
+    file = folder.read(directory)
+    every = points(file.sweep, folder.station_of(directory, file, station))
+    return measure(directory, every, options=options, access=access, data=data, as_json=as_json)
+
+
+def measure(
+    directory: Path, every: list[Point], *, options: str, access: Access, data: Path | None, as_json: bool
+) -> int:
+    """Carry out what a sweep lacks, and say how far it is."""
+    command = resume_command(directory, options)
+    try:
+        with interruptible() as interruption:
+            found = folder.carry_out(
+                directory, every, data=data, access=access, interruption=interruption, follow=_follow
+            )
+    except BaseException as error:
+        error.add_note(f"the sweep can go on: {command}")
+        raise
+    whole = found.complete == found.runs
+    result = {
+        "sweep": str(directory),
+        "runs": found.runs,
+        "complete": found.complete,
+        "measured": found.measured,
+        "next": f"labctl evaluate {quote(str(directory))}" if whole else command,
+    }
+    show(result, as_json, lambda: _print(result))
+    return DONE if whole else INTERRUPTED
+
+
+@contextmanager
+def _follow(number: int, count: int, point: Point) -> Iterator[Observer]:
+    with progress_bar(f"{number} of {count}: {point.name}") as progress:
+        yield progress
+
+
+def _asked(
+    subject: str,
+    over: list[str],
+    settings: list[str],
+    side_by_side: bool,
+    order: Order | None,
+    reference_every: int | None,
+) -> Sweep:
+    given: dict[str, Any] = {}
+    if subject.endswith(".toml"):
+        given = read_sweep(Path(subject)).model_dump()
+    else:
+        protocol_class(subject)
+        given["protocol"] = subject
+    axes = dict(parse_axis(one) for one in over)
+    if len(axes) < len(over):
+        raise UsageError("--over: an axis is there twice: give each once, with all its values")
+    if not axes and "over" not in given:
+        raise UsageError('--over is missing: say what is to be varied, such as --over "window=0.5 ns,1 ns"')
+    changed = dict(_setting(one) for one in settings)
+    return Sweep.model_validate(
+        given
+        | ({"over": given.get("over", {}) | axes} if axes else {})
+        | {"settings": given.get("settings", {}) | changed}
+        | ({"zip": True} if side_by_side else {})
+        | ({} if order is None else {"order": order})
+        | ({} if reference_every is None else {"reference_every": reference_every})
+    )
+
+
+def _setting(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise UsageError(f"--set {text}: write it as key=value")
+    return key.strip(), value.strip()
+
+
+def _name(asked: Sweep) -> str:
+    protocol: Measurement[Any] = protocol_class(asked.protocol)()
+    return f"{run_name(datetime.now(UTC), protocol.name, protocol.digest())}-sweep"
+
+
+def _plan(every: list[Point], directory: Path, data: Path | None, access: Access) -> dict[str, Any]:
+    """What the whole will do, from what each run will: refused here is refused before there is light."""
+    each = list(folder.forecasts(every, data=data, access=access))
+    return {
+        "sweep": str(directory),
+        "runs": len(every),
+        "points": [{"run": point.name, **point.values} for point in every],
+        "shots": sum(one["shots"] for one in each),
+        "estimated_seconds_on_a_real_bench": sum(one["estimated_seconds_on_a_real_bench"] for one in each),
+        "dose_j": sum(one["dose_j"] for one in each),
+        "bytes_needed": sum(one["bytes_needed"] for one in each),
+    }
+
+
+def _in_words(plan: dict[str, Any]) -> str:
+    minutes = plan["estimated_seconds_on_a_real_bench"] / 60
+    return (
+        f"{plan['runs']} runs, {plan['shots']} shots: {minutes:.1f} min on a real bench, "
+        f"{plan['dose_j']:.3g} J of light at most, {1e-6 * plan['bytes_needed']:.1f} MB on disk"
+    )
+
+
+def _tell_plan(plan: dict[str, Any]) -> None:
+    tell(_in_words(plan))
+
+
+def _print_plan(plan: dict[str, Any]) -> None:
+    headings = list(plan["points"][0])
+    table(headings, ([point[heading] for heading in headings] for point in plan["points"]))
+    say(_in_words(plan))
+
+
+def _print(result: dict[str, Any]) -> None:
+    say(f"{result['sweep']}: {result['complete']} of {result['runs']} runs complete, {result['measured']} measured now")
+    if result["complete"] < result["runs"]:
+        say("interrupted: the finished shots are kept, the bench is in the safe state")
+    say(f"next: {result['next']}")

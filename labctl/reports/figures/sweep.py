@@ -1,0 +1,34 @@
+"""A figure of a sweep: accuracy against what was varied."""
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from labctl.reports.canvas import Series, draw_series, label_curves, panel, place_legend, styled
+
+
+@styled
+def sweep_figure(curves: Sequence[Series], *, axis: str, ticks: Sequence[str] | None, chance: float) -> Figure:
+    """Accuracy against an axis of a sweep, with its interval.
+
+    Args:
+        curves: x = positions on the axis, in its unit; mean of the accuracy, 0..1, and as `sd` half its interval.
+        axis: What was varied, with its unit.
+        ticks: Texts at positions 0, 1, 2, ... where values are no numbers.
+        chance: Accuracy of guessing, 0..1, which is marked.
+    """
+    figure, axes = panel(height=4.2)
+    drawn = [one.scaled(1, 100) for one in curves]
+    draw_series(axes, drawn, highest=100)
+    if ticks is not None:
+        axes.xaxis.set_major_locator(FixedLocator(list(range(len(ticks)))))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda _, place: ticks[place or 0]))
+        axes.xaxis.set_minor_locator(NullLocator())
+    axes.axhline(100 * chance, color="black", linewidth=0.8, linestyle=":", label="chance")
+    axes.set_xlabel(axis)
+    axes.set_ylabel("accuracy (%), 95 % interval")
+    axes.set_ylim(0, 101)
+    label_curves(axes, drawn)
+    place_legend(figure, axes)
+    return figure

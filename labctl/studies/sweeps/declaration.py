@@ -1,0 +1,165 @@
+"""What a sweep is declared as, in a file or on the command line, and the points that it has on a bench."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
+
+from instruments.remedies import unreadable
+from instruments.toml_files import TomlError, describe, read_toml
+from labctl.bench.station import Station
+from labctl.errors import StationError, UsageError
+from labctl.studies.sweeps.axes import Order, measuring_order, points_of, values_of, with_reference
+from protocols.base import Measurement
+from protocols.registry import protocol_from
+
+SHORT = {"power": "laser.power", "wavelength": "wavelengths", "amplitude": "awg.amplitude"}
+"""What is set often, and the setting or key of the station that sets it."""
+LONGEST_NAME = 80
+
+
+class Sweep(BaseModel):
+    """A protocol with settings, and what they are varied over.
+
+    over: values of each axis, which is a setting of the protocol or a key of the station such as "laser.power". zip:
+    whether the axes go side by side instead of in every combination. order, seed: in which order points are measured.
+    reference_every: the first point is measured first, last and after so many others; 0: once.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    protocol: str
+    settings: dict[str, Any] = {}
+    over: dict[str, tuple[str, ...]] = Field(min_length=1)
+    zip: bool = False
+    order: Order = Order.RANDOM
+    seed: NonNegativeInt = 1
+    reference_every: NonNegativeInt = 10
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run of a sweep: its folder's name, what is set, and where it lies on the axes, in SI units where numbers."""
+
+    name: str
+    values: Mapping[str, str]
+    protocol: Measurement[Any]
+    station: Station
+    coordinates: Mapping[str, float | str]
+
+
+def read_sweep(path: Path) -> Sweep:
+    """The sweep that a TOML file declares: `protocol`, a table `[settings]`, a table `[over]` of lists or ranges.
+
+    Raises:
+        UsageError: the file cannot be read, or says something else.
+    """
+    try:
+        content = read_toml(path)
+        over = content.get("over")
+        if isinstance(over, dict):
+            content["over"] = {
+                name: values_of(name, one) if isinstance(one, str) else one for name, one in over.items()
+            }
+        return Sweep.model_validate(content)
+    except OSError as error:
+        raise UsageError(unreadable(path, error, "name a protocol or a sweep file")) from None
+    except TomlError as error:
+        raise UsageError(f"{path}: is not TOML ({error}): correct that line") from None
+    except ValidationError as error:
+        raise UsageError(f"{path}: {describe(error, Sweep.model_fields)}") from None
+
+
+def places(sweep: Sweep) -> list[tuple[str, dict[str, str]]]:
+    """Name of the folder and values on the axes of every run, in the order they are measured.
+
+    Raises:
+        UsageError: the axes do not fit each other.
+    """
+    grid = points_of(sweep.over, zipped=sweep.zip)
+    order = measuring_order(len(grid), sweep.order, sweep.seed)
+    if sweep.reference_every:
+        order = with_reference(order, sweep.reference_every)
+    return [(f"{number:03d}-{_slug(grid[place])}"[:LONGEST_NAME], grid[place]) for number, place in enumerate(order)]
+
+
+def points(sweep: Sweep, station: Station) -> list[Point]:
+    """Every run of a sweep on a bench, in the order they are measured.
+
+    Raises:
+        UsageError: an axis is neither a setting nor a key of the station, or the axes do not fit each other.
+        ProtocolError, StationError: a value does not fit.
+    """
+    return [_point(sweep, station, name, values) for name, values in places(sweep)]
+
+
+def _point(sweep: Sweep, station: Station, run: str, values: dict[str, str]) -> Point:
+    protocol = protocol_from(sweep.protocol, sweep.settings, origin="settings of the sweep")
+    settings, keys = {}, {}
+    for name, value in values.items():
+        target = SHORT.get(name, name)
+        if target in type(protocol).model_fields:
+            settings[target] = value
+        elif "." in target:
+            keys[target] = value
+        else:
+            raise UsageError(
+                f"{name}: is no setting of {sweep.protocol} and no key of the station: choose from "
+                f"{', '.join([*SHORT, *type(protocol).model_fields])}, or write a key such as laser.power"
+            )
+    protocol = protocol_from(sweep.protocol, sweep.settings | settings, origin="settings of the sweep")
+    there = with_keys(station, keys)
+    return Point(
+        name=run,
+        values=values,
+        protocol=protocol,
+        station=there,
+        coordinates={name: _coordinate(SHORT.get(name, name), text, protocol, there) for name, text in values.items()},
+    )
+
+
+def with_keys(station: Station, keys: Mapping[str, str]) -> Station:
+    """A bench with other values at keys such as "laser.power".
+
+    Raises:
+        StationError: it has no such key, or the value does not fit.
+    """
+    whole = station.model_dump()
+    for key, value in keys.items():
+        *tables, last = key.split(".")
+        table: Any = whole
+        for name in tables:
+            table = table.get(name) if isinstance(table, dict) else None
+        if not isinstance(table, dict) or (last not in table and tables != ["sim", "parameters"]):
+            raise StationError(f"{key}: {station.source} has no such key: name one such as laser.power")
+        table[last] = _number_or_text(value) if tables == ["sim", "parameters"] else value
+    try:
+        return Station.model_validate(whole) if keys else station
+    except ValidationError as error:
+        raise StationError(f"{', '.join(keys)}: {describe(error)}") from None
+
+
+def _number_or_text(value: str) -> float | str:
+    """A physical parameter of the simulated bench is a number without unit."""
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
+def _coordinate(target: str, text: str, protocol: Measurement[Any], station: Station) -> float | str:
+    """What a value came to: a number in SI units, or its text."""
+    found: Any = station.model_dump() if "." in target else protocol.model_dump()
+    for name in target.split("."):
+        found = found[name]
+    if isinstance(found, tuple) and len(found) == 1:
+        found = found[0]
+    return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else text
+
+
+def _slug(values: Mapping[str, str]) -> str:
+    written = "-".join(f"{name}={value}" for name, value in values.items())
+    return re.sub(r"[^A-Za-z0-9.=+,_-]", "", written)

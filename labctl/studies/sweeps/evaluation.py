@@ -1,0 +1,110 @@
+"""What a sweep says: how well a readout works at each of its points, and whether the bench drifted meanwhile."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labctl.analysis.evaluation import validate
+from labctl.analysis.intervals import interval
+from labctl.analysis.readouts import softmax_readout
+from labctl.analysis.splits import enough_splits, random_splits
+from labctl.errors import AnalysisError, writing
+from labctl.reports.canvas import Series, save_figure
+from labctl.reports.figures.sweep import sweep_figure
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.read.records import read_records
+from labctl.runs.read.run import open_run
+from labctl.studies.sweeps.declaration import places
+from labctl.studies.sweeps.folder import read
+
+SEED = 1
+FIGURES = "figures"
+_VALUE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
+
+
+def evaluate_sweep(
+    directory: Path, *, window_s: float | None = None, ports: Sequence[int] | None = None
+) -> dict[str, Any]:
+    """Accuracy of a softmax readout at every point of a sweep that was measured, by random splits; draws its figure.
+
+    window_s: part of each record that the readout sees, None for all. ports: those that it sees, None for all. The
+    interval is Wilson's, of as many images as the run shows. Runs at one point, such as the reference, are listed in
+    the order they were measured: they differ by chance and by drift.
+
+    Raises:
+        AnalysisError: nothing is measured yet, or a run has no such window or ports, or too few images.
+        RunError: no such sweep, or one of its runs is damaged.
+    """
+    rows = []
+    for name, values in places(read(directory).sweep):
+        if RunPaths(directory / name).manifest.exists():
+            rows.append({"run": name, **values, **_accuracy(directory / name, window_s, ports)})
+    if not rows:
+        raise AnalysisError(f"{directory}: nothing is measured yet: go on with 'labctl resume {directory}'")
+    axes = list(values)
+    again = [[row for row in rows if all(row[axis] == one[axis] for axis in axes)] for one in rows]
+    repeated = max(again, key=len)
+    figure = _figure(rows, axes)
+    with writing(directory / FIGURES, "make room"):
+        (directory / FIGURES).mkdir(exist_ok=True)
+        pictures = save_figure(figure, directory / FIGURES / "accuracy")
+    return {
+        "sweep": str(directory),
+        "axes": axes,
+        "points": rows,
+        "reference": [row["accuracy"] for row in repeated] if len(repeated) > 1 else [],
+        "figure": str(pictures[0]),
+    }
+
+
+def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) -> dict[str, Any]:
+    with open_run(run) as opened:
+        records, complete = read_records(opened), opened.complete
+    images = np.unique(records.groups).size
+    readout = softmax_readout(
+        ports=ports,
+        window_s=window_s or records.traces.shape[2] * records.sample_interval_s,
+        sample_interval_s=records.sample_interval_s,
+        recorded_ports=records.ports if ports else None,
+    )
+    splits = random_splits(records.labels, records.groups, splits=enough_splits(images), seed=SEED)
+    accuracy = float(np.mean(validate(records.traces, records.labels, splits, readout=readout).scores))
+    chance = float(np.max(np.unique_counts(records.labels).counts) / records.labels.size)
+    found = interval(round(accuracy * images), images)
+    return {"accuracy": accuracy, "interval": list(found), "chance": chance, "images": images, "complete": complete}
+
+
+def _figure(rows: list[dict[str, Any]], axes: list[str]) -> Any:
+    """Against the axis with most values; a curve for each combination of the others."""
+    along = max(axes, key=lambda axis: len({row[axis] for row in rows}))
+    others = [axis for axis in axes if axis != along]
+    numbers, unit = _as_numbers([row[along] for row in rows])
+    texts = None if numbers is not None else list(dict.fromkeys(row[along] for row in rows))
+    at = numbers if numbers is not None else [float((texts or []).index(row[along])) for row in rows]
+    curves: dict[str, list[tuple[float, dict[str, Any]]]] = {}
+    for place, row in zip(at, rows, strict=True):
+        label = ", ".join(f"{axis} {row[axis]}" for axis in others) or "softmax readout"
+        curves.setdefault(label, []).append((place, row))
+    drawn = []
+    for label in sorted(curves, key=_by_number):
+        points = sorted(curves[label], key=lambda point: point[0])
+        half = [(row["interval"][1] - row["interval"][0]) / 2 for _, row in points]
+        drawn.append(Series(label, [place for place, _ in points], [row["accuracy"] for _, row in points], half))
+    return sweep_figure(drawn, axis=f"{along} ({unit})" if unit else along, ticks=texts, chance=rows[0]["chance"])
+
+
+def _by_number(label: str) -> tuple[float, str]:
+    found = re.search(r"[-+]?\d+\.?\d*", label)
+    return (float(found.group()) if found else 0.0), label
+
+
+def _as_numbers(texts: Sequence[str]) -> tuple[list[float] | None, str]:
+    """The numbers of texts of one unit, and it; no numbers where one is none, or of another unit."""
+    matches = [_VALUE.fullmatch(text) for text in texts]
+    units = {match.group(2) for match in matches if match}
+    if not all(matches) or len(units) != 1:
+        return None, ""
+    return [float(match.group(1)) for match in matches if match], units.pop()

@@ -1,0 +1,83 @@
+"""The points of a sweep: what each sets, and what is refused before anything is made."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labctl.bench.station import SIMULATED_STATION
+from labctl.errors import LabctlError, UsageError
+from labctl.studies.sweeps.axes import Order
+from labctl.studies.sweeps.declaration import Sweep, points, read_sweep
+
+
+def sweep(**over: tuple[str, ...]) -> Sweep:
+    return Sweep(protocol="image-readout", over=over, order=Order.AS_GIVEN, reference_every=0)
+
+
+def test_settings_keys_and_short_names() -> None:
+    asked = Sweep(
+        protocol="image-readout",
+        settings={"images": 40},
+        over={"window": ("0.4 ns",), "power": ("10 mW",), "awg.amplitude": ("0.2 Vpp",), "sim.parameters.enob": ("5",)},
+        reference_every=0,
+    )
+    [point] = points(asked, SIMULATED_STATION)
+    assert (point.protocol.window, point.protocol.images) == (0.4e-9, 40)  # type: ignore[attr-defined]
+    assert (point.station.laser.power, point.station.awg.amplitude) == (0.01, 0.2)
+    assert point.station.sim.parameters == {"enob": 5.0}
+    assert point.coordinates == {
+        "window": 0.4e-9,
+        "power": 0.01,
+        "awg.amplitude": 0.2,
+        "sim.parameters.enob": 5.0,
+    }
+    assert point.name == "000-window=0.4ns-power=10mW-awg.amplitude=0.2Vpp-sim.parameters.enob=5"
+
+
+def test_a_list_of_one_is_a_number_and_what_is_no_number_is_its_text() -> None:
+    wavelengths = points(sweep(wavelength=("1550 nm", "1551 nm")), SIMULATED_STATION)
+    assert [point.coordinates["wavelength"] for point in wavelengths] == [1550.0, 1551.0]
+    timing = points(sweep(timing=("software", "burst")), SIMULATED_STATION)
+    assert [point.coordinates["timing"] for point in timing] == ["software", "burst"]
+
+
+@pytest.mark.parametrize(
+    ("over", "told"),
+    [
+        ({"pwer": ("1 mW",)}, "pwer: is no setting of image-readout and no key of the station: choose from power"),
+        ({"laser.pwer": ("1 mW",)}, "laser.pwer: built-in station has no such key"),
+        ({"power": ("1",)}, "laser.power"),
+        ({"window": ("1 mW",)}, "window"),
+    ],
+)
+def test_what_cannot_be_varied(over: dict[str, tuple[str, ...]], told: str) -> None:
+    with pytest.raises(LabctlError) as raised:
+        points(sweep(**over), SIMULATED_STATION)
+    assert told in str(raised.value)
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "sweep.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_file(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        'protocol = "image-readout"\norder = "interleaved"\nsettings = { images = 40 }\n\n'
+        '[over]\nports = ["2-4", "2,5"]\npower = "10:30:3 mW"\n',
+    )
+    found = read_sweep(path)
+    assert found.over == {"ports": ("2-4", "2,5"), "power": ("10 mW", "20 mW", "30 mW")}
+    assert (found.order, found.reference_every) == (Order.INTERLEAVED, 10)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "protocol = 3", 'protocol = "image-readout"', "[", 'protocol = "a"\n[over]\na = 1']
+)
+def test_files_that_say_no_sweep(tmp_path: Path, text: Any) -> None:
+    with pytest.raises(UsageError, match=r"sweep\.toml: ") as raised:
+        read_sweep(written(tmp_path, text))
+    assert "\n" not in str(raised.value)

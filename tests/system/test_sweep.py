@@ -1,0 +1,99 @@
+"""A sweep of real processes on the simulated bench: killed, resumed, opened as one, judged."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import labctl
+from labctl.studies.sweeps.declaration import Sweep, places
+from tests.system.waiting import until_stored
+
+OVER = {"window": ("0.4 ns", "1 ns", "2 ns"), "power": ("10 mW", "30 mW")}
+SWEEP = [
+    "sweep",
+    "image-readout",
+    *("--set", "images=40"),
+    *(word for name, values in OVER.items() for word in ("--over", f"{name}={','.join(values)}")),
+]
+
+
+def run(*words: object) -> Any:
+    command = [sys.executable, "-m", "labctl", *map(str, words), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, json.loads(done.stdout), done.stderr
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Killed while it measured its third run, and gone on with."""
+    folder = tmp_path_factory.mktemp("sweeps") / "sweep"
+    process = subprocess.Popen([sys.executable, "-m", "labctl", *SWEEP, "--out", str(folder)])
+    try:
+        until_stored(process, folder / places(Sweep(protocol="image-readout", over=OVER))[2][0])
+    finally:
+        process.kill()
+        process.wait()
+    status, found, _ = run("resume", folder)
+    assert (status, found["runs"], found["complete"]) == (0, 7, 7)
+    assert 4 <= found["measured"] <= 5, "what was complete is left as it was"
+    return folder
+
+
+def test_points_are_runs_like_any_other_and_are_found_by_what_was_varied(swept: Path) -> None:
+    listed = run("runs", swept, "--where", "power = 0.01")[1]["runs"]
+    assert len(listed) == 4, "three points, the first of them twice"
+    assert {entry["state"] for entry in listed} == {"complete"}
+    assert run("verify", listed[0]["run"])[0] == 0
+
+
+def test_it_is_one_dataset_with_what_was_varied_as_coordinates(swept: Path) -> None:
+    with labctl.open_runs(swept) as runs:
+        assert (runs.sizes["run"], runs.sizes["shot"], runs.sizes["port"], runs.sizes["time"]) == (7, 44, 5, 50)
+        assert sorted(np.unique(runs.power.values).tolist()) == [0.01, 0.03]
+        short = runs.volts.isel(run=np.flatnonzero(runs.window.values == 0.4e-9))
+        assert np.isnan(short.values[..., 10:]).all()
+        assert np.isfinite(short.values[..., :10]).all()
+        whole = runs.volts.isel(run=np.flatnonzero(runs.window.values == 2e-9), time=slice(0, 50, 7), port=[1, 3])
+        name = str(whole.run.values[0])
+        with labctl.open_run(swept / name) as alone:
+            assert float(alone.power) == float(whole.power[0])
+            np.testing.assert_array_equal(whole.values[0], alone.volts.values[:, [1, 3], ::7])
+        bright, dim = (runs.volts.isel(run=runs.power.values == power).mean() for power in (0.03, 0.01))
+        assert float(bright) > 1.5 * float(dim)
+
+
+def test_it_is_judged_point_by_point(swept: Path) -> None:
+    status, found, _ = run("evaluate", swept)
+    assert (status, found["axes"], len(found["points"])) == (0, ["window", "power"], 7)
+    assert len(found["reference"]) == 2
+    assert all(one["interval"][0] < one["accuracy"] < one["interval"][1] for one in found["points"])
+    assert Path(found["figure"]).stat().st_size > 10_000
+
+
+def test_what_is_refused(swept: Path, tmp_path: Path) -> None:
+    status, found, _ = run(*SWEEP, "--out", swept)
+    assert (status, found["error"]) == (
+        2,
+        f"{swept}: is not empty: name another --out, or go on with 'labctl resume {swept}'",
+    )
+    status, found, _ = run("sweep", "image-readout", "--over", "power=3:30:7 mW", "--out", tmp_path / "new")
+    assert status == 2
+    assert "laser.power = 3 mW is 4.77 dBm" in found["error"]
+    assert not (tmp_path / "new").exists(), "before anything is made"
+    status, found, _ = run("sweep", "image-readout")
+    assert (status, found["error"][:18]) == (2, "--over is missing:")
+
+
+def test_the_plan_says_time_bytes_and_dose(tmp_path: Path) -> None:
+    status, plan, _ = run(*SWEEP, "--out", tmp_path / "new", "--dry-run")
+    assert (status, plan["runs"], len(plan["points"])) == (0, 7, 7)
+    assert plan["shots"] == 7 * 44
+    power_w = (4 * 0.01 + 3 * 0.03) / 7
+    assert plan["dose_j"] == pytest.approx(power_w * plan["estimated_seconds_on_a_real_bench"])
+    assert plan["bytes_needed"] > 1e6
+    assert not (tmp_path / "new").exists()
