@@ -1,12 +1,42 @@
 """labctl: runs a photonic machine-vision bench, real or simulated, from images in to accuracy out."""
 
-from typing import TYPE_CHECKING
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     import xarray
+
+    from labctl.interface import bench, evaluate, run, runs, sweep, train
+else:
+    from labctl import bench, runs
+
+__all__ = ["bench", "evaluate", "open_run", "open_runs", "run", "runs", "sweep", "train"]
+
+_OF_INTERFACE = frozenset(__all__) - {"open_run", "open_runs"}
+
+
+def __getattr__(name: str) -> Any:
+    """What of the public interface needs packages that `import labctl` alone does not load."""
+    if name in _OF_INTERFACE:
+        return getattr(import_module("labctl.interface"), name)
+    raise AttributeError(f"module 'labctl' has no attribute {name!r}")
+
+
+class _PackageAndFunction(ModuleType):
+    """A package whose name is also that of a function: `labctl.bench(...)` beside `labctl.bench.station`."""
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        function = getattr(import_module("labctl.interface"), self.__name__.rpartition(".")[2])
+        return function(*arguments, **named)
+
+
+for _name in ("bench", "runs"):
+    sys.modules[f"labctl.{_name}"].__class__ = _PackageAndFunction
 
 
 def open_run(path: "Path | str") -> "xarray.Dataset":
@@ -68,8 +98,6 @@ def open_runs(runs: "Path | str | Sequence[Path | str]") -> "xarray.Dataset":
 
 
 def _require_xarray(path: "Path | str") -> None:
-    from importlib import import_module
-
     from labctl.errors import RunError
 
     try:

@@ -1,0 +1,203 @@
+"""A bench in one's hands: show a picture, take a trace, set the laser; without a protocol and without a run."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from instruments.bench import Bench, Observer, Observers
+from instruments.errors import OutOfRange
+from instruments.units import quantity
+from instruments.values import Scaling, Timebase
+from labctl.bench.lock import held
+from labctl.bench.opening import Access, opened
+from labctl.bench.station import Station
+from labctl.bench.supervision import supervised
+from labctl.runs.live.logs import CommandLog
+from protocols.base import Images, Shot, ShotKind
+from protocols.image_readout import LONGEST_WINDOW_S, SHORTEST_WINDOW_S, pseudorandom_drive
+from protocols.patterns import Patterns
+from protocols.ranging import find_ranges
+
+SAMPLE_RATE = 25e9
+TASK = "a bench in hand"
+
+
+@dataclass(frozen=True)
+class Traces:
+    """What the oscilloscope showed at one trigger.
+
+    volts: (ports, samples) V. time_s: (samples,) s after the trigger. ports: of each row. clipped: (ports,) whether a
+    trace touches the end of its vertical range.
+    """
+
+    volts: NDArray[np.float64]
+    time_s: NDArray[np.float64]
+    ports: tuple[int, ...]
+    clipped: NDArray[np.bool_]
+
+
+class HandLaser:
+    """The laser of a bench in one's hands."""
+
+    def __init__(self, bench: Bench, wavelength_nm: float) -> None:
+        """Nothing is sent yet."""
+        self._bench = bench
+        self.wavelength_nm = wavelength_nm
+
+    @property
+    def power(self) -> float:
+        """Optical power that it is set to, W. Set it in W or as text, "3 mW" or "5 dBm".
+
+        Raises:
+            ValueError: the text is no power.
+            OutOfRange: above the limit of the station, or outside the laser's range; nothing was sent then.
+        """
+        return self._bench.levels.optical_power_w
+
+    @power.setter
+    def power(self, power: float | str) -> None:
+        power_w = quantity(power, "W") if isinstance(power, str) else float(power)
+        levels = replace(self._bench.levels, optical_power_w=power_w)
+        self._bench.limits.check_levels(levels, self._bench.source)
+        if self._bench.lit:
+            self._bench.limits.check_power(self._bench.laser.set_power(power_w))
+        self._bench.levels = levels
+
+    @property
+    def wavelength(self) -> float:
+        """Wavelength that it is set to, nm. Set it in nm or as text, "1550 nm".
+
+        Raises:
+            ValueError: the text is no wavelength.
+            OutOfRange: outside the tuning range.
+        """
+        return self.wavelength_nm
+
+    @wavelength.setter
+    def wavelength(self, wavelength: float | str) -> None:
+        wavelength_nm = quantity(wavelength, "nm") if isinstance(wavelength, str) else float(wavelength)
+        self.wavelength_nm = self._bench.tune(wavelength_nm) if self._bench.lit else wavelength_nm
+
+
+class Hands:
+    """An opened bench. Light comes on with the first `capture`; leaving the context, however, makes the bench dark.
+
+    Attributes:
+        laser: power and wavelength.
+    """
+
+    def __init__(self, bench: Bench, *, wavelength_nm: float, drive_seed: int) -> None:
+        """Not for callers: `labctl.bench` opens one."""
+        self.laser = HandLaser(bench, wavelength_nm)
+        self._bench = bench
+        self._drive = pseudorandom_drive(bench, drive_seed)
+        self._light = ExitStack()
+        self._configured: tuple[tuple[int, ...], int, int, float] | None = None
+        self._scalings: tuple[Scaling, ...] = ()
+
+    def show(self, image: ArrayLike) -> None:
+        """Show an image on the mirrors, as large as they allow: (rows, columns), on where it is above one half.
+
+        Raises:
+            OutOfRange: it has no two dimensions.
+            ProtocolError: it has more pixels than there are mirrors.
+        """
+        pixels = np.asarray(image) > 0.5
+        if pixels.ndim != 2:
+            raise OutOfRange(f"an image of shape {pixels.shape}: show one of rows and columns")
+        patterns = Patterns(
+            Images(pixels[np.newaxis], np.zeros(1, np.int64), np.zeros(1, np.int64)), self._bench.dmd.shape
+        )
+        self._bench.show(patterns[Shot(0, ShotKind.IMAGE, 0, 0, 0)])
+
+    def blank(self) -> None:
+        """Turn every mirror away; the light stays on."""
+        self._bench.dmd.blank()
+
+    def capture(self, *, window: float | str = 2e-9, ports: Sequence[int] = (2, 3, 4, 5), averages: int = 1) -> Traces:
+        """Traces of some ports, as many as the oscilloscope has channels; switches the light on if it is off.
+
+        The vertical ranges are found anew where window, ports, averages or power are others than before.
+
+        Args:
+            window: Length of a trace, s, or text such as "2 ns".
+            ports: Waveguides of the chip.
+            averages: Triggers that the trace is the mean of.
+
+        Raises:
+            NotConfigured: the laser is not armed.
+            OutOfRange: more ports than channels, or no such window.
+            InstrumentError: an instrument failed; the bench is dark.
+        """
+        window_s = quantity(window, "s") if isinstance(window, str) else float(window)
+        if not SHORTEST_WINDOW_S <= window_s <= LONGEST_WINDOW_S:
+            raise OutOfRange(f"window = {window_s:g} s: choose {SHORTEST_WINDOW_S:g} to {LONGEST_WINDOW_S:g} s")
+        patchings = self._bench.patchings_for(tuple(ports))
+        if len(patchings) != 1:
+            raise OutOfRange(f"{len(ports)} ports at once: the bench has {len(self._bench.wiring.channels)} channels")
+        samples = max(1, round(window_s * SAMPLE_RATE))
+        if not self._bench.lit:
+            self._switch_on()
+        asked = tuple(patchings[0].values()), samples, averages, self.laser.power
+        if self._configured != asked:
+            self._bench.connect(patchings[0])
+            self._bench.configure(Timebase(SAMPLE_RATE, samples), patchings[0], averages)
+            self._scalings = find_ranges(
+                self._bench.scope, self._bench.limits, [self._bench.capture], self._bench.require_unchanged
+            )
+            self._configured = asked
+        frames = self._bench.capture()
+        self._bench.limits.check_traces(tuple(patchings[0]), frames.codes, self._scalings)
+        volts = [one.scale_v * codes + one.offset_v for one, codes in zip(self._scalings, frames.codes[0], strict=True)]
+        return Traces(np.array(volts), np.arange(samples) / SAMPLE_RATE, asked[0], frames.clipped[0])
+
+    def dark(self) -> None:
+        """Reach the safe state now; the next `capture` switches the light on again.
+
+        Raises:
+            UnsafeBench: an instrument did not obey.
+        """
+        self._configured = None
+        self._light.close()
+
+    def _switch_on(self) -> None:
+        self._light.enter_context(self._bench.emitting(self.laser.wavelength_nm))
+        self._bench.load_drive(self._drive)
+        self._bench.play_drive()
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """The safe state."""
+        self._configured = None
+        self._light.__exit__(kind, error, trace)
+
+
+@contextmanager
+def in_hands(
+    station: Station, access: Access, *, wavelength_nm: float, drive_seed: int, observer: Observer | None = None
+) -> Iterator[Hands]:
+    """The bench of `station`, held and supervised; dark when the block ends, however it does.
+
+    Raises:
+        StationError, OutOfRange: the station is wrong.
+        BenchInUse: another process has an instrument.
+    """
+    observers = Observers()
+    with ExitStack() as stack:
+        log = stack.enter_context(CommandLog())
+        hold = stack.enter_context(held(station, TASK, access.wire))
+        supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
+        for one in (hold, supervisor, log, observer or Observer()):
+            observers.add(one)
+        bench = stack.enter_context(opened(station, log, access, observer=observers)).bench
+        yield stack.enter_context(Hands(bench, wavelength_nm=wavelength_nm, drive_seed=drive_seed))

@@ -1,0 +1,224 @@
+"""What `import labctl` offers beside `open_run` and `open_runs`: bench, runs and readouts, as commands have them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from instruments.bench import Observer
+from instruments.units import quantity
+from labctl.bench.opening import Access
+from labctl.bench.signals import interruptible
+from labctl.bench.station import Station, read_station
+from labctl.engine.engine import Outcome
+from labctl.engine.hands import Hands, in_hands
+from labctl.engine.plan import new_directory
+from labctl.engine.session import Acquisition, acquire
+from labctl.runs.catalogue import Catalogue, Found
+from labctl.runs.format.layout import run_name
+from labctl.studies.readouts import evaluate_readout, train_readout
+from labctl.studies.sweeps.axes import Order, values_of
+from labctl.studies.sweeps.declaration import Sweep, points
+from labctl.studies.sweeps.evaluation import evaluate_sweep
+from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts
+from protocols.registry import protocol_class, protocol_from
+
+ORIGIN = "settings"
+
+
+@contextmanager
+def bench(
+    station: Path | str | None = None,
+    *,
+    wavelength: float | str = 1550.0,
+    drive_seed: int = 1,
+    armed: bool = False,
+    attended: bool = False,
+) -> Iterator[Hands]:
+    """A bench in one's hands: show images, take traces, set the laser. Dark at its end, however that comes.
+
+    Args:
+        station: Station file; None for the simulated bench.
+        wavelength: Of the first light, nm or text.
+        drive_seed: Of the pseudorandom drive, as the setting of the protocols.
+        armed: Light is allowed, as `--arm`.
+        attended: Somebody stands at the laser's key switch, as `--attended`.
+
+    Raises:
+        LabctlError: the station is wrong, the bench in use, or an instrument failed; one line.
+
+    Example:
+        >>> import labctl, numpy
+        >>> with labctl.bench() as bench:
+        ...     bench.show(numpy.eye(28))
+        ...     bench.laser.power = "10 mW"
+        ...     bench.capture(window="1 ns", ports=[2, 3]).volts.shape
+        (2, 25)
+    """
+    wavelength_nm = quantity(wavelength, "nm") if isinstance(wavelength, str) else float(wavelength)
+    access = Access(attended, armed)
+    with in_hands(_station(station), access, wavelength_nm=wavelength_nm, drive_seed=drive_seed) as hands:
+        yield hands
+
+
+def run(
+    protocol: str = "image-readout",
+    *,
+    station: Path | str | None = None,
+    out: Path | str | None = None,
+    data: Path | str | None = None,
+    armed: bool = False,
+    attended: bool = False,
+    observer: Observer | None = None,
+    **settings: Any,
+) -> Outcome:
+    """Carry out a protocol and store the run: `labctl run`. Ctrl-C once finishes the shot.
+
+    Args:
+        protocol: Name of a protocol.
+        station: Station file; None for the simulated bench.
+        out: Run directory, new or empty; None for a new one under `runs/`.
+        data: Folder of data sets that is looked at first.
+        armed: Light is allowed, as `--arm`.
+        attended: Somebody stands at the laser's key switch.
+        observer: Follows the run.
+        settings: Of the protocol, as text with units or as numbers in SI units: `images=400, window="1 ns"`.
+
+    Raises:
+        LabctlError: what was asked for is wrong, before there is light; or an instrument failed, and finished shots
+            are kept.
+    """
+    asked = protocol_from(protocol, settings, origin=ORIGIN)
+    directory = new_directory(asked, datetime.now(UTC)) if out is None else Path(out)
+    found = _station(station, projector=asked.projector)
+    acquisition = Acquisition(asked, found, directory, _path(data), Access(attended, armed))
+    with interruptible() as interruption:
+        return acquire(acquisition, observer=observer, interruption=interruption).outcome
+
+
+def sweep(
+    protocol: str,
+    over: Mapping[str, str | Sequence[str]],
+    *,
+    zip: bool = False,  # noqa: A002 -- as the command's option
+    order: str = "random",
+    reference_every: int = 10,
+    station: Path | str | None = None,
+    out: Path | str | None = None,
+    data: Path | str | None = None,
+    armed: bool = False,
+    attended: bool = False,
+    **settings: Any,
+) -> Measured:
+    """Carry out a protocol at every point of one or several axes: `labctl sweep`.
+
+    Args:
+        protocol: Name of a protocol.
+        over: Values of each axis: texts, or one text with a list or a range, `{"power": "10:30:5 mW"}`.
+        zip: Axes side by side instead of every combination.
+        order: "random", "interleaved" or "as-given".
+        reference_every: The first point is measured first, last and after so many others; 0: once.
+        station: Station file; None for the simulated bench.
+        out: Folder of the sweep, new or empty; None for a new one under `runs/`.
+        data: Folder of data sets that is looked at first.
+        armed: Light is allowed, as `--arm`.
+        attended: Somebody stands at the laser's key switch.
+        settings: Of the protocol at every point.
+
+    Raises:
+        LabctlError: what was asked for is wrong, before there is light; or an instrument failed, and what was measured
+            is kept: `labctl resume`.
+    """
+    axes = {name: values_of(name, one) if isinstance(one, str) else tuple(one) for name, one in over.items()}
+    asked = Sweep(
+        protocol=protocol, settings=settings, over=axes, zip=zip, order=Order(order), reference_every=reference_every
+    )
+    kind = protocol_class(protocol)
+    found = _station(station, projector=kind.projector)
+    every = points(asked, found)
+    name = f"{run_name(datetime.now(UTC), protocol, kind().digest())}-sweep"
+    directory = Path("runs") / name if out is None else Path(out)
+    access = Access(attended, armed)
+    for _ in forecasts(every, data=_path(data), access=access):
+        pass  # what cannot be is refused before anything is made
+    begin(directory, asked, found)
+    with interruptible() as interruption:
+        return carry_out(
+            directory,
+            every,
+            data=_path(data),
+            access=access,
+            interruption=interruption,
+            follow=lambda _number, _count, _point: nullcontext(Observer()),
+        )
+
+
+def runs(
+    where: str = "", *, folder: Path | str = "runs", sort: str = "started", limit: int | None = None
+) -> list[Found]:
+    """The runs of a folder that some words ask for, the newest last: `labctl runs --where`.
+
+    Args:
+        where: Such as `"images >= 300 and tag = good"`; all if empty.
+        folder: Where the runs lie.
+        sort: Any key.
+        limit: The last so many.
+
+    Raises:
+        UsageError: the words are not understood, or no run has that key.
+    """
+    return Catalogue(Path(folder)).find(where, sort=sort, limit=limit)
+
+
+def train(
+    run: Path | str,
+    *,
+    window: float | str = 0.4e-9,
+    ports: Sequence[int] | None = None,
+    seed: int = 1,
+    out: Path | str | None = None,
+) -> dict[str, Any]:
+    """Train a softmax readout on nine tenths of the images of a run and save it: `labctl train`.
+
+    Args:
+        run: Run directory.
+        window: Acquisition time T_N, s or text.
+        ports: Those that it sees; None for all.
+        seed: Which images are kept apart.
+        out: File to write; None for one in the run's folder `models`.
+
+    Returns:
+        What the command prints as JSON: `model`, `accuracy`, `interval`, ...
+
+    Raises:
+        LabctlError: no such run, window or port, or too few images.
+    """
+    window_s = quantity(window, "s") if isinstance(window, str) else float(window)
+    chosen = None if ports is None else tuple(ports)
+    return train_readout(Path(run), window_s=window_s, ports=chosen, seed=seed, out=_path(out))
+
+
+def evaluate(subject: Path | str, run: Path | str | None = None) -> dict[str, Any]:
+    """Test a readout on a run, or judge a sweep: `labctl evaluate`.
+
+    Args:
+        subject: Model file, or the folder of a sweep.
+        run: Run directory to test the model on.
+
+    Returns:
+        What the command prints as JSON.
+
+    Raises:
+        LabctlError: not a readout, or a run it does not fit; or no such sweep.
+    """
+    return evaluate_sweep(Path(subject)) if run is None else evaluate_readout(Path(subject), Path(run))
+
+
+def _station(path: Path | str | None, *, projector: bool | None = None) -> Station:
+    found = read_station(_path(path))
+    return found if path is not None or projector is None else found.cabled(projector=projector)
+
+
+def _path(path: Path | str | None) -> Path | None:
+    return None if path is None else Path(path)

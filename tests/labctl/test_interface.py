@@ -1,0 +1,130 @@
+"""What `import labctl` offers: a bench in one's hands, runs, sweeps, readouts."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import labctl
+from instruments.bench import Observer
+from instruments.errors import OutOfRange
+from labctl.bench.opening import Access
+from labctl.bench.station import SIMULATED_STATION
+from labctl.engine.hands import Hands, in_hands
+from labctl.errors import LabctlError, RunError, StationError
+
+
+class Emission(Observer):
+    """Remembers when light went on and off."""
+
+    def __init__(self) -> None:
+        self.seen: list[bool] = []
+
+    def emission(self, *, on: bool) -> None:
+        self.seen.append(on)
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "api.md"
+
+
+def test_what_is_public_is_listed_and_described() -> None:
+    assert labctl.__all__ == ["bench", "evaluate", "open_run", "open_runs", "run", "runs", "sweep", "train"]
+    page = PAGE.read_text("utf-8")
+    for name in labctl.__all__:
+        assert f"autofunction:: labctl.{'' if name.startswith('open') else 'interface.'}{name}\n" in page
+    with pytest.raises(AttributeError, match="has no attribute 'walk'"):
+        labctl.walk  # noqa: B018
+
+
+def test_two_of_the_functions_are_packages_too() -> None:
+    code = (
+        "import labctl.bench.station, labctl.runs.index, labctl; "
+        "print(callable(labctl.bench), callable(labctl.runs), labctl.runs(folder='nowhere'))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "True True []\n"
+
+
+def test_a_bench_in_ones_hands_is_lit_by_the_first_trace_and_dark_at_its_end() -> None:
+    image = np.eye(28)
+    with labctl.bench() as bench:
+        bench.show(image)
+        bright = bench.capture(window="1 ns", ports=[2, 3])
+        assert (bright.volts.shape, bright.ports) == ((2, 25), (2, 3))
+        assert not bright.clipped.any()
+        assert bright.time_s[-1] == pytest.approx(24 * 40e-12)
+        bench.laser.power = "10 mW"
+        dim = bench.capture(window="1 ns", ports=[2, 3])
+        assert bench.laser.power == 0.01
+        assert 1.5 < bright.volts.mean() / dim.volts.mean() < 4
+        bench.blank()
+        assert bench.capture(window="1 ns", ports=[2, 3]).volts.mean() < 0.3 * dim.volts.mean()
+        bench.laser.wavelength = "1551 nm"
+        assert bench.laser.wavelength == pytest.approx(1551, abs=0.01)
+        bench.dark()
+        bench.show(image)
+        bench.capture()
+
+
+def test_the_light_goes_out_whatever_ends_the_block() -> None:
+    light = Emission()
+
+    def fail(bench: Hands) -> None:
+        bench.show(np.ones((10, 10)))
+        bench.capture()
+        raise ZeroDivisionError
+
+    with (
+        pytest.raises(ZeroDivisionError),
+        in_hands(SIMULATED_STATION, Access(), wavelength_nm=1550.0, drive_seed=1, observer=light) as bench,
+    ):
+        fail(bench)
+    assert light.seen == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("power", "told"),
+    [("40 mW", "laser.power = 40 mW exceeds limits.optical_power = 30 mW"), ("3", "has no unit"), ("3 nm", "not in W")],
+)
+def test_powers_that_are_refused_change_nothing(power: str, told: str) -> None:
+    with labctl.bench() as bench:
+        with pytest.raises((OutOfRange, ValueError), match=told):
+            bench.laser.power = power
+        assert bench.laser.power == 0.03
+
+
+def test_what_a_hand_cannot_do() -> None:
+    with labctl.bench() as bench:
+        with pytest.raises(OutOfRange, match="5 ports at once: the bench has 4 channels"):
+            bench.capture(ports=range(2, 7))
+        with pytest.raises(OutOfRange, match="choose 4e-11 to 2e-05 s"):
+            bench.capture(window="1 ps")
+        with pytest.raises(OutOfRange, match="show one of rows and columns"):
+            bench.show([1, 2])
+
+
+def test_from_images_in_to_accuracy_out(tmp_path: Path) -> None:
+    outcome = labctl.run(images=60, window="0.4 ns", out=tmp_path / "runs" / "one")
+    assert (outcome.complete, outcome.directory) == (True, tmp_path / "runs" / "one")
+    trained = labctl.train(outcome.directory, ports=[2, 3], out=tmp_path / "model.h5")
+    assert trained["ports"] == [2, 3]
+    assert labctl.evaluate(trained["model"], outcome.directory)["test_shots"] == trained["test_shots"]
+    [found] = labctl.runs("images = 60", folder=tmp_path / "runs")
+    assert found.row.path == outcome.directory
+
+    measured = labctl.sweep(
+        "image-readout", {"averages": ["1", "2"]}, images=40, window="0.4 ns", ports=[2], out=tmp_path / "sweep"
+    )
+    assert (measured.runs, measured.complete) == (3, 3)
+    assert len(labctl.evaluate(tmp_path / "sweep")["points"]) == 3
+
+
+def test_errors_are_those_of_the_commands(tmp_path: Path) -> None:
+    with pytest.raises(LabctlError, match="image-readout has no such setting"):
+        labctl.run(colour="red")
+    with pytest.raises(StationError), labctl.bench(tmp_path / "nowhere.toml"):
+        pass
+    with pytest.raises(RunError):
+        labctl.train(tmp_path / "nowhere")
