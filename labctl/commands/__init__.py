@@ -8,6 +8,7 @@ COMMANDS = {
     "align": "labctl.commands.align:align",
     "run": "labctl.commands.run:run",
     "sweep": "labctl.commands.sweep:sweep",
+    "queue": "labctl.commands.queue:app",
     "resume": "labctl.commands.resume:resume",
     "pause": "labctl.commands.control:pause",
     "go-on": "labctl.commands.control:go_on",

@@ -1,0 +1,196 @@
+"""What waits, runs, is done or failed: a SQLite file beside the runs, which any process may write at any time."""
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from labctl.errors import RunError, UsageError, writing
+
+FILE = "queue.sqlite"
+APPLICATION, VERSION = 0x6C616271, 1
+WAIT_S = 10.0
+"""For another process that writes at the same moment."""
+_TABLES = f"""
+CREATE TABLE item (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, place REAL, words TEXT, directory TEXT, plan TEXT, state TEXT,
+    added_by TEXT, added TEXT, began TEXT, ended TEXT, message TEXT
+);
+CREATE TABLE wish (word TEXT);
+PRAGMA application_id = {APPLICATION};
+PRAGMA user_version = {VERSION};
+"""
+_COLUMNS = "number, words, directory, plan, state, added_by, added, began, ended, message"
+
+
+class State(StrEnum):
+    """Of an item."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+
+
+class Wish(StrEnum):
+    """What whoever carries a queue out is asked for: to stop after this item, or now."""
+
+    STOP = "stop"
+    STOP_NOW = "stop now"
+
+
+@dataclass(frozen=True)
+class Item:
+    """A run or sweep: the words of its command, where it goes, what was forecast, and what became of it.
+
+    Times are ISO 8601 in UTC, empty for never. message: of a failure.
+    """
+
+    number: int
+    words: tuple[str, ...]
+    directory: Path
+    plan: Mapping[str, Any] = field(default_factory=dict)
+    state: State = State.WAITING
+    added_by: str = ""
+    added: str = ""
+    began: str = ""
+    ended: str = ""
+    message: str = ""
+
+
+class Queue:
+    """The queue of a folder of runs."""
+
+    def __init__(self, folder: Path) -> None:
+        """Of `folder`; the file is made when something is added."""
+        self.folder = folder
+        self.path = folder / FILE
+
+    def items(self) -> list[Item]:
+        """All items in their order: what is done or running first, as it came, then what waits."""
+        with self._open() as database:
+            rows = database.execute(f"SELECT {_COLUMNS} FROM item ORDER BY place")  # noqa: S608 -- constants
+            return [_item(row) for row in rows]
+
+    def add(self, words: Sequence[str], directory: Path, plan: Mapping[str, Any], added_by: str) -> Item:
+        """One more, behind all others."""
+        with self._open(make=True) as database:
+            (last,) = database.execute("SELECT coalesce(max(place), 0) FROM item").fetchone()
+            values = (last + 1, json.dumps(list(words)), str(directory), json.dumps(dict(plan)), State.WAITING)
+            number = database.execute(
+                "INSERT INTO item (place, words, directory, plan, state, added_by, added, began, ended, message) "
+                "VALUES (?, ?, ?, ?, ?, ?, ?, '', '', '')",
+                (*values, added_by, _now()),
+            ).lastrowid
+        return next(item for item in self.items() if item.number == number)
+
+    def move(self, number: int, place: int) -> None:
+        """Make an item the so-manieth of those that wait; 1 is the next.
+
+        Raises:
+            UsageError: there is no such item that waits, or no such place.
+        """
+        with self._open() as database:
+            waiting = [one for (one,) in _waiting(database) if one != number]
+            self._require_waiting(database, number)
+            if not 1 <= place <= len(waiting) + 1:
+                raise UsageError(f"place {place}: {len(waiting) + 1} wait: choose 1 to {len(waiting) + 1}")
+            waiting.insert(place - 1, number)
+            (behind,) = database.execute("SELECT coalesce(max(place), 0) FROM item").fetchone()
+            for order, one in enumerate(waiting, start=1):
+                database.execute("UPDATE item SET place = ? WHERE number = ?", (behind + order, one))
+
+    def remove(self, number: int) -> None:
+        """Take out an item; what it has measured stays.
+
+        Raises:
+            UsageError: there is no such item, or it is running.
+        """
+        with self._open() as database:
+            found = database.execute("SELECT state FROM item WHERE number = ?", (number,)).fetchone()
+            if found is None or found[0] == State.RUNNING:
+                why = "there is none" if found is None else "it is running, 'labctl queue stop --now' ends it"
+                raise UsageError(f"item {number}: {why}: see 'labctl queue list'")
+            database.execute("DELETE FROM item WHERE number = ?", (number,))
+
+    def claim(self) -> Item | None:
+        """The next one, which is running from now on; None where none waits."""
+        with self._open() as database:
+            found = _waiting(database).fetchone()
+            if found is None:
+                return None
+            database.execute(
+                "UPDATE item SET state = ?, began = ?, ended = '', message = '' WHERE number = ?",
+                (State.RUNNING, _now(), found[0]),
+            )
+        return next(item for item in self.items() if item.number == found[0])
+
+    def end(self, number: int, state: State, message: str = "") -> None:
+        """An item that ran is done, failed, or waits again."""
+        with self._open() as database:
+            database.execute(
+                "UPDATE item SET state = ?, ended = ?, message = ? WHERE number = ?", (state, _now(), message, number)
+            )
+
+    def put_back(self) -> None:
+        """What runs waits again: whoever carried it out is gone."""
+        with self._open() as database:
+            database.execute("UPDATE item SET state = ? WHERE state = ?", (State.WAITING, State.RUNNING))
+            database.execute("DELETE FROM wish")
+
+    def ask(self, wish: Wish) -> None:
+        """Ask whoever carries the queue out for something."""
+        with self._open() as database:
+            database.execute("INSERT INTO wish VALUES (?)", (wish,))
+
+    @property
+    def wishes(self) -> set[Wish]:
+        """What it is asked for."""
+        with self._open() as database:
+            return {Wish(word) for (word,) in database.execute("SELECT word FROM wish")}
+
+    def _require_waiting(self, database: sqlite3.Connection, number: int) -> None:
+        if (number,) not in _waiting(database).fetchall():
+            raise UsageError(f"item {number}: none of those that wait: see 'labctl queue list'")
+
+    @contextmanager
+    def _open(self, *, make: bool = False) -> Iterator[sqlite3.Connection]:
+        """The tables in a transaction of their own; in memory as long as there is no file.
+
+        Raises:
+            RunError: the file is none of a queue, or cannot be written.
+        """
+        if make:
+            with writing(self.folder, "name another --folder"):
+                self.folder.mkdir(parents=True, exist_ok=True)
+        where = self.path if make or self.path.exists() else ":memory:"
+        try:
+            with closing(sqlite3.connect(where, timeout=WAIT_S)) as database, database:
+                database.execute("BEGIN IMMEDIATE")
+                (application,) = database.execute("PRAGMA application_id").fetchone()
+                if application != APPLICATION:
+                    if database.execute("SELECT 1 FROM sqlite_master").fetchone():
+                        raise sqlite3.DatabaseError("is of another program")
+                    for statement in _TABLES.split(";"):
+                        database.execute(statement)
+                yield database
+        except sqlite3.Error as error:
+            raise RunError(f"{self.path}: cannot be used as a queue ({error}): name another --folder") from None
+
+
+def _waiting(database: sqlite3.Connection) -> sqlite3.Cursor:
+    return database.execute("SELECT number FROM item WHERE state = ? ORDER BY place", (State.WAITING,))
+
+
+def _item(row: Sequence[Any]) -> Item:
+    number, words, directory, plan, state, *said = row
+    return Item(number, tuple(json.loads(words)), Path(directory), json.loads(plan), State(state), *said)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

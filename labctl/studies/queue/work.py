@@ -1,0 +1,145 @@
+"""Carrying a queue out: each item is a `labctl` of its own, so that it leaves nothing to the next but a dark bench."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from labctl.bench.lock_file import LockFile
+from labctl.bench.signals import Interruption
+from labctl.errors import BenchInUse, UsageError
+from labctl.runs.format.layout import RunPaths
+from labctl.studies.queue.items import Item, Queue, State, Wish
+from labctl.studies.sweeps.folder import is_sweep
+
+COMMANDS = ("run", "sweep")
+LOOK_EVERY_S = 0.2
+"""How often somebody's wish is looked for while an item runs."""
+INTERRUPTED = 130
+KEPT_OPTIONS = {"--station": 1, "--data": 1, "--arm": 0, "--attended": 0}
+"""Options that going on with a run or sweep needs again, and how many words each is followed by."""
+
+
+class OnFailure(StrEnum):
+    """What becomes of the rest of a queue when an item fails."""
+
+    STOP = "stop"
+    GO_ON = "go-on"
+
+
+@dataclass(frozen=True)
+class Worked:
+    """What became of the items of a queue, and whether some still wait."""
+
+    done: int
+    failed: int
+    waiting: int
+
+
+def forecast(words: Sequence[str]) -> dict[str, Any]:
+    """What the command of an item would do, by its own `--dry-run`.
+
+    Raises:
+        UsageError: it is neither a run nor a sweep, or is refused; the line is its own.
+    """
+    if not words or words[0] not in COMMANDS:
+        raise UsageError("a queue takes runs and sweeps: 'labctl queue add run image-readout --set images=400'")
+    done = subprocess.run(  # noqa: S603 -- labctl itself
+        _command([*words, "--dry-run", "--json"]), capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+    )
+    found = _said(done.stdout)
+    if done.returncode:
+        raise UsageError(str(found.get("error", done.stderr.strip() or "the command is refused")))
+    return found
+
+
+def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: Callable[[str], None]) -> Worked:
+    """Carry out what waits, and what is added meanwhile, until nothing does or somebody wants it to end.
+
+    What ran when an earlier process died goes on where it stopped. An item that is interrupted waits again.
+
+    Raises:
+        BenchInUse: another process carries this queue out.
+    """
+    done = failed = 0
+    with _alone(queue):
+        queue.put_back()
+        while not interruption.requested and not queue.wishes and (item := queue.claim()) is not None:
+            tell(f"{item.number}: labctl {' '.join(item.words)}")
+            status, message = _carried_out(item, queue)
+            if status == 0:
+                queue.end(item.number, State.DONE)
+                done += 1
+            elif status == INTERRUPTED:
+                queue.end(item.number, State.WAITING)
+                break
+            else:
+                queue.end(item.number, State.FAILED, message)
+                tell(f"{item.number} failed: {message}")
+                failed += 1
+                if on_failure is OnFailure.STOP:
+                    break
+    return Worked(done, failed, sum(item.state is State.WAITING for item in queue.items()))
+
+
+def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
+    """Exit status of an item's command, and its error."""
+    begun = RunPaths(item.directory).manifest.exists() or is_sweep(item.directory)
+    words = ["resume", str(item.directory), *_kept(item.words)] if begun else item.words
+    process = subprocess.Popen(  # noqa: S603 -- labctl itself
+        _command([*words, "--json"]), stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True
+    )
+    stopping = False
+    try:
+        while True:
+            try:
+                out, _ = process.communicate(timeout=LOOK_EVERY_S)
+            except subprocess.TimeoutExpired:
+                if not stopping and Wish.STOP_NOW in queue.wishes:
+                    stopping = True
+                    process.send_signal(signal.SIGINT)
+                continue
+            return process.returncode, str(_said(out).get("error", f"it ended with {process.returncode}"))
+    except BaseException:
+        process.terminate()
+        process.communicate()
+        queue.end(item.number, State.WAITING)
+        raise
+
+
+def _kept(words: Sequence[str]) -> list[str]:
+    """Of the words of a command, the options that going on needs again."""
+    kept: list[str] = []
+    for place, word in enumerate(words):
+        name, equals, _ = word.partition("=")
+        if name in KEPT_OPTIONS:
+            kept += words[place : place + 1 + (0 if equals else KEPT_OPTIONS[name])]
+    return kept
+
+
+def _command(words: Sequence[str]) -> list[str]:
+    return [sys.executable, "-m", "labctl", *words]
+
+
+def _said(text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text.strip().splitlines()[-1])
+    except (ValueError, IndexError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+@contextmanager
+def _alone(queue: Queue) -> Iterator[None]:
+    lock = LockFile(f"queue {queue.path.resolve()}")
+    try:
+        if not lock.lock():
+            raise BenchInUse(f"{queue.path}: another process carries this queue out: add to it, or stop it first")
+        yield
+    finally:
+        lock.close()

@@ -1,0 +1,120 @@
+"""A queue of real processes on the simulated bench: added to, reordered, killed with all it started, gone on with."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import run_row
+from tests.system.waiting import until_stored
+
+LABCTL = [sys.executable, "-m", "labctl"]
+SMALL = ("run", "image-readout", "--set", "images=40", "--set", "window=0.4 ns")
+LONG = ("run", "image-readout", "--set", "images=1000", "--set", "ports=2")
+
+
+def queue(folder: Path, command: str, *words: object) -> Any:
+    done = subprocess.run(
+        [*LABCTL, "queue", command, "--folder", str(folder), "--json", *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, json.loads(done.stdout)
+
+
+def states(folder: Path) -> list[tuple[int, str]]:
+    return [(item["number"], item["state"]) for item in queue(folder, "list")[1]["items"]]
+
+
+def complete(directory: Path) -> bool:
+    return run_row(RunPaths(directory)).complete
+
+
+def test_items_are_added_moved_and_removed(tmp_path: Path) -> None:
+    assert queue(tmp_path, "list") == (0, {"items": []})
+    assert not list(tmp_path.iterdir()), "looking makes nothing"
+    for images in (40, 44, 48):
+        assert queue(tmp_path, "add", "run", "image-readout", "--set", f"images={images}")[0] == 0
+    status, found = queue(tmp_path, "move", 3, "--to", 1)
+    assert (status, [item["number"] for item in found["items"]]) == (0, [3, 1, 2])
+    assert found["items"][0]["words"][-2:] == ["--out", str(tmp_path / "queue-0003")]
+    assert found["items"][0]["plan"]["shots"] == 54
+    assert [item["number"] for item in queue(tmp_path, "remove", 1)[1]["items"]] == [3, 2]
+    assert queue(tmp_path, "remove", 7)[1]["error"] == "item 7: there is none: see 'labctl queue list'"
+    assert queue(tmp_path, "move", 2, "--to", 5)[1]["error"] == "place 5: 2 wait: choose 1 to 2"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("check",), "a queue takes runs and sweeps"),
+        (("run", "psychic"), "protocol 'psychic' is not installed"),
+        (("run", "image-readout", "--set", "window=3"), "window"),
+        (("sweep", "image-readout"), "--over is missing"),
+    ],
+)
+def test_what_is_wrong_is_said_when_it_is_added(tmp_path: Path, words: tuple[str, ...], told: str) -> None:
+    status, found = queue(tmp_path, "add", *words)
+    assert status == 2
+    assert told in found["error"]
+    assert states(tmp_path) == []
+
+
+def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> None:
+    queue(tmp_path, "add", *SMALL)
+    queue(tmp_path, "add", *LONG)
+    worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)], start_new_session=True)
+    try:
+        until_stored(worker, tmp_path / "queue-0002")
+        assert states(tmp_path) == [(1, "done"), (2, "running")]
+    finally:
+        os.killpg(worker.pid, signal.SIGKILL)
+        worker.wait()
+    assert not complete(tmp_path / "queue-0002")
+    status, found = queue(tmp_path, "start")
+    assert (status, found) == (0, {"done": 1, "failed": 0, "waiting": 0})
+    assert complete(tmp_path / "queue-0002")
+
+
+def test_a_failure_ends_it_or_not_as_is_told(tmp_path: Path) -> None:
+    taken = tmp_path / "taken"
+    for words in ((*SMALL, "--out", taken), SMALL, SMALL):
+        queue(tmp_path, "add", *words)
+    taken.mkdir()
+    (taken / "something").touch()
+    status, found = queue(tmp_path, "start")
+    assert (status, found) == (1, {"done": 0, "failed": 1, "waiting": 2})
+    [first, *_] = queue(tmp_path, "list")[1]["items"]
+    assert str(taken) in first["message"]
+    queue(tmp_path, "remove", 1)
+    queue(tmp_path, "add", *SMALL, "--out", taken)
+    queue(tmp_path, "move", 4, "--to", 1)
+    assert queue(tmp_path, "start", "--on-failure", "go-on") == (1, {"done": 2, "failed": 1, "waiting": 0})
+
+
+def test_while_it_runs_others_add_and_stop_and_nobody_starts_it_twice(tmp_path: Path) -> None:
+    queue(tmp_path, "add", *LONG)
+    worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])
+    until_stored(worker, tmp_path / "queue-0001")
+    assert queue(tmp_path, "stop", "--now")[0] == 0
+    assert worker.wait() == 130
+    assert states(tmp_path) == [(1, "waiting")]
+    assert not complete(tmp_path / "queue-0001"), "it ended with the shot"
+    stored = RunPaths(tmp_path / "queue-0001").journal.read_bytes().count(b"\n")
+
+    worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])
+    until_stored(worker, tmp_path / "queue-0001", shards=stored + 1)
+    status, found = queue(tmp_path, "start")
+    assert status == 1
+    assert "another process carries this queue out" in found["error"]
+    queue(tmp_path, "add", *SMALL)
+    assert worker.wait() == 0
+    assert states(tmp_path) == [(1, "done"), (2, "done")]
+    assert complete(tmp_path / "queue-0001")
