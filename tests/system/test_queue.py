@@ -12,6 +12,7 @@ import pytest
 
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
+from labctl.studies.queue.items import Queue
 from tests.system.waiting import until_stored
 
 LABCTL = [sys.executable, "-m", "labctl"]
@@ -111,10 +112,11 @@ def test_while_it_runs_others_add_and_stop_and_nobody_starts_it_twice(tmp_path: 
 
     worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])
     until_stored(worker, tmp_path / "queue-0001", shards=stored + 1)
+    added = Queue(tmp_path).add([*SMALL, "--out", str(tmp_path / "more")], tmp_path / "more", {}, "somebody")
     status, found = queue(tmp_path, "start")
     assert status == 1
     assert "another process carries this queue out" in found["error"]
-    queue(tmp_path, "add", *SMALL)
     assert worker.wait() == 0
-    assert states(tmp_path) == [(1, "done"), (2, "done")]
+    assert states(tmp_path) == [(1, "done"), (added.number, "done")]
     assert complete(tmp_path / "queue-0001")
+    assert complete(tmp_path / "more")
