@@ -77,13 +77,15 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
         records = twin.records(level)
         try:
             scale = photon_scale(twin, level)
-        except AnalysisError:  # the reference has hardly a photon on some port of this bench
+        except AnalysisError:  # on some port of this bench the receiver's own noise is more
             continue
         photons[level] = float(scale.photons(records.traces).mean())
         for window, window_s in windows.items():
             receiver[window][level] = _scores(twin, records, window_s)
     if not photons:
-        raise AnalysisError("the reference image has too few photons at every level of light: use more light")
+        raise AnalysisError(
+            "photons cannot be told from the receiver's own noise at any level of light: use a quieter receiver"
+        )
     light = bright_light(twin, settings.bright)
     ideal: dict[str, dict[str, Scores]] = {window: {} for window in windows}
     for place, mean in enumerate(settings.photons):
@@ -161,8 +163,8 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
 
 def _not_counted(uncounted: Mapping[str, int], benches: int) -> tuple[str, ...]:
     return tuple(
-        f"{level}: on {count} of {benches} benches the reference image has too few photons on some port to say how "
-        f"many a sample holds; left out there."
+        f"{level}: on {count} of {benches} benches the noise of photons cannot be told from the receiver's own on some "
+        f"port; left out there."
         for level, count in uncounted.items()
     )
 
