@@ -10,7 +10,7 @@ from labctl.bench.station import SIMULATED_STATION
 from labctl.commands.access import access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.options import FirstSeedOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.studies.demonstration import SEVERAL, SINGLE, demonstrate, paper_says
 from labctl.studies.paper.experiments import experiments
 from labctl.studies.paper.reproduction import Plan
@@ -30,6 +30,10 @@ def demo(
         )
         result = demonstrate(plan, interruption=interruption, progress=progress.progress)
     if result is None:
+        tell(
+            f"interrupted: the bench is in the safe state; next: labctl demo begins again, labctl runs {plan.folder} "
+            f"lists what was measured"
+        )
         return INTERRUPTED
     show(result, as_json, lambda: _print_demo(result))
     return DONE

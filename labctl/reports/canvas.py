@@ -192,7 +192,10 @@ def draw_series(axes: Axes, series: Sequence[Series], *, highest: float = np.inf
 
 
 def label_curves(axes: Axes, series: Sequence[Series], levels: Sequence[Level] = ()) -> None:
-    """Draw `levels`; write short names of them and of the curves in the right margin. The limits are final."""
+    """Draw `levels`; write short names of them and of the curves in the right margin. The limits are final.
+
+    A curve whose whole name stands there is not named in a legend again.
+    """
     last = axes.get_xlim()[1]
     ends: list[tuple[float, float, str, str]] = []
     curves = [one for one in series if one.joined]
@@ -201,6 +204,9 @@ def label_curves(axes: Axes, series: Sequence[Series], levels: Sequence[Level] =
         tag = one.tag or (one.label if short and one.joined else "")
         if tag:
             ends.append((one.x[-1], one.mean[-1], tag, look(position).colour))
+        for line in axes.lines if tag == one.label else ():
+            if line.get_label() == one.label:
+                line.set_label("_beside")
     for level in levels:
         axes.axhline(level.value, color=GREY, linewidth=1, linestyle=(0, (1, 1.2)), zorder=1)
         ends.append((last, level.value, level.label, GREY))
@@ -216,12 +222,12 @@ def label_accuracies(
         figure: Figure of the panel.
         axes: Panel; its horizontal axis is final.
         series: Curves that were drawn, in per cent.
-        chance: Accuracy of guessing, 0..1; the axis starts there.
+        chance: Accuracy of guessing, 0..1; the axis starts below it.
         levels: Accuracies (0..1) to compare with.
     """
     axes.set_ylabel("accuracy (%), mean ± sd")
-    axes.set_ylim(100 * chance, 101)
-    label_curves(axes, series, [replace(level, value=100 * level.value) for level in levels])
+    axes.set_ylim(max(100 * chance - 4, 0), 101)
+    label_curves(axes, series, [replace(one, value=100 * one.value) for one in (*levels, Level("chance", chance))])
     place_legend(figure, axes)
 
 
@@ -270,9 +276,9 @@ def spread_out(heights: Sequence[float], gap: float) -> list[float]:
 def place_legend(figure: Figure, axes: Axes, *, inside: Any = "lower right") -> None:
     """Legend of a panel: inside for up to four entries, below the figure for more."""
     handles, labels = axes.get_legend_handles_labels()
-    if len(labels) <= 4:
+    if 0 < len(labels) <= 4:
         axes.legend(handles, labels, loc=inside, handlelength=3)
-    else:
+    elif labels:
         legend_below(figure, handles, labels)
 
 

@@ -22,7 +22,7 @@ def learning_figure(curve: Series, *, chance: float, levels: Sequence[Level] = (
 
     Args:
         curve: x = number of training images; mean and sd of the accuracy, 0..1.
-        chance: Accuracy of guessing, 0..1; the axis starts there.
+        chance: Accuracy of guessing, 0..1; the axis starts below it.
         levels: Accuracies (0..1) to compare with.
     """
     figure, axes = panel()

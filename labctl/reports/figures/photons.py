@@ -14,7 +14,7 @@ def photons_figure(curves: Sequence[Series], *, chance: float, levels: Sequence[
 
     Args:
         curves: x = photons a sample; mean and sd of the accuracy, 0..1.
-        chance: Accuracy of guessing, 0..1; the axis starts there.
+        chance: Accuracy of guessing, 0..1; the axis starts below it.
         levels: Accuracies (0..1) to compare with.
     """
     figure, axes = panel(height=4.4)
@@ -33,7 +33,7 @@ def bits_figure(curves: Sequence[Series], *, chance: float, levels: Sequence[Lev
 
     Args:
         curves: x = bits; mean and sd of the accuracy, 0..1. The first gives the tick marks.
-        chance: Accuracy of guessing, 0..1; the axis starts there.
+        chance: Accuracy of guessing, 0..1; the axis starts below it.
         levels: Accuracies (0..1) to compare with, such as that of weights without levels.
     """
     figure, axes = panel(height=4.4)

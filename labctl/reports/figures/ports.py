@@ -25,7 +25,7 @@ def port_accuracy_figure(curves: Sequence[Series], *, chance: float, levels: Seq
 
     Args:
         curves: x = M, mean and sd of the accuracy, 0..1.
-        chance: Accuracy of guessing, 0..1; the axis starts there.
+        chance: Accuracy of guessing, 0..1; the axis starts below it.
         levels: Accuracies (0..1) to compare with, such as a baseline on the raw data.
     """
     figure, axes = panel()

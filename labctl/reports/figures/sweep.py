@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from labctl.reports.canvas import Series, draw_series, label_curves, panel, place_legend, styled
+from labctl.reports.canvas import Level, Series, draw_series, label_curves, panel, place_legend, styled
 
 
 @styled
@@ -25,10 +25,9 @@ def sweep_figure(curves: Sequence[Series], *, axis: str, ticks: Sequence[str] | 
         axes.xaxis.set_major_locator(FixedLocator(list(range(len(ticks)))))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda _, place: ticks[place or 0]))
         axes.xaxis.set_minor_locator(NullLocator())
-    axes.axhline(100 * chance, color="black", linewidth=0.8, linestyle=":", label="chance")
     axes.set_xlabel(axis)
     axes.set_ylabel("accuracy (%), 95 % interval")
     axes.set_ylim(0, 101)
-    label_curves(axes, drawn)
+    label_curves(axes, drawn, [Level("chance", 100 * chance)])
     place_legend(figure, axes)
     return figure

@@ -52,7 +52,7 @@ def accuracy_figure(
     Args:
         curves: x = acquisition times T_N, s; mean and sd of the accuracy, 0..1. The first gives the tick marks.
         tau_s: Sampling interval, s, that turns acquisition time into samples N.
-        chance: Accuracy of guessing, 0..1; the axis starts there.
+        chance: Accuracy of guessing, 0..1; the axis starts below it.
         claim: Statement to mark; None = nothing.
         levels: Accuracies (0..1) to compare with that do not depend on the acquisition time, such as raw pixels.
     """

@@ -5,6 +5,7 @@ import shutil
 import tempfile
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -15,11 +16,13 @@ from instruments.errors import InstrumentError
 from instruments.safe_state import UnsafeBench
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from labctl import datasets
-from labctl.bench.signals import StoppedBySignal
+from labctl.bench.signals import Interruption, StoppedBySignal
 from labctl.commands.main import main
 from labctl.errors import DatasetError
 from labctl.runs.live.logs import EventLog
+from labctl.studies.demonstration import demonstrate
 from labctl.studies.paper.experiments import FOLDER, experiments
+from labctl.studies.paper.reproduction import Plan
 from tests.command_line import as_json, labctl
 
 SMALL = ("--set", "images=40", "--set", "window=0.8 ns")
@@ -374,6 +377,19 @@ def test_a_demonstration_is_an_object_for_scripts_and_a_table_for_people(
     assert "1 simulated benches (seeds 3 to 3), 10 splits each" in out
     assert "accuracy at 0.4 ns: single triggers open, mean of 16 open" in out
     assert f"report: {found['report']}" in out.replace("\n", "")
+
+
+def test_a_demonstration_that_is_interrupted_says_what_is_next(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(plan: Plan, *, interruption: Interruption, progress: Any) -> dict[str, Any] | None:
+        interruption.requested = True
+        return demonstrate(plan, interruption=interruption, progress=progress)
+
+    monkeypatch.setattr("labctl.commands.demo.demonstrate", interrupted)
+    status, _, err = labctl(capsys, "demo", "--out", tmp_path)
+    assert status == 130
+    assert f"next: labctl demo begins again, labctl runs {tmp_path} lists what was measured" in err.replace("\n", " ")
 
 
 class TestReadout:

@@ -37,7 +37,7 @@ def test_errors_are_logarithmic_with_baselines_beside() -> None:
 
 def test_accuracies_are_in_percent() -> None:
     (axes,) = accuracy().axes
-    assert axes.get_ylim() == (25, 101)
+    assert axes.get_ylim() == (21, 101)
     np.testing.assert_allclose(np.asarray(axes.lines[0].get_ydata(), float), [70, 80, 90, 95, 98])
-    assert beside(axes) == ["random", "by speaker", "MLP-100"]
+    assert beside(axes) == ["random", "by speaker", "MLP-100", "chance"]
     assert axes.get_xlabel() == "number of output ports $M$"
