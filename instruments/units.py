@@ -5,7 +5,7 @@ import re
 from functools import cache
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, PlainSerializer, SerializationInfo, ValidationInfo
 
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ/]*)\s*")
 _SIGNIFICANT_DIGITS = 12
@@ -77,16 +77,31 @@ def decibels_milliwatt(power_w: float) -> float:
     return 10 * math.log10(power_w / 1e-3) if power_w > 0 else -math.inf
 
 
+WITH_UNITS = "with units"
+"""True in the context of a file that people write: quantities then are text with a unit, read and written."""
+
+
 def _in(unit: str) -> BeforeValidator:
-    def parse(value: object) -> object:
-        return quantity(value, unit) if isinstance(value, str) else value
+    def parse(value: object, info: ValidationInfo) -> object:
+        if isinstance(value, str):
+            return quantity(value, unit)
+        if isinstance(value, int | float) and (info.context or {}).get(WITH_UNITS):
+            raise ValueError(f"has no unit: write it like '{value:g} {unit}'")
+        return value
 
     text = Field(pattern=rf"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*{_USUAL[unit]}\s*$")
     return BeforeValidator(parse, json_schema_input_type=Annotated[str, text] | float)
 
 
-Seconds = Annotated[float, _in("s")]
-Hertz = Annotated[float, _in("Hz")]
-Volts = Annotated[float, _in("V")]
-Watts = Annotated[float, _in("W")]
-Nanometres = Annotated[float, _in("nm")]
+def _as(unit: str) -> PlainSerializer:
+    def write(value: float, info: SerializationInfo) -> float | str:
+        return f"{value!r} {unit}" if (info.context or {}).get(WITH_UNITS) else value
+
+    return PlainSerializer(write, return_type=float | str)
+
+
+Seconds = Annotated[float, _in("s"), _as("s")]
+Hertz = Annotated[float, _in("Hz"), _as("Hz")]
+Volts = Annotated[float, _in("V"), _as("V")]
+Watts = Annotated[float, _in("W"), _as("W")]
+Nanometres = Annotated[float, _in("nm"), _as("nm")]

@@ -16,12 +16,12 @@ from labctl.engine.hands import Hands, in_hands
 from labctl.engine.plan import new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.catalogue import Catalogue, Found
-from labctl.runs.format.layout import run_name
 from labctl.studies.readouts import evaluate_readout, train_readout
 from labctl.studies.sweeps.axes import Order, values_of
 from labctl.studies.sweeps.declaration import Sweep, points
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts
+from labctl.studies.sweeps.folder import new_directory as new_sweep_directory
 from protocols.registry import protocol_class, protocol_from
 
 ORIGIN = "settings"
@@ -134,11 +134,9 @@ def sweep(
     asked = Sweep(
         protocol=protocol, settings=settings, over=axes, zip=zip, order=Order(order), reference_every=reference_every
     )
-    kind = protocol_class(protocol)
-    found = _station(station, projector=kind.projector)
+    found = _station(station, projector=protocol_class(protocol).projector)
     every = points(asked, found)
-    name = f"{run_name(datetime.now(UTC), protocol, kind().digest())}-sweep"
-    directory = Path("runs") / name if out is None else Path(out)
+    directory = new_sweep_directory(protocol, datetime.now(UTC)) if out is None else Path(out)
     access = Access(attended, armed)
     for _ in forecasts(every, data=_path(data), access=access):
         pass  # what cannot be is refused before anything is made

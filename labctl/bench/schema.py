@@ -30,13 +30,13 @@ def schema_of(name: str) -> Schema:
     """The schema of station files, or of files of the protocol `name`.
 
     It says less than the program checks: what it refuses is wrong or has no effect, what it lets pass may be wrong,
-    such as a level above its limit. Quantities are numbers in SI, or text with one of the usual units.
+    such as a level above its limit. Quantities are text with one of the usual units; a protocol's may be numbers in SI.
 
     Raises:
         UsageError: there is none.
     """
     if name == STATION:
-        found: Schema = _tidy(_station().model_json_schema())
+        found: Schema = _with_units(_tidy(_station().model_json_schema()))
         del found["properties"]["source"]  # which the reader sets
         found["additionalProperties"] = False  # a table that no installed driver is for is refused
         return {"$schema": DIALECT, "title": "Station file"} | found
@@ -52,6 +52,19 @@ def schema_of(name: str) -> Schema:
         "required": ["protocol"],
         "additionalProperties": False,
     }
+
+
+def _with_units(schema: Any) -> Any:
+    """A schema in which no number stands where text with a unit may."""
+    if isinstance(schema, list):
+        return [_with_units(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    found = {key: _with_units(value) for key, value in schema.items()}
+    choices = found.get("anyOf", [])
+    if any("pattern" in one for one in choices):
+        found["anyOf"] = [one for one in choices if one.get("type") != "number"]
+    return found
 
 
 def _station() -> type[BaseModel]:

@@ -40,7 +40,7 @@ from instruments.sections import (
     Text,
 )
 from instruments.toml_files import TomlError, describe, read_toml
-from instruments.units import Seconds, Volts, Watts
+from instruments.units import WITH_UNITS, Seconds, Volts, Watts
 from labctl.bench.drivers import driver, installed
 from labctl.errors import StationError
 
@@ -274,7 +274,9 @@ def read_station(path: Path | None) -> Station:
     if path is None:
         return SIMULATED_STATION
     try:
-        return Station.model_validate(read_toml(path) | {"source": str(path)}, context={FOLDER: path.parent})
+        return Station.model_validate(
+            read_toml(path) | {"source": str(path)}, context={FOLDER: path.parent, WITH_UNITS: True}
+        )
     except OSError as error:
         raise StationError(unreadable(path, error, "name a station file")) from None
     except TomlError as error:
@@ -301,7 +303,7 @@ def write_addresses(path: Path, addresses: Mapping[str, str], station: Station =
     Raises:
         StationError: the file exists or cannot be written.
     """
-    whole = station.model_dump(mode="json", exclude_defaults=True, exclude={"source"})
+    whole = station.model_dump(mode="json", exclude_defaults=True, exclude={"source"}, context={WITH_UNITS: True})
     for role, address in addresses.items():
         files = {key: value for key, value in getattr(station, role) if isinstance(value, Path)}
         whole[role] |= {key: str(file.absolute()) for key, file in files.items() if str(file) != SIMULATED}

@@ -19,11 +19,9 @@ from labctl.commands.next_steps import options_again, resume_command
 from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.errors import UsageError
-from labctl.runs.format.layout import run_name
 from labctl.studies.sweeps import folder
 from labctl.studies.sweeps.axes import Order, parse_axis
 from labctl.studies.sweeps.declaration import Point, Sweep, points, read_sweep
-from protocols.base import Measurement
 from protocols.registry import protocol_class
 
 
@@ -61,14 +59,14 @@ def sweep(
     if station is None:
         bench = bench.cabled(projector=protocol_class(asked.protocol).projector)
     every = points(asked, bench)
-    directory = out or Path("runs") / _name(asked)
+    directory = out or folder.new_directory(asked.protocol, datetime.now(UTC))
     access = access_of(context, attended=attended, armed=armed)
     plan = _plan(every, directory, data, access)
     if dry_run:
         show(plan, as_json, lambda: _print_plan(plan))
         return DONE
     folder.begin(directory, asked, bench)
-    _tell_plan(plan)
+    tell(_in_words(plan))
     return measure(
         directory,
         every,
@@ -156,11 +154,6 @@ def _setting(text: str) -> tuple[str, str]:
     return key.strip(), value.strip()
 
 
-def _name(asked: Sweep) -> str:
-    protocol: Measurement[Any] = protocol_class(asked.protocol)()
-    return f"{run_name(datetime.now(UTC), protocol.name, protocol.digest())}-sweep"
-
-
 def _plan(every: list[Point], directory: Path, data: Path | None, access: Access) -> dict[str, Any]:
     """What the whole will do, from what each run will: refused here is refused before there is light."""
     each = list(folder.forecasts(every, data=data, access=access))
@@ -181,10 +174,6 @@ def _in_words(plan: dict[str, Any]) -> str:
         f"{plan['runs']} runs, {plan['shots']} shots: {minutes:.1f} min on a real bench, "
         f"{plan['dose_j']:.3g} J of light at most, {1e-6 * plan['bytes_needed']:.1f} MB on disk"
     )
-
-
-def _tell_plan(plan: dict[str, Any]) -> None:
-    tell(_in_words(plan))
 
 
 def _print_plan(plan: dict[str, Any]) -> None:

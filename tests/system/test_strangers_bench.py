@@ -135,8 +135,8 @@ def elsewhere(listening: Listening, source: Path) -> Edit:
 def strangers_station(path: Path, listening: Listening) -> Path:
     """The same in words, as an archive brings it along."""
     write_addresses(path, listening.addresses)
-    text = path.read_text().replace("[laser]\n", "[laser]\npower = 0.2\n")
-    path.write_text(text + "\n[limits]\noptical_power = 1.0\n")
+    text = path.read_text().replace("[laser]\n", "[laser]\npower = '200 mW'\n")
+    path.write_text(text + "\n[limits]\noptical_power = '1 W'\n")
     return path
 
 

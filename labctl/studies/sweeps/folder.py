@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,9 @@ from labctl.engine.forecast import forecast
 from labctl.engine.session import Acquisition, Resumption
 from labctl.errors import RunError, RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
-from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.layout import RunPaths, run_name
 from labctl.studies.sweeps.declaration import Point, Sweep, points
+from protocols.registry import protocol_class
 
 FILE = "sweep.json"
 LARGEST = 1 << 22
@@ -52,6 +54,15 @@ class Measured:
 
 Follow = Callable[[int, int, Point], AbstractContextManager[Observer]]
 """Whatever follows run n of so many; it ends with the run."""
+
+
+def new_directory(protocol: str, started: datetime) -> Path:
+    """Where a sweep of the protocol called so goes that names no folder of its own.
+
+    Raises:
+        ProtocolError: it is not installed.
+    """
+    return Path("runs") / f"{run_name(started, protocol, protocol_class(protocol)().digest())}-sweep"
 
 
 def is_sweep(directory: Path) -> bool:

@@ -59,6 +59,8 @@ def test_units_are_understood(tmp_path: Path) -> None:
             "[awg]\ndriver = 'nothing'",
             r"bench\.toml: awg\.driver = 'nothing' is not installed: choose one of tektronix",
         ),
+        ("[laser]\npower = 30", r"laser\.power = 30: has no unit: write it like '30 W'"),
+        ("[limits]\ndetector = 1.5", r"limits\.detector = 1\.5: has no unit: write it like '1\.5 V'"),
         ("[awg]\nversion = '4.3'", r"awg\.version = '4\.3': unknown key"),
         ("[laser]\ndriver = 'manual-laser'\ntimeout = '5 s'", r"laser\.timeout = '5 s': unknown key"),
     ],
@@ -78,7 +80,7 @@ def test_a_section_has_the_keys_of_its_driver_and_those_that_every_driver_once_t
     [dmd]
     driver = "ti-dlpc900"
     version = "4.3"
-    timeout = 5.0
+    timeout = "5 s"
     [patch_panel]
     driver = "manual-patch-panel"
     timeout = "5 s"
