@@ -1,5 +1,6 @@
 """The points of a sweep: what each sets, and what is refused before anything is made."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,8 @@ from labctl.bench.station import SIMULATED_STATION
 from labctl.errors import LabctlError, UsageError
 from labctl.studies.sweeps.axes import Order
 from labctl.studies.sweeps.declaration import Sweep, points, read_sweep
+
+PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "sweep.md"
 
 
 def sweep(**over: tuple[str, ...]) -> Sweep:
@@ -72,6 +75,11 @@ def test_a_file(tmp_path: Path) -> None:
     found = read_sweep(path)
     assert found.over == {"ports": ("2-4", "2,5"), "power": ("10 mW", "20 mW", "30 mW")}
     assert (found.order, found.reference_every) == (Order.INTERLEAVED, 10)
+
+
+def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
+    (block,) = re.findall(r"^```toml\n(.*?)^```", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    assert len(points(read_sweep(written(tmp_path, block)), SIMULATED_STATION)) == 11
 
 
 @pytest.mark.parametrize(
