@@ -150,6 +150,7 @@ class Likeness:
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
         self._repeats_of_light: list[float] = []  # the same, of the root of the light of both
+        self._of_doubted: list[tuple[float, float]] = []  # of both, those of pairs that are doubted
         self._from_darkness: list[float] = []  # times the noise that records of the reference differed from dark ones
         self._pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []  # of references: what differs, levels
         self._from_before = Unlike(shots, alike, lambda shot: shots[shot - 1])
@@ -173,6 +174,10 @@ class Likeness:
         self._confirmed.update(finding.shots)
         self._repetition = Repetition()
         self._last = self._followed = self._pending = None
+        for part, of_light in self._of_doubted:
+            self._repeats.remove(part)
+            self._repeats_of_light.remove(of_light)
+        self._of_doubted = []
         self._unjudged = []
         self._agreed = min(self._agreed, finding.first)
         if self._dark_record is not None and self._dark_record.shot >= finding.first:
@@ -235,7 +240,8 @@ class Likeness:
         late = np.flatnonzero(dark[:-1] & lit[1:])
         flat, following = _varies(values[late]), _varies(values[late + 1])
         swapped = flat > FLAT * following
-        usually = float(np.quantile(_varies(values[lit]), FEW)) if swapped.any() else 0.0
+        others = lit & ~np.append(False, dark[:-1])  # what follows a dark shot is dark where all come late
+        usually = float(np.quantile(_varies(values[others]), NOT_A_FEW)) if swapped.any() and others.any() else 0.0
         for place in late[swapped & (FLAT * flat > usually) & (usually > FLAT * following)]:
             shot = begin + int(place)
             what = LATE.format(f"dark shot {shot} is lit and the next is not")
@@ -292,6 +298,7 @@ class Likeness:
         self._repeats = [*self._repeats, part][-REMEMBERED:]
         self._repeats_of_light = [*self._repeats_of_light, of_light][-REMEMBERED:]
         if wrong:
+            self._of_doubted.append((part, of_light))
             return self._not_of_reference(known, record)
         if part <= OTHER:
             self._agreed = shot
@@ -351,7 +358,8 @@ class Likeness:
         self._unjudged = []
         lit = np.flatnonzero(self._lit[begin : begin + len(values)])
         from_dark = _times(_squares(values[lit] - dark), self._most_noise)
-        if self._agreed == 0 and lit.size > 2 and _hardly(_times(_squares(values[lit] - dark), self._least_noise)):
+        hardly = self._agreed == 0 and lit.size > 2 and np.median(from_dark) <= HARDLY
+        if hardly and _times(_squares(values[lit] - dark), self._least_noise).max() < CONTRAST:  # no photon either
             return Finding(0, NO_LIGHT)
         if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden:
             return None
@@ -453,11 +461,6 @@ def _still_usual(repeats: list[float], size: int) -> float:
     median, scatter = _median_and_scatter(np.array(repeats or [0.0]))
     strays = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(size))
     return max(strays * median, median + STRAYS * scatter)
-
-
-def _hardly(times: NDArray[np.float64]) -> bool:
-    """Whether records differ from dark ones by noise alone, `times` it: one that holds a photon does not."""
-    return bool(np.median(times) <= HARDLY and times.max() < CONTRAST)
 
 
 def _median_and_scatter(values: NDArray[np.float64]) -> tuple[float, float]:
