@@ -6,7 +6,7 @@ fibre commute and fold into one set of masks. At channel m and light time t
     V_m(t) = | sum_p v_p C_pm(t) |^2   (volts behind an infinitely fast detector),
 
 C_pm(t) = sum_d T_pd g_m(t - d dt): T the fibre's taps, g_m the modulated light behind port m of the chip. Setting the
-instruments fixes C; an image then costs one real matrix product.
+instruments fixes C; an image then costs one real matrix product, or two where C is left as its factors T and g.
 """
 
 from dataclasses import dataclass
@@ -140,31 +140,58 @@ def interpolation(position: NDArray[np.float64], points: int) -> tuple[NDArray[n
     return index.astype(np.intp), weight.astype(np.float32)
 
 
-def masks(
-    fields: NDArray[np.complex64], taps: NDArray[np.complex64], light_times: NDArray[np.float64], step_s: float
-) -> NDArray[np.float32]:
-    """The mask coefficients C at the given light times.
+def delayed(
+    fields: NDArray[np.complex64], depth: int, light_times: NDArray[np.float64], step_s: float
+) -> NDArray[np.complex64]:
+    """What the ports' light was at the given light times and `depth` delays before each: g_m(t - d dt).
 
     Args:
         fields: (channels, n) one period on a grid of `step_s`.
-        taps: (modes, superpixels, D) of the fibre.
+        depth: how many delays, of the fibre's taps.
         light_times: (K,) s, any order.
         step_s: grid step (s).
 
     Returns:
-        (superpixels, 2 * modes * channels * K) float32, ordered [real or imaginary, mode, channel, time].
+        (depth, channels * K) complex64.
     """
     channels, points = fields.shape
-    modes, superpixels, depth = taps.shape
     index, weight = interpolation(light_times / step_s, points)
     used = range(4) if np.any(weight[[0, 2, 3]]) else (1,)
-    delayed = np.zeros((depth, channels, light_times.size), np.complex64)
+    light = np.zeros((depth, channels, light_times.size), np.complex64)
     for corner in used:
         gathered = fields[:, (index[corner] - np.arange(depth)[:, None]) % points]
-        delayed += (gathered * weight[corner]).transpose(1, 0, 2)
-    product = taps.reshape(modes * superpixels, depth) @ delayed.reshape(depth, -1)
-    split = np.stack([product.real, product.imag]).reshape(2, modes, superpixels, -1)
-    return np.ascontiguousarray(split.transpose(2, 0, 1, 3)).reshape(superpixels, -1)
+        light += (gathered * weight[corner]).transpose(1, 0, 2)
+    return light.reshape(depth, -1)
+
+
+def masks(taps: NDArray[np.complex64], light: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """The mask coefficients C: `taps` (modes, superpixels, D) times `delayed` light (D, channels * K).
+
+    Returns:
+        (superpixels, modes * 2 * channels * K) float32, ordered [mode, real or imaginary, channel, time].
+    """
+    modes, superpixels, depth = taps.shape
+    product = (taps.reshape(-1, depth) @ light).reshape(modes, superpixels, -1)
+    return _split(product.swapaxes(0, 1)).reshape(superpixels, -1)
+
+
+def tap_factors(taps: NDArray[np.complex64], light: NDArray[np.complex64]) -> tuple[NDArray[np.float32], ...]:
+    """The masks as two factors, for pictures (n, superpixels) one after the other: no mask is made.
+
+    Returns:
+        (superpixels, modes * 2 * D) float32, pictures to what they send through each delay of each mode; and
+        (2 * D, 2 * channels * K), that to real and imaginary parts behind the ports, mode by mode.
+    """
+    first = _split(taps.swapaxes(0, 1))
+    second = np.concatenate([_split(light), _split(1j * light)])
+    return first.reshape(taps.shape[1], -1), second.reshape(2 * len(light), -1)
+
+
+def _split(complex_: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Real and imaginary parts, (..., n) -> (..., 2, n)."""
+    parts = np.empty((*complex_.shape[:-1], 2, complex_.shape[-1]), np.float32)
+    parts[..., 0, :], parts[..., 1, :] = complex_.real, complex_.imag
+    return parts
 
 
 def mean_volts(

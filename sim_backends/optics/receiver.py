@@ -57,7 +57,7 @@ def impulse_response(
 def fast_volts(field: NDArray[np.float32]) -> NDArray[np.float32]:
     """Volts behind an infinitely fast detector: |E|^2, collected modes added as powers.
 
-    Root volts (..., real and imaginary, modes, channels, K) -> (..., channels, K).
+    Root volts (..., modes, real and imaginary, channels, K) -> (..., channels, K).
     """
     squared = field * field
     return np.asarray(squared.sum(axis=(-4, -3)))

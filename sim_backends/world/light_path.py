@@ -20,9 +20,11 @@ from sim_backends.world.triggers import level_crossings
 from sim_backends.world.twin import Optics, Setting, Twin
 
 IMAGE_BLOCK = 8
+COLUMN_BLOCK = 128
 _BLOCK_BYTES = 32_000_000  # of fields computed together; bounds the memory, not the result
 _KEPT_SETTINGS = 12
-_KEPT_MASK_BYTES = 200_000_000
+_KEPT_BYTES = 200_000_000  # of masks and their factors
+_FOLDED_POINTS = 512  # of all channels: longer, and two products cost less than one
 _PAGE_POINTS = 2048
 _BLOCK_SAMPLES = 64
 _PHASE_STEP_S = 1.25e-12
@@ -61,7 +63,7 @@ class LightPath:
         twin = Twin(parameters, twin_seed)
         self.optics = lru_cache(_KEPT_SETTINGS)(twin.optics)
         self._parameters = parameters
-        self._masks: OrderedDict[tuple[bytes, float, float, int], NDArray[np.float32]] = OrderedDict()
+        self._pages: OrderedDict[tuple[bytes, float, float, int], tuple[NDArray[np.float32], ...]] = OrderedDict()
 
     def amplitudes(self, on: NDArray[np.float32]) -> NDArray[np.float32]:
         """What superpixels reflect, (images, 784), with these parts of their mirrors on; direct: all, (images, 1)."""
@@ -210,7 +212,7 @@ class LightPath:
     def _field(
         self, optics: Optics, amplitudes: NDArray[np.float32], start_s: float, step: float, points: int
     ) -> NDArray[np.float32]:
-        """Root volts (images, real and imaginary, collected modes, channels, points) at equidistant light times.
+        """Root volts (images, collected modes, real and imaginary, channels, points) at equidistant light times.
 
         A record longer than the drive's period is interpolated from one period. Before and after a triggered segment
         the light does not change.
@@ -249,25 +251,32 @@ class LightPath:
         self, optics: Optics, amplitudes: NDArray[np.float32], start_s: float, step: float, points: int
     ) -> NDArray[np.float32]:
         """Root volts at light times within one period, page by page."""
-        shape = (len(amplitudes), 2, optics.taps.shape[0], len(optics.fields), -1)
+        shape = (len(amplitudes), optics.taps.shape[0], 2, len(optics.fields), -1)
         pages = []
         for begin in range(0, points, _PAGE_POINTS):
-            page = self._page(optics, start_s + begin * step, step, min(points - begin, _PAGE_POINTS))
-            pages.append(in_blocks(amplitudes, page).reshape(shape))
+            factors = self._page(optics, start_s + begin * step, step, min(points - begin, _PAGE_POINTS))
+            pages.append(_through(amplitudes, factors).reshape(shape))
         return pages[0] if len(pages) == 1 else np.concatenate(pages, axis=-1)
 
-    def _page(self, optics: Optics, start_s: float, step: float, points: int) -> NDArray[np.float32]:
-        """Masks at `points` light times from `start_s`, kept while there is room."""
+    def _page(self, optics: Optics, start_s: float, step: float, points: int) -> tuple[NDArray[np.float32], ...]:
+        """Factors of the masks at `points` light times from `start_s`, kept while there is room.
+
+        Masks are worth their making where records are short and many pictures see them.
+        """
         key = (optics.key, start_s, step, points)
-        if key in self._masks:
-            self._masks.move_to_end(key)
-            return self._masks[key]
-        page = chain.masks(
-            optics.fields, optics.taps, start_s + step * np.arange(points, dtype=np.float64), optics.step_s
-        )
-        self._masks[key] = page
-        while sum(kept.nbytes for kept in self._masks.values()) > _KEPT_MASK_BYTES and len(self._masks) > 1:
-            self._masks.popitem(last=False)
+        if key in self._pages:
+            self._pages.move_to_end(key)
+            return self._pages[key]
+        times = start_s + step * np.arange(points, dtype=np.float64)
+        light = chain.delayed(optics.fields, optics.taps.shape[-1], times, optics.step_s)
+        short = light.shape[1] <= _FOLDED_POINTS and self._parameters.fibre_drift_correlation == 1
+        page = (chain.masks(optics.taps, light),) if short else chain.tap_factors(optics.taps, light)
+        self._pages[key] = page
+        while (
+            sum(factor.nbytes for kept in self._pages.values() for factor in kept) > _KEPT_BYTES
+            and len(self._pages) > 1
+        ):
+            self._pages.popitem(last=False)
         return page
 
 
@@ -284,15 +293,25 @@ def snapped(phases: NDArray[np.float64], period: float, marks: NDArray[np.float6
     return np.where(close, marks[nearest], on_grid)
 
 
+def _through(amplitudes: NDArray[np.float32], factors: tuple[NDArray[np.float32], ...]) -> NDArray[np.float32]:
+    """Pictures (n, superpixels) through one factor of the masks after the other; a second one takes mode by mode."""
+    out = amplitudes
+    for factor in factors:
+        out = in_blocks(out.reshape(-1, factor.shape[0]), factor)
+    return out
+
+
 def in_blocks(rows: NDArray[np.float32], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Product rows @ matrix in blocks of `IMAGE_BLOCK` rows, zero-padded.
+    """Product rows @ matrix, block by block: `IMAGE_BLOCK` rows, zero-padded, by `COLUMN_BLOCK` columns, which fit the cache.
 
     Every block has the same shape, so how many rows there are cannot change a byte of one.
     """
-    out = np.empty((rows.shape[0], matrix.shape[1]), np.float32)
-    for start in range(0, rows.shape[0], IMAGE_BLOCK):
-        block = rows[start : start + IMAGE_BLOCK]
-        padded = np.zeros((IMAGE_BLOCK, rows.shape[1]), np.float32)
-        padded[: len(block)] = block
-        out[start : start + len(block)] = (padded @ matrix)[: len(block)]
-    return out
+    missing = -rows.shape[0] % IMAGE_BLOCK
+    padded = np.pad(rows, ((0, missing), (0, 0))) if missing else rows
+    out = np.empty((padded.shape[0], matrix.shape[1]), np.float32)
+    for left in range(0, matrix.shape[1], COLUMN_BLOCK):
+        columns = matrix[:, left : left + COLUMN_BLOCK]
+        for top in range(0, padded.shape[0], IMAGE_BLOCK):
+            block = slice(top, top + IMAGE_BLOCK)
+            np.matmul(padded[block], columns, out=out[block, left : left + COLUMN_BLOCK])
+    return out[: rows.shape[0]]

@@ -30,6 +30,12 @@ def taps() -> NDArray[np.complex64]:
     return folded
 
 
+def masks_at(
+    fields: NDArray[np.complex64], taps: NDArray[np.complex64], times: NDArray[np.float64], step_s: float
+) -> NDArray[np.float32]:
+    return chain.masks(taps, chain.delayed(fields, taps.shape[-1], times, step_s))
+
+
 def test_grid_is_five_picoseconds_and_light_has_unit_power(light: chain.DriveLight) -> None:
     assert light.step_s == pytest.approx(5e-12)
     assert light.period_s == pytest.approx(20e-9)
@@ -76,12 +82,25 @@ def test_masks_are_the_sum_over_delays(
 ) -> None:
     fields = chain.port_fields(light, transfer, [(2, 1.0), (5, 1.0)])
     times = np.array([0.0, 35e-12, 19.99e-9])
-    masks = chain.masks(fields, taps, times, light.step_s).reshape(-1, 2, 1, 2, 3)
+    masks = masks_at(fields, taps, times, light.step_s).reshape(-1, 1, 2, 2, 3)
     superpixel, channel, k = 7, 1, 1
     delays = np.arange(taps.shape[2])
     expected = np.sum(taps[0, superpixel] * fields[channel, (7 - delays) % fields.shape[1]])
     assert masks[superpixel, 0, 0, channel, k] == pytest.approx(expected.real, rel=1e-3, abs=1e-7)
-    assert masks[superpixel, 1, 0, channel, k] == pytest.approx(expected.imag, rel=1e-3, abs=1e-7)
+    assert masks[superpixel, 0, 1, channel, k] == pytest.approx(expected.imag, rel=1e-3, abs=1e-7)
+
+
+def test_factors_of_masks_are_the_masks(
+    light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
+) -> None:
+    two_modes = np.concatenate([taps, 1j * taps[:, ::-1]])
+    fields = chain.port_fields(light, transfer, [(2, 1.0), (5, 1.0), (chain.BYPASS, 1.0)])
+    delayed = chain.delayed(fields, taps.shape[-1], np.array([0.0, 33e-12, 5e-9, 19.99e-9]), light.step_s)
+    picture = np.random.default_rng(3).random(size=(1, taps.shape[1]), dtype=np.float32)
+    first, second = chain.tap_factors(two_modes, delayed)
+    through = ((picture @ first).reshape(-1, len(second)) @ second).reshape(1, -1)
+    expected = picture @ chain.masks(two_modes, delayed)
+    np.testing.assert_allclose(through, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
 
 
 def test_masks_change_within_one_symbol(
@@ -89,7 +108,7 @@ def test_masks_change_within_one_symbol(
 ) -> None:
     fields = chain.port_fields(light, transfer, [(chain.BYPASS, 1.0)])
     times = np.arange(400, dtype=np.float64) * 40e-12
-    split = chain.masks(fields, taps, times, light.step_s).reshape(-1, 2, times.size)
+    split = masks_at(fields, taps, times, light.step_s).reshape(-1, 2, times.size)
     intensity = np.abs(split[:, 0] + 1j * split[:, 1]) ** 2
     intensity = intensity - intensity.mean(axis=1, keepdims=True)
     lag = np.mean(intensity[:, 1:] * intensity[:, :-1]) / np.mean(intensity**2)
@@ -100,7 +119,7 @@ def test_mask_contrast_is_one(
     light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
 ) -> None:
     fields = chain.port_fields(light, transfer, [(chain.BYPASS, 1.0)])
-    split = chain.masks(fields, taps, np.arange(400, dtype=np.float64) * 40e-12, light.step_s).reshape(-1, 2, 400)
+    split = masks_at(fields, taps, np.arange(400, dtype=np.float64) * 40e-12, light.step_s).reshape(-1, 2, 400)
     intensity = np.abs(split[:, 0] + 1j * split[:, 1]) ** 2
     contrast = intensity.std(axis=1) / intensity.mean(axis=1)
     assert contrast.mean() == pytest.approx(1.0, abs=0.15)  # in time, superpixel by superpixel: each has its brightness
@@ -109,7 +128,7 @@ def test_mask_contrast_is_one(
 def test_power_factors_give_the_mean_over_the_period(light: chain.DriveLight, taps: NDArray[np.complex64]) -> None:
     some = np.random.default_rng(5).random(size=(3, taps.shape[1]), dtype=np.float32)
     factors = chain.power_factors(light, taps)
-    masks = chain.masks(light.field[np.newaxis], taps, np.arange(4000, dtype=np.float64) * light.step_s, light.step_s)
+    masks = masks_at(light.field[np.newaxis], taps, np.arange(4000, dtype=np.float64) * light.step_s, light.step_s)
     mean = np.square(some @ masks).reshape(3, 2, -1).sum(axis=1).mean(axis=1)
     np.testing.assert_allclose(np.square(some @ factors).sum(axis=1), mean, rtol=0.04)
 
@@ -125,7 +144,7 @@ def test_mean_volts_is_the_mean_over_the_period(
 ) -> None:
     fields = chain.port_fields(light, transfer, [(2, 1.0), (chain.BYPASS, 1.0)])
     amplitudes = np.random.default_rng(4).random(size=(taps.shape[1],), dtype=np.float32)
-    masks = chain.masks(fields, taps, np.arange(4000, dtype=np.float64) * light.step_s, light.step_s)
+    masks = masks_at(fields, taps, np.arange(4000, dtype=np.float64) * light.step_s, light.step_s)
     volts = receiver.fast_volts((amplitudes @ masks).reshape(2, 1, 2, 4000))
     np.testing.assert_allclose(chain.mean_volts(amplitudes, fields, taps), volts.mean(axis=1), rtol=1e-4)
 
