@@ -9,6 +9,7 @@ C_pm(t) = sum_d T_pd g_m(t - d dt): T the fibre's taps, g_m the modulated light 
 instruments fixes C; an image then costs one real matrix product, or two where C is left as its factors T and g.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,7 +99,7 @@ def periodic_transfer(transfer: NDArray[np.complex128], points: int) -> NDArray[
 
 
 def port_fields(
-    light: DriveLight, transfer: NDArray[np.complex128], amplitudes: list[tuple[int, float]]
+    light: DriveLight, transfer: NDArray[np.complex128], amplitudes: Sequence[tuple[int, float]]
 ) -> NDArray[np.complex64]:
     """Modulated light g_m behind each (port, field amplitude): (channels, n) complex64, one period.
 

@@ -302,7 +302,7 @@ def _through(amplitudes: NDArray[np.float32], factors: tuple[NDArray[np.float32]
 
 
 def in_blocks(rows: NDArray[np.float32], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Product rows @ matrix, block by block: `IMAGE_BLOCK` rows, zero-padded, by `COLUMN_BLOCK` columns, which fit the cache.
+    """Product rows @ matrix in blocks of `IMAGE_BLOCK` rows, zero-padded, by `COLUMN_BLOCK` columns, for the cache.
 
     Every block has the same shape, so how many rows there are cannot change a byte of one.
     """

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from sim_backends.world.signals import BYPASS, Emission, Playback
 
 _LEAD_S = 2e-9  # more than the band limits smear the start of a segment forward
 _FILTERS_S = 1e-9  # more than generator, amplifier and modulator remember
+_KEPT = 8  # of what a fibre that drifts leaves as it is
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,11 @@ class Setting:
     drift_step: int
     segment: int | None = None
     repeats: int = 1
+
+    @property
+    def played(self) -> "Setting":
+        """The part of it that the light behind the modulator depends on."""
+        return Setting(None, self.playback, (), 0, self.segment, self.repeats)
 
     @property
     def periodic(self) -> bool:
@@ -80,6 +87,9 @@ class Twin:
         self._parameters = parameters
         self._seed = seed
         self._chips: dict[int, cavity.Cavity] = {}
+        self._light = lru_cache(_KEPT)(self._made_light)
+        self._transfer = lru_cache(_KEPT)(self._made_transfer)
+        self._fields = lru_cache(_KEPT)(self._made_fields)
         self._modes = chain.draw_fibre(parameters, self._generator("fibre"))
         self._laser_wander, self._chip_wander = (
             OrnsteinUhlenbeck.draw(self._generator(what), np.array([math.sqrt(2) * rms_hz]), parameters.wander_time_s)
@@ -93,27 +103,29 @@ class Twin:
         """What `setting` fixes."""
         constants = self._parameters
         laser = setting.emission or Emission(constants.design_wavelength_nm, 0.0)
-        light, idle_s = self._light(setting)
+        light, idle_s = self._light(setting.played)
         frequency = SPEED_OF_LIGHT / (laser.wavelength_nm * 1e-9)
         time_s = setting.drift_step * constants.drift_step_s if setting.drift_step else 0.0
         frequency += float(self._laser_wander.at(time_s)[0].real)
         nearest_nm = round(laser.wavelength_nm)
         detuning = frequency - SPEED_OF_LIGHT / (nearest_nm * 1e-9)
         detuning -= float(self._chip_wander.at(time_s)[0].real)
-        transfer = chain.chip_transfer(constants, self._chip(nearest_nm), step_s=light.step_s, detuning_hz=detuning)
-        wanted = [
+        transfer = self._transfer(nearest_nm, light.step_s, detuning)
+        wanted = tuple(
             (BYPASS, 0.0) if port is None else (port, math.sqrt(chain.volts_per_field(constants, port, laser.power_w)))
             for port in setting.ports
-        ]
+        )
         laws = [chain.port_noise(constants, transfer, port, light.step_s) for port in setting.ports]
         taps, early = fibre.delay_taps(self._modes, frequency_hz=frequency, step=light.step_s, time_s=time_s)
         factors = None
         if constants.light_path == "projector" and constants.amplifier_gain > 1 and setting.emission is not None:
             watts = laser.power_w * constants.projector_transmission * constants.amplifier_gain
-            factors = np.float32(math.sqrt(watts)) * chain.power_factors(self._repeated(setting, light), taps)
+            # A segment is taken as if it repeated for ever, for a slow amplifier's mean.
+            mean = light if setting.periodic else self._light(replace(setting.played, repeats=0))[0]
+            factors = np.float32(math.sqrt(watts)) * chain.power_factors(mean, taps)
         return Optics(
             setting.key,
-            chain.port_fields(light, transfer, wanted),
+            self._fields(setting.played, nearest_nm, detuning, wanted),
             taps,
             light.step_s,
             factors,
@@ -123,7 +135,19 @@ class Twin:
             constants.light_delay_s + (setting.playback.skew_s if setting.playback else 0.0) - early * light.step_s,
         )
 
-    def _light(self, setting: Setting) -> tuple[chain.DriveLight, float | None]:
+    def _made_transfer(self, nearest_nm: int, step_s: float, detuning_hz: float) -> NDArray[np.complex128]:
+        """Of the chip at a nanometre, by so much beside it."""
+        chip = self._chip(nearest_nm)
+        return chain.chip_transfer(self._parameters, chip, step_s=step_s, detuning_hz=detuning_hz)
+
+    def _made_fields(
+        self, played: Setting, nearest_nm: int, detuning_hz: float, wanted: tuple[tuple[int, float], ...]
+    ) -> NDArray[np.complex64]:
+        """Behind the wanted ports (port, amplitude)."""
+        light, _ = self._light(played)
+        return chain.port_fields(light, self._transfer(nearest_nm, light.step_s, detuning_hz), wanted)
+
+    def _made_light(self, setting: Setting) -> tuple[chain.DriveLight, float | None]:
         """Light behind the modulator and, unless it is periodic, how long it idles before the segment starts.
 
         After the segment it idles for longer than fibre and chip remember, so that the end of the field is the
@@ -144,13 +168,6 @@ class Twin:
             [np.zeros(lead, np.float32), np.tile(volts, setting.repeats), np.zeros(tail, np.float32)]
         )
         return chain.driven_light(constants, volts, rate), lead / rate
-
-    def _repeated(self, setting: Setting, light: chain.DriveLight) -> chain.DriveLight:
-        """The light of a segment as if it repeated for ever, which is what a slow amplifier takes for its mean."""
-        if setting.periodic or setting.playback is None:
-            return light
-        volts, _ = setting.playback.segment(setting.segment or 0)
-        return chain.driven_light(self._parameters, volts, setting.playback.sample_rate)
 
     def _chip(self, wavelength_nm: int) -> cavity.Cavity:
         """One independent cavity a nanometre (125 GHz, many linewidths); small detunings shift the same one."""
