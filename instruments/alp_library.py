@@ -15,14 +15,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.errors import InstrumentError, LinkError, NotConfigured, excerpt
+from instruments.errors import InstrumentError, InstrumentInUse, LinkError, NotConfigured, excerpt
 from instruments.visa import VisaLink
 
 RETURN_CODES = {
     1001: "the device is not there or not ready: check its power, its cable and dmd.serial_number",
     1002: "the device is not idle",
     1003: "the device is not allocated, or not any more",
-    1004: "the device is allocated already: close the other program that has it",
+    1004: "in use: another program has the device allocated: wait for it, or end it",
     1005: "a parameter is not valid",
     1006: "the user data cannot be read",
     1007: "the memory is full",
@@ -42,7 +42,7 @@ RETURN_CODES = {
 """What the return codes of the ALP library mean (ALP-4 API description; 1021 and 1999: alp.h of ALP-5)."""
 
 OK = 0
-NOT_ALLOCATED = 1003
+NOT_ALLOCATED, ALLOCATED = 1003, 1004
 LOST = (1001, 1011, 1012)
 """Return codes of a device that cannot be reached."""
 ALP_PROJ_STATE, ALP_PROJ_IDLE = 2400, 1201
@@ -78,7 +78,7 @@ class AlpLibrary(Protocol):
 
 def failure(call: str, code: int) -> InstrumentError:
     """The error that a return code is, in one line; a `LinkError` where the device cannot be reached."""
-    kind = LinkError if code in LOST else InstrumentError
+    kind = LinkError if code in LOST else InstrumentInUse if code == ALLOCATED else InstrumentError
     return kind(f"dmd: {call} returned {code}: {RETURN_CODES.get(code, 'a return code that nobody has described')}")
 
 

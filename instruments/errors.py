@@ -28,7 +28,17 @@ class InstrumentError(LabctlError):
 
 
 class LinkError(InstrumentError):
-    """The instrument cannot be reached, or did not answer in time."""
+    """The instrument cannot be reached, or did not answer in time.
+
+    Attributes:
+        silent: nothing at all came over a link that had just been opened: another new one would be of no use.
+    """
+
+    silent: bool = False
+
+
+class InstrumentInUse(InstrumentError):
+    """Another program has the instrument for itself, by the instrument's own lock; maybe on another computer."""
 
 
 class SettingChanged(InstrumentError):

@@ -86,16 +86,24 @@ class OtherLength(Exception):
         self.length = length
 
 
+class Locked(Exception):
+    """Another client has the instrument's own lock."""
+
+
 class Session:
     """A session that is open from the beginning until it is closed."""
 
-    def __init__(self, resource: str, *, timeout_s: float, write_eol: str, read_eol: str) -> None:
+    def __init__(self, resource: str, *, timeout_s: float, write_eol: str, read_eol: str, alone: bool) -> None:
         """Open it and clear the device, as other packages' drivers do; every wait is bounded by `timeout_s`.
+
+        alone: take the instrument's own lock, where the transport has one (HiSLIP, VXI-11), so that nobody else gets
+        a word in before this session ends, however it ends.
 
         Whatever an earlier session left there, a message begun or an answer that nobody took, is gone then; settings
         stay. A connection to a raw socket begins empty, and pyvisa-py would wait 100 ms for what might come.
 
         Raises:
+            Locked: another client has it.
             Exception: it cannot be opened; pyvisa-py raises the bare class.
         """
         self._timeout_s = timeout_s
@@ -112,7 +120,7 @@ class Session:
         self._visa.encoding = ENCODING
         self._socket = _raw_socket(self._visa)
         if self._socket is None:
-            self._clear()
+            self._prepare(alone)
         else:
             # Without it a write followed by a query waits for the delayed acknowledgement of the write: 40 ms.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -201,17 +209,40 @@ class Session:
         with contextlib.suppress(*FAILURES):
             self._visa.close()
 
+    def _prepare(self, alone: bool) -> None:
+        try:
+            if alone:
+                self._lock()
+            self._clear()
+        except BaseException:
+            self.close()
+            raise
+
+    def _lock(self) -> None:
+        """The exclusive lock, or at once the news that another client has it.
+
+        Source: VXI-11 1.0, B.6.11 (device_lock); IVI-6.1, 6.5 (AsyncLock), which pyvisa-py knows but does not offer.
+        """
+        hislip = getattr(_interface(self._visa), "async_lock_request", None)
+        if hislip is not None:
+            if hislip(0.0) == "failure":
+                raise Locked
+            return
+        try:
+            self._visa.lock_excl(0)
+        except VisaIOError as error:
+            if error.error_code == StatusCode.error_resource_locked:
+                raise Locked from None
+            if error.error_code != StatusCode.error_nonsupported_operation:
+                raise
+
     def _clear(self) -> None:
         """Device clear (IEEE 488.2, 5.8), where the transport and the instrument know it."""
         try:
             self._visa.clear()
         except VisaIOError as error:
             if error.error_code != StatusCode.error_nonsupported_operation:
-                self.close()
                 raise
-        except BaseException:
-            self.close()
-            raise
 
     def _require_silence(self) -> None:
         """Check that nothing has come that nobody asked for: it would be taken for the answer to what is asked next.
@@ -403,6 +434,10 @@ def _raw_socket(session: MessageBasedResource) -> socket.socket | None:
     """The TCP socket under a pyvisa-py SOCKET session, or None for any other session."""
     if session.resource_class != "SOCKET":
         return None
-    interface = getattr(session.visalib, "sessions", {}).get(session.session)
-    found = getattr(interface, "interface", None)
+    found = _interface(session)
     return found if isinstance(found, socket.socket) else None
+
+
+def _interface(session: MessageBasedResource) -> object:
+    """What is under a session of pyvisa-py; None under that of another library."""
+    return getattr(getattr(session.visalib, "sessions", {}).get(session.session), "interface", None)

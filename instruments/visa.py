@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pyvisa.rname import InvalidResourceName, ResourceName
 
-from instruments.errors import InstrumentError, LinkError, excerpt
-from instruments.sessions import ENCODING, FAILURES, Digest, OtherLength, Session, came_late
+from instruments.errors import InstrumentError, InstrumentInUse, LinkError, excerpt
+from instruments.safe_state import MAY_EMIT
+from instruments.sessions import ENCODING, FAILURES, Digest, Locked, OtherLength, Session, came_late
 from instruments.transcripts import ByteTranscript, SessionTap, Transcript
 
 ErrorQueue = Callable[["VisaLink"], list[str]]
@@ -99,6 +100,7 @@ class VisaLink:
         self._write_eol = write_eol
         self._read_eol = read_eol
         self._session: Session | None = None
+        self._heard = False
 
     def write(self, command: str) -> None:
         """Send one program message.
@@ -235,6 +237,7 @@ class VisaLink:
     def close(self) -> None:
         """Close the session if it is open; the next message would open it again."""
         session, self._session = self._session, None
+        self._heard = False
         tap, self._tap = self._tap, None
         if tap is not None:
             tap.closed()
@@ -247,15 +250,19 @@ class VisaLink:
             answer = exchange(self._session or self._open())
             if isinstance(answer, str) and TEXT.fullmatch(answer) is None:  # no instrument says it: the link is broken
                 raise ValueError(f"{excerpt(answer)} is no text")
+            self._heard = self._heard or answer is not None
             return answer
         except FAILURES as error:
+            unheard = not self._heard
             self.close()
             late = came_late(error)
             missed = "understood" if isinstance(error, ValueError) else "reached"
             what = "did not answer in time" if late else f"cannot be {missed} ({_one_line(error)})"
-            raise (NoAnswer if late else LinkError)(
+            failure = (NoAnswer if late else LinkError)(
                 f"{self.name} at {self.resource} {what} (at {command.split(',')[0]!r}): check address, cable and power"
-            ) from error
+            )
+            failure.silent = late and unheard
+            raise failure from error
         except BaseException:
             # Ctrl-C between a question and its answer, or a block that nobody wants: a session kept open would be one
             # reply behind for ever.
@@ -263,10 +270,25 @@ class VisaLink:
             raise
 
     def _open(self) -> Session:
+        """A new session; alone but with what emits: nobody may be kept from switching that off.
+
+        Raises:
+            InstrumentInUse: another program has the instrument's own lock.
+            LinkError: it cannot be reached.
+        """
         try:
             session = Session(
-                self.resource, timeout_s=self.timeout_s, write_eol=self._write_eol, read_eol=self._read_eol
+                self.resource,
+                timeout_s=self.timeout_s,
+                write_eol=self._write_eol,
+                read_eol=self._read_eol,
+                alone=self.name not in MAY_EMIT,
             )
+        except Locked:
+            raise InstrumentInUse(
+                f"{self.name} at {self.resource} is in use: another program, maybe of another computer, has its lock: "
+                f"wait for it, or end it"
+            ) from None
         except Exception as error:  # pyvisa-py raises the bare class when a connection cannot be made
             raise LinkError(
                 f"{self.name} at {self.resource} cannot be reached ({self._why(error)}): check address, cable and power"

@@ -42,9 +42,18 @@ class StationError(LabctlError):
 
 
 class BenchInUse(LabctlError):
-    """Another process has an instrument: one line that says who, which run, since when and how long still."""
+    """Another process has an instrument: one line that says who, which run, since when and how long still.
+
+    Attributes:
+        holder: who, in words; empty where that is not known.
+    """
 
     exit_status = 1
+
+    def __init__(self, message: str, holder: str = "") -> None:
+        """With the line."""
+        super().__init__(message)
+        self.holder = holder
 
 
 class DatasetError(LabctlError):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pyvisa
 from pyvisa.highlevel import get_wrapper_class, list_backends
 
-from instruments.errors import InstrumentError
+from instruments.errors import InstrumentError, InstrumentInUse
 from instruments.values import Identity
 from instruments.visa import NoAnswer, VisaLink
 from labctl.bench.drivers import installed
@@ -46,7 +46,11 @@ def visible_addresses() -> tuple[str, ...]:
 
 
 def answers_at(addresses: Iterable[str]) -> Iterator[Answer]:
-    """Ask each address who is there; those that do not answer in time are left out. Nothing else is sent."""
+    """Ask each address who is there; those that do not answer in time are left out. Nothing else is sent.
+
+    Raises:
+        InstrumentInUse: another program has an instrument for itself.
+    """
     for address in dict.fromkeys(addresses):
         if (identity := _identity_at(address)) is not None:
             yield recognised(address, identity)
@@ -66,6 +70,8 @@ def _identity_at(address: str) -> Identity | None:
             return Identity.parse(link.query("*IDN?"))
         except NoAnswer:
             continue
+        except InstrumentInUse:
+            raise
         except InstrumentError:
             break
         finally:

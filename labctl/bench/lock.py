@@ -9,7 +9,7 @@ import os
 import socket
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -91,7 +91,8 @@ class Hold(Observer):
         if not lock.lock() and not _let_go(lock):
             holder = _holder(lock)
             lock.close()
-            raise BenchInUse(f"{name} is in use: {_left_behind(key) if holder is None else holder.in_words()}")
+            told = _left_behind(key) if holder is None else holder.in_words()
+            raise BenchInUse(f"{name} is in use: {told}", told)
         self._locks[key] = lock
         self._sign(lock)
 
@@ -126,20 +127,36 @@ class Hold(Observer):
 
 
 @contextmanager
-def held(station: Station, task: str, wire: Wire = Wire()) -> Iterator[Hold]:
+def held_alone(address: str, task: str) -> Iterator[None]:
+    """Hold what is at one address for the block.
+
+    Raises:
+        BenchInUse: another process has it.
+    """
+    hold = Hold(task)
+    try:
+        hold.at(address, address)
+        yield
+    finally:
+        hold.close()
+
+
+@contextmanager
+def held(station: Station, task: str, wire: Wire = Wire(), also: Iterable[Station] = ()) -> Iterator[Hold]:
     """Hold the instruments of `station` for the block, but those that are simulated in this process or replayed.
 
-    task: what for, in words.
+    task: what for, in words. also: further stations whose instruments are held.
 
     Raises:
         BenchInUse: another process has one of them; says who, which run, since when and how long still.
     """
     hold = Hold(task)
-    by_hand = station.by_hand
     try:
-        for name, address in station.addresses.items() if wire.replay is None else ():
-            if address != SIMULATED and name not in by_hand:
-                hold.at(name, address)
+        for one in (station, *also) if wire.replay is None else ():
+            by_hand = one.by_hand
+            for name, address in one.addresses.items():
+                if address != SIMULATED and name not in by_hand:
+                    hold.at(name, address)
         yield hold
     finally:
         hold.close()

@@ -2,7 +2,7 @@
 
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +11,7 @@ import typer
 from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import Tlg220Section
+from instruments.errors import InstrumentInUse
 from instruments.remedies import unwritable
 from instruments.sections import SIMULATED, USB, InstrumentSection, PatchPanelSection
 from instruments.toml_files import describe
@@ -19,12 +20,13 @@ from instruments.visa import EXAMPLE
 from labctl.bench.discovery import SERIAL, Answer, answers_at, visible_addresses
 from labctl.bench.draft import draft
 from labctl.bench.drivers import driver, installed
+from labctl.bench.lock import held_alone
 from labctl.bench.schema import STATION, file_name, write_schema
 from labctl.bench.station import USUAL, Station
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.commands.questions import ask, confirm
-from labctl.errors import StationError, UsageError
+from labctl.errors import BenchInUse, StationError, UsageError
 
 MANUAL = "manual"
 TITLES = {
@@ -75,7 +77,7 @@ def init(
     with progress_bar("asking who is there"):
         listed = visible_addresses() if search else ()
         heard = [*named, *(place for place in listed if not place.startswith(SERIAL))]
-        answers = list(answers_at(heard))
+        answers, held = _who_is_at(heard)
     proposed = {answer.instrument: answer.address for answer in reversed(answers)}
     if asking:
         tell(BEFORE_QUESTIONS)
@@ -85,10 +87,11 @@ def init(
         question = f"Address of the {title}" + "".join(f", or '{word}'" for word in _words(role))
         places[role] = _asked(asking, question, said[role], default, partial(_check_place, role))
         if "::" in places[role] and places[role] not in heard:
-            answers += answers_at([places[role]])
+            more, held_there = _who_is_at([places[role]])
+            answers, held = [*answers, *more], held | held_there
         if asking:
-            _tell_who(role, places[role], answers)
-    values, remarks = _instruments(places, answers)
+            _tell_who(role, places[role], answers, held)
+    values, remarks = _instruments(places, answers, held)
     if laser_commands is not None:
         values["laser"]["commands"] = SIMULATED if str(laser_commands) == SIMULATED else str(laser_commands.absolute())
     with_fibre = "Ports of the chip that have a fibre, such as 2-6; 0 is the fibre before it"
@@ -108,7 +111,10 @@ def init(
         "schema": str(schema),
         "instruments": {role: values[role] for role in TITLES},
         "absent": [role for role, place in places.items() if not place],
-        "silent": [role for role, place in places.items() if "::" in place and not _at(place, answers)],
+        "silent": [
+            role for role, place in places.items() if "::" in place and place not in held and not _at(place, answers)
+        ],
+        "held": held,
         "others": [
             {"address": answer.address, "identity": answer.who}
             for answer in answers
@@ -119,6 +125,21 @@ def init(
     }
     show(result, as_json, lambda: _print(result))
     return DONE
+
+
+def _who_is_at(addresses: Iterable[str]) -> tuple[list[Answer], dict[str, str]]:
+    """Who answers where; and who holds the other addresses, which are not spoken to."""
+    answers: list[Answer] = []
+    held: dict[str, str] = {}
+    for address in dict.fromkeys(addresses):
+        try:
+            with held_alone(address, "labctl init"):
+                answers += answers_at([address])
+        except BenchInUse as error:
+            held[address] = error.holder or str(error)
+        except InstrumentInUse:
+            held[address] = "another program, maybe of another computer, by the instrument's own lock"
+    return answers, held
 
 
 def _asked(asking: bool, question: str, said: str | None, default: str, check: Callable[[str], object]) -> str:
@@ -154,10 +175,12 @@ def _at(place: str, answers: list[Answer]) -> Answer | None:
     return next((answer for answer in answers if answer.address == place), None)
 
 
-def _tell_who(role: str, place: str, answers: list[Answer]) -> None:
+def _tell_who(role: str, place: str, answers: list[Answer], held: Mapping[str, str]) -> None:
     if "::" not in place:
         return
-    if (answer := _at(place, answers)) is None:
+    if place in held:
+        tell(f"  held by {held[place]}")
+    elif (answer := _at(place, answers)) is None:
         tell("  nobody answers there now")
     elif answer.instrument == role:
         tell(f"  {' '.join(answer.who.split())}")
@@ -166,7 +189,7 @@ def _tell_who(role: str, place: str, answers: list[Answer]) -> None:
 
 
 def _instruments(
-    places: dict[str, str], answers: list[Answer]
+    places: dict[str, str], answers: list[Answer], held: Mapping[str, str]
 ) -> tuple[dict[str, dict[str, Any]], dict[str, tuple[str, ...]]]:
     """Driver and address of each, and what is to be known of it."""
     values: dict[str, dict[str, Any]] = {}
@@ -184,6 +207,8 @@ def _instruments(
             remarks[role] = (f"Answered here: {' '.join(answer.who.split())}.",)
         elif not place:
             remarks[role] = (ABSENT,)
+        elif place in held:
+            remarks[role] = ("Another program had it open when this file was written: it was not asked who it is.",)
         elif place not in (SIMULATED, USB):
             remarks[role] = ("Did not answer when this file was written.",)
     speaks_table = driver("laser", values["laser"]["driver"]).section is Tlg220Section
@@ -224,6 +249,8 @@ def _print(result: dict[str, Any]) -> None:
         say(f"{role}: not found: write its address into the file")
     for role in result["silent"]:
         say(f"{role}: nobody answers at its address: see that it is switched on, or correct the address in the file")
+    for place, holder in result["held"].items():
+        say(f"{place}: held by {holder}; it was not asked who is there")
     for other in result["others"]:
         say(f"{other['address']} answers too: {other['identity']}")
     for port in result["not_asked"]:

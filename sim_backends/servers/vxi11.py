@@ -97,11 +97,11 @@ class CoreConnection:
             10: self._create_link,
             11: self._on_link(self._write),
             12: self._on_link(self._read),
-            13: self._on_link(self._read_status),
-            14: self._on_link(self._trigger),
-            15: self._on_link(self._clear),
-            16: self._on_link(self._acknowledge),  # device_remote
-            17: self._on_link(self._acknowledge),  # device_local
+            13: self._on_link(self._unless_locked(self._read_status)),
+            14: self._on_link(self._unless_locked(self._trigger)),
+            15: self._on_link(self._unless_locked(self._clear)),
+            16: self._on_link(self._unless_locked(self._acknowledge)),  # device_remote
+            17: self._on_link(self._unless_locked(self._acknowledge)),  # device_local
             18: self._on_link(self._lock),
             19: self._on_link(self._unlock),
             20: self._on_link(self._not_supported),  # device_enable_srq
@@ -144,6 +144,17 @@ class CoreConnection:
                 self._fail(call, DeviceError.INVALID_LINK)
 
         return find
+
+    def _unless_locked(self, handle: Callable[[Call, Link], None]) -> Callable[[Call, Link], None]:
+        """Refuse it while another link has the lock (B.6.6 to B.6.10)."""
+
+        def handled(call: Call, link: Link) -> None:
+            if link.held_off():
+                self._fail(call, DeviceError.LOCKED)
+            else:
+                handle(call, link)
+
+        return handled
 
     def _fail(self, call: Call, error: DeviceError) -> None:
         """Answer with `error` and as many zeros as the results of that procedure have."""
@@ -204,11 +215,8 @@ class CoreConnection:
         self._server.loop.when_idle(report)
 
     def _trigger(self, call: Call, link: Link) -> None:
-        if link.held_off():
-            self._fail(call, DeviceError.LOCKED)
-        else:
-            link.trigger()
-            self._acknowledge(call, link)
+        link.trigger()
+        self._acknowledge(call, link)
 
     def _clear(self, call: Call, link: Link) -> None:
         link.clear()

@@ -235,7 +235,7 @@ class TestByUsbWhatGoesWrong:
         other = opened(simulation.resources["dmd"]["socket"])
         other.show(PATTERN)
         dmd = opened()
-        with pytest.raises(InstrumentError, match=r"Initialize returned 1004: .*other program"):
+        with pytest.raises(InstrumentError, match=r"Initialize returned 1004: in use: another program"):
             dmd.show(OTHER)
         assert shows(simulation, PATTERN)
         other.close()

@@ -2,6 +2,8 @@
 
 import contextlib
 import socket
+import subprocess
+import sys
 import threading
 import tracemalloc
 from collections.abc import Callable, Iterator
@@ -10,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from instruments.errors import InstrumentError, LinkError
+from instruments.errors import InstrumentError, InstrumentInUse, LinkError
+from instruments.safe_state import UnsafeBench, safe_state
 from instruments.visa import NoAnswer, VisaLink
 from sim_backends.bench import SimulatedBench
 
@@ -47,7 +50,9 @@ def test_an_answer_that_never_came_is_not_taken_for_the_next(scope: VisaLink) ->
     assert scope.query("*OPC?") == "1"
 
 
-@pytest.mark.parametrize("transport", ["hislip", "vxi11"])
+@pytest.mark.parametrize(
+    ("scope", "transport"), [("socket", "hislip"), ("socket", "vxi11"), ("hislip", "vxi11")], indirect=["scope"]
+)
 def test_opening_clears_the_device_and_changes_no_setting(
     transport: str, simulation: SimulatedBench, scope: VisaLink, log: Any
 ) -> None:
@@ -57,6 +62,54 @@ def test_opening_clears_the_device_and_changes_no_setting(
     assert other.query(settings) == before
     other.close()
     assert scope.query("ACQuire:STATE STOP;*ESR?") == "0", "what waited for the end of the acquisition is forgotten"
+
+
+@pytest.mark.parametrize("transport", ["hislip", "vxi11"])
+class TestTheInstrumentsOwnLock:
+    def test_the_second_is_refused_at_once_and_the_first_hears_nothing_of_it(
+        self, transport: str, simulation: SimulatedBench, log: Any
+    ) -> None:
+        address = simulation.resources["scope"][transport]
+        first, second = (VisaLink(address, name="scope", timeout_s=5, transcript=log) for _ in range(2))
+        assert first.query("*OPC?") == "1"
+        with pytest.raises(InstrumentInUse, match=f"^scope at {address} is in use: another program") as error:
+            second.query("*OPC?")
+        assert "\n" not in str(error.value)
+        assert first.query("*OPC?") == "1"
+        first.close()
+        assert second.query("*OPC?") == "1"
+        second.close()
+
+    def test_a_dead_holders_lock_falls_with_its_connection(
+        self, transport: str, simulation: SimulatedBench, log: Any
+    ) -> None:
+        address = simulation.resources["awg"][transport]
+        opening = f"link = VisaLink({address!r}, name='awg', timeout_s=5, transcript=lambda *_: None)"
+        held = f"from instruments.visa import VisaLink; {opening}; print(link.query('*OPC?'), flush=True); input()"
+        with subprocess.Popen(
+            [sys.executable, "-c", held], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as holder:
+            link = VisaLink(address, name="awg", timeout_s=5, transcript=log)
+            assert holder.stdout is not None
+            try:
+                assert holder.stdout.readline() == "1\n"
+                with pytest.raises(InstrumentInUse):
+                    link.query("*OPC?")
+            finally:
+                holder.kill()
+        assert link.query("*OPC?") == "1"
+        link.close()
+
+    def test_what_emits_can_be_switched_off_by_everybody(
+        self, transport: str, simulation: SimulatedBench, log: Any
+    ) -> None:
+        if transport == "vxi11":
+            pytest.skip("no laser of the simulated bench speaks VXI-11")
+        address = simulation.resources["laser"][transport]
+        links = [VisaLink(address, name="laser", timeout_s=5, transcript=log) for _ in range(2)]
+        assert all(link.query("*IDN?").startswith("Alnair") for link in links)
+        for link in links:
+            link.close()
 
 
 def test_the_instruments_own_words_are_in_the_error(awg: VisaLink) -> None:
@@ -117,6 +170,23 @@ def test_an_error_text_with_a_line_end_inside(peer: Callable[..., VisaLink]) -> 
     link = peer(b'-222,"Data out of range;OUTPUT1:PATH DCA\r\n"\n', b'0,"No error"\n', b"1\n")
     assert link.errors() == ['-222,"Data out of range;OUTPUT1:PATH DCA "']
     assert link.query("*OPC?") == "1"
+
+
+def test_who_says_nothing_over_a_new_link_is_not_waited_for_over_another(peer: Callable[..., VisaLink]) -> None:
+    asked: list[str] = []
+    link = peer(b"1\n", b"", b"", b"")
+
+    def stop() -> None:
+        asked.append("stop")
+        link.query("*OPC?")
+
+    assert link.query("*OPC?") == "1"
+    with pytest.raises(UnsafeBench):
+        safe_state({"scope": stop})
+    assert len(asked) == 2, "the link that was there may have broken unnoticed"
+    with pytest.raises(UnsafeBench):
+        safe_state({"scope": stop})
+    assert len(asked) == 3
 
 
 def test_a_connection_that_breaks_inside_a_block_is_opened_anew(peer: Callable[..., VisaLink]) -> None:

@@ -16,6 +16,7 @@ import pytest
 from instruments.alnair_tlg220 import Tlg220Section
 from instruments.values import Identity
 from labctl.bench.discovery import Answer, answers_at, recognised
+from labctl.bench.lock import held_alone
 from labctl.bench.schema import STATION, schema_of
 from labctl.bench.station import Station, read_station
 from sim_backends.bench import SimulatedBench
@@ -179,6 +180,23 @@ def test_whoever_is_there_hears_one_question_and_nothing_else() -> None:
         address = f"TCPIP0::127.0.0.1::{server.server_address[1]}::SOCKET"
         assert list(answers_at([address, address])) == [Answer(address, Identity("Somebody", "Else", "1", "2"))]
     assert heard == [b"*IDN?\n"]
+
+
+def test_what_another_program_has_open_is_not_spoken_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socketserver.TCPServer(("127.0.0.1", 0), socketserver.StreamRequestHandler) as server:
+        server.timeout = 0
+        server.handle_timeout = lambda: heard.append("nobody")  # type: ignore[method-assign]
+        heard: list[str] = []
+        address = f"TCPIP0::127.0.0.1::{server.server_address[1]}::SOCKET"
+        with held_alone(address.replace("127.0.0.1", "localhost"), "a run of image-readout"):
+            status, out, _ = labctl(capsys, "init", tmp_path / "bench.toml", "--no-search", "--scope", address)
+        server.handle_request()
+    assert (status, heard) == (0, ["nobody"])
+    assert re.search(
+        f"^{address}: held by a run of image-readout, process .*; it was not asked who is there$", out, re.M
+    )
+    assert "nobody answers" not in out
+    assert "# Another program had it open" in (tmp_path / "bench.toml").read_text("utf-8")
 
 
 @pytest.mark.parametrize(
