@@ -8,7 +8,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
-from scipy.stats import binomtest
 
 from labctl.errors import AnalysisError
 
@@ -56,6 +55,8 @@ def interval(right: int, tested: int) -> tuple[float, float]:
         >>> [round(end, 3) for end in interval(90, 100)]
         [0.826, 0.945]
     """
+    from scipy.stats import binomtest  # which takes as long to import as all else that `labctl run` needs
+
     found = binomtest(right, tested).proportion_ci(CONFIDENCE, "wilson")
     return float(found.low), float(found.high)
 

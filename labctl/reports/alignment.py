@@ -24,7 +24,7 @@ def alignment_report(
     name: str,
     started: datetime,
     *,
-    findings: Mapping[str, Sequence[tuple[str, bool]]],
+    findings: Sequence[tuple[str, str, str, str]],
     figures: Mapping[str, Figure],
 ) -> Path:
     """Write `figures/` and `report.html` of an alignment into `directory`; returns the path of the report.
@@ -33,7 +33,7 @@ def alignment_report(
         directory: The alignment's folder.
         name: Name of the bench.
         started: When it began, UTC.
-        findings: Of each step, in words, and whether it is good.
+        findings: In words: what was measured, what was found, what is good, and whether it is or what to do.
         figures: Of the steps that have one.
     """
     folder, report = directory / "figures", directory / "report.html"
@@ -42,8 +42,7 @@ def alignment_report(
         "alignment.html",
         title=f"Alignment of {name}, {started:%Y-%m-%d %H:%M} UTC",
         titles=TITLES,
-        verdicts=[(line, "good" if good else "look at this") for step in findings.values() for line, good in step],
-        steps={step: [line for line, _ in found] for step, found in findings.items()},
+        findings=findings,
         pictures={step: embedded(figure, folder / step) for step, figure in figures.items()},
     )
     return report

@@ -141,7 +141,8 @@ def test_a_folder_that_somebody_takes_away_ends_the_run_dark_and_what_is_in_it_s
     _, err = process.communicate(timeout=30)
     assert process.returncode == 2
     told = [line for line in err.splitlines() if line.startswith("labctl: ")]
-    assert any(line.startswith(f"labctl: {directory}/") and "put" in line for line in told), err
+    assert any(line.startswith((f"labctl: {directory}/", f"labctl: {directory}: is gone")) for line in told), err
+    assert any("put it back" in line or "put its folder back" in line for line in told), err
     assert "Traceback" not in err
     assert is_dark(served)
     if folder.exists():

@@ -14,6 +14,7 @@ from labctl.analysis.light_delay import LightDelay
 from labctl.reports.canvas import BLACK, BLUE, GREY, SHADE, VERMILLION, look, styled
 
 SHOWN_FRAMES = 12
+MOST_BINS = 40
 BOTH_WAYS = np.array([-1.0, 1.0])
 DASHED = (0, (4, 1.5))
 
@@ -25,7 +26,7 @@ def dark_figure(volts: NDArray[np.float64], channels: Sequence[int]) -> Figure:
     panels = figure.subplots(1, len(channels), sharey=True, squeeze=False)[0]
     for place, (axes, channel) in enumerate(zip(panels, channels, strict=True)):
         values = 1e3 * volts[:, place].ravel()
-        axes.hist(values, bins=40, color=BLUE)
+        axes.hist(values, bins=_bins(values), color=BLUE)
         axes.axvline(values.mean(), color=VERMILLION, linestyle=DASHED)
         axes.set_title(f"channel {channel}", fontsize=8)
         axes.set_xlabel("signal (mV)")
@@ -170,6 +171,15 @@ def scan_figure(found: Decorrelation) -> Figure:
     axes.set_xlabel("detuning (pm)")
     axes.set_ylabel("correlation (1 = same)")
     return figure
+
+
+def _bins(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Edges of bins that hold equally many of the digitiser's levels each: others would make a comb of them."""
+    levels = np.unique(values.round(6))
+    step = np.diff(levels).min() if levels.size > 1 else 1.0
+    spread = levels[-1] - levels[0]
+    width = step * max(1, round(spread / step / MOST_BINS))
+    return np.asarray(levels[0] - step / 2 + width * np.arange(int(spread / width) + 2))
 
 
 def _panels(channels: Sequence[int]) -> tuple[Figure, list[Axes]]:

@@ -9,10 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from labctl.reports.canvas import legend_below, look, styled, thinned
 
+FLATTENS = 2.0
+"""A trace that swings so many times wider than all others is cut, so that these can be seen."""
+MARGIN = 0.05
+
 
 @styled
 def traces_figure(time_s: ArrayLike, volts: NDArray[Any], *, shots: Sequence[str], ports: Sequence[str]) -> Figure:
-    """Traces of a few shots, one panel a port, all shots in each.
+    """Traces of a few shots, one panel a port, all shots in each; one that would flatten the others is cut, and named.
 
     Args:
         time_s: (samples,) s.
@@ -27,10 +31,25 @@ def traces_figure(time_s: ArrayLike, volts: NDArray[Any], *, shots: Sequence[str
         for position, trace in enumerate(traces):
             style = look(position)
             axes.plot(*thinned(time_ns, trace), color=style.colour, linestyle=style.dashes, linewidth=1.2)
-        axes.set_title(port, loc="left", fontsize=8, pad=2)
+        title = port
+        if (cut := _flattening(traces)) is not None:
+            others = np.delete(traces, cut, axis=0)
+            low, high = others.min(), others.max()
+            axes.set_ylim(low - MARGIN * (high - low), high + MARGIN * (high - low))
+            title = f"{port}; {shots[cut]} is cut, {traces[cut].min():.2g} to {traces[cut].max():.2g} V"
+        axes.set_title(title, loc="left", fontsize=8, pad=2)
         axes.locator_params(axis="y", nbins=3)
     stack[-1].set_xlabel("time (ns)")
     stack[-1].set_xlim(time_ns[0], time_ns[-1])
     figure.supylabel("signal (V)", fontsize=9)
     legend_below(figure, list(stack[0].lines), shots)
     return figure
+
+
+def _flattening(traces: NDArray[Any]) -> int | None:
+    """The trace, of (shots, samples), beside which the others would be flat; None where there is none."""
+    if len(traces) < 3:
+        return None
+    swings = np.abs(traces - np.median(traces)).max(axis=1)
+    first, second = np.argsort(swings)[[-1, -2]]
+    return int(first) if swings[first] > FLATTENS * swings[second] else None

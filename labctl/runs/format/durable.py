@@ -14,10 +14,20 @@ Refused = Callable[[Path, OSError], RunError]
 
 
 def not_written(path: Path, error: OSError) -> RunError:
-    """Of a run that has begun: what it has on disk stays, and it can go on."""
+    """Of a run that has begun: what it has on disk stays, and it can go on; unless its folder is gone."""
+    if gone := [folder for folder in path.parents if not folder.exists()]:
+        return taken_away(gone[-1])
     return RunError(
         f"{path}: cannot be written: {reason(error)}; what was stored before is safe: "
         f"{remedy(error, 'put its folder back')}, then `labctl resume` the run"
+    )
+
+
+def taken_away(folder: Path) -> RunError:
+    """Of a run whose folder somebody has moved or removed while it was measured."""
+    return RunError(
+        f"{folder}: is gone, and with it what was stored: it was moved or removed while the run went on; put it back, "
+        f"then `labctl resume` the run, or begin a new one"
     )
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from instruments.values import Frames
 from labctl.errors import RunError
-from labctl.runs.format.durable import replace_file
+from labctl.runs.format.durable import replace_file, taken_away
 from labctl.runs.format.journal import NOT_COMPARED, Entry, JournalFile
 from labctl.runs.format.shard import encode
 from labctl.runs.format.shards import Shards
@@ -87,6 +87,8 @@ class StoredShards:
             RunError: somebody has. A lost journal is written anew with every shard that is stored.
         """
         if self._latest is not None and not self._latest.exists():
+            if not self._shards.paths.directory.exists():
+                raise taken_away(self._shards.paths.directory)
             raise RunError(
                 f"{self._latest}: was removed while the run went on; what was stored before is where its folder is "
                 "now: put it back, then `labctl resume` the run"

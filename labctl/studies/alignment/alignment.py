@@ -130,7 +130,7 @@ def align_bench(
         folder,
         station.name,
         started,
-        findings={one.step: [(finding.line(), finding.good) for finding in one.findings] for one in results},
+        findings=[(one.subject, one.found, one.criterion, one.advice or "good") for one in findings],
         figures={one.step: one.figure for one in results if one.figure is not None},
     )
     return Aligned(folder, kept, report, findings)

@@ -24,6 +24,7 @@ class Finding:
         estimate: Value and standard uncertainty (k = 1), SI unit or `unit`; None where it was not measured.
         unit: "V", "s", "m", "rad", "dB", or "1" for a part of one.
         advice: What is wrong and what to do; empty = good.
+        criterion: What is good, in words.
     """
 
     step: str
@@ -32,6 +33,7 @@ class Finding:
     estimate: Estimate | None
     unit: str
     advice: str = ""
+    criterion: str = ""
 
     @property
     def good(self) -> bool:
@@ -40,9 +42,19 @@ class Finding:
 
     def line(self) -> str:
         """The finding as a person reads it."""
-        where = "" if self.channel is None else f"channel {self.channel}: "
-        found = "" if self.estimate is None else f" {in_words(self.estimate, self.unit)}"
-        return f"{where}{self.what}{found}: {self.advice or 'good'}"
+        found = f" {self.found}" if self.found else ""
+        good = f"good ({self.criterion})" if self.criterion else "good"
+        return f"{self.subject}{found}: {self.advice or good}"
+
+    @property
+    def subject(self) -> str:
+        """What was measured, and of which channel."""
+        return self.what if self.channel is None else f"channel {self.channel}: {self.what}"
+
+    @property
+    def found(self) -> str:
+        """Value and stated uncertainty; empty where it was not measured."""
+        return "" if self.estimate is None else in_words(self.estimate, self.unit)
 
     def values(self) -> dict[str, Any]:
         """The finding as it is stored."""
@@ -57,6 +69,7 @@ class Finding:
             "unit": self.unit,
             "good": self.good,
             "advice": self.advice,
+            "criterion": self.criterion,
         }
 
 

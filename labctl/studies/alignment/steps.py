@@ -46,19 +46,20 @@ class Result:
 def of_dark(piece: Dark, channels: tuple[int, ...]) -> Result:
     """Dark level and noise of every channel."""
     findings: list[Finding] = []
+    quiet = f"some, {NOISY_V * 1e3:g} mV at most"
     for place, channel in enumerate(channels):
         volts = piece.volts[:, place]
         found, spread = level(volts), noise(volts)
         advice = ""
         if piece.clipped[place]:
             advice = "beyond the finest range: look for stray light, or for an offset of the detector"
-        findings.append(Finding("dark", "dark level", channel, found, "V", advice))
+        findings.append(Finding("dark", "dark level", channel, found, "V", advice, "within the finest range"))
         advice = ""
         if spread.value == 0:
             advice = "no noise at all: the channel is off or its input grounded; check its cable"
         elif spread.value > NOISY_V:
             advice = f"more than {NOISY_V * 1e3:g} mV: check the detector's supply and its cable"
-        findings.append(Finding("dark", "noise in the dark", channel, spread, "V", advice))
+        findings.append(Finding("dark", "noise in the dark", channel, spread, "V", advice, quiet))
     return Result("dark", tuple(findings), figures.dark_figure(piece.volts, channels))
 
 
@@ -95,7 +96,9 @@ def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
             advice = f"less than {WELL_USED:.0%} of the range is used: {why}"
         if flat:
             cut.append(channel)
-        findings.append(Finding("range", "range used", channel, used, "1", advice))
+        findings.append(
+            Finding("range", "range used", channel, used, "1", advice, f"{WELL_USED:.0%} at least, not cut")
+        )
     ends = f"mend channel {', '.join(map(str, cut))} first, whose signal is cut" if cut else ""
     if not lit.any():
         ends = "no light on any channel"
@@ -108,13 +111,14 @@ def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
 def of_repeats(piece: Repeated, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
     """Signal to noise of one image, shown again and again."""
     findings = []
+    repeatable = f"{REPEATABLE_DB:g} dB at least"
     for place in np.flatnonzero(lit):
         found = repeatability_db(piece.volts[:, place])
         advice = ""
         if found.value < REPEATABLE_DB:
             more = 2 ** math.ceil((REPEATABLE_DB - found.value) / 3)
             advice = f"below {REPEATABLE_DB:g} dB: more light, or --set averages={more}"
-        findings.append(Finding("repeatability", "signal to noise", channels[place], found, "dB", advice))
+        findings.append(Finding("repeatability", "signal to noise", channels[place], found, "dB", advice, repeatable))
     figure = figures.repeats_figure(piece.volts, channels, interval_s=INTERVAL_S)
     return Result("repeatability", tuple(findings), figure)
 
@@ -122,10 +126,11 @@ def of_repeats(piece: Repeated, channels: tuple[int, ...], lit: NDArray[np.bool_
 def of_contrast(piece: Ranged, dark: Dark, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
     """How much different images differ."""
     findings = []
+    different = f"{DIFFERENT:.0%} at least"
     for place in np.flatnonzero(lit):
         found = contrast(piece.volts[:, :, place], level(dark.volts[:, place]))
         advice = "" if found.value >= DIFFERENT else "images hardly differ: check the picture on the DMD and its focus"
-        findings.append(Finding("contrast", "contrast between images", channels[place], found, "1", advice))
+        findings.append(Finding("contrast", "contrast between images", channels[place], found, "1", advice, different))
     figure = figures.contrast_figure(piece.volts, channels, interval_s=INTERVAL_S)
     return Result("contrast", tuple(findings), figure)
 
@@ -156,7 +161,8 @@ def of_delay(piece: Answered) -> Result:
         advice = (
             f"uncertain by more than {PART_OF_A_SAMPLE:g} sample: more light, or check the trigger's level and slope"
         )
-    finding = Finding("delay", "trigger to light", None, whole, "s", advice)
+    certain = f"within {PART_OF_A_SAMPLE * HOLD_S * 1e12:g} ps, one standard deviation"
+    finding = Finding("delay", "trigger to light", None, whole, "s", advice, certain)
     return Result("delay", (finding,), figures.delay_figure(fine, whole, hold_s=HOLD_S))
 
 
@@ -175,7 +181,8 @@ def of_depth(piece: Hopped) -> Result:
         advice = "less than pi: part of the speckle does not move; raise awg.amplitude or the RF gain"
     elif found.depth.value > DEEP:
         advice = "more than 3 pi: lower awg.amplitude or the RF gain"
-    depth = Finding("depth", "drive depth", None, found.depth, "rad", advice)
+    wanted = f"{SHALLOW:.2f} to {DEEP:.2f} rad"
+    depth = Finding("depth", "drive depth", None, found.depth, "rad", advice, wanted)
     return Result("depth", (depth,), figures.depth_figure(found))
 
 
@@ -198,7 +205,8 @@ def of_decorrelation(scan: Scan) -> Result:
         spread = found.uncertainty_nm if found.uncertainty_nm is not None else found.half_width_nm
         reach = math.expm1(COVERAGE * spread / found.half_width_nm) / COVERAGE
         half = Estimate(1e-9 * found.half_width_nm, 1e-9 * found.half_width_nm * reach)
-        finding = Finding("decorrelation", "half width of the speckle's correlation with wavelength", None, half, "m")
+        what, enough = "half width of the speckle's correlation with wavelength", "within the scan, beyond its step"
+        finding = Finding("decorrelation", what, None, half, "m", criterion=enough)
     return Result("decorrelation", (finding,), figures.scan_figure(found))
 
 

@@ -79,3 +79,11 @@ def test_the_first_light_is_stated() -> None:
 
 def test_a_half_width_that_is_not_known_is_not_marked() -> None:
     assert len(scan().axes[0].lines) == len(scan(None).axes[0].lines) + 1
+
+
+def test_the_digitisers_levels_make_no_comb() -> None:
+    """Every bin holds equally many of the levels, wherever the bins would fall."""
+    codes = np.repeat(np.arange(-33, 34), 12)
+    [axes] = dark_figure(1e-4 * codes[np.newaxis, np.newaxis] * np.ones((2, 1, 1)), [1]).axes
+    heights = [patch.get_height() for patch in axes.patches]  # type: ignore[attr-defined]
+    assert len(set(heights[:-1])) == 1

@@ -27,6 +27,19 @@ def test_traces_are_drawn_in_nanoseconds_and_volts() -> None:
     assert figure.get_supylabel() == "signal (V)"
 
 
+def test_one_bright_image_does_not_flatten_the_rest() -> None:
+    volts = 0.01 * np.random.default_rng(0).normal(size=(4, 2, 50))
+    volts[2, 0] += 0.4
+    names = [f"digit {digit}" for digit in range(4)]
+    cut, whole = traces_figure(np.arange(50) * 40e-12, volts, shots=names, ports=["port 2", "port 3"]).axes
+    others = np.delete(volts[:, 0], 2, axis=0)
+    low, high = cut.get_ylim()
+    assert low < others.min() < others.max() < high < 2 * others.max()
+    assert cut.get_title(loc="left").startswith("port 2; digit 2 is cut, 0.3")
+    assert len(cut.lines) == 4
+    assert whole.get_title(loc="left") == "port 3"
+
+
 def test_long_traces_are_thinned() -> None:
     figure = traces_figure(np.arange(50_000) * 40e-12, np.zeros((1, 1, 50_000)), shots=["a"], ports=["port 2"])
     assert len(np.asarray(figure.axes[0].lines[0].get_xdata())) <= 2002
