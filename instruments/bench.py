@@ -72,6 +72,13 @@ class Observers(Observer):
         if type(observer).step is not Observer.step:
             self._timers.append(observer)
 
+    def follow(self, *observers: Observer) -> None:
+        """These alone, from now on."""
+        self._observers.clear()
+        self._timers.clear()
+        for observer in observers:
+            self.add(observer)
+
     def before_light(self) -> None:
         """As of each."""
         for observer in self._observers:

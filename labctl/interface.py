@@ -22,7 +22,7 @@ from labctl.studies.sweeps.declaration import Sweep, points
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts
 from labctl.studies.sweeps.folder import new_directory as new_sweep_directory
-from protocols.registry import protocol_class, protocol_from
+from protocols.registry import named_protocol, with_settings
 
 ORIGIN = "settings"
 
@@ -76,7 +76,7 @@ def run(
     """Carry out a protocol and store the run: `labctl run`. Ctrl-C once finishes the shot.
 
     Args:
-        protocol: Name of a protocol.
+        protocol: Name of a protocol, or a Python file that defines one.
         station: Station file; None for the simulated bench.
         out: Run directory, new or empty; None for a new one under `runs/`.
         data: Folder of data sets that is looked at first.
@@ -89,7 +89,7 @@ def run(
         LabctlError: what was asked for is wrong, before there is light; or an instrument failed, and finished shots
             are kept.
     """
-    asked = protocol_from(protocol, settings, origin=ORIGIN)
+    asked = with_settings(named_protocol(protocol), settings, origin=ORIGIN)
     directory = new_directory(asked, datetime.now(UTC)) if out is None else Path(out)
     found = _station(station, projector=asked.projector)
     acquisition = Acquisition(asked, found, directory, _path(data), Access(attended, armed))
@@ -114,7 +114,7 @@ def sweep(
     """Carry out a protocol at every point of one or several axes: `labctl sweep`.
 
     Args:
-        protocol: Name of a protocol.
+        protocol: Name of a protocol, or a Python file that defines one.
         over: Values of each axis: texts, or one text with a list or a range, `{"power": "10:30:5 mW"}`.
         zip: Axes side by side instead of every combination.
         order: "random", "interleaved" or "as-given".
@@ -131,16 +131,22 @@ def sweep(
             is kept: `labctl resume`.
     """
     axes = {name: values_of(name, one) if isinstance(one, str) else tuple(one) for name, one in over.items()}
+    measured = named_protocol(protocol)
     asked = Sweep(
-        protocol=protocol, settings=settings, over=axes, zip=zip, order=Order(order), reference_every=reference_every
+        protocol=measured.name,
+        settings=settings,
+        over=axes,
+        zip=zip,
+        order=Order(order),
+        reference_every=reference_every,
     )
-    found = _station(station, projector=protocol_class(protocol).projector)
-    every = points(asked, found)
-    directory = new_sweep_directory(protocol, datetime.now(UTC)) if out is None else Path(out)
+    found = _station(station, projector=measured.projector)
+    every = points(asked, measured, found)
+    directory = new_sweep_directory(every[0].protocol, datetime.now(UTC)) if out is None else Path(out)
     access = Access(attended, armed)
     for _ in forecasts(every, data=_path(data), access=access):
         pass  # what cannot be is refused before anything is made
-    begin(directory, asked, found)
+    begin(directory, asked, measured, found)
     with interruptible() as interruption:
         return carry_out(
             directory,

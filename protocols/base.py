@@ -5,6 +5,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.util import decode_source
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -55,6 +57,24 @@ class Seeds(NamedTuple):
     images: int
     order: int
     drive: int
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file of Python that defines a protocol: where it lies, and its bytes as they were when it was read."""
+
+    path: Path
+    content: bytes
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the bytes, in hex."""
+        return hashlib.sha256(self.content).hexdigest()
+
+    @property
+    def text(self) -> str:
+        """What the bytes say, by the encoding that they name, else UTF-8."""
+        return decode_source(self.content)
 
 
 class Inputs(Protocol):
@@ -171,7 +191,8 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     `order_seed` and `drive_seed` draw one of these from another seed. Frames are the mean of `averages` triggers, each
     with the same weight. `sample_rate` is the oscilloscope's, S/s. `projector`: the light comes by multimode fibre and
     DMD; otherwise it goes from the modulator straight into the chip. `takes`: what is shown or played, `Images` by the
-    settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by `dataset`, `classes`, `symbols`.
+    settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by `dataset`, `classes`, `symbols`. `file`:
+    the one that defines it, where it comes from no package.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -182,6 +203,7 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     takes: ClassVar[type[Images | Sequences]] = Images
     judgement: ClassVar[Judgement] = Judgement.NONE
     added_settings: ClassVar[frozenset[str]] = frozenset()
+    file: ClassVar[SourceFile | None] = None
 
     seed: Seed = 1
     image_seed: Seed | None = None
@@ -190,14 +212,15 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     averages: Annotated[int, Field(ge=1, le=MOST_AVERAGES)] = 1
 
     def digest(self) -> str:
-        """SHA-256 over the name and every setting, in hex: equal protocols have equal digests.
+        """SHA-256 over name, file if there is one, and every setting, in hex: equal protocols have equal digests.
 
         Settings of `added_settings`, and seeds beside `seed`, count where they are not at their defaults only.
         """
         fields = type(self).model_fields
         added = self.added_settings | OWN_SEEDS
         as_before = {name for name in added if getattr(self, name) == fields[name].default}
-        return hashlib.sha256(f"{self.name} {self.model_dump_json(exclude=as_before)}".encode()).hexdigest()
+        named = self.name if self.file is None else f"{self.name} {self.file.sha256}"
+        return hashlib.sha256(f"{named} {self.model_dump_json(exclude=as_before)}".encode()).hexdigest()
 
     @property
     def seeds(self) -> Seeds:

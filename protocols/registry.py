@@ -1,4 +1,4 @@
-"""Protocols by name or from a TOML file, with settings from the command line on top."""
+"""Protocols by name or from a file, with settings from the command line on top."""
 
 from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
@@ -9,43 +9,56 @@ from pydantic import ValidationError
 
 from instruments.remedies import unreadable
 from instruments.toml_files import TomlError, describe, one_line, read_toml
-from protocols.base import Judgement, Measurement, ProtocolError
+from protocols.base import Judgement, Measurement, ProtocolError, SourceFile
+from protocols.own_file import SUFFIX, defined_in, read_source
 
 GROUP = "labctl.protocols"
 
 
-def read_protocol(name_or_file: str, settings: Sequence[str]) -> Measurement[Any]:
-    """The protocol called by name, or described by a file `protocol = "name"` with a table `[settings]`.
+def read_protocol(subject: str, settings: Sequence[str]) -> Measurement[Any]:
+    """The protocol that whoever types a command names, with settings.
 
-    `settings` are `key=value` and win over the file.
+    subject: a name, a TOML file `protocol = "name"` with a table `[settings]`, or a Python file, which is executed.
+    settings: `key=value`; they win over the file.
 
     Raises:
         ProtocolError: no such protocol, no such setting, or a value that does not fit it.
     """
-    name, origin = name_or_file, "--set"
+    origin = "--set"
     values: dict[str, Any] = {}
-    if name_or_file.endswith(".toml"):
-        name, values = _read_file(Path(name_or_file))
-        origin = name_or_file
+    name = subject
+    if subject.endswith(".toml"):
+        name, values = _read_file(Path(subject))
+        origin = subject
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals:
             raise ProtocolError(f"--set {setting}: write it as key=value")
         values[key.strip()] = value.strip()
-    return protocol_from(name, values, origin=origin)
+    found = protocol_class(name) if subject.endswith(".toml") else named_protocol(name)
+    return with_settings(found, values, origin=origin)
 
 
 def protocol_from(name: str, values: Mapping[str, Any], *, origin: str) -> Measurement[Any]:
-    """The protocol called `name` with settings `values`, which come from `origin`, a file or an option.
+    """The installed protocol called `name` with settings `values`, which come from `origin`, a file or an option.
 
     Raises:
         ProtocolError: no such protocol, no such setting, or a value that does not fit it.
     """
-    protocol = protocol_class(name)
+    return with_settings(protocol_class(name), values, origin=origin)
+
+
+def with_settings(protocol: type[Measurement[Any]], values: Mapping[str, Any], *, origin: str) -> Measurement[Any]:
+    """A protocol with settings `values`, which come from `origin`, a file or an option.
+
+    Raises:
+        ProtocolError: no such setting, or a value that does not fit it.
+    """
     unknown = values.keys() - protocol.model_fields.keys()
     if unknown:
         raise ProtocolError(
-            f"{origin}: {min(unknown)}: {name} has no such setting: choose from {', '.join(protocol.model_fields)}"
+            f"{origin}: {min(unknown)}: {protocol.name} has no such setting: choose from "
+            f"{', '.join(protocol.model_fields)}"
         )
     for key, value in values.items():
         if isinstance(value, str) and not one_line(value):
@@ -54,6 +67,31 @@ def protocol_from(name: str, values: Mapping[str, Any], *, origin: str) -> Measu
         return protocol.model_validate(values)
     except ValidationError as error:
         raise ProtocolError(f"{origin}: {describe(error)}") from None
+
+
+def named_protocol(name_or_file: str) -> type[Measurement[Any]]:
+    """The protocol that whoever types a command names: an installed one, or a Python file, which is executed.
+
+    Raises:
+        ProtocolError: it is not installed, or the file does not define a protocol with a name of its own.
+    """
+    if not name_or_file.endswith(SUFFIX):
+        return protocol_class(name_or_file)
+    return protocol_of(read_source(Path(name_or_file)))
+
+
+def protocol_of(source: SourceFile) -> type[Measurement[Any]]:
+    """The protocol that a Python file defines, which is executed.
+
+    Raises:
+        ProtocolError: it does not define one, or one that is called as an installed one.
+    """
+    found = defined_in(source)
+    if found.name in protocol_names():
+        raise ProtocolError(
+            f"{source.path}: name = {found.name!r} is that of an installed protocol: choose another one"
+        )
+    return found
 
 
 def protocol_class(name: str) -> type[Measurement[Any]]:

@@ -17,7 +17,6 @@ from labctl.studies.fibre import in_words, measure_fibre
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.sweeps.folder import is_sweep
 from protocols.base import Judgement
-from protocols.registry import judgement_of
 
 
 def evaluate(
@@ -69,8 +68,8 @@ def evaluate(
         return train.evaluate(subject, run, as_json)
     if subject.is_file():
         raise UsageError(f"{subject}: a file is tested on a run: name the run directory behind it")
-    if judgement_of(protocol := protocol_of(subject)) is not Judgement.ITSELF:
-        raise cannot_judge(subject, protocol)
+    if protocol_of(subject)[1] is not Judgement.ITSELF:
+        raise cannot_judge(subject)
     found = measure_fibre(subject)
     show(found, as_json, lambda: _print(found))
     return DONE

@@ -84,8 +84,16 @@ def _status(words: list[str], *, debug: bool) -> int:
 
 
 def _unexpected(error: Exception) -> str:
-    """One line for a failure that labctl has no words for; its traceback goes into a file."""
-    what = f"{type(error).__name__}: {one_line(error)}: labctl did not expect this"
+    """One line for a failure that labctl has no words for; its traceback goes into a file.
+
+    One that came through a protocol of the operator's own is his to mend.
+    """
+    from protocols.own_file import place_in
+
+    what = f"{type(error).__name__}: {one_line(error)}"
+    if (place := place_in(error)) is not None:
+        return f"{place}: {what}: correct the protocol; --debug shows how it came there"
+    what = f"{what}: labctl did not expect this"
     try:
         with NamedTemporaryFile("w", prefix="labctl-", suffix=".txt", delete=False, encoding="utf-8") as file:
             file.writelines(format_exception(error))

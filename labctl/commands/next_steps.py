@@ -14,17 +14,19 @@ from protocols.registry import judgement_of
 
 OTHERWISE = (Judgement.ITSELF, Judgement.EXPERIMENT)
 """Than with a readout."""
+_JUDGEMENTS = {one.value: one for one in Judgement}
 
 
-def next_command(protocol: str, directory: Path) -> str:
-    """What to type after a run of the protocol called so.
+def next_command(directory: Path) -> str:
+    """What to type after a run.
 
     Runs that are only judged together with others lead to the experiments that acquire all of them.
 
     Raises:
+        RunError: not a run, or damaged.
         ExperimentError: an experiment file is wrong.
     """
-    return _judged(protocol, directory)[1]
+    return _judged(directory)[1]
 
 
 def resume_command(directory: Path, options: str = "") -> str:
@@ -52,8 +54,8 @@ def resumable(directory: Path, options: str = "") -> Iterator[None]:
         raise
 
 
-def protocol_of(directory: Path) -> str:
-    """Name of the protocol that made a run.
+def protocol_of(directory: Path) -> tuple[str, Judgement]:
+    """Name of the protocol that made a run, and how it says that its runs are judged.
 
     Raises:
         UsageError: no such directory.
@@ -63,7 +65,12 @@ def protocol_of(directory: Path) -> str:
         raise UsageError(f"{directory}: no such directory: name a run directory, as 'labctl runs' lists them")
     with open_run(directory) as run:
         asked = run.manifest.get("protocol")
-    return str(asked["name"]) if isinstance(asked, dict) and "name" in asked else "an unknown protocol"
+    if not isinstance(asked, dict) or "name" not in asked:
+        return "an unknown protocol", Judgement.NONE
+    name = str(asked["name"])
+    return name, _JUDGEMENTS.get(str(asked["judgement"]), Judgement.NONE) if "judgement" in asked else judgement_of(
+        name
+    )
 
 
 def require_readout(directory: Path) -> None:
@@ -75,20 +82,26 @@ def require_readout(directory: Path) -> None:
         UsageError: it is judged in another way.
         RunError: not a run, or damaged.
     """
-    if directory.is_dir() and judgement_of(protocol := protocol_of(directory)) in OTHERWISE:
-        raise cannot_judge(directory, protocol)
+    if directory.is_dir() and protocol_of(directory)[1] in OTHERWISE:
+        raise cannot_judge(directory)
 
 
-def cannot_judge(directory: Path, protocol: str) -> UsageError:
-    """The one line for a run that cannot be judged as asked: what its protocol needs, and what to type."""
-    how, command = _judged(protocol, directory)
-    return UsageError(f"{directory}: a run of {protocol} {how}: go on with '{command}'")
+def cannot_judge(directory: Path) -> UsageError:
+    """The one line for a run that cannot be judged as asked: what its protocol needs, and what to type.
+
+    Raises:
+        UsageError: no such directory.
+        RunError: not a run, or damaged.
+    """
+    how, command = _judged(directory)
+    return UsageError(f"{directory}: a run of {protocol_of(directory)[0]} {how}: go on with '{command}'")
 
 
-def _judged(protocol: str, directory: Path) -> tuple[str, str]:
-    """How a run of the protocol called so is judged, and the command that does so or comes first."""
+def _judged(directory: Path) -> tuple[str, str]:
+    """How a run is judged, and the command that does so or comes first."""
     where = shlex.quote(str(directory))
-    match judgement_of(protocol):
+    protocol, judgement = protocol_of(directory)
+    match judgement:
         case Judgement.READOUT:
             found = RunPaths(directory).readouts
             judging = f"labctl evaluate {shlex.quote(str(found[0]))} {where}" if found else f"labctl train {where}"

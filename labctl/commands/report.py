@@ -9,7 +9,6 @@ from labctl.commands.exit_status import DONE
 from labctl.commands.next_steps import cannot_judge, protocol_of
 from labctl.commands.output import JsonOption, say, show
 from labctl.studies.judgement import JUDGES
-from protocols.registry import judgement_of
 
 
 def report(
@@ -20,11 +19,11 @@ def report(
 
     A run that is judged with a readout takes the first one in its folder models.
     """
-    protocol = protocol_of(run)
-    judge = JUDGES.get(judgement_of(protocol))
+    protocol, judgement = protocol_of(run)
+    judge = JUDGES.get(judgement)
     made = judge(run) if judge is not None else None
     if made is None:
-        raise cannot_judge(run, protocol)
+        raise cannot_judge(run)
     found = {"run": str(run), "protocol": protocol, "report": made["report"]}
     show(found, as_json, lambda: say(str(found["report"])))
     return DONE

@@ -22,13 +22,17 @@ from labctl.errors import UsageError
 from labctl.studies.sweeps import folder
 from labctl.studies.sweeps.axes import Order, parse_axis
 from labctl.studies.sweeps.declaration import Point, Sweep, points, read_sweep
-from protocols.registry import protocol_class
+from protocols.base import Measurement
+from protocols.registry import named_protocol, protocol_class
 
 
 def sweep(
     context: typer.Context,
     subject: Annotated[
-        str, typer.Argument(metavar="PROTOCOL|FILE", help="Name of a protocol, or a sweep file (TOML).")
+        str,
+        typer.Argument(
+            metavar="PROTOCOL|FILE", help="Name of a protocol, a Python file that defines one, or a sweep file (TOML)."
+        ),
     ],
     over: Annotated[
         list[str] | None,
@@ -54,18 +58,18 @@ def sweep(
     as_json: JsonOption = False,
 ) -> int:
     """Carry out a protocol at every point of one or several axes; each point is a run."""
-    asked = _asked(subject, over or [], settings or [], side_by_side, order, reference_every)
+    asked, protocol = _asked(subject, over or [], settings or [], side_by_side, order, reference_every)
     bench = read_station(station)
     if station is None:
-        bench = bench.cabled(projector=protocol_class(asked.protocol).projector)
-    every = points(asked, bench)
-    directory = out or folder.new_directory(asked.protocol, datetime.now(UTC))
+        bench = bench.cabled(projector=protocol.projector)
+    every = points(asked, protocol, bench)
+    directory = out or folder.new_directory(every[0].protocol, datetime.now(UTC))
     access = access_of(context, attended=attended, armed=armed)
     plan = _plan(every, directory, data, access)
     if dry_run:
         show(plan, as_json, lambda: _print_plan(plan))
         return DONE
-    folder.begin(directory, asked, bench)
+    folder.begin(directory, asked, protocol, bench)
     tell(_in_words(plan))
     return measure(
         directory,
@@ -82,7 +86,8 @@ def go_on(
 ) -> int:
     """Go on with a sweep where it ended: `labctl resume`."""
     file = folder.read(directory)
-    every = points(file.sweep, folder.station_of(directory, file, station))
+    protocol = folder.protocol_of(directory, file)
+    every = points(file.sweep, protocol, folder.station_of(directory, file, protocol, station))
     return measure(directory, every, options=options, access=access, data=data, as_json=as_json)
 
 
@@ -124,20 +129,21 @@ def _asked(
     side_by_side: bool,
     order: Order | None,
     reference_every: int | None,
-) -> Sweep:
+) -> tuple[Sweep, type[Measurement[Any]]]:
     given: dict[str, Any] = {}
     if subject.endswith(".toml"):
         given = read_sweep(Path(subject)).model_dump()
+        protocol = protocol_class(given["protocol"])
     else:
-        protocol_class(subject)
-        given["protocol"] = subject
+        protocol = named_protocol(subject)
+        given["protocol"] = protocol.name
     axes = dict(parse_axis(one) for one in over)
     if len(axes) < len(over):
         raise UsageError("--over: an axis is there twice: give each once, with all its values")
     if not axes and "over" not in given:
         raise UsageError('--over is missing: say what is to be varied, such as --over "window=0.5 ns,1 ns"')
     changed = dict(_setting(one) for one in settings)
-    return Sweep.model_validate(
+    found = Sweep.model_validate(
         given
         | ({"over": given.get("over", {}) | axes} if axes else {})
         | {"settings": given.get("settings", {}) | changed}
@@ -145,6 +151,7 @@ def _asked(
         | ({} if order is None else {"order": order})
         | ({} if reference_every is None else {"reference_every": reference_every})
     )
+    return found, protocol
 
 
 def _setting(text: str) -> tuple[str, str]:

@@ -7,6 +7,7 @@ from instruments.bench import Bench
 from labctl.bench.identity import who_they_are
 from labctl.engine.plan import Request
 from labctl.runs.format.provenance import git_revision, versions
+from protocols.base import Measurement
 
 
 def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any]:
@@ -18,7 +19,12 @@ def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any
     protocol = request.protocol
     light, instruments = light_and_instruments(request, bench)
     return {
-        "protocol": {"name": protocol.name, "digest": protocol.digest(), "settings": protocol.model_dump(mode="json")},
+        "protocol": {
+            "name": protocol.name,
+            "digest": protocol.digest(),
+            "settings": protocol.model_dump(mode="json"),
+            **_own_file(protocol),
+        },
         "station": request.station.model_dump(mode="json"),
         "light": light,
         "instruments": instruments,
@@ -33,6 +39,14 @@ def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any
             "twin_seed": request.station.sim.twin_seed if request.station.simulated else None,
         },
     }
+
+
+def _own_file(protocol: Measurement[Any]) -> dict[str, Any]:
+    """The file that defines a protocol which comes from no package, and what only it can say."""
+    if (file := protocol.file) is None:
+        return {}
+    said = {"path": str(file.path), "sha256": file.sha256, "text": file.text}
+    return {"file": said, "judgement": protocol.judgement}
 
 
 def light_and_instruments(request: Request, bench: Bench) -> tuple[dict[str, Any], dict[str, Any]]:

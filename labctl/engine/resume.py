@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from instruments.toml_files import describe
 from instruments.values import Drive
-from labctl.bench.own_stations import is_own
+from labctl.bench.own_files import is_own
 from labctl.bench.station import Station, read_station
 from labctl.errors import RunError, StationError
 from labctl.runs.format.columns import same_shots
@@ -21,8 +21,9 @@ from labctl.runs.format.shape import RunShape
 from labctl.runs.format.version import FORMAT_VERSION
 from labctl.runs.read.data_file import manifest_in
 from labctl.runs.read.differences import Difference, differences
-from protocols.base import Inputs, Measurement
-from protocols.registry import protocol_from
+from protocols.base import Inputs, Measurement, ProtocolError
+from protocols.own_file import read_source
+from protocols.registry import protocol_class, protocol_of, with_settings
 
 FILES = ("*.commands", "*.library")
 """Of the station: what is loaded from a place of this bench. A run never says which."""
@@ -50,13 +51,17 @@ class SettingsChanged(RunError):
 def protocol_of_manifest(directory: Path, manifest: Mapping[str, Any]) -> Measurement[Any]:
     """The protocol as it was asked for.
 
+    One that a file defines is executed only where a run was begun here with that file as it is now.
+
     Raises:
-        RunError: the manifest does not say, or this version of labctl takes the settings otherwise.
+        RunError: the manifest does not say, its file is another one, or this version of labctl takes the settings
+            otherwise.
         ProtocolError: no such protocol any more, or no such setting.
     """
     try:
         asked = manifest["protocol"]
-        protocol = protocol_from(asked["name"], asked["settings"], origin=str(directory))
+        found = protocol_class(asked["name"]) if "file" not in asked else own_protocol(directory, **asked["file"])
+        protocol = with_settings(found, asked["settings"], origin=str(directory))
         digest = asked["digest"]
     except (KeyError, TypeError, AttributeError) as error:
         raise RunError(f"{directory}: the manifest does not say what was asked for: begin a new run") from error
@@ -66,6 +71,25 @@ def protocol_of_manifest(directory: Path, manifest: Mapping[str, Any]) -> Measur
             f"manifest, or begin a new run"
         )
     return protocol
+
+
+def own_protocol(directory: Path, path: str, sha256: str, **_: object) -> type[Measurement[Any]]:
+    """The protocol of a Python file that `directory` names, if a run was begun here with that very file.
+
+    Raises:
+        RunError: the file is not there, says something else, or nobody has begun a run with it here.
+        ProtocolError: it defines no protocol on this machine.
+    """
+    try:
+        source = read_source(Path(path))
+    except ProtocolError as error:
+        raise RunError(f"{directory}: its protocol is that file's: {error}") from None
+    if source.sha256 != sha256 or not is_own(source.path, source.content):
+        raise RunError(
+            f"{directory}: no run was begun here with the protocol {path!r} as it is now: put back what it said then, "
+            f"which stands in the manifest of the run, or begin a new one"
+        )
+    return protocol_of(source)
 
 
 def refuse_edited(paths: RunPaths, manifest: Mapping[str, Any]) -> None:

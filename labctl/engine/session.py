@@ -12,12 +12,13 @@ from labctl.bench.calibration import newest, warnings
 from labctl.bench.laser_limits import check_laser
 from labctl.bench.lock import held
 from labctl.bench.opening import Access, OpenBench, opened
-from labctl.bench.own_stations import remember
+from labctl.bench.own_files import remember
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
 from labctl.engine.engine import Outcome, carry_out, go_on
 from labctl.engine.inputs import inputs_for
+from labctl.engine.kept import KeptBench
 from labctl.engine.plan import Request, aliasing, durability_of
 from labctl.engine.profile import Profile
 from labctl.engine.resume import (
@@ -59,9 +60,15 @@ class Acquired:
 
 
 def acquire(
-    acquisition: Acquisition, *, observer: Observer | None = None, interruption: Interruption | None = None
+    acquisition: Acquisition,
+    *,
+    observer: Observer | None = None,
+    interruption: Interruption | None = None,
+    bench: KeptBench | None = None,
 ) -> Acquired:
     """Carry out one acquisition; `observer` follows it, and `interruption` is asked after every record.
+
+    `bench` is one that is held already, and stays so for further runs.
 
     Concerns about the newest calibration of the bench are warnings, before light is switched on.
 
@@ -73,7 +80,7 @@ def acquire(
     protocol, station = acquisition.protocol, acquisition.station
     inputs = inputs_for(protocol, acquisition.data)
     observers = Observers()
-    session = _session(protocol, station, acquisition.access, observers, observer)
+    session = _session(protocol, station, acquisition.access, observers, observer, bench)
     with session as open_bench:
         simulation = open_bench.simulation
         profile = Profile((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
@@ -82,7 +89,8 @@ def acquire(
         calibrated = newest(station)
         reference = None if calibrated is None else calibrated.reference()
         _warn([*warnings(reference, station), *answers.warnings(station)], observers)
-        remember(Path(station.source))
+        for path in (Path(station.source), *(() if protocol.file is None else (protocol.file.path,))):
+            remember(path)
         request = Request(protocol, inputs, station, reference, acquisition.coordinates)
         outcome = carry_out(request, open_bench.bench, interruption or Interruption(), acquisition.directory)
         return Acquired(outcome, profile.budget(outcome.shots) if acquisition.profile else {})
@@ -99,9 +107,15 @@ class Resumption:
 
 
 def resume(
-    resumption: Resumption, *, observer: Observer | None = None, interruption: Interruption | None = None
+    resumption: Resumption,
+    *,
+    observer: Observer | None = None,
+    interruption: Interruption | None = None,
+    bench: KeptBench | None = None,
 ) -> Outcome:
     """Measure what a run still lacks, with the protocol and the seeds of its manifest, on this bench's own station.
+
+    `bench` is one that is held already, and stays so for further runs.
 
     Concerns about the calibration that the run refers to are warnings, before light is switched on. A run that
     lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
@@ -138,7 +152,7 @@ def resume(
             )
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
-        session = _session(protocol, station, resumption.access, observers, observer)
+        session = _session(protocol, station, resumption.access, observers, observer, bench)
         open_bench = stack.enter_context(session)
         _warn(warnings(manifest.values.get("calibration"), station), observers)
         request = Request(protocol, inputs, station)
@@ -157,6 +171,7 @@ def _session(
     access: Access,
     observers: Observers,
     observer: Observer | None,
+    bench: KeptBench | None,
 ) -> Iterator[OpenBench]:
     """The opened bench, held, supervised, allowed to light; nothing was sent to it yet. Aliasing is noted in the logs.
 
@@ -165,11 +180,14 @@ def _session(
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         events = stack.enter_context(EventLog())
-        hold = stack.enter_context(held(station, f"a run of {protocol.name}", access.wire))
+        if bench is None:
+            hold, opening = stack.enter_context(held(station, f"a run of {protocol.name}", access.wire)), opened
+        else:
+            hold, opening = bench.hold, bench.opened
         supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
         for one in (hold, supervisor, log, events, observer or Observer()):
             observers.add(one)
-        open_bench = stack.enter_context(opened(station, log, access, observer=observers))
+        open_bench = stack.enter_context(opening(station, log, access, observer=observers))
         check_laser(station, [one.wavelength_nm for one in protocol.passes(open_bench.bench)])
         open_bench.bench.require_arm()
         if (aliased := aliasing(protocol.sample_rate, open_bench.bench.scope.bandwidth_hz)) is not None:

@@ -103,18 +103,9 @@ def say_of(
     """
     if not paths.manifest.exists():
         raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it): name a run")
-    said: dict[str, Any] = {
-        "note": printable(text.strip()),
-        "tags": [_word(tag) for tag in tags],
-        "untagged": [_word(tag) for tag in untagged],
-        "star": star,
-        "operator": None if operator is None else _word(operator),
-    }
-    said = {name: value for name, value in said.items() if value not in ("", [], None)}
+    said = in_a_line(text, tags=tags, untagged=untagged, star=star, operator=operator)
     if not said:
         raise RunError(f"{paths.directory}: nothing is said of it: write a note, a tag, a star or an operator")
-    if len(text) > LONGEST_NOTE:
-        raise RunError(f"{paths.directory}: a note of {len(text)} characters: write {LONGEST_NOTE} at most")
     line = encode({"time": datetime.now(UTC).isoformat(timespec="seconds"), "by": _user()} | said)
     try:
         with FileIO(paths.notes, "a+", opener=opened) as file:
@@ -124,6 +115,31 @@ def say_of(
             os.fsync(file.fileno())
     except OSError as error:
         raise not_made(paths.notes, error) from error
+
+
+def in_a_line(
+    text: str = "",
+    *,
+    tags: Sequence[str] = (),
+    untagged: Sequence[str] = (),
+    star: bool | None = None,
+    operator: str | None = None,
+) -> dict[str, Any]:
+    """What is said of a run, as a line of the file has it; empty where nothing is.
+
+    Raises:
+        RunError: it is too long, or a tag or name is empty.
+    """
+    if len(text) > LONGEST_NOTE:
+        raise RunError(f"a note of {len(text)} characters: write {LONGEST_NOTE} at most")
+    said: dict[str, Any] = {
+        "note": printable(text.strip()),
+        "tags": [_word(tag) for tag in tags],
+        "untagged": [_word(tag) for tag in untagged],
+        "star": star,
+        "operator": None if operator is None else _word(operator),
+    }
+    return {name: value for name, value in said.items() if value not in ("", [], None)}
 
 
 def _word(text: str) -> str:

@@ -4,9 +4,10 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +15,20 @@ import pytest
 
 from instruments.values import Identity
 from labctl.bench.lock import held
-from labctl.bench.station import Station
+from labctl.bench.station import Station, read_station, write_addresses
+from labctl.dashboard import launcher
+from labctl.dashboard.launcher import Asked
 from labctl.errors import BenchInUse
+from labctl.runs.read.run import open_run
+from labctl.studies.sweeps.declaration import places
+from labctl.studies.sweeps.folder import read
+from sim_backends.bench import SimulatedBench
 from tests.command_line import as_json, labctl
 from tests.system.conftest import LABCTL
 from tests.system.waiting import until_stored
 
 RUN = ("run", "image-readout", "--set", "window=0.4 ns")
 ENDLESS = ("--set", "images=4000")
-REFUSED = re.compile(
-    r"^labctl: awg is in use: a run of image-readout, process \d+ of \S+, since \d+ \w+ [\d:]+ UTC"
-    r"(, \d+ of \d+ records(, about \d+ s more)?)?: wait for it, or end it: labctl stop \S+\n$"
-)
 
 
 @pytest.fixture
@@ -50,24 +53,87 @@ def under_another_name(station: Path) -> Path:
     return other
 
 
-@pytest.mark.parametrize("second", [("check",), ("align",), RUN, ("reproduce", "fig3", "--quick")], ids=str)
-def test_the_second_is_refused(
-    station: Path, tmp_path: Path, second: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+TASKS = {
+    "check": "labctl check",
+    "align": "labctl align",
+    "run": "a run of image-readout",
+    "Start": "a run of image-readout",
+}
+SETTINGS = "window=0.4 ns\nimages=4000"
+
+
+@contextmanager
+def holding(task: str, station: Path, out: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """What somebody does with the bench, from when it has it until the block ends: then it is ended, or may go on."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        command = [*LABCTL, task, f"--station={station}", *(() if task == "check" else (f"--out={out}",))]
+        if task == "check":  # which would be done before anybody else came: its DMD does not answer for a while
+            _, port = silent.getsockname()
+            other = station.with_name(f"{out.name}.toml")
+            other.write_text(
+                re.sub(r"(vialux-alp.*?)\d+(::SOCKET)", rf"\g<1>{port}\2", station.read_text(), flags=re.S)
+            )
+            command[-1] = f"--station={other}"
+        elif task == "run":
+            command[len(LABCTL) : len(LABCTL) + 1] = [*RUN, *ENDLESS]
+        if task == "Start":
+            process = launcher.start(Asked("image-readout", SETTINGS, str(station)), out, {}).process
+        else:
+            process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        try:
+            until_held(process, station)
+            yield process
+            assert process.poll() is None
+        finally:
+            if task == "check":
+                client, _ = silent.accept()
+                silent.close()
+                client.close()
+            else:
+                process.send_signal(signal.SIGINT)
+            process.wait()
+
+
+def until_held(process: subprocess.Popen[bytes], station: Path) -> None:
+    bench = read_station(station)
+    while process.poll() is None:
+        try:
+            with held(bench, "a test"):
+                pass
+        except BenchInUse as error:
+            if f"process {process.pid} " in str(error):
+                return
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(0.05)
+
+
+@pytest.mark.parametrize("first", TASKS)
+def test_the_second_is_refused_and_the_first_untouched(
+    station: Path, tmp_path: Path, first: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run, out = tmp_path / "run", tmp_path / "out"
-    to = () if second[0] == "check" else ("--out", out)
-    with running(station, run) as first:
-        status, _, said = labctl(capsys, *second, "--station", under_another_name(station), *to)
-        assert (status, REFUSED.match(said) is not None) == (1, True), said
-        assert str(run) in said
-        assert not (out / "manifest.json").exists()
-        assert first.poll() is None
+    other = under_another_name(station)
+    refused = re.compile(
+        rf"^labctl: awg is in use: {TASKS[first]}, process \d+ of \S+, since \d+ \w+ [\d:]+ UTC"
+        r"(, \d+ of \d+ records(, about \d+ s more)?)?: wait for it(, or end it: labctl stop \S+)?\n?$"
+    )
+    with holding(first, station, tmp_path / "first") as process:
+        for second in ("check", "align", "run", "reproduce", "Start"):
+            out = tmp_path / second
+            if second == "Start":
+                started = launcher.start(Asked("image-readout", SETTINGS, str(other)), out, {})
+                status, said = started.process.wait(), started.failure()
+            else:
+                words = {"run": RUN, "reproduce": ("reproduce", "fig3", "--quick")}.get(second, (second,))
+                to = () if second == "check" else ("--out", out)
+                status, _, said = labctl(capsys, *words, "--station", other, *to)
+            assert (status, refused.match(said) is not None) == (1, True), (second, said)
+            assert not (out / "manifest.json").exists()
         looked_at = labctl(capsys, "runs", tmp_path), labctl(capsys, *RUN, "--dry-run", "--station", station)
         assert [status for status, *_ in looked_at] == [0, 0], looked_at
-        first.send_signal(signal.SIGINT)
-        assert first.wait() == 130
-    events = [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
-    assert {event["event"] for event in events}.isdisjoint({"link lost", "setting changed", "record doubted"})
+    assert process.returncode == (1 if first == "check" else 130)
+    if (events := tmp_path / "first" / "events.jsonl").exists():
+        told = {json.loads(line)["event"] for line in events.read_text().splitlines()}
+        assert told.isdisjoint({"link lost", "setting changed", "record doubted"})
 
 
 def test_a_killed_run_lets_go_of_its_bench(station: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -76,6 +142,17 @@ def test_a_killed_run_lets_go_of_its_bench(station: Path, tmp_path: Path, capsys
     status, checked = as_json(capsys, "check", "--station", station)
     assert (status, checked["ok"]) == (0, True)
     assert "the supervisor" in (tmp_path / "run" / "commands.log").read_text()
+
+
+@pytest.mark.parametrize("task", ["check", "align"])
+def test_a_killed_check_or_alignment_lets_go_of_its_bench(
+    station: Path, tmp_path: Path, task: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = () if task == "check" else (f"--out={tmp_path / 'out'}",)
+    with subprocess.Popen([*LABCTL, task, f"--station={station}", *out], stdout=subprocess.DEVNULL) as process:
+        until_held(process, station)
+        process.kill()
+    assert labctl(capsys, *RUN, "--set", "images=4", "--station", station, "--out", tmp_path / "next")[0] == 0
 
 
 def test_a_killed_group_lets_go_of_its_bench(station: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,3 +179,40 @@ def test_one_serial_number_at_two_addresses(tmp_path: Path) -> None:
         second.identified("scope", Identity("TEKTRONIX", "DPO72504DX", "B019877", "FV:10"))
     with held(other, "labctl check") as second:
         second.identified("scope", scope)
+
+
+SWEEP = ("sweep", "image-readout", "--set", "images=8", "--set", "ports=2", "--over", "window=0.4 ns,0.8 ns,1.2 ns")
+
+
+def test_nobody_gets_the_bench_between_two_points_of_a_sweep(station: Path, tmp_path: Path) -> None:
+    bench, folder = read_station(station), tmp_path / "swept"
+    with subprocess.Popen([*LABCTL, *SWEEP, f"--station={station}", f"--out={folder}"]) as process:
+        until_stored(process, folder / "000-window=0.4ns")
+        refused = set()
+        while not (folder / "003-window=0.4ns" / "data.h5").exists():
+            with pytest.raises(BenchInUse) as told, held(bench, "a test"):
+                pass
+            refused.add(str(told.value).partition(", process")[0])
+            assert process.poll() is None
+        assert process.wait() == 0
+    assert refused == {"awg is in use: a sweep of image-readout"}
+    with held(bench, "a test"):
+        pass
+
+
+def test_points_of_a_sweep_have_the_frames_of_runs_of_their_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with SimulatedBench(noise="by-state") as simulation:
+        station, swept = tmp_path / "station.toml", tmp_path / "swept"
+        write_addresses(station, {name: found["socket"] for name, found in simulation.resources.items()}, Station())
+        assert labctl(capsys, *SWEEP, "--station", station, "--out", swept)[0] == 0
+        alone = {}
+        for window in ("0.4 ns", "0.8 ns", "1.2 ns"):
+            words = (*RUN[:2], *SWEEP[2:6], "--set", f"window={window}", "--station", station)
+            alone[window] = as_json(capsys, *words, "--out", tmp_path / window)[1]["frames_sha256"]
+    found = {name: values["window"] for name, values in places(read(swept).sweep)}
+    for name, window in found.items():
+        with open_run(swept / name) as run:
+            assert run.digest() == alone[window], name
+    assert len(found) == 4

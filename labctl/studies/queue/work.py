@@ -8,14 +8,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 from labctl.bench.lock_file import LockFile
+from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
 from labctl.errors import BenchInUse, UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.studies.queue.items import Item, Queue, State, Wish
 from labctl.studies.sweeps.folder import is_sweep
+from protocols.own_file import SUFFIX
 
 COMMANDS = ("run", "sweep")
 LOOK_EVERY_S = 0.2
@@ -55,6 +58,8 @@ def forecast(words: Sequence[str]) -> dict[str, Any]:
     found = _said(done.stdout)
     if done.returncode:
         raise UsageError(str(found.get("error", done.stderr.strip() or "the command is refused")))
+    for path in _protocols(words):
+        remember(path)
     return found
 
 
@@ -89,6 +94,8 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
 
 def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
     """Exit status of an item's command, and its error."""
+    if changed := [path for path in _protocols(item.words) if not is_own(path)]:
+        return 1, f"{changed[0]}: is not what it was when this was added here: add it again"
     begun = RunPaths(item.directory).manifest.exists() or is_sweep(item.directory)
     words = ["resume", str(item.directory), *_kept(item.words)] if begun else item.words
     process = subprocess.Popen(  # noqa: S603 -- labctl itself
@@ -110,6 +117,11 @@ def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
         process.communicate()
         queue.end(item.number, State.WAITING)
         raise
+
+
+def _protocols(words: Sequence[str]) -> list[Path]:
+    """Of the words of a command, those that are files with a protocol, which would be executed."""
+    return [Path(word) for word in words if word.endswith(SUFFIX)]
 
 
 def _kept(words: Sequence[str]) -> list[str]:

@@ -14,7 +14,7 @@ from labctl.bench.station import Station
 from labctl.errors import StationError, UsageError
 from labctl.studies.sweeps.axes import Order, measuring_order, points_of, values_of, with_reference
 from protocols.base import Measurement
-from protocols.registry import protocol_from
+from protocols.registry import with_settings
 
 SHORT = {"power": "laser.power", "wavelength": "wavelengths", "amplitude": "awg.amplitude"}
 """What is set often, and the setting or key of the station that sets it."""
@@ -86,31 +86,30 @@ def places(sweep: Sweep) -> list[tuple[str, dict[str, str]]]:
     return [(f"{number:03d}-{_slug(grid[place])}"[:LONGEST_NAME], grid[place]) for number, place in enumerate(order)]
 
 
-def points(sweep: Sweep, station: Station) -> list[Point]:
-    """Every run of a sweep on a bench, in the order they are measured.
+def points(sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> list[Point]:
+    """Every run of a sweep of a protocol on a bench, in the order they are measured.
 
     Raises:
         UsageError: an axis is neither a setting nor a key of the station, or the axes do not fit each other.
         ProtocolError, StationError: a value does not fit.
     """
-    return [_point(sweep, station, name, values) for name, values in places(sweep)]
+    return [_point(sweep, protocol, station, name, values) for name, values in places(sweep)]
 
 
-def _point(sweep: Sweep, station: Station, run: str, values: dict[str, str]) -> Point:
-    protocol = protocol_from(sweep.protocol, sweep.settings, origin="settings of the sweep")
+def _point(sweep: Sweep, asked: type[Measurement[Any]], station: Station, run: str, values: dict[str, str]) -> Point:
     settings, keys = {}, {}
     for name, value in values.items():
         target = SHORT.get(name, name)
-        if target in type(protocol).model_fields:
+        if target in asked.model_fields:
             settings[target] = value
         elif "." in target:
             keys[target] = value
         else:
             raise UsageError(
                 f"{name}: is no setting of {sweep.protocol} and no key of the station: choose from "
-                f"{', '.join([*SHORT, *type(protocol).model_fields])}, or write a key such as laser.power"
+                f"{', '.join([*SHORT, *asked.model_fields])}, or write a key such as laser.power"
             )
-    protocol = protocol_from(sweep.protocol, sweep.settings | settings, origin="settings of the sweep")
+    protocol = with_settings(asked, sweep.settings | settings, origin="settings of the sweep")
     there = with_keys(station, keys)
     return Point(
         name=run,

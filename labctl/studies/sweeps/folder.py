@@ -14,16 +14,20 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from instruments.bench import Observer
 from instruments.toml_files import describe
 from labctl.bench.opening import Access
-from labctl.bench.own_stations import is_own
+from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station, read_station
 from labctl.engine import session
 from labctl.engine.forecast import forecast
+from labctl.engine.kept import kept
+from labctl.engine.resume import own_protocol
 from labctl.engine.session import Acquisition, Resumption
 from labctl.errors import RunError, RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
-from labctl.studies.sweeps.declaration import Point, Sweep, points
+from labctl.runs.index import run_row
+from labctl.studies.sweeps.declaration import Point, Sweep
+from protocols.base import Measurement
 from protocols.registry import protocol_class
 
 FILE = "sweep.json"
@@ -31,7 +35,7 @@ LARGEST = 1 << 22
 
 
 class SweepFile(BaseModel):
-    """What sweep.json holds: the sweep, its station by file and content, and whether a cable was assumed."""
+    """What sweep.json holds: the sweep, and by file and content its station, and its protocol if a file defines it."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -40,6 +44,8 @@ class SweepFile(BaseModel):
     sweep: Sweep
     station: str
     station_sha256: str
+    protocol_file: str = ""
+    protocol_sha256: str = ""
 
 
 @dataclass(frozen=True)
@@ -56,13 +62,9 @@ Follow = Callable[[int, int, Point], AbstractContextManager[Observer]]
 """Whatever follows run n of so many; it ends with the run."""
 
 
-def new_directory(protocol: str, started: datetime) -> Path:
-    """Where a sweep of the protocol called so goes that names no folder of its own.
-
-    Raises:
-        ProtocolError: it is not installed.
-    """
-    return Path("runs") / f"{run_name(started, protocol, protocol_class(protocol)().digest())}-sweep"
+def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
+    """Where a sweep of a protocol goes that names no folder of its own."""
+    return Path("runs") / f"{run_name(started, protocol.name, protocol.digest())}-sweep"
 
 
 def is_sweep(directory: Path) -> bool:
@@ -70,7 +72,7 @@ def is_sweep(directory: Path) -> bool:
     return (directory / FILE).is_file()
 
 
-def begin(directory: Path, sweep: Sweep, station: Station) -> None:
+def begin(directory: Path, sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> None:
     """Make the folder of a sweep.
 
     Raises:
@@ -81,7 +83,16 @@ def begin(directory: Path, sweep: Sweep, station: Station) -> None:
         if directory.exists() and any(directory.iterdir()):
             raise RunExists(f"{directory}: is not empty: name another --out, or go on with 'labctl resume {directory}'")
         directory.mkdir(parents=True, exist_ok=True)
-    kept = SweepFile(sweep=sweep, station=station.source, station_sha256=_digest(station))
+    file = protocol.file
+    for path in (Path(station.source), *(() if file is None else (file.path,))):
+        remember(path)
+    kept = SweepFile(
+        sweep=sweep,
+        station=station.source,
+        station_sha256=_digest(station),
+        protocol_file="" if file is None else str(file.path),
+        protocol_sha256="" if file is None else file.sha256,
+    )
     replace_file(directory / FILE, kept.model_dump_json(indent=2).encode(), not_made)
 
 
@@ -101,7 +112,19 @@ def read(directory: Path) -> SweepFile:
         raise RunError(f"{path}: not such a file ({describe(error)}): begin a new sweep") from None
 
 
-def station_of(directory: Path, file: SweepFile, given: Station | None) -> Station:
+def protocol_of(directory: Path, file: SweepFile) -> type[Measurement[Any]]:
+    """The protocol of a sweep that goes on.
+
+    Raises:
+        ProtocolError: it is not installed.
+        RunError: a file defines it, and no run was begun here with that file as it is now.
+    """
+    if not file.protocol_file:
+        return protocol_class(file.sweep.protocol)
+    return own_protocol(directory, file.protocol_file, file.protocol_sha256)
+
+
+def station_of(directory: Path, file: SweepFile, protocol: type[Measurement[Any]], given: Station | None) -> Station:
     """The bench of a sweep that goes on: the one given, or the file that it was begun with here, if it is as it was.
 
     Raises:
@@ -115,8 +138,9 @@ def station_of(directory: Path, file: SweepFile, given: Station | None) -> Stati
                 f"{directory}: no run was begun here with the station file {file.station!r} as it is now: name the "
                 f"station of this bench by --station"
             )
-        station = SIMULATED_STATION if built_in else read_station(Path(file.station))
-        station = _as_begun(file, station)
+        station = (
+            SIMULATED_STATION.cabled(projector=protocol.projector) if built_in else read_station(Path(file.station))
+        )
     if _digest(station) != file.station_sha256:
         raise StationError(
             f"{directory}: {station.source} does not say what it said when the sweep was begun: put that back, or "
@@ -134,30 +158,44 @@ def carry_out(
     interruption: Interruption,
     follow: Follow,
 ) -> Measured:
-    """Measure what the runs of a sweep still lack, one after the other; the bench is dark between them.
+    """Measure what the runs of a sweep still lack, one after the other; the bench is held, and dark between them.
 
     Raises:
+        BenchInUse: another process has it.
         LabctlError: as `session.acquire` and `session.resume`; what was measured is kept.
     """
-    complete = measured = 0
-    for number, point in enumerate(every, start=1):
-        if interruption.requested:
-            break
-        run = directory / point.name
-        if RunPaths(run).manifest.exists():
+    missing = [point for point in every if not _is_complete(directory / point.name)]
+    if not missing:
+        return Measured(directory, len(every), len(every), 0)
+    complete, measured = len(every) - len(missing), 0
+    task = f"a sweep of {every[0].protocol.name}"
+    with kept([point.station for point in missing], task, access.wire) as bench:
+        for number, point in enumerate(every, start=1):
+            if interruption.requested:
+                break
+            if point not in missing:
+                continue
+            run = directory / point.name
             with follow(number, len(every), point) as observer:
-                found = session.resume(
-                    Resumption(run, point.station, data, access), observer=observer, interruption=interruption
-                )
-        else:
-            with follow(number, len(every), point) as observer:
-                acquisition = Acquisition(
-                    point.protocol, point.station, run, data, access, coordinates=dict(point.coordinates)
-                )
-                found = session.acquire(acquisition, observer=observer, interruption=interruption).outcome
-        complete += found.complete
-        measured += bool(found.measured)
+                if RunPaths(run).manifest.exists():
+                    resumption = Resumption(run, point.station, data, access)
+                    found = session.resume(resumption, observer=observer, interruption=interruption, bench=bench)
+                else:
+                    acquisition = Acquisition(
+                        point.protocol, point.station, run, data, access, coordinates=dict(point.coordinates)
+                    )
+                    found = session.acquire(
+                        acquisition, observer=observer, interruption=interruption, bench=bench
+                    ).outcome
+            complete += found.complete
+            measured += bool(found.measured)
     return Measured(directory, len(every), complete, measured)
+
+
+def _is_complete(run: Path) -> bool:
+    """Whether nothing of a run is missing, nor its data.h5."""
+    paths = RunPaths(run)
+    return paths.data.exists() and run_row(paths).complete
 
 
 def forecasts(every: list[Point], *, data: Path | None, access: Access) -> Iterator[dict[str, Any]]:
@@ -172,14 +210,6 @@ def forecasts(every: list[Point], *, data: Path | None, access: Access) -> Itera
         if key not in known:
             known[key] = forecast(Acquisition(point.protocol, point.station, None, data, access))
         yield known[key]
-
-
-def _as_begun(file: SweepFile, station: Station) -> Station:
-    """With the light's way as the sweep's protocol needs it, where no station file was named."""
-    if file.station != SIMULATED_STATION.source:
-        return station
-    projector = points(file.sweep, station)[0].protocol.projector
-    return station.cabled(projector=projector)
 
 
 def _digest(station: Station) -> str:

@@ -107,3 +107,17 @@ def test_another_process_may_write_the_catalogue_at_the_same_time(folder: Path) 
     other.execute("BEGIN EXCLUSIVE")
     assert len(Catalogue(folder).find()) == 3
     other.close()
+
+
+def test_what_is_said_at_the_start_is_there_as_if_it_was_said_later(
+    as_json: AsJson, typed: Typed, tmp_path: Path
+) -> None:
+    small = ("run", "image-readout", "--set", "images=8", "--set", "window=0.4 ns", "--set", "ports=2")
+    words = ("--note", "new fibre", "--tag", "good", "--tag", "fig 3", "--star", "--operator", "Ada")
+    assert as_json(*small, *words, "--out", str(tmp_path / "run"))[0] == 0
+    _, found = as_json("note", str(tmp_path / "run"))
+    assert (found["tags"], found["star"], found["operator"]) == (["fig 3", "good"], True, "Ada")
+    assert [one["text"] for one in found["notes"]] == ["new fibre"]
+    status, _, told = typed(*small, "--tag", "x" * 200, "--out", str(tmp_path / "other"))
+    assert (status, "write 1 to 100 characters" in told) == (2, True)
+    assert not (tmp_path / "other").exists(), "before anything is opened"

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -199,10 +198,15 @@ class TestOtherRuns:
             train(run)
 
     def test_a_readout_that_is_there_is_named(self, tmp_path: Path) -> None:
-        (tmp_path / "models").mkdir()
-        model = tmp_path / "models" / "softmax.h5"
+        run = stored(tmp_path / "run", fading(0.5, 2), protocol={"name": "image-readout"})
+        model = run / "models" / "softmax.h5"
+        model.parent.mkdir()
         model.touch()
-        assert next_command("image-readout", tmp_path) == f"labctl evaluate {model} {tmp_path}"
+        assert next_command(run) == f"labctl evaluate {model} {run}"
+
+    def test_a_protocol_of_ones_own_says_itself_how_it_is_judged(self, tmp_path: Path) -> None:
+        run = stored(tmp_path / "run", fading(0.5, 2), protocol={"name": "mine", "judgement": "readout"})
+        assert next_command(run) == f"labctl train {run}"
 
     def test_a_model_goes_to_the_readout(self, tmp_path: Path) -> None:
         with pytest.raises(AnalysisError, match=r"nowhere\.h5"):
@@ -217,6 +221,6 @@ class TestOtherRuns:
         with pytest.raises(RunError, match="not a run directory"):
             report(tmp_path)
 
-    def test_after_a_scan_it_is_evaluated(self) -> None:
-        details: dict[str, Any] = {"protocol": "wavelength-scan", "directory": Path("runs/my fibre")}
-        assert next_command(**details) == "labctl evaluate 'runs/my fibre'"
+    def test_after_a_scan_it_is_evaluated(self, tmp_path: Path) -> None:
+        run = stored(tmp_path / "my fibre", fading(0.5, 2), protocol={"name": "wavelength-scan"})
+        assert next_command(run) == f"labctl evaluate '{run}'"

@@ -10,6 +10,7 @@ from labctl.bench.station import SIMULATED_STATION
 from labctl.errors import LabctlError, UsageError
 from labctl.studies.sweeps.axes import Order
 from labctl.studies.sweeps.declaration import Sweep, points, read_sweep
+from protocols.image_readout import ImageReadout
 
 PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "sweep.md"
 
@@ -25,7 +26,7 @@ def test_settings_keys_and_short_names() -> None:
         over={"window": ("0.4 ns",), "power": ("10 mW",), "awg.amplitude": ("0.2 Vpp",), "sim.parameters.enob": ("5",)},
         reference_every=0,
     )
-    [point] = points(asked, SIMULATED_STATION)
+    [point] = points(asked, ImageReadout, SIMULATED_STATION)
     assert (point.protocol.window, point.protocol.images) == (0.4e-9, 40)  # type: ignore[attr-defined]
     assert (point.station.laser.power, point.station.awg.amplitude) == (0.01, 0.2)
     assert point.station.sim.parameters == {"enob": 5.0}
@@ -39,9 +40,9 @@ def test_settings_keys_and_short_names() -> None:
 
 
 def test_a_list_of_one_is_a_number_and_what_is_no_number_is_its_text() -> None:
-    wavelengths = points(sweep(wavelength=("1550 nm", "1551 nm")), SIMULATED_STATION)
+    wavelengths = points(sweep(wavelength=("1550 nm", "1551 nm")), ImageReadout, SIMULATED_STATION)
     assert [point.coordinates["wavelength"] for point in wavelengths] == [1550.0, 1551.0]
-    timing = points(sweep(timing=("software", "burst")), SIMULATED_STATION)
+    timing = points(sweep(timing=("software", "burst")), ImageReadout, SIMULATED_STATION)
     assert [point.coordinates["timing"] for point in timing] == ["software", "burst"]
 
 
@@ -56,7 +57,7 @@ def test_a_list_of_one_is_a_number_and_what_is_no_number_is_its_text() -> None:
 )
 def test_what_cannot_be_varied(over: dict[str, tuple[str, ...]], told: str) -> None:
     with pytest.raises(LabctlError) as raised:
-        points(sweep(**over), SIMULATED_STATION)
+        points(sweep(**over), ImageReadout, SIMULATED_STATION)
     assert told in str(raised.value)
 
 
@@ -79,7 +80,7 @@ def test_a_file(tmp_path: Path) -> None:
 
 def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
     (block,) = re.findall(r"^```toml\n(.*?)^```", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL)
-    assert len(points(read_sweep(written(tmp_path, block)), SIMULATED_STATION)) == 11
+    assert len(points(read_sweep(written(tmp_path, block)), ImageReadout, SIMULATED_STATION)) == 11
 
 
 @pytest.mark.parametrize(

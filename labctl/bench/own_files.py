@@ -1,4 +1,4 @@
-"""The station files that runs were begun with here: any other that a run names may be a stranger's.
+"""The station and protocol files that runs were begun with here: any other that a run names may be a stranger's.
 
 Kept in the user's state folder (on Linux below XDG_STATE_HOME): a digest of path and content, one a line.
 """
@@ -18,10 +18,10 @@ DIGEST = 65
 """Characters of a line."""
 
 
-def remember(station: Path) -> None:
-    """Somebody here has begun a run with this station file. Where that cannot be kept, a resume asks for the file."""
+def remember(path: Path) -> None:
+    """Somebody here has begun a run with this file. Where that cannot be kept, a resume asks for it or refuses it."""
     with suppress(OSError):
-        digest = _digest(station)
+        digest = _digest(path)
         if digest not in _kept():
             kept = _file()
             kept.parent.mkdir(parents=True, exist_ok=True)
@@ -29,10 +29,10 @@ def remember(station: Path) -> None:
                 file.write(f"{digest}\n")
 
 
-def is_own(station: Path) -> bool:
-    """Whether a run was begun here with this file, as it is now."""
+def is_own(path: Path, content: bytes | None = None) -> bool:
+    """Whether a run was begun here with this file, as it is now, or with `content` in it."""
     try:
-        return _digest(station) in _kept()
+        return _digest(path, content) in _kept()
     except OSError:
         return False
 
@@ -50,9 +50,10 @@ def _kept() -> set[str]:
         return set(file.read(MOST * DIGEST).decode("ascii", "replace").split())
 
 
-def _digest(station: Path) -> str:
-    if not station.is_file():  # a FIFO has no end
-        raise FileNotFoundError(station)
-    with station.open("rb") as file:
-        content = file.read(LARGEST_FILE)
-    return hashlib.sha256(str(station.resolve()).encode() + b"\0" + content).hexdigest()
+def _digest(path: Path, content: bytes | None = None) -> str:
+    if content is None:
+        if not path.is_file():  # a FIFO has no end
+            raise FileNotFoundError(path)
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE)
+    return hashlib.sha256(str(path.resolve()).encode() + b"\0" + content).hexdigest()
