@@ -191,8 +191,8 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     `order_seed` and `drive_seed` draw one of these from another seed. Frames are the mean of `averages` triggers, each
     with the same weight. `sample_rate` is the oscilloscope's, S/s. `projector`: the light comes by multimode fibre and
     DMD; otherwise it goes from the modulator straight into the chip. `takes`: what is shown or played, `Images` by the
-    settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by `dataset`, `classes`, `symbols`. `file`:
-    the one that defines it, where it comes from no package.
+    settings `dataset`, `classes`, `images`, `binarisation`, or `Sequences` by `dataset`, `classes`, `symbols`.
+    `source_file`: the one that defines it, where it comes from no package.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -203,7 +203,7 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     takes: ClassVar[type[Images | Sequences]] = Images
     judgement: ClassVar[Judgement] = Judgement.NONE
     added_settings: ClassVar[frozenset[str]] = frozenset()
-    file: ClassVar[SourceFile | None] = None
+    source_file: ClassVar[SourceFile | None] = None
 
     seed: Seed = 1
     image_seed: Seed | None = None
@@ -219,7 +219,7 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
         fields = type(self).model_fields
         added = self.added_settings | OWN_SEEDS
         as_before = {name for name in added if getattr(self, name) == fields[name].default}
-        named = self.name if self.file is None else f"{self.name} {self.file.sha256}"
+        named = self.name if self.source_file is None else f"{self.name} {self.source_file.sha256}"
         return hashlib.sha256(f"{named} {self.model_dump_json(exclude=as_before)}".encode()).hexdigest()
 
     @property

@@ -90,7 +90,7 @@ def defined_in(source: SourceFile) -> type[Measurement[Any]]:
             f"{source.path}: {protocol.__name__} has no name that a folder can have: write "
             f'name: ClassVar[str] = "my-protocol"'
         )
-    protocol.file = source
+    protocol.source_file = source
     return protocol
 
 

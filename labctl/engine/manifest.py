@@ -43,7 +43,7 @@ def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any
 
 def _own_file(protocol: Measurement[Any]) -> dict[str, Any]:
     """The file that defines a protocol which comes from no package, and what only it can say."""
-    if (file := protocol.file) is None:
+    if (file := protocol.source_file) is None:
         return {}
     said = {"path": str(file.path), "sha256": file.sha256, "text": file.text}
     return {"file": said, "judgement": protocol.judgement}

@@ -89,7 +89,7 @@ def acquire(
         calibrated = newest(station)
         reference = None if calibrated is None else calibrated.reference()
         _warn([*warnings(reference, station), *answers.warnings(station)], observers)
-        for path in (Path(station.source), *(() if protocol.file is None else (protocol.file.path,))):
+        for path in (Path(station.source), *(() if protocol.source_file is None else (protocol.source_file.path,))):
             remember(path)
         request = Request(protocol, inputs, station, reference, acquisition.coordinates)
         outcome = carry_out(request, open_bench.bench, interruption or Interruption(), acquisition.directory)

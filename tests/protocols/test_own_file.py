@@ -21,8 +21,8 @@ def written(folder: Path, text: str) -> Path:
 def test_the_protocol_of_a_file_takes_settings_and_remembers_its_file() -> None:
     found = read_protocol(str(EXAMPLE), ["repeats=20", "window=1 ns"])
     assert (found.name, found.model_dump()["repeats"], found.model_dump()["window"]) == ("repeatability", 20, 1e-9)
-    assert found.file is not None
-    assert (found.file.path, found.file.content) == (EXAMPLE, EXAMPLE.read_bytes())
+    assert found.source_file is not None
+    assert (found.source_file.path, found.source_file.content) == (EXAMPLE, EXAMPLE.read_bytes())
     with pytest.raises(ProtocolError, match="--set: colour: repeatability has no such setting: choose from seed"):
         read_protocol(str(EXAMPLE), ["colour=red"])
 

@@ -7,7 +7,7 @@ import signal
 import socket
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -65,19 +65,20 @@ SETTINGS = "window=0.4 ns\nimages=4000"
 @contextmanager
 def holding(task: str, station: Path, out: Path) -> Iterator[subprocess.Popen[bytes]]:
     """What somebody does with the bench, from when it has it until the block ends: then it is ended, or may go on."""
-    with socket.create_server(("127.0.0.1", 0)) as silent:
+    with socket.create_server(("127.0.0.1", 0)) as silent, ExitStack() as printed:
         command = [*LABCTL, task, f"--station={station}", *(() if task == "check" else (f"--out={out}",))]
         if task == "check":  # which would be done before anybody else came: its DMD does not answer for a while
             _, port = silent.getsockname()
             other = station.with_name(f"{out.name}.toml")
-            other.write_text(
-                re.sub(r"(vialux-alp.*?)\d+(::SOCKET)", rf"\g<1>{port}\2", station.read_text(), flags=re.S)
-            )
+            patient = rf'\g<1>\ntimeout = "1 h"\g<2>{port}\g<3>'
+            other.write_text(re.sub(r'(vialux-alp")(.*?)\d+(::SOCKET)', patient, station.read_text(), flags=re.S))
             command[-1] = f"--station={other}"
         elif task == "run":
             command[len(LABCTL) : len(LABCTL) + 1] = [*RUN, *ENDLESS]
         if task == "Start":
-            process = launcher.start(Asked("image-readout", SETTINGS, str(station)), out, {}).process
+            begun = launcher.start(Asked("image-readout", SETTINGS, str(station)), out, {})
+            printed.enter_context(begun.printed)
+            process = begun.process
         else:
             process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
         try:
@@ -121,7 +122,8 @@ def test_the_second_is_refused_and_the_first_untouched(
             out = tmp_path / second
             if second == "Start":
                 started = launcher.start(Asked("image-readout", SETTINGS, str(other)), out, {})
-                status, said = started.process.wait(), started.failure()
+                with started.printed:
+                    status, said = started.process.wait(), started.failure()
             else:
                 words = {"run": RUN, "reproduce": ("reproduce", "fig3", "--quick")}.get(second, (second,))
                 to = () if second == "check" else ("--out", out)

@@ -56,7 +56,7 @@ def long(mine: Path) -> tuple[str, ...]:
 def killed(long: tuple[str, ...], out: Path) -> None:
     process = subprocess.Popen([*LABCTL, *long, "--out", str(out)])
     try:
-        until_stored(process, out, shards=3)
+        until_stored(process, out, shards=8)
     finally:
         process.kill()
         process.wait()

@@ -83,7 +83,7 @@ def begin(directory: Path, sweep: Sweep, protocol: type[Measurement[Any]], stati
         if directory.exists() and any(directory.iterdir()):
             raise RunExists(f"{directory}: is not empty: name another --out, or go on with 'labctl resume {directory}'")
         directory.mkdir(parents=True, exist_ok=True)
-    file = protocol.file
+    file = protocol.source_file
     for path in (Path(station.source), *(() if file is None else (file.path,))):
         remember(path)
     kept = SweepFile(
