@@ -97,7 +97,7 @@ def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
         if flat:
             cut.append(channel)
         findings.append(
-            Finding("range", "range used", channel, used, "1", advice, f"{WELL_USED:.0%} at least, not cut")
+            Finding("range", "range used", channel, used, "1", advice, f"{100 * WELL_USED:g} % at least, not cut")
         )
     ends = f"mend channel {', '.join(map(str, cut))} first, whose signal is cut" if cut else ""
     if not lit.any():
@@ -126,7 +126,7 @@ def of_repeats(piece: Repeated, channels: tuple[int, ...], lit: NDArray[np.bool_
 def of_contrast(piece: Ranged, dark: Dark, channels: tuple[int, ...], lit: NDArray[np.bool_]) -> Result:
     """How much different images differ."""
     findings = []
-    different = f"{DIFFERENT:.0%} at least"
+    different = f"{100 * DIFFERENT:g} % at least"
     for place in np.flatnonzero(lit):
         found = contrast(piece.volts[:, :, place], level(dark.volts[:, place]))
         advice = "" if found.value >= DIFFERENT else "images hardly differ: check the picture on the DMD and its focus"
