@@ -250,7 +250,7 @@ class TestFaults:
         result = of_range(piece, dark, (1, 2, 4))
         assert not result.ends
         good, lightless, clipped = (finding.line() for finding in result.findings)
-        assert good.endswith("%: good")
+        assert good.endswith("%: good (60 % at least, not cut)")
         assert "channel 2: " in lightless
         assert "no light" in lightless
         assert "channel 4: " in clipped
