@@ -158,8 +158,8 @@ def show_run(watching: Watching, name: str) -> None:
             _heading("Last shot with light")
             regions.append(Region("ports", lambda: wording.traces(watched.latest, watched.sample_interval_s)))
         with ui.element("section").classes("dmd"):
-            _heading("On the DMD")
-            regions.append(Region("picture", lambda: wording.image(watched.state)))
+            _heading("Picture of this shot")
+            regions.append(Region("picture", lambda: wording.image(watched.shown)))
         with ui.element("section"):
             _heading("Instruments")
             regions.append(Region("instruments", lambda: wording.instruments(watched.state, watched.manifest)))

@@ -133,9 +133,9 @@ BEHIND = {"attenuator": _attenuator, "amplifier": _amplifier, "power_meter": _me
 
 
 def image(state: RunState) -> str:
-    """What the DMD shows."""
+    """The picture of the shot that was reported."""
     if state.image is None:
-        return '<p class="nothing">no image: the mirrors point away</p>'
+        return '<p class="nothing">its picture was not reported</p>'
     label = "" if state.label is None or state.label < 0 else f"class {state.label}"
     source = "" if state.dataset_index is None else f"image {state.dataset_index}"
     kind = f"{state.kind}: " if state.kind != "image" and source else ""
@@ -144,7 +144,7 @@ def image(state: RunState) -> str:
 
 
 def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[Latest] = ()) -> str:
-    """The last shot on every port, of one run or of two over each other."""
+    """A shot on every port, of one run or of two over each other, from end to end of what the oscilloscope can tell."""
     if not latest:
         return '<p class="nothing">no shot on disk yet</p>'
     theirs = {
@@ -162,7 +162,13 @@ def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[L
                 drawn.append(Line(np.arange(found.size) * sample_interval_s, found, "b"))
             lines.append(drawn)
     longest = max(one.volts.shape[1] for one in latest)
-    return sketches.traces(names[-MOST_PLOTS:], np.arange(longest) * sample_interval_s, lines[-MOST_PLOTS:])
+    ends = np.concatenate([one.ends for one in (*latest, *other)])
+    return sketches.traces(
+        names[-MOST_PLOTS:],
+        np.arange(longest) * sample_interval_s,
+        lines[-MOST_PLOTS:],
+        (float(ends.min()), float(ends.max())),
+    )
 
 
 def accuracy(curve: Curve, other: Curve | None = None) -> str:
