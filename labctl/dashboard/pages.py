@@ -3,15 +3,16 @@
 A page asks for what is new a few times a second while it is open, and sends to the browser only what has changed.
 """
 
-from collections.abc import Callable, Iterable
-from pathlib import Path
 from urllib.parse import quote
 
 from nicegui import ui
 
 from labctl.dashboard import launcher, wording
 from labctl.dashboard.monitor import WatchedRun, Watching
-from labctl.dashboard.sketches import escape
+from labctl.dashboard.page_parts import Region
+from labctl.dashboard.page_parts import frame as _frame
+from labctl.dashboard.page_parts import heading as _heading
+from labctl.dashboard.page_parts import refresh as _refresh
 from labctl.dashboard.state import ENDED, Phase
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.alarm import say_dark
@@ -20,52 +21,6 @@ from labctl.runs.live.owner import Writer, writer_of
 from labctl.runs.read.differences import settings_that_differ
 
 REFRESH_S = 0.4
-STYLE = (Path(__file__).parent / "style.css").read_text(encoding="utf-8")
-REMEMBERED = """<script>
-document.documentElement.style.colorScheme = localStorage.getItem("labctl-scheme") || "light dark";
-</script>"""
-
-
-class Region:
-    """A part of a page that is drawn anew where its content has changed."""
-
-    def __init__(self, name: str, content: Callable[[], str]) -> None:
-        """Show what `content` says, which is HTML of this program's own making."""
-        self._content = content
-        self._element = ui.html(content(), sanitize=False).classes(f"{name}-region")
-
-    def refresh(self) -> None:
-        """Draw it anew if it says something else now."""
-        content = self._content()
-        if content != self._element.content:
-            self._element.set_content(content)
-
-
-def _refresh(regions: Iterable[Region]) -> None:
-    for region in regions:
-        region.refresh()
-
-
-def _frame(title: str) -> None:
-    ui.page_title(title)
-    ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
-    with ui.element("header"):
-        ui.link("labctl", "/").classes("home")
-        ui.html(f"<h1>{escape(title)}</h1>", sanitize=False)
-        ui.button("Colours", on_click=_next_colours, color=None).classes("colours").props("flat")
-
-
-def _next_colours() -> None:
-    """As the system has them, dark, light, and round again; remembered by the browser."""
-    ui.run_javascript(
-        "const schemes = ['light dark', 'dark', 'light'], style = document.documentElement.style;"
-        "style.colorScheme = schemes[(schemes.indexOf(style.colorScheme) + 1) % 3];"
-        "localStorage.setItem('labctl-scheme', style.colorScheme)"
-    )
-
-
-def _heading(text: str) -> None:
-    ui.html(f"<h2>{escape(text)}</h2>", sanitize=False)
 
 
 def show_list(watching: Watching) -> None:

@@ -266,6 +266,7 @@ _CHANGES: dict[str, Callable[[RunState, Mapping[str, Any]], RunState]] = {
 
 _WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "run started": lambda fields: f"{text_in(fields, 'protocol')} started, {_count(fields, 'records')} records",
+    "live started": lambda fields: f"live view of ports {_list(fields, 'ports')} started",
     "run resumed": lambda fields: f"{text_in(fields, 'protocol')} resumed at {_count(fields, 'done')} records",
     "emission": lambda fields: "laser on" if fields.get("on") is not False else "laser off",
     "pass started": lambda fields: (

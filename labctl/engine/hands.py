@@ -69,7 +69,9 @@ class HandLaser:
         levels = replace(self._bench.levels, optical_power_w=power_w)
         self._bench.limits.check_levels(levels, self._bench.source)
         if self._bench.lit:
-            self._bench.limits.check_power(self._bench.laser.set_power(power_w))
+            settled_w = self._bench.laser.set_power(power_w)
+            self._bench.observer.event("power set", power_w=settled_w)
+            self._bench.limits.check_power(settled_w)
         self._bench.levels = levels
 
     @property
