@@ -9,12 +9,15 @@ from nicegui import ui
 from labctl.dashboard import launcher, panels, wording
 from labctl.dashboard.page_parts import Region, frame, heading, refresh
 from labctl.dashboard.panels import PANELS, Choice
+from labctl.dashboard.run_sight import RunSight
 from labctl.dashboard.state import Emission
 from labctl.dashboard.views import WatchedView, newest_view
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.sight import LIVE, Sight, ask_for, wishes_in
 
 REFRESH_S = 0.1
+REFRESH_OF_RUN_S = 0.18
+"""Five times a second and more, and no more than that of the time of a run."""
 STYLE = (Path(__file__).parent / "live.css").read_text(encoding="utf-8")
 SCRIPT = f"<script>{(Path(__file__).parent / 'tone.js').read_text(encoding='utf-8')}</script>"
 
@@ -74,6 +77,25 @@ class Panels:
         free.on_value_change(choose)
         part.on_value_change(choose)
         whole.on_click(lambda: part.set_value({"min": 0, "max": 100}))
+
+
+def show_signals(directory: Path) -> None:
+    """The panels of a run; nothing is read while they are folded."""
+    unfolded = ui.expansion("Signals: levels, codes, spectrum, repeatability, drift").classes("signals")
+    seen: list[tuple[RunSight, Panels]] = []
+
+    def look() -> None:
+        if not unfolded.value:
+            return
+        if not seen:
+            sight = RunSight(directory)
+            with unfolded, ui.element("div").classes("live"):
+                seen.append((sight, Panels(lambda: sight.sight)))
+        sight, shown = seen[0]
+        sight.look()
+        shown.refresh()
+
+    ui.timer(REFRESH_OF_RUN_S, look)
 
 
 class Controls:

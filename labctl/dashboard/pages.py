@@ -8,6 +8,7 @@ from urllib.parse import quote
 from nicegui import ui
 
 from labctl.dashboard import launcher, wording
+from labctl.dashboard.live_page import show_signals
 from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.page_parts import Region
 from labctl.dashboard.page_parts import frame as _frame
@@ -124,6 +125,8 @@ def show_run(watching: Watching, name: str) -> None:
         with ui.element("section").classes("wide"):
             _heading("Readout that follows: each image predicted, then learnt")
             regions.append(Region("following", lambda: wording.following(watched.following(), watched.curve().chance)))
+        with ui.element("section").classes("wide"):
+            show_signals(watched.directory)
         with ui.element("section").classes("wide"):
             _heading("Log, UTC")
             regions.append(Region("log", lambda: wording.log(watched.state, watched.problem)))

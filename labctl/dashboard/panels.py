@@ -63,10 +63,10 @@ def levels(sight: Sight | None) -> str:
     """A bar for the level of each port, with a mark where it was highest."""
     if sight is None:
         return NOTHING
-    axis = _range(sight)
+    axis, now_v = _range(sight), sight.volts[-1].mean(axis=1)
     rows = []
     for row, port in enumerate(sight.ports):
-        level, peak = float(sight.level_v[-1, row]), float(sight.peak_v[row])
+        level, peak = float(now_v[row]), float(sight.peak_v[row])
         at, held = (100 * float(np.clip(axis.place(value), 0, 1)) for value in (level, peak))
         clipped = '<strong class="clipped">CLIPPED</strong>' if sight.clipped[row] else ""
         rows.append(
@@ -78,7 +78,8 @@ def levels(sight: Sight | None) -> str:
             f'<span class="volts">{1e3 * level:.2f} mV<small>{1e3 * peak:.2f}</small>{clipped}</span></div>'
         )
     tones = ",".join(f"{one:.1f}" for one in _tones(sight, axis))
-    scale = f"{1e3 * axis.low:.0f} to {1e3 * axis.high:.0f} mV, look {sight.looks}, {sight.rate_hz:.1f} a second"
+    seen = f"look {sight.looks}, {sight.rate_hz:.1f} a second" if sight.rate_hz else f"{sight.looks} shots looked at"
+    scale = f"{1e3 * axis.low:.0f} to {1e3 * axis.high:.0f} mV, {seen}"
     return f'<div class="levels" data-tones="{tones}">{"".join(rows)}</div><p class="caption">{scale}</p>'
 
 
@@ -136,9 +137,8 @@ def frequencies(sight: Sight | None) -> str:
 
 def repeats(sight: Sight | None) -> str:
     """How well the last looks at one picture agree."""
-    if sight is None or len(sight.recent) < LEAST_REPEATS:
+    if sight is None or len(volts := sight.repeated_volts) < LEAST_REPEATS:
         return NOTHING
-    volts = sight.volts
     noise_v = np.sqrt(volts.var(axis=0, ddof=1).mean(axis=1))
     rows = "".join(
         f"<tr><th>port {port}</th><td>{repeatability_db(volts[:, row]).value:.1f} dB</td>"
@@ -151,7 +151,7 @@ def repeats(sight: Sight | None) -> str:
 
 def course(sight: Sight | None) -> str:
     """How level and shape of the traces of one picture went since the start."""
-    if sight is None:
+    if sight is None or not sight.elapsed_s.size:
         return NOTHING
     minutes = sight.elapsed_s[-1] > 300
     x = Axis(0.0, max(float(sight.elapsed_s[-1]), 1.0), "min" if minutes else "s", 1 / 60 if minutes else 1.0)
@@ -169,7 +169,7 @@ def course(sight: Sight | None) -> str:
 
 def _tones(sight: Sight, axis: Axis) -> list[float]:
     """The tone of each port, Hz: the level in octaves."""
-    return [LOWEST_HZ * 2 ** (OCTAVES * float(np.clip(axis.place(one), 0, 1))) for one in sight.level_v[-1]]
+    return [LOWEST_HZ * 2 ** (OCTAVES * float(np.clip(axis.place(one), 0, 1))) for one in sight.volts[-1].mean(axis=1)]
 
 
 def _range(sight: Sight) -> Axis:

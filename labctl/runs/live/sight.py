@@ -33,13 +33,14 @@ class Sight:
         ports: of each row of what follows.
         sample_interval_s: time between two samples, s.
         scale_v, offset_v: (ports,) volts = scale * code + offset.
-        recent: (looks, ports, samples) int8 or int16 codes of one and the same picture, the newest last.
+        recent: (looks, ports, samples) int8 or int16 codes, the newest last.
         elapsed_s: (points,) when the levels were taken, s after the start, ascending.
         level_v: (points, ports) mean of a look, V.
         likeness: (points, ports) correlation with the first look; NaN where there is none.
         peak_v: (ports,) highest level since the start, V.
         looks: how many there were.
-        rate_hz: looks a second.
+        rate_hz: looks a second; 0 where they are the shots of a run.
+        repeats: (repeats, ports, samples) codes of one and the same picture; None: `recent` are such.
     """
 
     ports: tuple[int, ...]
@@ -53,11 +54,20 @@ class Sight:
     peak_v: NDArray[np.float64]
     looks: int
     rate_hz: float
+    repeats: NDArray[np.signedinteger[Any]] | None = None
 
     @property
     def volts(self) -> NDArray[np.float64]:
         """(looks, ports, samples) V."""
-        return self.scale_v[:, np.newaxis] * self.recent + self.offset_v[:, np.newaxis]
+        return self._in_volts(self.recent)
+
+    @property
+    def repeated_volts(self) -> NDArray[np.float64]:
+        """(repeats, ports, samples) V, of one and the same picture."""
+        return self._in_volts(self.recent if self.repeats is None else self.repeats)
+
+    def _in_volts(self, codes: NDArray[np.signedinteger[Any]]) -> NDArray[np.float64]:
+        return self.scale_v[:, np.newaxis] * codes + self.offset_v[:, np.newaxis]
 
     @property
     def ends_v(self) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,23 @@ class Latest:
     wavelength_nm: float
     volts: NDArray[np.float64]
     ends: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Shots of one pass that follow one another: what one shard holds.
+
+    kinds: (shots,) of each. time_s: (shots,) s since the run began. codes: (shots, ports, samples). scale, offset:
+    (ports,) volts = scale * code + offset.
+    """
+
+    pass_index: int
+    ports: tuple[int, ...]
+    kinds: NDArray[np.bytes_]
+    time_s: NDArray[np.float64]
+    codes: NDArray[np.signedinteger[Any]]
+    scale: NDArray[np.float64]
+    offset: NDArray[np.float64]
 
 
 class Follower:
@@ -99,6 +117,28 @@ class Follower:
         """Whether a pass has a shot on disk."""
         planned = 0 <= pass_index < len(self.shape.passes) and 0 <= shot < self.shape.shots
         return planned and self._shards.has(pass_index, shot)
+
+    def stretches(self) -> list[int]:
+        """Numbers of the stretches of the pass that was measured last, in the order in which they came to the disk."""
+        entries = self._shards.entries
+        return [number for number in sorted(entries) if entries[number].pass_index == entries[max(entries)].pass_index]
+
+    def stretch(self, number: int) -> Stretch:
+        """One of these.
+
+        Raises:
+            RunError: its shard is missing or damaged.
+        """
+        shard = self._shards.read(number)
+        return Stretch(
+            shard.pass_index,
+            self.shape.passes[shard.pass_index],
+            self._plan["kind"][shard.rows["shot"]],
+            shard.rows["time_s"],
+            shard.frames,
+            shard.scale,
+            shard.offset,
+        )
 
     def latest(self) -> list[Latest]:
         """The last shot with light that is on disk, as each pass measured it that has it; none before the first shard.
