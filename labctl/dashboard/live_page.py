@@ -18,6 +18,8 @@ from labctl.runs.live.sight import LIVE, Sight, ask_for, wishes_in
 REFRESH_S = 0.1
 REFRESH_OF_RUN_S = 0.18
 """Five times a second and more, and no more than that of the time of a run."""
+SLOWER = 4
+"""Panels that are read rather than followed are drawn anew after so many of the others."""
 STYLE = (Path(__file__).parent / "live.css").read_text(encoding="utf-8")
 SCRIPT = f"<script>{(Path(__file__).parent / 'tone.js').read_text(encoding='utf-8')}</script>"
 
@@ -39,22 +41,29 @@ class Panels:
             "repeats": lambda: panels.repeats(self._sight()),
             "course": lambda: panels.course(self._sight()),
         }
-        self._regions = []
+        self._quick: list[Region] = []
+        self._slow: list[Region] = []
+        self._turn, self._stale = 0, False
         for panel in PANELS:
-            with ui.element("section").classes("wide" if panel.wide else "half"):
+            with ui.element("section").classes("wide" if panel.quick else "half"):
                 heading(panel.title)
-                self._regions.append(Region(panel.name, contents[panel.name]))
+                region = Region(panel.name, contents[panel.name])
+                (self._quick if panel.quick else self._slow).append(region)
                 if panel.name == "levels":
                     self._show_tone()
                 elif panel.name == "signals":
                     self._show_scales()
 
     def refresh(self) -> None:
-        """Draw anew what has changed."""
+        """Draw anew what has changed; numbers that are read and not followed only every few times."""
         now = self._sight(), self._choice
         if self._drawn is None or now[0] is not self._drawn[0] or now[1] != self._drawn[1]:
-            self._drawn = now
-            refresh(self._regions)
+            self._drawn, self._stale = now, True
+            refresh(self._quick)
+        if self._stale and self._turn % SLOWER == 0:
+            self._stale = False
+            refresh(self._slow)
+        self._turn += 1
 
     def _show_tone(self) -> None:
         with ui.element("div").classes("row"):

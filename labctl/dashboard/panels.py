@@ -34,16 +34,16 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class Panel:
-    """A heading, and what stands under it; `name` is its CSS class."""
+    """A heading; `name` is the CSS class of what stands under it. `quick`: for the eye that follows a hand."""
 
     name: str
     title: str
-    wide: bool = False
+    quick: bool = False
 
 
 PANELS = (
-    Panel("levels", "Levels, with the highest so far", wide=True),
-    Panel("signals", "Traces", wide=True),
+    Panel("levels", "Levels, with the highest so far", quick=True),
+    Panel("signals", "Traces", quick=True),
     Panel("codes", "Codes of the oscilloscope, clipped at the dashed lines"),
     Panel("spectrum", "Spectrum"),
     Panel("repeats", "Repeatability"),

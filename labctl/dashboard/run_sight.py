@@ -16,7 +16,7 @@ from labctl.runs.read.follower import Follower, Stretch
 
 RECENT = 16
 """Shots, and repeats of the reference picture, that are kept as they are."""
-MOST_AT_FIRST, MOST_AT_ONCE = 32, 2
+MOST_AT_FIRST, MOST_AT_ONCE = 16, 1
 """Stretches that are read at a look: the first one, and each thereafter."""
 
 
@@ -86,7 +86,7 @@ class RunSight:
 
 
 def spread(numbers: Sequence[int], most: int) -> list[int]:
-    """At most so many of some numbers, evenly, the first and the last among them.
+    """At most so many of some numbers, evenly, the last and, of several, the first among them.
 
     Example:
         >>> from labctl.dashboard.run_sight import spread
@@ -95,4 +95,4 @@ def spread(numbers: Sequence[int], most: int) -> list[int]:
     """
     if len(numbers) <= most:
         return list(numbers)
-    return [numbers[round(place)] for place in np.linspace(0, len(numbers) - 1, most)]
+    return [numbers[round(place)] for place in np.linspace(len(numbers) - 1, 0, most)[::-1]]
