@@ -1,10 +1,12 @@
 """The page of the live view: light and its controls, and the panels, which a run's page has too."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
 from nicegui import ui
+from nicegui.run import io_bound as in_a_thread
 
 from labctl.dashboard import launcher, panels, wording
 from labctl.dashboard.page_parts import Region, frame, heading, refresh
@@ -12,12 +14,18 @@ from labctl.dashboard.panels import PANELS, Choice
 from labctl.dashboard.run_sight import RunSight
 from labctl.dashboard.state import Emission
 from labctl.dashboard.views import WatchedView, newest_view
+from labctl.errors import RunError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import run_directories
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.sight import LIVE, Sight, ask_for, wishes_in
+from labctl.runs.notes import say_of
 
 REFRESH_S = 0.1
 REFRESH_OF_RUN_S = 0.18
 """Five times a second and more, and no more than that of the time of a run."""
+MOST_RUNS = 50
+"""The latest: one of them is noted something of."""
 SLOWER = 4
 """Panels that are read rather than followed are drawn anew after so many of the others."""
 STYLE = (Path(__file__).parent / "live.css").read_text(encoding="utf-8")
@@ -25,10 +33,10 @@ SCRIPT = f"<script>{(Path(__file__).parent / 'tone.js').read_text(encoding='utf-
 
 
 class Panels:
-    """The panels of what is seen, with the choice of scale and part of the traces, and the tone."""
+    """The panels of what is seen, with the choice of scale and part of the traces, the tone, and pictures for notes."""
 
-    def __init__(self, sight: Callable[[], Sight | None]) -> None:
-        """Show what `sight` says."""
+    def __init__(self, sight: Callable[[], Sight | None], runs: Sequence[Path]) -> None:
+        """Show what `sight` says; a picture of it can be put into the notes of one of `runs`."""
         ui.add_head_html(f"<style>{STYLE}</style>{SCRIPT}")
         self._sight = sight
         self._drawn: tuple[Sight | None, Choice] | None = None
@@ -53,6 +61,34 @@ class Panels:
                     self._show_tone()
                 elif panel.name == "signals":
                     self._show_scales()
+
+        if runs:
+            with ui.element("section").classes("wide"):
+                self._show_notes(runs)
+
+    def _show_notes(self, runs: Sequence[Path]) -> None:
+        heading("A picture of this into the notes of a run")
+        with ui.element("div").classes("row noting"):
+            run = ui.select([one.name for one in runs], value=runs[0].name, label="Run").classes("noted-run")
+            text = ui.input("Note", placeholder="fibre 3 coupled anew").classes("noted-text")
+            button = ui.button("Keep a picture", color=None).classes("keep")
+        message = ui.label().classes("message")
+
+        async def keep() -> None:
+            sight = self._sight()
+            directory = next(one for one in runs if one.name == run.value)
+            if sight is None:
+                message.set_text("nothing is seen yet")
+                return
+            try:
+                await in_a_thread(partial(_keep, directory, (text.value or "").strip(), sight))
+            except RunError as error:
+                message.set_text(str(error))
+            else:
+                message.set_text(f"kept in the notes of {directory.name}")
+                text.set_value("")
+
+        button.on_click(keep)
 
     def refresh(self) -> None:
         """Draw anew what has changed; numbers that are read and not followed only every few times."""
@@ -88,6 +124,13 @@ class Panels:
         whole.on_click(lambda: part.set_value({"min": 0, "max": 100}))
 
 
+def _keep(directory: Path, text: str, sight: Sight) -> None:
+    from labctl.reports.figures.signals import signals_png  # matplotlib, which only a picture needs
+
+    title = f"{directory.name}, {datetime.now(UTC):%d %b %Y %H:%M:%S} UTC"
+    say_of(RunPaths(directory), text, picture=signals_png(sight, title))
+
+
 def show_signals(directory: Path) -> None:
     """The panels of a run; nothing is read while they are folded."""
     unfolded = ui.expansion("Signals: levels, codes, spectrum, repeatability, drift").classes("signals")
@@ -99,7 +142,7 @@ def show_signals(directory: Path) -> None:
         if not seen:
             sight = RunSight(directory)
             with unfolded, ui.element("div").classes("live"):
-                seen.append((sight, Panels(lambda: sight.sight)))
+                seen.append((sight, Panels(lambda: sight.sight, [directory])))
         sight, shown = seen[0]
         sight.look()
         shown.refresh()
@@ -167,17 +210,17 @@ def show_live(folder: Path, environment: Mapping[str, str]) -> None:
             with ui.element("section").classes("wide"):
                 _show_form(folder, environment, view)
         else:
-            _show_view(view)
+            _show_view(view, run_directories(folder)[: -MOST_RUNS - 1 : -1])
 
 
-def _show_view(view: WatchedView) -> None:
+def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
     with ui.element("section").classes("top"):
         about = [
             Region("emission", lambda: wording.emission(view.state)),
             Region("bench", lambda: panels.about(view.state)),
         ]
         Controls(view)
-    seen = Panels(lambda: view.sight)
+    seen = Panels(lambda: view.sight, runs)
     with ui.element("section").classes("wide"):
         heading("Log, UTC")
         about.append(Region("log", lambda: wording.log(view.state)))

@@ -10,8 +10,11 @@ import pytest
 pytest.importorskip("nicegui", reason="the dashboard needs the extra `dashboard`")
 pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
+from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.notes import read_notes
 from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, enter, narrow, opened
 
 CHROMIUM = chromium()
@@ -153,6 +156,14 @@ def test_a_run_that_measures_has_the_same_panels(page: Page, unarmed: Path, emit
     expect(page.locator(".course-region polyline")).to_have_count(2 * PORTS)
     before = page.locator(".levels-region .caption").inner_text()
     expect(page.locator(".levels-region .caption")).not_to_have_text(before)
+    page.get_by_label("Note").fill("fibre touched")
+    page.get_by_role("button", name="Keep a picture").click()
+    says(page, ".signals .message", "kept in the notes of")
+    run = RunPaths(unarmed.parent / "runs" / page.url.rpartition("/")[2])
+    (note,) = read_notes(run).notes
+    assert note.text == "fibre touched"
+    with Image.open(run.pictures / note.picture) as picture:
+        assert picture.size[0] > 600
     narrow(page)
     page.get_by_role("button", name="Stop", exact=True).click()
     says(page, ".progress-region", "stopped")
