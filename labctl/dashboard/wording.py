@@ -148,27 +148,26 @@ def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[L
     if not latest:
         return '<p class="nothing">no shot on disk yet</p>'
     theirs = {
-        (port, one.wavelength_nm): volts for one in other for port, volts in zip(one.ports, one.volts, strict=True)
+        (port, one.wavelength_nm): (volts, ends)
+        for one in other
+        for port, volts, ends in zip(one.ports, one.volts, one.ends, strict=True)
     }
     several = len({one.wavelength_nm for one in latest}) > 1
-    names, lines = [], []
+    names, lines, scales = [], [], []
     for one in latest:
-        for port, volts in zip(one.ports, one.volts, strict=True):
+        for port, volts, ends in zip(one.ports, one.volts, one.ends, strict=True):
             light = f", {one.wavelength_nm:.3f} nm" if several else ""
             names.append(f"port {port}{light} · {one.kind} {one.shot}")
             time_s = np.arange(volts.size) * sample_interval_s
             drawn = [Line(time_s, volts, "a")]
             if (found := theirs.get((port, one.wavelength_nm))) is not None:
-                drawn.append(Line(np.arange(found.size) * sample_interval_s, found, "b"))
+                drawn.append(Line(np.arange(found[0].size) * sample_interval_s, found[0], "b"))
+                ends = np.concatenate([ends, found[1]])
             lines.append(drawn)
+            scales.append((float(ends.min()), float(ends.max())))
     longest = max(one.volts.shape[1] for one in latest)
-    ends = np.concatenate([one.ends for one in (*latest, *other)])
-    return sketches.traces(
-        names[-MOST_PLOTS:],
-        np.arange(longest) * sample_interval_s,
-        lines[-MOST_PLOTS:],
-        (float(ends.min()), float(ends.max())),
-    )
+    time_s = np.arange(longest) * sample_interval_s
+    return sketches.traces(names[-MOST_PLOTS:], time_s, lines[-MOST_PLOTS:], scales[-MOST_PLOTS:])
 
 
 def accuracy(curve: Curve, other: Curve | None = None) -> str:
