@@ -24,6 +24,9 @@ class Observer:
     def before_light(self) -> None:
         """Light is asked for. An `InstrumentError` raised here refuses it."""
 
+    def while_lit(self) -> None:
+        """Light stays on for another while. An `InstrumentError` raised here ends it."""
+
     def emission(self, *, on: bool) -> None:
         """Light is about to be switched on, or is confirmed off: whoever listens never takes light for dark."""
 
@@ -83,6 +86,11 @@ class Observers(Observer):
         """As of each."""
         for observer in self._observers:
             observer.before_light()
+
+    def while_lit(self) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.while_lit()
 
     def emission(self, *, on: bool) -> None:
         """As of each."""

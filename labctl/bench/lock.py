@@ -230,6 +230,8 @@ def _how_far(run: Path) -> str:
     latest = EventReader(run / EVENTS, last_bytes=LATEST_BYTES).read()
     for event in reversed(latest):
         match event.fields:
+            case {"what": _}:  # of an upload
+                continue
             case {"done": int(done), "total": int(total), "remaining_s": int(left) | float(left)}:
                 return f", {done} of {total} records, about {max(left, 1):.0f} s more"
             case {"done": int(done), "total": int(total)}:

@@ -81,14 +81,18 @@ class _Supervisor(Observer):
         if not well:
             raise UnsafeBench(f"the supervisor has not started or has ended: {REFUSED}")
 
-    def progress(self, _done: int, _total: int, _last: Callable[[], Mapping[str, Any]] = dict) -> None:
-        """A run whose supervisor is gone ends, dark: nothing would switch the light off if this process were killed."""
+    def while_lit(self) -> None:
+        """Whose supervisor is gone ends, dark: nothing would switch the light off if this process were killed."""
         if self._lit and self._process.poll() is not None:
             raise UnsafeBench(GONE)
 
-    def uploading(self, _what: str, done: int, total: int) -> None:
-        """As `progress`: it may take minutes."""
-        self.progress(done, total)
+    def progress(self, _done: int, _total: int, _last: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """As `while_lit`."""
+        self.while_lit()
+
+    def uploading(self, _what: str, _done: int, _total: int) -> None:
+        """As `while_lit`: it may take minutes."""
+        self.while_lit()
 
     def emission(self, *, on: bool) -> None:
         """Light that is on is to be seen to."""

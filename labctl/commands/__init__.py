@@ -6,6 +6,7 @@ COMMANDS = {
     "init": "labctl.commands.init:init",
     "check": "labctl.commands.check:check",
     "align": "labctl.commands.align:align",
+    "live": "labctl.commands.live:live",
     "run": "labctl.commands.run:run",
     "sweep": "labctl.commands.sweep:sweep",
     "queue": "labctl.commands.queue:app",

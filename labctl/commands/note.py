@@ -34,7 +34,7 @@ def note(
 
 def _listed(found: Notes) -> dict[str, object]:
     return {
-        "notes": [{"time": one.time, "by": one.by, "text": one.text} for one in found.notes],
+        "notes": [{"time": one.time, "by": one.by, "text": one.text, "picture": one.picture} for one in found.notes],
         "tags": list(found.tags),
         "star": found.star,
         "operator": found.operator,
@@ -46,6 +46,7 @@ def _print(run: Path, found: Notes) -> None:
     marks = [*(("starred",) if found.star else ()), *((f"by {found.operator}",) if found.operator else ())]
     say(f"{run}: {', '.join((*marks, *found.tags)) or 'no tags'}")
     for one in found.notes:
-        say(f"{one.time} {one.by}: {one.text}")
+        picture = f" ({RunPaths(run).pictures / one.picture})" if one.picture else ""
+        say(f"{one.time} {one.by}: {one.text}{picture}")
     for problem in found.problems:
         say(f"damaged: {problem}")

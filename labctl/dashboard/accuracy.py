@@ -1,6 +1,7 @@
 """Accuracy of a run as it grows: the softmax readout, trained on the images that are there.
 
-A point is a pure function of the run's first images: a curve says the same whenever it is computed.
+A point is a pure function of the run's first images: a curve says the same whenever it is computed. That of a run that
+is complete ends with a point of all its images.
 """
 
 from dataclasses import dataclass
@@ -60,7 +61,8 @@ def curve(directory: Path, known: Curve) -> Curve:
     samples = min(records.traces.shape[-1], max(1, round(WINDOW_S / records.sample_interval_s)))
     features = records.traces[:, :, :samples].reshape(available, -1)
     points = dict(zip(known.images, known.accuracy, strict=True))
-    for count in counts(available):
+    whole = min(following.done) == following.shape.shots
+    for count in sorted({*counts(available), *([available] if whole and available >= LEAST else ())}):
         if count not in points:
             labels, groups = records.labels[:count], records.groups[:count]
             try:

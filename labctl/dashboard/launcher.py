@@ -5,7 +5,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import entry_points
@@ -81,9 +81,18 @@ def start(asked: Asked, directory: Path, environment: Mapping[str, str]) -> Star
     """
     if asked.protocol not in protocols():
         raise ValueError(f"{asked.protocol!r}: no such protocol")
+    return begun(arguments(asked, directory), directory, environment)
+
+
+def begun(words: Sequence[str], directory: Path, environment: Mapping[str, str]) -> Started:
+    """Start the command `labctl` with some words, which makes `directory`.
+
+    Raises:
+        OSError: the process cannot be started.
+    """
     printed = tempfile.TemporaryFile()  # noqa: SIM115  # for the process; a pipe would break when the dashboard ends
     process = subprocess.Popen(  # noqa: S603
-        [*COMMAND, *arguments(asked, directory)],
+        [*COMMAND, *words],
         env=os.environ | environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

@@ -37,14 +37,14 @@ class Learning:
         self._pending: tuple[Subject, int, AsyncResult[Any]] | None = None
         self._rested = clock()
 
-    def curve(self, directory: Path, shots: int, *, growing: bool) -> Curve:
-        """What is known of a run that has `shots` on its first ports; if that is old, something newer comes later.
+    def curve(self, directory: Path, records: int, *, growing: bool) -> Curve:
+        """What is known of a run of so many records; if that is old, something newer comes later.
 
         Of a run that is `growing` it is old when there may be another point.
         """
         computed = self._collected((directory, curve))
         due = max(LEAST, GROWTH * computed)
-        found: Curve = self._latest((directory, curve), Curve(), shots, shots >= due, growing=growing)
+        found: Curve = self._latest((directory, curve), Curve(), records, records >= due, growing=growing)
         return found
 
     def following(self, directory: Path, records: int, *, growing: bool) -> Following:

@@ -4,6 +4,7 @@ All pages share what was read. A run is known by its name in the folder and by n
 """
 
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -26,22 +27,30 @@ LOOK_EVERY_S = 0.25
 LIST_EVERY_S = 2.0
 MOST_WATCHED = 20
 """Runs that are kept in memory; those that were not looked at for longest are forgotten."""
+MOST_REPORTED = 8
+"""Shots that were reported and may not be on disk yet: two a second, each there after a second by default."""
 
 
 class WatchedRun:
-    """One run: its state, the last traces, its accuracy; `problem` is why part of that cannot be read, or empty."""
+    """One run: its state, one shot, its accuracy; `problem` is why part of that cannot be read, or empty.
+
+    `latest` is the last shot with light that was reported and is on disk, on every port that has it; `shown` is the
+    state of the run when it was reported, with its picture, and empty where no event is about it.
+    """
 
     def __init__(self, directory: Path, learning: Learning, clock: Callable[[], float]) -> None:
         """Watch the run in `directory`; nothing is read yet."""
         self.directory = directory
         self.state = RunState()
         self.latest: list[Latest] = []
+        self.shown = RunState()
         self.problem = ""
         self._learning = learning
         self._clock = clock
         self._due = clock()
         self._events = EventReader(RunPaths(directory).events)
         self._told = RunState()
+        self._reported: deque[RunState] = deque(maxlen=MOST_REPORTED)
         self._following: Follower | None = None
 
     def look(self) -> None:
@@ -52,6 +61,8 @@ class WatchedRun:
         while events := self._events.read():
             for event in events:
                 self._told = advanced(self._told, event)
+                if self._told.has_shot and event.name == "progress":
+                    self._reported.append(self._told)
         started = self._told.started
         gone = (
             started is not None
@@ -62,14 +73,20 @@ class WatchedRun:
         try:
             if self._following is None:
                 self._following = Follower(self.directory)
-            grew = False
             while self._following.look():
-                grew = True
-            if grew:
-                self.latest = self._following.latest()
+                pass
+            self._see(self._following)
             self.problem = ""
         except (RunError, KeyError) as error:
             self.problem = str(error)
+
+    def _see(self, following: Follower) -> None:
+        """Take the last shot that was reported and is on disk; any that is there, where none was reported."""
+        stored = (one for one in reversed(self._reported) if following.has(one.pass_index or 0, one.shot or 0))
+        if (found := next(stored, None)) is not None:
+            self.shown, self.latest = found, following.shot(found.shot or 0)
+        elif self.shown.shot is None:
+            self.latest = following.latest()
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -92,7 +109,7 @@ class WatchedRun:
         """Accuracy as it grows; asking for it keeps it growing."""
         if self._following is None:
             return Curve()
-        return self._learning.curve(self.directory, max(self._following.done), growing=self._growing)
+        return self._learning.curve(self.directory, sum(self._following.done), growing=self._growing)
 
     def following(self) -> Following:
         """How a readout that follows the run fares; asking for it keeps it following."""

@@ -3,15 +3,17 @@
 A page asks for what is new a few times a second while it is open, and sends to the browser only what has changed.
 """
 
-from collections.abc import Callable, Iterable
-from pathlib import Path
 from urllib.parse import quote
 
 from nicegui import ui
 
 from labctl.dashboard import launcher, wording
+from labctl.dashboard.live_page import show_signals
 from labctl.dashboard.monitor import WatchedRun, Watching
-from labctl.dashboard.sketches import escape
+from labctl.dashboard.page_parts import Region
+from labctl.dashboard.page_parts import frame as _frame
+from labctl.dashboard.page_parts import heading as _heading
+from labctl.dashboard.page_parts import refresh as _refresh
 from labctl.dashboard.state import ENDED, Phase
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.alarm import say_dark
@@ -20,52 +22,6 @@ from labctl.runs.live.owner import Writer, writer_of
 from labctl.runs.read.differences import settings_that_differ
 
 REFRESH_S = 0.4
-STYLE = (Path(__file__).parent / "style.css").read_text(encoding="utf-8")
-REMEMBERED = """<script>
-document.documentElement.style.colorScheme = localStorage.getItem("labctl-scheme") || "light dark";
-</script>"""
-
-
-class Region:
-    """A part of a page that is drawn anew where its content has changed."""
-
-    def __init__(self, name: str, content: Callable[[], str]) -> None:
-        """Show what `content` says, which is HTML of this program's own making."""
-        self._content = content
-        self._element = ui.html(content(), sanitize=False).classes(f"{name}-region")
-
-    def refresh(self) -> None:
-        """Draw it anew if it says something else now."""
-        content = self._content()
-        if content != self._element.content:
-            self._element.set_content(content)
-
-
-def _refresh(regions: Iterable[Region]) -> None:
-    for region in regions:
-        region.refresh()
-
-
-def _frame(title: str) -> None:
-    ui.page_title(title)
-    ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
-    with ui.element("header"):
-        ui.link("labctl", "/").classes("home")
-        ui.html(f"<h1>{escape(title)}</h1>", sanitize=False)
-        ui.button("Colours", on_click=_next_colours, color=None).classes("colours").props("flat")
-
-
-def _next_colours() -> None:
-    """As the system has them, dark, light, and round again; remembered by the browser."""
-    ui.run_javascript(
-        "const schemes = ['light dark', 'dark', 'light'], style = document.documentElement.style;"
-        "style.colorScheme = schemes[(schemes.indexOf(style.colorScheme) + 1) % 3];"
-        "localStorage.setItem('labctl-scheme', style.colorScheme)"
-    )
-
-
-def _heading(text: str) -> None:
-    ui.html(f"<h2>{escape(text)}</h2>", sanitize=False)
 
 
 def show_list(watching: Watching) -> None:
@@ -158,8 +114,8 @@ def show_run(watching: Watching, name: str) -> None:
             _heading("Last shot with light")
             regions.append(Region("ports", lambda: wording.traces(watched.latest, watched.sample_interval_s)))
         with ui.element("section").classes("dmd"):
-            _heading("On the DMD")
-            regions.append(Region("picture", lambda: wording.image(watched.state)))
+            _heading("Picture of this shot")
+            regions.append(Region("picture", lambda: wording.image(watched.shown)))
         with ui.element("section"):
             _heading("Instruments")
             regions.append(Region("instruments", lambda: wording.instruments(watched.state, watched.manifest)))
@@ -169,6 +125,8 @@ def show_run(watching: Watching, name: str) -> None:
         with ui.element("section").classes("wide"):
             _heading("Readout that follows: each image predicted, then learnt")
             regions.append(Region("following", lambda: wording.following(watched.following(), watched.curve().chance)))
+        with ui.element("section").classes("wide"):
+            show_signals(watched.directory)
         with ui.element("section").classes("wide"):
             _heading("Log, UTC")
             regions.append(Region("log", lambda: wording.log(watched.state, watched.problem)))

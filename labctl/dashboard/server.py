@@ -16,7 +16,7 @@ from fastapi import FastAPI, HTTPException
 from fastapi.responses import HTMLResponse
 from nicegui import ui
 
-from labctl.dashboard import pages
+from labctl.dashboard import live_page, pages
 from labctl.dashboard.guard import Guard
 from labctl.dashboard.monitor import Watching
 from labctl.dashboard.sessions import Sessions
@@ -117,6 +117,10 @@ def _application(watching: Watching) -> FastAPI:
     @ui.page("/run/{name}")
     def run(name: str) -> None:
         pages.show_run(watching, name)
+
+    @ui.page("/live")
+    def live() -> None:
+        live_page.show_live(watching.folder, watching.environment)
 
     @ui.page("/compare/{one}/{other}")
     def compare(one: str, other: str) -> None:

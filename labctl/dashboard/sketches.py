@@ -55,22 +55,19 @@ def plot(title: str, lines: Sequence[Line], axes: Axes) -> str:
     )
 
 
-def traces(ports: Sequence[str], time_s: NDArray[np.float64], volts: Sequence[Sequence[Line]]) -> str:
-    """A plot for each port, all with the same axes; `volts` has the lines of each, y in V.
-
-    A range that would be nothing, as in the dark before the first light, is drawn as 1 mV.
-    """
-    values = [line.y for lines in volts for line in lines if line.y.size]
-    low, high = (min(float(y.min()) for y in values), max(float(y.max()) for y in values)) if values else (0.0, 0.0)
-    if high - low < 1e-3:
-        low, high = (low + high) / 2 - 5e-4, (low + high) / 2 + 5e-4
-    axes = Axes(
-        (float(time_s[0]), float(time_s[-1])) if time_s.size > 1 else (0.0, 1.0),
-        (low, high),
-        (f"{time_s[0] * 1e9:.3g} ns", f"{time_s[-1] * 1e9:.3g} ns") if time_s.size else ("", ""),
-        (f"{low * 1e3:.3g} mV", f"{high * 1e3:.3g} mV"),
+def traces(
+    ports: Sequence[str],
+    time_s: NDArray[np.float64],
+    volts: Sequence[Sequence[Line]],
+    ends: Sequence[tuple[float, float]],
+) -> str:
+    """A plot for each port over the same time: `volts` has the lines of each, y in V, shown between its `ends`."""
+    x = (float(time_s[0]), float(time_s[-1])) if time_s.size > 1 else (0.0, 1.0)
+    x_labels = (f"{time_s[0] * 1e9:.3g} ns", f"{time_s[-1] * 1e9:.3g} ns") if time_s.size else ("", "")
+    return "".join(
+        plot(port, lines, Axes(x, (low, high), x_labels, (f"{low * 1e3:.3g} mV", f"{high * 1e3:.3g} mV")))
+        for port, lines, (low, high) in zip(ports, volts, ends, strict=True)
     )
-    return "".join(plot(port, lines, axes) for port, lines in zip(ports, volts, strict=True))
 
 
 def accuracy(title: str, curves: Sequence[tuple[Sequence[int], Sequence[float]]], chance: float | None) -> str:

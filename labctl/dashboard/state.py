@@ -99,6 +99,11 @@ class RunState:
     last_told: str = ""
     log: tuple[LogLine, ...] = ()
 
+    @property
+    def has_shot(self) -> bool:
+        """Whether a shot with light was reported."""
+        return self.shot is not None and self.kind != "dark"
+
     def without_writer(self) -> "RunState":
         """This state, if no process writes the run any more: one without an event of its end was killed.
 
@@ -184,10 +189,12 @@ def _pass(state: RunState, fields: Mapping[str, Any]) -> RunState:
 
 def _progress(state: RunState, fields: Mapping[str, Any]) -> RunState:
     numbers = {name: number_in(fields, name) for name in ("shot", "label", "dataset_index")}
+    pass_index = number_in(fields, "pass")
     return replace(
         state,
         phase=Phase.MEASURING,
         uploading="",
+        pass_index=state.pass_index if pass_index is None else int(pass_index),
         done=int(number_in(fields, "done") or 0),
         total=int(number_in(fields, "total") or 0),
         rate_per_s=number_in(fields, "rate_per_s"),
@@ -259,6 +266,7 @@ _CHANGES: dict[str, Callable[[RunState, Mapping[str, Any]], RunState]] = {
 
 _WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "run started": lambda fields: f"{text_in(fields, 'protocol')} started, {_count(fields, 'records')} records",
+    "live started": lambda fields: f"live view of ports {_list(fields, 'ports')} started",
     "run resumed": lambda fields: f"{text_in(fields, 'protocol')} resumed at {_count(fields, 'done')} records",
     "emission": lambda fields: "laser on" if fields.get("on") is not False else "laser off",
     "pass started": lambda fields: (

@@ -133,9 +133,9 @@ BEHIND = {"attenuator": _attenuator, "amplifier": _amplifier, "power_meter": _me
 
 
 def image(state: RunState) -> str:
-    """What the DMD shows."""
+    """The picture of the shot that was reported."""
     if state.image is None:
-        return '<p class="nothing">no image: the mirrors point away</p>'
+        return '<p class="nothing">its picture was not reported</p>'
     label = "" if state.label is None or state.label < 0 else f"class {state.label}"
     source = "" if state.dataset_index is None else f"image {state.dataset_index}"
     kind = f"{state.kind}: " if state.kind != "image" and source else ""
@@ -144,25 +144,30 @@ def image(state: RunState) -> str:
 
 
 def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[Latest] = ()) -> str:
-    """The last shot on every port, of one run or of two over each other."""
+    """A shot on every port, of one run or of two over each other, from end to end of what the oscilloscope can tell."""
     if not latest:
         return '<p class="nothing">no shot on disk yet</p>'
     theirs = {
-        (port, one.wavelength_nm): volts for one in other for port, volts in zip(one.ports, one.volts, strict=True)
+        (port, one.wavelength_nm): (volts, ends)
+        for one in other
+        for port, volts, ends in zip(one.ports, one.volts, one.ends, strict=True)
     }
     several = len({one.wavelength_nm for one in latest}) > 1
-    names, lines = [], []
+    names, lines, scales = [], [], []
     for one in latest:
-        for port, volts in zip(one.ports, one.volts, strict=True):
+        for port, volts, ends in zip(one.ports, one.volts, one.ends, strict=True):
             light = f", {one.wavelength_nm:.3f} nm" if several else ""
             names.append(f"port {port}{light} · {one.kind} {one.shot}")
             time_s = np.arange(volts.size) * sample_interval_s
             drawn = [Line(time_s, volts, "a")]
             if (found := theirs.get((port, one.wavelength_nm))) is not None:
-                drawn.append(Line(np.arange(found.size) * sample_interval_s, found, "b"))
+                drawn.append(Line(np.arange(found[0].size) * sample_interval_s, found[0], "b"))
+                ends = np.concatenate([ends, found[1]])
             lines.append(drawn)
+            scales.append((float(ends.min()), float(ends.max())))
     longest = max(one.volts.shape[1] for one in latest)
-    return sketches.traces(names[-MOST_PLOTS:], np.arange(longest) * sample_interval_s, lines[-MOST_PLOTS:])
+    time_s = np.arange(longest) * sample_interval_s
+    return sketches.traces(names[-MOST_PLOTS:], time_s, lines[-MOST_PLOTS:], scales[-MOST_PLOTS:])
 
 
 def accuracy(curve: Curve, other: Curve | None = None) -> str:

@@ -1,8 +1,9 @@
 """A bench in one's hands: show a picture, take a trace, set the laser; without a protocol and without a run."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -10,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from instruments.bench import Bench, Observer, Observers
-from instruments.errors import OutOfRange
+from instruments.errors import NotConfigured, OutOfRange
 from instruments.units import quantity
-from instruments.values import Scaling, Timebase
+from instruments.values import Codes, Scaling, Timebase
 from labctl.bench.lock import held
 from labctl.bench.opening import Access, opened
 from labctl.bench.station import Station
@@ -32,13 +33,16 @@ class Traces:
     """What the oscilloscope showed at one trigger.
 
     volts: (ports, samples) V. time_s: (samples,) s after the trigger. ports: of each row. clipped: (ports,) whether a
-    trace touches the end of its vertical range.
+    trace touches the end of its vertical range. codes: (ports, samples) as the oscilloscope gave them. scalings: what
+    a code of each port means.
     """
 
     volts: NDArray[np.float64]
     time_s: NDArray[np.float64]
     ports: tuple[int, ...]
     clipped: NDArray[np.bool_]
+    codes: Codes
+    scalings: tuple[Scaling, ...]
 
 
 class HandLaser:
@@ -65,7 +69,9 @@ class HandLaser:
         levels = replace(self._bench.levels, optical_power_w=power_w)
         self._bench.limits.check_levels(levels, self._bench.source)
         if self._bench.lit:
-            self._bench.limits.check_power(self._bench.laser.set_power(power_w))
+            settled_w = self._bench.laser.set_power(power_w)
+            self._bench.observer.event("power set", power_w=settled_w)
+            self._bench.limits.check_power(settled_w)
         self._bench.levels = levels
 
     @property
@@ -96,6 +102,7 @@ class Hands:
         self.laser = HandLaser(bench, wavelength_nm)
         self._bench = bench
         self._drive = pseudorandom_drive(bench, drive_seed)
+        self._plays = True
         self._light = ExitStack()
         self._configured: tuple[tuple[int, ...], int, int, float] | None = None
         self._scalings: tuple[Scaling, ...] = ()
@@ -130,7 +137,7 @@ class Hands:
             averages: Triggers that the trace is the mean of.
 
         Raises:
-            NotConfigured: the laser is not armed.
+            NotConfigured: the laser is not armed, or the drive is off.
             OutOfRange: more ports than channels, or no such window.
             InstrumentError: an instrument failed; the bench is dark.
         """
@@ -140,6 +147,8 @@ class Hands:
         patchings = self._bench.patchings_for(tuple(ports))
         if len(patchings) != 1:
             raise OutOfRange(f"{len(ports)} ports at once: the bench has {len(self._bench.wiring.channels)} channels")
+        if not self._plays:
+            raise NotConfigured("the drive is off, and the oscilloscope is triggered by its marker: switch it on")
         samples = max(1, round(window_s * SAMPLE_RATE))
         if not self._bench.lit:
             self._switch_on()
@@ -151,10 +160,46 @@ class Hands:
                 self._bench.scope, self._bench.limits, [self._bench.capture], self._bench.require_unchanged
             )
             self._configured = asked
+        self._bench.observer.while_lit()
         frames = self._bench.capture()
         self._bench.limits.check_traces(tuple(patchings[0]), frames.codes, self._scalings)
         volts = [one.scale_v * codes + one.offset_v for one, codes in zip(self._scalings, frames.codes[0], strict=True)]
-        return Traces(np.array(volts), np.arange(samples) / SAMPLE_RATE, asked[0], frames.clipped[0])
+        return Traces(
+            np.array(volts),
+            np.arange(samples) / SAMPLE_RATE,
+            asked[0],
+            frames.clipped[0],
+            frames.codes[0],
+            self._scalings,
+        )
+
+    def find_ranges(self) -> None:
+        """Have the next `capture` find the vertical ranges anew."""
+        self._configured = None
+
+    def require_unchanged(self) -> None:
+        """Compare powers with their limits, and the instruments with what they were set to, while there is light.
+
+        Raises:
+            OverLimit: too much light.
+            SettingChanged: something was changed from elsewhere.
+        """
+        if self._bench.lit:
+            self._bench.require_unchanged()
+
+    @property
+    def drive(self) -> bool:
+        """Whether the drive plays while there is light. Without it the oscilloscope has no trigger."""
+        return self._plays
+
+    @drive.setter
+    def drive(self, plays: bool) -> None:
+        if self._bench.lit and plays != self._plays:
+            if plays:
+                self._bench.play_drive()
+            else:
+                self._bench.stop_drive()
+        self._plays = plays
 
     def dark(self) -> None:
         """Reach the safe state now; the next `capture` switches the light on again.
@@ -184,20 +229,33 @@ class Hands:
 
 @contextmanager
 def in_hands(
-    station: Station, access: Access, *, wavelength_nm: float, drive_seed: int, observer: Observer | None = None
+    station: Station,
+    access: Access,
+    *,
+    wavelength_nm: float,
+    drive_seed: int,
+    observer: Observer | None = None,
+    task: str = TASK,
+    directory: Callable[[], Path] | None = None,
 ) -> Iterator[Hands]:
-    """The bench of `station`, held and supervised; dark when the block ends, however it does.
+    """The bench of `station`, held for a `task` and supervised; dark when the block ends, however it does.
+
+    `directory` makes a folder for logs; it is asked for one when the bench is held and may be lit.
 
     Raises:
         StationError, OutOfRange: the station is wrong.
         BenchInUse: another process has an instrument.
+        NotConfigured: with `directory`, the laser is not armed.
     """
     observers = Observers()
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
-        hold = stack.enter_context(held(station, TASK, access.wire))
+        hold = stack.enter_context(held(station, task, access.wire))
         supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
         for one in (hold, supervisor, log, observer or Observer()):
             observers.add(one)
         bench = stack.enter_context(opened(station, log, access, observer=observers)).bench
+        if directory is not None:
+            bench.require_arm()
+            observers.stored_in(directory())
         yield stack.enter_context(Hands(bench, wavelength_nm=wavelength_nm, drive_seed=drive_seed))

@@ -18,7 +18,7 @@ from labctl.engine.likeness import Finding, Likeness, alike_by
 from labctl.engine.storage import Storage
 from labctl.engine.thumbnail import shown_images
 from labctl.runs.write.writer import RunWriter
-from protocols.base import Events, Inputs, Part, PassStarted, Record
+from protocols.base import Events, Inputs, Part, PassStarted, Record, ShotKind
 
 COMPARED_EVERY = 50
 """Records after which settings are compared: a count, so that a run sends the same messages however fast it is."""
@@ -205,7 +205,8 @@ class Recorder:
             self._single += 1
         else:
             self._keep(where, frames, epoch)
-        self._last = record
+        if len(frames.codes) > 1 or self._whole[where[0]].shots[last].kind is not ShotKind.DARK:
+            self._last = record
         clipped = int(np.count_nonzero(frames.clipped.any(axis=1)))
         if clipped and not self.clipped:
             self._observer.warning("records touch the end of the vertical range: their peaks are cut off")
@@ -269,10 +270,11 @@ class Recorder:
         return DoubtfulRecord(finding.text)
 
     def _last_shot(self) -> dict[str, Any]:
-        """What is known of the shot that was measured last, with the image that the DMD shows."""
+        """What is known of the shot with light that was measured last, with its image."""
         if (record := self._last) is None:
             return {}
-        last = self._whole[record.pass_.index].shots[record.first + len(record.frames.codes) - 1]
+        shots = self._whole[record.pass_.index].shots[record.first : record.first + len(record.frames.codes)]
+        last = next((shot for shot in reversed(shots) if shot.kind is not ShotKind.DARK), shots[-1])
         return {
             "pass": record.pass_.index,
             "shot": last.index,

@@ -4,15 +4,18 @@ A line is a JSON object with its own checksum, such as
 
     {"time": "2026-11-23T14:02:47+00:00", "by": "ada", "note": "fibre touched", "tags": ["good"], "crc": "0a1b2c3d"}
 
-`time` and `by` (who wrote it) are always there; `note`, `tags`, `untagged`, `star` and `operator` where they were said.
+`time` and `by` (who wrote it) are always there; `note`, `tags`, `untagged`, `star` and `operator` where they were said;
+`picture` and its `sha256` where there is one in the folder `pictures`.
 What was said is never changed: the last line about a tag, the star or the operator counts.
 """
 
 import getpass
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from hashlib import sha256
 from io import BytesIO, FileIO
 from typing import Any
 
@@ -20,21 +23,23 @@ from instruments.remedies import unreadable
 from labctl.errors import RunError
 from labctl.printable import printable
 from labctl.runs.format.checked_line import decode, encode
-from labctl.runs.format.durable import not_made, write_all
+from labctl.runs.format.durable import make_folder, not_made, replace_file, write_all
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import opened, read_own
 
 LARGEST = 1 << 24
 LONGEST_NOTE, LONGEST_WORD = 4000, 100
+_PICTURE = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{8}\.png")
 
 
 @dataclass(frozen=True)
 class Note:
-    """One thing that was said: when (UTC, ISO 8601), by whom, and what."""
+    """One thing that was said: when (UTC, ISO 8601), by whom, and what; `picture` is a file of the run's, or empty."""
 
     time: str
     by: str
     text: str
+    picture: str = ""
 
 
 @dataclass(frozen=True)
@@ -78,8 +83,10 @@ def read_notes(paths: RunPaths) -> Notes:
         except ValueError as error:
             problems.append(f"{paths.notes.name} line {number}: {error}")
             continue
-        if text := str(said.get("note", "")):
-            notes.append(Note(str(said.get("time", "")), str(said.get("by", "")), text))
+        text, picture = str(said.get("note", "")), str(said.get("picture", ""))
+        if text or picture:
+            shown = picture if _PICTURE.fullmatch(picture) else ""
+            notes.append(Note(str(said.get("time", "")), str(said.get("by", "")), text, shown))
         tags |= _words(said.get("tags"))
         tags -= _words(said.get("untagged"))
         star = bool(said.get("star", star))
@@ -95,8 +102,9 @@ def say_of(
     untagged: Sequence[str] = (),
     star: bool | None = None,
     operator: str | None = None,
+    picture: bytes | None = None,
 ) -> None:
-    """Append what is said of a run, in one line; nothing that is there is touched.
+    """Append what is said of a run, in one line; nothing that is there is touched. `picture` is a PNG.
 
     Raises:
         RunError: no such run, it cannot be written, nothing was said, or it is too long.
@@ -104,8 +112,10 @@ def say_of(
     if not paths.manifest.exists():
         raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it): name a run")
     said = in_a_line(text, tags=tags, untagged=untagged, star=star, operator=operator)
-    if not said:
+    if not said and picture is None:
         raise RunError(f"{paths.directory}: nothing is said of it: write a note, a tag, a star or an operator")
+    if picture is not None:
+        said |= _kept(paths, picture)
     line = encode({"time": datetime.now(UTC).isoformat(timespec="seconds"), "by": _user()} | said)
     try:
         with FileIO(paths.notes, "a+", opener=opened) as file:
@@ -140,6 +150,18 @@ def in_a_line(
         "operator": None if operator is None else _word(operator),
     }
     return {name: value for name, value in said.items() if value not in ("", [], None)}
+
+
+def _kept(paths: RunPaths, picture: bytes) -> dict[str, str]:
+    """Put a picture beside the notes; what a line says of it."""
+    digest = sha256(picture).hexdigest()
+    path = paths.pictures / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{digest[:8]}.png"
+    try:
+        make_folder(paths.pictures)
+    except OSError as error:
+        raise not_made(path, error) from error
+    replace_file(path, picture, not_made)
+    return {"picture": path.name, "sha256": digest}
 
 
 def _word(text: str) -> str:

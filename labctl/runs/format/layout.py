@@ -67,6 +67,11 @@ class RunPaths:
         return self.directory / "notes.jsonl"
 
     @property
+    def pictures(self) -> Path:
+        """Folder of the pictures that notes have."""
+        return self.directory / "pictures"
+
+    @property
     def models(self) -> Path:
         """Folder of the readouts trained on the run."""
         return self.directory / "models"

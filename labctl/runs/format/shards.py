@@ -157,9 +157,17 @@ class Shards:
         Raises:
             RunError: its shard is missing or damaged.
         """
-        shard = self.read(int(self._owner[pass_index, shot]))
+        shard = self.holding(pass_index, shot)
         codes: NDArray[Any] = shard.frames[shot - shard.first]
         return codes
+
+    def holding(self, pass_index: int, shot: int) -> Shard:
+        """The shard with a shot that a pass has.
+
+        Raises:
+            RunError: it is missing or damaged.
+        """
+        return self.read(int(self._owner[pass_index, shot]))
 
     def latest(self) -> tuple[float, int] | None:
         """Time (s since the run began) and epoch of the shot that was stored last; None before the first.

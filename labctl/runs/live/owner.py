@@ -3,6 +3,8 @@
 import os
 import platform
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +22,25 @@ class Writer:
     heeds_signals: bool
 
 
-STARTS = ("run started", "run resumed")
-"""The events that say which process writes the run from then on."""
+STARTS = ("run started", "run resumed", "live started")
+"""The events that say which process writes the run, or shows the live view, from then on."""
+OWNER = "owner"
+"""Name of the file that a live view has locked, which has no journal."""
+
+
+@contextmanager
+def owned(directory: Path) -> Iterator[None]:
+    """This process is the owner of the live view in `directory` inside the block.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with (directory / OWNER).open("xb") as file:
+        if sys.platform != "win32":
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
 
 
 def writer_of(paths: RunPaths) -> Writer | None:
@@ -48,14 +67,14 @@ def is_elsewhere(started: Event) -> bool:
 def _writes(process: int, paths: RunPaths) -> bool:
     """Whether a process of this machine writes the run.
 
-    Linux shows it by the lock on the journal, which the writer holds to its end, so that neither a reader nor another
-    process that got the same number is taken for it. Other systems show only whether there is such a process; Windows
-    not even that, and it is taken to be there.
+    Linux shows it by the lock on the journal, or on `OWNER`, which the writer holds to its end, so that neither a
+    reader nor another process that got the same number is taken for it. Other systems show only whether there is such
+    a process; Windows not even that, and it is taken to be there.
     """
     if process <= 0 or sys.platform == "win32":
         return process > 0
     if _PROCESSES.is_dir():
-        return _locks(process, paths.journal)
+        return _locks(process, paths.journal) or _locks(process, paths.directory / OWNER)
     try:
         os.kill(process, 0)
     except OSError:

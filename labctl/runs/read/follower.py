@@ -3,6 +3,7 @@
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,34 @@ READ_AT_ONCE = 1 << 22
 
 @dataclass(frozen=True)
 class Latest:
-    """The last shot of a pass with light: its place in the plan, its kind, V of each port of shape (ports, samples)."""
+    """A shot as a pass measured it: its place in the plan, its kind, V of each port of shape (ports, samples).
+
+    ends: (ports, 2) lowest and highest V that the oscilloscope can tell in the pass, the same throughout.
+    """
 
     shot: int
     kind: str
     ports: tuple[int, ...]
     wavelength_nm: float
     volts: NDArray[np.float64]
+    ends: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Shots of one pass that follow one another: what one shard holds.
+
+    kinds: (shots,) of each. time_s: (shots,) s since the run began. codes: (shots, ports, samples). scale, offset:
+    (ports,) volts = scale * code + offset.
+    """
+
+    pass_index: int
+    ports: tuple[int, ...]
+    kinds: NDArray[np.bytes_]
+    time_s: NDArray[np.float64]
+    codes: NDArray[np.signedinteger[Any]]
+    scale: NDArray[np.float64]
+    offset: NDArray[np.float64]
 
 
 class Follower:
@@ -47,7 +69,7 @@ class Follower:
         self._shards = self._all()
         self._offset = 0
         self._newest: dict[int, int] = {}
-        self._latest: dict[int, tuple[int, Latest]] = {}
+        self._read: tuple[tuple[int, int], list[Latest]] | None = None
 
     @property
     def done(self) -> tuple[int, ...]:
@@ -91,15 +113,58 @@ class Follower:
             self._newest[entry.pass_index] = max(entry.shard, self._newest.get(entry.pass_index, -1))
         return True
 
-    def latest(self) -> list[Latest]:
-        """The last shot with light that each pass has on disk; passes without one are left out.
+    def has(self, pass_index: int, shot: int) -> bool:
+        """Whether a pass has a shot on disk."""
+        planned = 0 <= pass_index < len(self.shape.passes) and 0 <= shot < self.shape.shots
+        return planned and self._shards.has(pass_index, shot)
 
-        Where the last shard of a pass has dark frames only, it is the last of them.
+    def stretches(self) -> list[int]:
+        """Numbers of the stretches of the pass that was measured last, in the order in which they came to the disk."""
+        entries = self._shards.entries
+        return [number for number in sorted(entries) if entries[number].pass_index == entries[max(entries)].pass_index]
+
+    def stretch(self, number: int) -> Stretch:
+        """One of these.
+
+        Raises:
+            RunError: its shard is missing or damaged.
+        """
+        shard = self._shards.read(number)
+        return Stretch(
+            shard.pass_index,
+            self.shape.passes[shard.pass_index],
+            self._plan["kind"][shard.rows["shot"]],
+            shard.rows["time_s"],
+            shard.frames,
+            shard.scale,
+            shard.offset,
+        )
+
+    def latest(self) -> list[Latest]:
+        """The last shot with light that is on disk, as each pass measured it that has it; none before the first shard.
+
+        Where the last shard has dark frames only, it is the last of them.
 
         Raises:
             RunError: a shard is missing or damaged.
         """
-        return [found for index in range(len(self.shape.passes)) if (found := self._latest_of(index)) is not None]
+        newest = max(self._newest.values(), default=None)
+        if newest is None or newest not in self._shards.entries:  # none yet, or taken back as damaged
+            return []
+        entry = self._shards.entries[newest]
+        lit = np.flatnonzero(self._plan["kind"][entry.first : entry.first + entry.count] != b"dark")
+        return self.shot(entry.first + int(lit[-1] if lit.size else entry.count - 1))
+
+    def shot(self, shot: int) -> list[Latest]:
+        """One shot, as each pass measured it that has it on disk.
+
+        Raises:
+            RunError: a shard is missing or damaged.
+        """
+        if self._read is None or self._read[0] != (shot, self.entries):
+            found = [self._of_pass(index, shot) for index in range(len(self.shape.passes)) if self.has(index, shot)]
+            self._read = (shot, self.entries), found
+        return self._read[1]
 
     def measured(self, least: int, most: int, since: int = 0) -> Run | None:
         """The shots that all of the first passes have, of as many passes as have at least `least` shots each.
@@ -126,22 +191,14 @@ class Follower:
     def _all(self) -> Shards:
         return Shards(self.paths, self.shape, self._plan, [])
 
-    def _latest_of(self, pass_index: int) -> Latest | None:
-        number = self._newest.get(pass_index)
-        if number is None or number not in self._shards.entries:  # none yet, or taken back as damaged
-            return None
-        known = self._latest.get(pass_index)
-        if known is None or known[0] != number:
-            shard = self._shards.read(number)
-            kinds = self._plan["kind"][shard.rows["shot"]]
-            row = int(np.flatnonzero(kinds != b"dark")[-1]) if (kinds != b"dark").any() else -1
-            wavelength = self.shape.wavelengths_nm[pass_index] if self.shape.wavelengths_nm else 0.0
-            found = Latest(
-                int(shard.rows[row]["shot"]),
-                kinds[row].decode(errors="replace"),
-                self.shape.passes[pass_index],
-                wavelength,
-                volts(shard.frames[row], shard.scale, shard.offset, np.float64),
-            )
-            self._latest[pass_index] = number, found
-        return self._latest[pass_index][1]
+    def _of_pass(self, pass_index: int, shot: int) -> Latest:
+        shard = self._shards.holding(pass_index, shot)
+        lowest, highest = np.iinfo(shard.frames.dtype).min, np.iinfo(shard.frames.dtype).max
+        return Latest(
+            shot,
+            self._plan["kind"][shot].decode(errors="replace"),
+            self.shape.passes[pass_index],
+            self.shape.wavelengths_nm[pass_index] if self.shape.wavelengths_nm else 0.0,
+            volts(shard.frames[shot - shard.first], shard.scale, shard.offset, np.float64),
+            np.stack([shard.scale * code + shard.offset for code in (lowest, highest)], axis=1),
+        )

@@ -76,3 +76,15 @@ def test_what_cannot_be_said_is_refused(whole: Path, text: str, tags: list[str])
 def test_what_is_no_run_has_no_notes(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="not a run directory"):
         say_of(RunPaths(tmp_path), "x")
+
+
+def test_a_picture_lies_beside_the_notes_and_no_other_file_is_named(whole: Path) -> None:
+    paths = RunPaths(whole)
+    say_of(paths, "fibre touched", picture=b"a PNG")
+    say_of(paths, picture=b"another")
+    first, second = read_notes(paths).notes
+    assert (first.text, second.text) == ("fibre touched", "")
+    assert [(paths.pictures / one.picture).read_bytes() for one in (first, second)] == [b"a PNG", b"another"]
+    assert verify_run(whole).intact
+    paths.notes.write_bytes(encode({"time": "now", "by": "eve", "note": "look", "picture": "../../secret.png"}))
+    assert read_notes(paths).notes[0].picture == ""

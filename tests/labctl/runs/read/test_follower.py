@@ -31,6 +31,7 @@ def test_it_sees_what_was_added_and_nothing_twice(
         assert (latest.shot, latest.kind, latest.ports) == (2, "image", (2, 3, 4, 5))
         expected = 1e-3 * measure(small, 0, 2).codes + 0.05
         assert np.allclose(latest.volts, expected)
+        assert np.allclose(latest.ends, [0.05 - 0.128, 0.05 + 0.127])
         assert following.measured(4, 100) is None
 
 
@@ -51,6 +52,18 @@ def test_the_first_ports_stand_for_all_until_there_are_enough(cut: Path) -> None
     assert len(following.measured(3, 3).frames) == 3  # type: ignore[union-attr]
 
 
+def test_what_is_seen_on_all_ports_is_one_shot(cut: Path) -> None:
+    following = Follower(cut)
+    while following.look():
+        pass
+    seen = following.latest()
+    assert len({one.shot for one in seen}) == 1
+    assert [one.ports for one in seen] == [(2, 3, 4, 5), (6,)]
+    assert [following.has(0, shot) for shot in (6, 7)] == [True, False]
+    (first,) = following.shot(6)
+    assert (first.shot, first.ports) == (6, (2, 3, 4, 5))
+
+
 def test_damage_is_said_and_a_torn_line_waits(cut: Path) -> None:
     following = Follower(cut)
     journal = cut / "journal.jsonl"
@@ -59,9 +72,9 @@ def test_damage_is_said_and_a_torn_line_waits(cut: Path) -> None:
     while following.look():
         pass
     assert following.entries == lines.count(b"\n")
-    (cut / "shards" / "000000.h5").write_bytes(b"")
-    (cut / "shards" / "000002.h5").write_bytes(b"")
-    with pytest.raises(RunError, match=r"000002\.h5: damaged"):
+    for shard in (cut / "shards").iterdir():
+        shard.write_bytes(b"")
+    with pytest.raises(RunError, match=r"shards/00000\d\.h5: damaged"):
         following.latest()
     JournalFile(journal).close()  # which mends it, as a resumed run does
     assert not following.look()

@@ -1,0 +1,38 @@
+"""What frequencies signals hold."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import periodogram
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Mean spectrum of several records.
+
+    Attributes:
+        frequency_hz: (frequencies,) from the first above 0 to half the sample rate.
+        density: (ports, frequencies) power spectral density, V^2/Hz.
+    """
+
+    frequency_hz: NDArray[np.float64]
+    density: NDArray[np.float64]
+
+
+def spectrum(volts: ArrayLike, sample_interval_s: float) -> Spectrum:
+    """Mean periodogram (Hann window, mean taken off) of records (records, ports, samples) in V.
+
+    Records of fewer than two samples have no frequencies. Source: Welch (1967), with one segment a record.
+
+    Example:
+        >>> import numpy as np
+        >>> from labctl.analysis.spectrum import spectrum
+        >>> tone = np.sin(2 * np.pi * 5e9 * np.arange(250) * 40e-12).reshape(1, 1, -1)
+        >>> found = spectrum(tone, 40e-12)
+        >>> float(found.frequency_hz[found.density[0].argmax()])
+        5000000000.0
+    """
+    records = np.asarray(volts, np.float64)
+    frequency_hz, density = periodogram(records, 1 / sample_interval_s, window="hann", detrend="constant", axis=-1)
+    return Spectrum(frequency_hz[1:], density.mean(axis=0)[:, 1:])

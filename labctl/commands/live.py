@@ -1,0 +1,146 @@
+"""`labctl live`: what the detectors see now, several times a second, without a run."""
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from instruments.bench import Observer
+from instruments.units import quantity
+from labctl.analysis.alignment import repeatability_db
+from labctl.bench.signals import interruptible
+from labctl.bench.station import read_station
+from labctl.commands.access import ArmOption, AttendedOption, access_of
+from labctl.commands.exit_status import DONE
+from labctl.commands.options import StationOption
+from labctl.commands.output import JsonOption, say, show, warn
+from labctl.commands.ranges import ports_of
+from labctl.engine.live import Show, View, watch
+from labctl.errors import UsageError
+from labctl.runs.live.sight import Sight
+
+BAR = 48
+"""Columns of a level bar."""
+LEAST_REPEATS = 4
+"""Looks that repeatability is worked out from at least."""
+HIGHER = 1.01
+"""A level above the highest so far by this factor rings the bell."""
+
+
+def live(
+    context: typer.Context,
+    station: StationOption = None,
+    ports: Annotated[
+        str, typer.Option("--ports", help='Ports to look at, as many as channels, such as "2-5".')
+    ] = "2-5",
+    window: Annotated[str, typer.Option("--window", help='Length of a trace, such as "2 ns".')] = "2 ns",
+    averages: Annotated[int, typer.Option("--averages", min=1, max=1000, help="Triggers a trace is the mean of.")] = 1,
+    wavelength: Annotated[
+        str | None, typer.Option("--wavelength", help="Of the light; without it the station's.")
+    ] = None,
+    rate: Annotated[float, typer.Option("--rate", min=0.1, max=50, help="Looks a second, at most.")] = 10.0,
+    duration: Annotated[str | None, typer.Option("--for", help='End after a time, such as "10 min".')] = None,
+    bell: Annotated[bool, typer.Option("--bell", help="Ring when the first port is brighter than ever.")] = False,
+    runs: Annotated[Path, typer.Option("--runs", help="Folder of runs in which a dashboard finds it.")] = Path("runs"),
+    armed: ArmOption = False,
+    attended: AttendedOption = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Show what the detectors see now, several times a second; the bench is dark when it ends. Ctrl-C ends it."""
+    found = read_station(station)
+    view = View(
+        found,
+        runs,
+        ports_of(ports) or (),
+        found.laser.wavelength if wavelength is None else _quantity("--wavelength", wavelength, "nm"),
+        access_of(context, attended=attended, armed=armed),
+        _quantity("--window", window, "s"),
+        averages,
+        rate,
+        None if duration is None else _quantity("--for", duration, "s"),
+    )
+    with interruptible() as interruption, _level_bars(bell=bell) as bars:
+        viewed = watch(view, interruption, bars, _Warnings())
+    result: dict[str, Any] = {"view": str(viewed.directory), "seconds": round(viewed.seconds, 3), "looks": 0}
+    if (last := viewed.last) is not None:
+        result |= {
+            "looks": last.looks,
+            "looks_per_second": round(last.rate_hz, 2),
+            "ports": list(last.ports),
+            "level_v": last.level_v[-1].tolist(),
+            "peak_v": last.peak_v.tolist(),
+            "likeness": [None if math.isnan(one) else one for one in last.likeness[-1]],
+        }
+    show(result, as_json, lambda: say(f"{result['looks']} looks in {viewed.seconds:.0f} s; the bench is dark"))
+    return DONE
+
+
+def _quantity(option: str, text: str, unit: str) -> float:
+    try:
+        return quantity(text, unit)
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from None
+
+
+class _Warnings(Observer):
+    """A line for each."""
+
+    def warning(self, text: str) -> None:
+        """One line."""
+        warn(text)
+
+
+@contextmanager
+def _level_bars(*, bell: bool) -> Iterator[Show]:
+    """Level bars on standard error; only where somebody can see them."""
+    console = Console(stderr=True, highlight=False, emoji=False)
+    with Live(console=console, auto_refresh=False, transient=True) as drawn:
+        highest = -math.inf
+
+        def look(sight: Sight | None) -> None:
+            nonlocal highest
+            if not console.is_terminal:
+                return
+            drawn.update(_dark() if sight is None else _bars(sight), refresh=True)
+            if bell and sight is not None and sight.level_v[-1, 0] > HIGHER * highest:
+                highest = float(sight.level_v[-1, 0])
+                sys.stderr.write("\a")
+                sys.stderr.flush()
+
+        yield look
+
+
+def _dark() -> Text:
+    return Text("nothing is measured: the laser or the drive is off (labctl dashboard: Laser on)")
+
+
+def _bars(sight: Sight) -> Group:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("port", "level", "peak", "", "repeats", "as at first", ""):
+        table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
+    volts = sight.volts
+    low, high = float(sight.ends_v.min()), float(sight.ends_v.max())
+    for row, port in enumerate(sight.ports):
+        level, peak = float(sight.level_v[-1, row]), float(sight.peak_v[row])
+        at, held = (round(BAR * (value - low) / (high - low)) for value in (level, peak))
+        bar = Text("█" * at, style="cyan") + Text(" " * max(held - at - 1, 0)) + Text("▏" if held > at else "")
+        repeats = f"{repeatability_db(volts[:, row]).value:.1f} dB" if len(volts) >= LEAST_REPEATS else ""
+        table.add_row(
+            str(port),
+            f"{1e3 * level:.2f} mV",
+            f"{1e3 * peak:.2f} mV",
+            bar,
+            repeats,
+            f"{sight.likeness[-1, row]:.3f}",
+            Text("CLIPPED", style="bold red") if sight.clipped[row] else "",
+        )
+    scale = f"bars from {1e3 * low:.0f} to {1e3 * high:.0f} mV"
+    return Group(table, Text(f"look {sight.looks}, {sight.rate_hz:.1f}/s, {scale}; Ctrl-C ends, dark", style="dim"))

@@ -1,0 +1,48 @@
+"""The figure of a look at the channels: levels, traces, codes and spectrum, as on the panels of the dashboard."""
+
+from io import BytesIO
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from labctl.analysis.signal_quality import no_codes
+from labctl.analysis.spectrum import spectrum
+from labctl.reports.canvas import PIXELS_PER_INCH, legend_below, look, port_name, styled
+from labctl.runs.live.sight import Sight
+
+LEAST_SAMPLES = 4
+
+
+@styled
+def signals_png(sight: Sight, title: str) -> bytes:
+    """The figure as the bytes of a PNG, under a title that says when and of what it is."""
+    figure = Figure(figsize=(8.0, 6.0))
+    ((levels, traces), (codes, frequencies)) = figure.subplots(2, 2)
+    names = [port_name(port) for port in sight.ports]
+    volts, places = sight.volts, np.arange(len(names))
+    time_ns = 1e9 * sight.sample_interval_s * np.arange(volts.shape[2])
+    counted = no_codes(len(names), sight.recent.dtype).with_more(sight.recent)
+    found = spectrum(volts, sight.sample_interval_s) if volts.shape[2] >= LEAST_SAMPLES else None
+    for row, _ in enumerate(names):
+        style = {"color": look(row).colour, "linestyle": look(row).dashes, "linewidth": 1.0}
+        traces.plot(time_ns, 1e3 * volts[-1, row], **style)
+        codes.step(counted.first_code, counted.counts[row], where="post", **style)
+        if found is not None:
+            frequencies.plot(1e-9 * found.frequency_hz, 10 * np.log10(np.maximum(found.density[row], 1e-30)), **style)
+    levels.barh(places, 1e3 * volts[-1].mean(axis=1), color=[look(row).colour for row in range(len(names))])
+    levels.plot(1e3 * sight.peak_v, places, "|", color="black", markersize=14)
+    levels.set_yticks(places, names)
+    levels.invert_yaxis()
+    levels.set_xlabel("level, with the highest (mV)")
+    traces.set_ylim(1e3 * float(sight.ends_v.min()), 1e3 * float(sight.ends_v.max()))
+    traces.set(xlabel="time (ns)", ylabel="signal (mV)")
+    for end in (counted.first_code[0], counted.first_code[-1]):
+        codes.axvline(end, color="red", linestyle="--", linewidth=0.8)
+    codes.set(xlabel="code, clipped at the dashed lines", ylabel="samples")
+    frequencies.set(xlabel="frequency (GHz)", ylabel="power density (dB of 1 V²/Hz)")
+    figure.suptitle(title, fontsize=9)
+    legend_below(figure, list(traces.lines), names)
+    image = BytesIO()
+    FigureCanvasAgg(figure).print_figure(image, dpi=PIXELS_PER_INCH, metadata={"Software": None})
+    return image.getvalue()

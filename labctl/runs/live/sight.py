@@ -1,0 +1,187 @@
+"""What a live view sees, in a file that is replaced at every look, and what it is asked to change.
+
+`sight` is one line of JSON, then the arrays that it names, one after the other, little-endian. Readers take nothing
+else: it may be a stranger's, like any file in a folder of runs.
+"""
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from labctl.runs.format.own_files import own_file, read_own
+
+LIVE = ".live"
+"""Folder among the runs with a folder for each live view."""
+SIGHT, WISHES = "sight", "wishes.json"
+"""Names of files in the folder of a live view."""
+LARGEST = 1 << 26
+LONGEST_HEADER = 1 << 16
+
+
+@dataclass(frozen=True)
+class Sight:
+    """The last looks at the channels, and how their levels went since the start.
+
+    Attributes:
+        ports: of each row of what follows.
+        sample_interval_s: time between two samples, s.
+        scale_v, offset_v: (ports,) volts = scale * code + offset.
+        recent: (looks, ports, samples) int8 or int16 codes, the newest last.
+        elapsed_s: (points,) when the levels were taken, s after the start, ascending.
+        level_v: (points, ports) mean of a look, V.
+        likeness: (points, ports) correlation with the first look; NaN where there is none.
+        peak_v: (ports,) highest level since the start, V.
+        looks: how many there were.
+        rate_hz: looks a second; 0 where they are the shots of a run.
+        repeats: (repeats, ports, samples) codes of one and the same picture; None: `recent` are such.
+    """
+
+    ports: tuple[int, ...]
+    sample_interval_s: float
+    scale_v: NDArray[np.float64]
+    offset_v: NDArray[np.float64]
+    recent: NDArray[np.signedinteger[Any]]
+    elapsed_s: NDArray[np.float64]
+    level_v: NDArray[np.float64]
+    likeness: NDArray[np.float64]
+    peak_v: NDArray[np.float64]
+    looks: int
+    rate_hz: float
+    repeats: NDArray[np.signedinteger[Any]] | None = None
+
+    @property
+    def volts(self) -> NDArray[np.float64]:
+        """(looks, ports, samples) V."""
+        return self._in_volts(self.recent)
+
+    @property
+    def repeated_volts(self) -> NDArray[np.float64]:
+        """(repeats, ports, samples) V, of one and the same picture."""
+        return self._in_volts(self.recent if self.repeats is None else self.repeats)
+
+    def _in_volts(self, codes: NDArray[np.signedinteger[Any]]) -> NDArray[np.float64]:
+        return self.scale_v[:, np.newaxis] * codes + self.offset_v[:, np.newaxis]
+
+    @property
+    def ends_v(self) -> NDArray[np.float64]:
+        """(ports, 2) lowest and highest V that the oscilloscope can tell."""
+        limits = np.iinfo(self.recent.dtype)
+        return np.stack([self.scale_v * code + self.offset_v for code in (limits.min, limits.max)], axis=1)
+
+    @property
+    def clipped(self) -> NDArray[np.float64]:
+        """(ports,) part of the samples at either end of the range."""
+        limits = np.iinfo(self.recent.dtype)
+        at_an_end = (self.recent <= limits.min) | (self.recent >= limits.max)
+        part: NDArray[np.float64] = at_an_end.mean(axis=(0, 2))
+        return part
+
+
+_ARRAYS = ("scale_v", "offset_v", "recent", "elapsed_s", "level_v", "likeness", "peak_v")
+_TYPES = {"<f8": np.float64, "|i1": np.int8, "<i2": np.int16}
+
+
+def write_sight(directory: Path, sight: Sight) -> None:
+    """Put `sight` where a page looks for it, whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    arrays = {name: np.ascontiguousarray(getattr(sight, name)) for name in _ARRAYS}
+    little = {name: array.astype(array.dtype.newbyteorder("<"), copy=False) for name, array in arrays.items()}
+    header: dict[str, Any] = {
+        "ports": sight.ports,
+        "sample_interval_s": sight.sample_interval_s,
+        "looks": sight.looks,
+        "rate_hz": sight.rate_hz,
+        "arrays": {name: [array.dtype.str, *array.shape] for name, array in little.items()},
+    }
+    content = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in little.values())
+    _replace(directory / SIGHT, content)
+
+
+def read_sight(directory: Path) -> Sight | None:
+    """What the live view in `directory` sees; None where there is nothing, or nothing that it can have written."""
+    try:
+        with own_file(directory / SIGHT, LARGEST) as file:
+            content = file.readall()
+        head, _, body = content.partition(b"\n")
+        return _sight(json.loads(head), body) if len(head) < LONGEST_HEADER else None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+
+
+def _sight(header: Any, body: bytes) -> Sight:
+    found: dict[str, NDArray[Any]] = {}
+    offset = 0
+    for name in _ARRAYS:
+        kind, *shape = header["arrays"][name]
+        if not all(isinstance(size, int) and 0 <= size <= LARGEST for size in shape):
+            raise ValueError(shape)
+        count = math.prod(shape)
+        found[name] = np.frombuffer(body, np.dtype(_TYPES[kind]).newbyteorder("<"), count, offset).reshape(shape)
+        offset += found[name].nbytes
+    ports = tuple(int(port) for port in header["ports"])
+    shapes = {name: array.shape for name, array in found.items()}
+    looks, _, samples = shapes["recent"]
+    points = len(found["elapsed_s"])
+    expected = {
+        "recent": (looks, len(ports), samples),
+        "elapsed_s": (points,),
+        **dict.fromkeys(("scale_v", "offset_v", "peak_v"), (len(ports),)),
+        **dict.fromkeys(("level_v", "likeness"), (points, len(ports))),
+    }
+    interval_s, rate_hz = float(header["sample_interval_s"]), float(header["rate_hz"])
+    whole = looks > 0 and samples > 0 and points > 0 and len(ports) > 0 and math.isfinite(rate_hz) and interval_s > 0
+    if shapes != expected or not whole or found["recent"].dtype.kind != "i":
+        raise ValueError(shapes)
+    if not all(np.isfinite(found[name]).all() for name in ("scale_v", "offset_v", "elapsed_s", "level_v", "peak_v")):
+        raise ValueError("not finite")
+    return Sight(ports=ports, sample_interval_s=interval_s, looks=int(header["looks"]), rate_hz=rate_hz, **found)
+
+
+class Wishes(BaseModel):
+    """What a live view is asked for: light and its settings as text with units, empty for those of the station.
+
+    `anew` counts how often ranges, peaks and the first look are to be taken anew.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    power: str = Field("", max_length=40)
+    wavelength: str = Field("", max_length=40)
+    drive: bool = True
+    anew: int = 0
+
+
+def ask_for(directory: Path, wishes: Wishes) -> None:
+    """Ask the live view in `directory` for something.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    _replace(directory / WISHES, wishes.model_dump_json().encode())
+
+
+def wishes_in(directory: Path) -> Wishes:
+    """What is asked of the live view in `directory`; what nobody can have asked for counts as nothing."""
+    try:
+        return Wishes.model_validate_json(read_own(directory / WISHES, LONGEST_HEADER))
+    except (OSError, ValidationError):
+        return Wishes()
+
+
+def _replace(path: Path, content: bytes) -> None:
+    aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    try:
+        aside.write_bytes(content)
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)

@@ -1,0 +1,48 @@
+"""What is shown of a run while it measures: one shot at a time, on scales that stay."""
+
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from labctl.bench.station import Station
+from labctl.dashboard.learning import Learning
+from labctl.dashboard.monitor import WatchedRun
+from labctl.dashboard.wording import traces
+from labctl.engine.inputs import images_for
+from labctl.engine.session import Acquisition, acquire
+from labctl.engine.thumbnail import shown_images
+from labctl.runs.read.run import open_run
+from protocols.base import Shot, ShotKind
+from protocols.image_readout import ImageReadout
+from tests.observers import Follower
+
+
+def test_trace_and_picture_are_of_one_shot_and_the_scale_stays(tmp_path: Path) -> None:
+    directory, protocol = tmp_path / "run", ImageReadout(images=60, window=0.8e-9)
+    ticks = count()
+    watched = WatchedRun(directory, Learning(), lambda: float(next(ticks)))
+    seen = []
+
+    def look(_done: int, _total: int) -> None:
+        watched.look()
+        if watched.latest and watched.shown.has_shot:
+            seen.append((watched.shown, watched.latest))
+
+    acquire(Acquisition(protocol, Station(), directory), observer=Follower(progress=look))
+    look(0, 0)
+    shown = shown_images(images_for(protocol))
+    with open_run(directory) as run:
+        for state, latest in seen:
+            assert {one.shot for one in latest} == {state.shot}
+            picture = shown(Shot(0, ShotKind.IMAGE, state.dataset_index or 0, 0, 0))["image"]
+            assert state.image is not None
+            assert state.image.bits == picture["bits"]
+            for one in latest:
+                columns = [run.ports.index(port) for port in one.ports]
+                assert np.array_equal(one.volts, run.volts(state.shot)[columns])
+    assert seen[-1][0].shot == 64, "the last one with light, before a dark frame"
+    assert [one.ports for one in seen[-1][1]] == [(2, 3, 4, 5), (6,)]
+    first = [(str(one.ports), one.ends.tolist()) for _, latest in seen for one in latest]
+    assert len({str(pair) for pair in first}) == 2, "a range for each pass, from its first shot to its last"
+    assert "no shot" not in traces(watched.latest, watched.sample_interval_s)

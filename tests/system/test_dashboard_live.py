@@ -1,0 +1,170 @@
+"""The live view in a real browser: started, watched, its light switched off and on and set, and ended."""
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the dashboard needs the extra `dashboard`")
+pytest.importorskip("playwright", reason="a browser is driven by playwright")
+
+from PIL import Image
+from playwright.sync_api import Browser, Page, expect
+
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.notes import read_notes
+from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, enter, narrow, opened
+
+CHROMIUM = chromium()
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+PORTS = 4
+
+
+@pytest.fixture(scope="module")
+def window() -> Iterator[Browser]:
+    assert CHROMIUM is not None
+    with browser(CHROMIUM) as started:
+        yield started
+
+
+@pytest.fixture
+def shown(tmp_path: Path) -> Iterator[Dashboard]:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    with dashboard(folder) as found:
+        yield found
+
+
+@pytest.fixture
+def page(window: Browser, shown: Dashboard) -> Iterator[Page]:
+    """The page of the live view; nothing is fetched from anywhere else, and no script fails."""
+    page = opened(window)
+    wrong: list[str] = []
+    page.on(
+        "request", lambda request: None if request.url.startswith((shown.base, "data:")) else wrong.append(request.url)
+    )
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.goto(f"{enter(page, shown)}live")
+    connected(page)
+    yield page
+    page.context.close()
+    assert wrong == []
+
+
+@pytest.fixture
+def unarmed(served: tuple[dict[str, Any], Path], tmp_path: Path) -> Path:
+    """A station file of the served bench that allows no light."""
+    path = tmp_path / "unarmed.toml"
+    path.write_text(served[1].read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
+    return path
+
+
+def says(page: Page, region: str, pattern: str) -> None:
+    expect(page.locator(region)).to_contain_text(re.compile(pattern))
+
+
+def start(page: Page, station: Path) -> None:
+    page.get_by_label("Station file").fill(str(station))
+    page.get_by_role("switch").click()
+    page.get_by_role("button", name="Start", exact=True).click()
+    says(page, ".emission-region", "LASER ON")
+    says(page, ".levels-region", "look [1-9]")
+    connected(page)
+
+
+def looks(page: Page) -> int:
+    found = re.search(r"look (\d+)", page.locator(".levels-region").inner_text())
+    assert found is not None
+    return int(found[1])
+
+
+def test_what_nobody_allows_is_refused_and_told(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
+    page.get_by_label("Station file").fill(str(unarmed))
+    page.get_by_role("button", name="Start", exact=True).click()
+    says(page, ".form .message", "the laser is not armed, no light is switched on")
+    assert not emitting()
+
+
+def test_it_is_started_watched_and_ended(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
+    start(page, unarmed)
+    assert emitting()
+    expect(page.get_by_role("meter")).to_have_count(PORTS)
+    expect(page.locator(".signals-region figure")).to_have_count(PORTS)
+    says(page, ".repeats-region", r"port 5\s*\d+\.\d dB")
+    says(page, ".codes-region", "no sample is at an end of the range")
+    expect(page.locator(".spectrum-region polyline")).to_have_count(PORTS)
+    expect(page.locator(".course-region polyline")).to_have_count(2 * PORTS)
+    before = looks(page)
+    page.wait_for_timeout(2000)
+    assert looks(page) - before >= 10, "five a second"
+    scale = page.locator(".signals-region .y").first
+    fixed = scale.inner_text()
+    page.get_by_role("button", name="Tone", exact=True).click()
+    expect(page.locator(".tone")).to_have_attribute("aria-pressed", "true")
+    page.get_by_text("each on a scale of its own").click()
+    expect(scale).not_to_have_text(fixed)
+    page.get_by_text("each on a scale of its own").click()
+    expect(scale).to_have_text(fixed, use_inner_text=True)
+    narrow(page)
+    page.get_by_role("button", name="End").click()
+    says(page, ".emission-region", "LASER OFF")
+    assert not emitting()
+
+
+def test_light_is_off_at_once_and_on_behind_the_switch(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
+    start(page, unarmed)
+    page.get_by_role("button", name="Laser off").click()
+    says(page, ".emission-region", "LASER OFF")
+    assert not emitting()
+    on = page.get_by_role("button", name="Laser on")
+    expect(on).to_be_disabled()
+    page.get_by_role("switch", name="light may be switched on").click()
+    on.click()
+    says(page, ".emission-region", "LASER ON")
+    page.get_by_role("textbox", name="Power").fill("5 mW")
+    page.get_by_role("button", name="Set").click()
+    says(page, ".emission-region", " 5 mW")
+    page.get_by_role("textbox", name="Power").fill("500 mW")
+    page.get_by_role("button", name="Set").click()
+    says(page, ".log-region", r"not set: .* laser\.power = 500 mW exceeds limits")
+    page.get_by_role("switch", name="drive").click()
+    says(page, ".bench-region", "the drive is off")
+    page.get_by_role("switch", name="drive").click()
+    says(page, ".bench-region", "the drive plays")
+    page.get_by_role("button", name="End").click()
+    says(page, ".emission-region", "LASER OFF")
+    assert not emitting()
+
+
+def test_a_run_that_measures_has_the_same_panels(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
+    page.get_by_role("link", name="labctl").click()
+    page.get_by_text("Start a run").click()
+    page.get_by_label("Station file").fill(str(unarmed))
+    page.get_by_label("Settings").fill("images=1000\nwindow=0.8 ns\nreference_every=5")
+    page.get_by_role("switch").click()
+    page.get_by_role("button", name="Start", exact=True).click()
+    page.wait_for_url("**/run/*")
+    connected(page)
+    says(page, ".progress-region", r"[1-9]\d* of \d+ records")
+    page.get_by_text("Signals: levels").click()
+    says(page, ".levels-region", r"[1-9]\d* shots looked at")
+    says(page, ".repeats-region", r"port 5\s*\d+\.\d dB")
+    expect(page.locator(".signals-region figure")).to_have_count(PORTS)
+    expect(page.locator(".course-region polyline")).to_have_count(2 * PORTS)
+    before = page.locator(".levels-region .caption").inner_text()
+    expect(page.locator(".levels-region .caption")).not_to_have_text(before)
+    page.get_by_label("Note").fill("fibre touched")
+    page.get_by_role("button", name="Keep a picture").click()
+    says(page, ".signals .message", "kept in the notes of")
+    run = RunPaths(unarmed.parent / "runs" / page.url.rpartition("/")[2])
+    (note,) = read_notes(run).notes
+    assert note.text == "fibre touched"
+    with Image.open(run.pictures / note.picture) as picture:
+        assert picture.size[0] > 600
+    narrow(page)
+    page.get_by_role("button", name="Stop", exact=True).click()
+    says(page, ".progress-region", "stopped")
+    assert not emitting()

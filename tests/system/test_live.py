@@ -1,0 +1,175 @@
+"""A live view on the served bench: one holder, dark however it ends, and told what to do from elsewhere."""
+
+import json
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labctl.runs.live.control_file import Word, ask
+from labctl.runs.live.events import EventReader
+from labctl.runs.live.sight import LIVE, Sight, Wishes, ask_for, read_sight
+from tests.command_line import as_json, labctl
+from tests.system.conftest import LABCTL
+from tests.system.test_one_holder import running, under_another_name
+
+REFUSED = re.compile(
+    r"^labctl: awg is in use: labctl live, process \d+ of \S+, since \d+ \w+ [\d:]+ UTC: wait for it, "
+    r"or end it: labctl stop \S+\n$"
+)
+PATIENCE_S = 60.0
+RUN = ("run", "image-readout", "--set", "images=4")
+
+
+@pytest.fixture
+def station(served: tuple[dict[str, Any], Path]) -> Path:
+    return served[1]
+
+
+def until(true: Callable[[], Any]) -> Any:
+    """What it says, as soon as that is something."""
+    end = time.monotonic() + PATIENCE_S
+    while not (found := true()):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return found
+
+
+@contextmanager
+def viewing(station: Path, runs: Path, *more: str) -> Iterator[tuple[subprocess.Popen[str], Path]]:
+    """A live view that has seen something, killed at the end if it is still there; and its folder."""
+    command = [*LABCTL, "live", f"--station={station}", f"--runs={runs}", "--json", *more]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        until(lambda: process.poll() is not None or list((runs / LIVE).glob("*/sight")))
+        try:
+            yield process, next((runs / LIVE).iterdir())
+        finally:
+            process.kill()
+
+
+def told(directory: Path) -> list[str]:
+    return [event.name for event in EventReader(directory / "events.jsonl").read()]
+
+
+def seen(directory: Path) -> Sight:
+    found = read_sight(directory)
+    assert found is not None
+    return found
+
+
+def ended(process: subprocess.Popen[str], number: int) -> tuple[int, dict[str, Any]]:
+    process.send_signal(number)
+    out, _ = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, json.loads(out)
+
+
+def test_it_looks_five_times_a_second_and_more_and_ctrl_c_ends_it_dark(
+    station: Path, tmp_path: Path, emitting: Callable[[], bool]
+) -> None:
+    with viewing(station, tmp_path) as (process, directory):
+        assert emitting()
+        until(lambda: seen(directory).looks >= 20)
+        status, result = ended(process, signal.SIGINT)
+    assert status == 0
+    assert not emitting()
+    assert result["looks_per_second"] >= 5
+    assert result["ports"] == [2, 3, 4, 5]
+    assert all(0.9 < one <= 1 for one in result["likeness"])
+    assert all(peak >= level > 0 for peak, level in zip(result["peak_v"], result["level_v"], strict=True))
+    assert told(directory)[-2:] == ["safe state", "stopped"]
+
+
+def test_a_killed_one_leaves_no_light(station: Path, tmp_path: Path, emitting: Callable[[], bool]) -> None:
+    with viewing(station, tmp_path) as (process, directory):
+        assert emitting()
+        process.kill()
+    until(lambda: not emitting())
+    until(lambda: "safe state" in told(directory))
+    with viewing(station, tmp_path, "--for=0.5 s") as (process, _):
+        out, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    assert [path.name for path in (tmp_path / LIVE).iterdir()] == [Path(json.loads(out)["view"]).name]
+
+
+@pytest.mark.parametrize("second", [("check",), ("align",), RUN, ("live",)], ids=str)
+def test_who_comes_second_is_refused(
+    station: Path, tmp_path: Path, second: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with viewing(station, tmp_path) as (first, directory):
+        status, _, said = labctl(capsys, *second, "--station", under_another_name(station))
+        assert (status, REFUSED.match(said) is not None) == (1, True), said
+        assert str(directory) in said
+        assert first.poll() is None
+        looks = seen(directory).looks
+        until(lambda: seen(directory).looks > looks)
+        assert labctl(capsys, "stop", directory)[0] == 0
+        assert first.wait(PATIENCE_S) == 0
+
+
+def test_it_is_refused_during_a_run(station: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with running(station, tmp_path / "run") as first:
+        status, _, said = labctl(capsys, "live", "--station", station, "--runs", tmp_path)
+        assert status == 1
+        assert said.startswith("labctl: awg is in use: a run of image-readout, process ")
+        assert said.count("\n") == 1
+        assert first.poll() is None
+    assert not (tmp_path / LIVE).exists()
+
+
+def test_it_is_told_from_elsewhere(station: Path, tmp_path: Path, emitting: Callable[[], bool]) -> None:
+    with viewing(station, tmp_path) as (process, directory):
+        ask(directory, Word.PAUSE)
+        until(lambda: "paused" in told(directory))
+        assert not emitting()
+        ask(directory, Word.GO_ON)
+        until(lambda: "going on" in told(directory))
+        until(emitting)
+        bright = seen(directory).level_v[-1].mean()
+        ask_for(directory, Wishes(power="10 mW"))
+        until(lambda: seen(directory).level_v[-1].mean() < 0.6 * bright)
+        assert len(seen(directory).elapsed_s) < 20, "the course begins anew with another light"
+        ask_for(directory, Wishes(power="1 W"))
+        until(lambda: "warning" in told(directory))
+        assert emitting()
+        ask_for(directory, Wishes(power="10 mW", drive=False))
+        until(lambda: EventReader(directory / "events.jsonl").read()[-1].fields == {"on": False})
+        looks = seen(directory).looks
+        ask_for(directory, Wishes(power="10 mW", anew=1))
+        until(lambda: seen(directory).looks > looks)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 130
+    assert not emitting()
+
+
+def test_what_is_missing_is_refused_in_one_line(
+    station: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], emitting: Callable[[], bool]
+) -> None:
+    unarmed, nobody = tmp_path / "unarmed.toml", tmp_path / "nobody.toml"
+    unarmed.write_text(station.read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
+    address = re.compile(r'(\[laser\][^[]*?address = )"[^"]*"', re.DOTALL)
+    nobody.write_text(address.sub(r'\1""', station.read_text("utf-8")), encoding="utf-8")
+    for options, status, words in (
+        (("--station", unarmed), 2, "the laser is not armed"),
+        (("--station", nobody), 2, "laser.address is empty"),
+        (("--station", tmp_path / "none.toml"), 2, "none.toml"),
+        (("--station", station, "--ports", "2-9"), 2, "8 ports at once: the bench has 4 channels"),
+        (("--station", station, "--ports", "2-99"), 2, "the chip has ports 1 to 14"),
+        (("--station", station, "--window", "2 km"), 2, "--window"),
+        (("--station", station, "--window", "1 s"), 2, "window = 1 s: choose"),
+        (("--station", station, "--wavelength", "1310 nm"), 2, "1310 nm are asked for"),
+    ):
+        found, _, said = labctl(capsys, "live", "--runs", tmp_path, *options)
+        assert (found, said.count("\n"), words in said) == (status, 1, True), said
+        assert not emitting()
+
+
+def test_without_a_station_it_is_the_simulated_bench(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, result = as_json(capsys, "live", "--for", "1 s", "--runs", tmp_path, "--ports", "2,3", "--averages", "2")
+    assert (status, result["ports"]) == (0, [2, 3])
+    assert result["looks"] >= 2
