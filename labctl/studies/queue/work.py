@@ -14,8 +14,8 @@ from labctl.bench.lock_file import LockFile
 from labctl.bench.signals import Interruption
 from labctl.errors import BenchInUse, UsageError
 from labctl.runs.format.layout import RunPaths
-from labctl.studies.queue.items import Item, Queue, State, Wish
-from labctl.studies.sweeps.folder import is_sweep
+from labctl.runs.queue import Item, Queue, State, Wish
+from labctl.runs.sweep import is_sweep
 
 COMMANDS = ("run", "sweep")
 LOOK_EVERY_S = 0.2

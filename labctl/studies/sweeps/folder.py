@@ -9,10 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
 from instruments.bench import Observer
-from instruments.toml_files import describe
 from labctl.bench.opening import Access
 from labctl.bench.own_stations import is_own
 from labctl.bench.signals import Interruption
@@ -20,26 +17,12 @@ from labctl.bench.station import SIMULATED_STATION, Station, read_station
 from labctl.engine import session
 from labctl.engine.forecast import forecast
 from labctl.engine.session import Acquisition, Resumption
-from labctl.errors import RunError, RunExists, StationError, writing
+from labctl.errors import RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
-from labctl.studies.sweeps.declaration import Point, Sweep, points
+from labctl.runs.sweep import FILE, Sweep, SweepFile
+from labctl.studies.sweeps.declaration import Point, points
 from protocols.registry import protocol_class
-
-FILE = "sweep.json"
-LARGEST = 1 << 22
-
-
-class SweepFile(BaseModel):
-    """What sweep.json holds: the sweep, its station by file and content, and whether a cable was assumed."""
-
-    model_config = ConfigDict(frozen=True)
-
-    format: str = Field("labctl-sweep", pattern="^labctl-sweep$")
-    format_version: str = "1.0"
-    sweep: Sweep
-    station: str
-    station_sha256: str
 
 
 @dataclass(frozen=True)
@@ -65,11 +48,6 @@ def new_directory(protocol: str, started: datetime) -> Path:
     return Path("runs") / f"{run_name(started, protocol, protocol_class(protocol)().digest())}-sweep"
 
 
-def is_sweep(directory: Path) -> bool:
-    """Whether a folder is that of a sweep."""
-    return (directory / FILE).is_file()
-
-
 def begin(directory: Path, sweep: Sweep, station: Station) -> None:
     """Make the folder of a sweep.
 
@@ -83,22 +61,6 @@ def begin(directory: Path, sweep: Sweep, station: Station) -> None:
         directory.mkdir(parents=True, exist_ok=True)
     kept = SweepFile(sweep=sweep, station=station.source, station_sha256=_digest(station))
     replace_file(directory / FILE, kept.model_dump_json(indent=2).encode(), not_made)
-
-
-def read(directory: Path) -> SweepFile:
-    """The sweep that a folder was made for.
-
-    Raises:
-        RunError: it is none, or its file is damaged.
-    """
-    path = directory / FILE
-    try:
-        with path.open("rb") as file:
-            return SweepFile.model_validate_json(file.read(LARGEST))
-    except OSError:
-        raise RunError(f"{directory}: not a sweep (no {FILE} in it): name a folder that 'labctl sweep' made") from None
-    except ValidationError as error:
-        raise RunError(f"{path}: not such a file ({describe(error)}): begin a new sweep") from None
 
 
 def station_of(directory: Path, file: SweepFile, given: Station | None) -> Station:
