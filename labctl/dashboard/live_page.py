@@ -9,7 +9,7 @@ from nicegui import ui
 from nicegui.run import io_bound as in_a_thread
 
 from labctl.dashboard import launcher, panels, wording
-from labctl.dashboard.page_parts import Region, frame, heading, refresh
+from labctl.dashboard.frame import Region, frame, heading, refresh
 from labctl.dashboard.panels import PANELS, Choice
 from labctl.dashboard.run_sight import RunSight
 from labctl.dashboard.state import Emission
@@ -18,7 +18,7 @@ from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_directories
 from labctl.runs.live.control_file import Word, ask
-from labctl.runs.live.sight import LIVE, Sight, ask_for, wishes_in
+from labctl.runs.live.sight import Sight, ask_for, wishes_in
 from labctl.runs.notes import say_of
 
 REFRESH_S = 0.1
@@ -256,7 +256,7 @@ def _show_form(folder: Path, environment: Mapping[str, str], last: WatchedView |
         named = [f"--station={station.value.strip()}"] if (station.value or "").strip() else []
         words = ["live", *named, f"--ports={ports.value or ''}", f"--runs={folder}", *allowed]
         try:
-            started = launcher.begun(words, folder / LIVE, environment)
+            started = launcher.start(words, environment)
         except OSError as error:
             message.set_text(str(error))
             return

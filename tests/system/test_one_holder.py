@@ -20,8 +20,7 @@ from labctl.dashboard import launcher
 from labctl.dashboard.launcher import Asked
 from labctl.errors import BenchInUse
 from labctl.runs.read.run import open_run
-from labctl.studies.sweeps.declaration import places
-from labctl.studies.sweeps.folder import read
+from labctl.runs.sweep import places, read
 from sim_backends.bench import SimulatedBench
 from tests.command_line import as_json, labctl
 from tests.system.conftest import LABCTL
@@ -59,7 +58,13 @@ TASKS = {
     "run": "a run of image-readout",
     "Start": "a run of image-readout",
 }
-SETTINGS = "window=0.4 ns\nimages=4000"
+SETTINGS = {"window": "0.4 ns", "images": "4000"}
+
+
+def started(station: Path, out: Path) -> launcher.Started:
+    """As the page does."""
+    asked = Asked("image-readout", SETTINGS, station=str(station))
+    return launcher.start([*asked.words, f"--out={out}"], {})
 
 
 @contextmanager
@@ -76,7 +81,7 @@ def holding(task: str, station: Path, out: Path) -> Iterator[subprocess.Popen[by
         elif task == "run":
             command[len(LABCTL) : len(LABCTL) + 1] = [*RUN, *ENDLESS]
         if task == "Start":
-            begun = launcher.start(Asked("image-readout", SETTINGS, str(station)), out, {})
+            begun = started(station, out)
             printed.enter_context(begun.printed)
             process = begun.process
         else:
@@ -121,9 +126,9 @@ def test_the_second_is_refused_and_the_first_untouched(
         for second in ("check", "align", "run", "reproduce", "Start"):
             out = tmp_path / second
             if second == "Start":
-                started = launcher.start(Asked("image-readout", SETTINGS, str(other)), out, {})
-                with started.printed:
-                    status, said = started.process.wait(), started.failure()
+                tried = started(other, out)
+                with tried.printed:
+                    status, said = tried.process.wait(), tried.failure()
             else:
                 words = {"run": RUN, "reproduce": ("reproduce", "fig3", "--quick")}.get(second, (second,))
                 to = () if second == "check" else ("--out", out)

@@ -166,6 +166,16 @@ class Follower:
             self._read = (shot, self.entries), found
         return self._read[1]
 
+    @property
+    def pictures(self) -> dict[int, tuple[int, int]]:
+        """The images that were measured on all ports: place in the data set -> class, and the first shot of it."""
+        sound = self._shards.sound
+        planned = self._plan[sound]
+        images = np.flatnonzero((planned["kind"] == b"image") & (planned["dataset_index"] >= 0))
+        places, first = np.unique(planned["dataset_index"][images], return_index=True)
+        labels, shots = planned["label"][images][first], sound[images][first]
+        return {int(a): (int(b), int(c)) for a, b, c in zip(places, labels, shots, strict=True)}
+
     def measured(self, least: int, most: int, since: int = 0) -> Run | None:
         """The shots that all of the first passes have, of as many passes as have at least `least` shots each.
 

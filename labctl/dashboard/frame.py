@@ -1,4 +1,4 @@
-"""What the pages are made of: a frame, headings, and regions that are drawn anew where their content has changed."""
+"""What all pages have in common: the head with the way to the others, headings, and parts that are drawn anew."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -6,11 +6,19 @@ from pathlib import Path
 from nicegui import ui
 
 from labctl.dashboard.sketches import escape
+from labctl.runs.index import Instruments
 
+REFRESH_S = 0.4
+PAGES = {"/": "Runs", "/start": "Start a run", "/live": "Live", "/queue": "Queue", "/sweeps": "Sweeps"}
+"""What the head leads to."""
 STYLE = (Path(__file__).parent / "style.css").read_text(encoding="utf-8")
 REMEMBERED = """<script>
 document.documentElement.style.colorScheme = localStorage.getItem("labctl-scheme") || "light dark";
 </script>"""
+NOT_REAL: dict[Instruments, str] = {
+    "simulated": "SIMULATED BENCH: no instrument, no light",
+    "mixed": "MIXED BENCH: some instruments are simulated, the others are real",
+}
 
 
 class Region:
@@ -29,20 +37,35 @@ class Region:
 
 
 def refresh(regions: Iterable[Region]) -> None:
-    """Draw anew those that say something else now."""
+    """Draw anew what has changed."""
     for region in regions:
         region.refresh()
 
 
-def frame(title: str) -> None:
-    """What every page has: title, style, the way home and the colours."""
+def frame(title: str, instruments: Instruments = "") -> None:
+    """The head of a page; that of one about instruments that are not all real says so, and looks so."""
     ui.page_title(title)
     ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
     with ui.element("header"):
         ui.link("labctl", "/").classes("home")
         ui.html(f"<h1>{escape(title)}</h1>", sanitize=False)
-        ui.link("Live", "/live").classes("to-live")
+        with ui.element("nav"):
+            for address, name in PAGES.items():
+                ui.link(name, address)
         ui.button("Colours", on_click=_next_colours, color=None).classes("colours").props("flat")
+    if words := NOT_REAL.get(instruments):
+        ui.query("body").classes(instruments)
+        ui.html(escape(words), sanitize=False).classes(f"not-real {instruments}")
+
+
+def of_both(one: Instruments, other: Instruments) -> Instruments:
+    """What a page about two runs says: the one that is further from real."""
+    return max(one, other, key=("", "real", "simulated", "mixed").index)
+
+
+def heading(text: str) -> None:
+    """Of a section."""
+    ui.html(f"<h2>{escape(text)}</h2>", sanitize=False)
 
 
 def _next_colours() -> None:
@@ -54,6 +77,9 @@ def _next_colours() -> None:
     )
 
 
-def heading(text: str) -> None:
-    """Of a section."""
-    ui.html(f"<h2>{escape(text)}</h2>", sanitize=False)
+def show_missing(folder: Path, name: str) -> None:
+    """There is no such run."""
+    frame("No such run")
+    with ui.element("main"):
+        ui.label(f"{folder} has no run {name}.")
+        ui.link("All runs", "/")
