@@ -89,7 +89,9 @@ def _in(unit: str) -> BeforeValidator:
             raise ValueError(f"has no unit: write it like '{value:g} {unit}'")
         return value
 
-    text = Field(pattern=rf"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*{_USUAL[unit]}\s*$")
+    text = Field(
+        pattern=rf"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*{_USUAL[unit]}\s*$", json_schema_extra={"unit": unit}
+    )
     return BeforeValidator(parse, json_schema_input_type=Annotated[str, text] | float)
 
 

@@ -16,9 +16,10 @@ from labctl.engine.hands import Hands, in_hands
 from labctl.engine.plan import new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.catalogue import Catalogue, Found
+from labctl.runs.sweep import Sweep
+from labctl.runs.sweep_axes import Order, values_of
 from labctl.studies.readouts import evaluate_readout, train_readout
-from labctl.studies.sweeps.axes import Order, values_of
-from labctl.studies.sweeps.declaration import Sweep, points
+from labctl.studies.sweeps.declaration import points
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts
 from labctl.studies.sweeps.folder import new_directory as new_sweep_directory

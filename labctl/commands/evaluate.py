@@ -12,10 +12,10 @@ from labctl.commands.next_steps import cannot_judge, protocol_of, require_readou
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.commands.ranges import ports_of
 from labctl.errors import UsageError
+from labctl.runs.sweep import is_sweep
 from labctl.studies import online as online_study
 from labctl.studies.fibre import in_words, measure_fibre
 from labctl.studies.sweeps.evaluation import evaluate_sweep
-from labctl.studies.sweeps.folder import is_sweep
 from protocols.base import Judgement
 
 

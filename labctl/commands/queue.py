@@ -9,7 +9,7 @@ import typer
 from labctl.bench.signals import interruptible
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.output import JsonOption, say, show, table, tell
-from labctl.studies.queue.items import Item, Queue, Wish
+from labctl.runs.queue import Item, Queue, Wish
 from labctl.studies.queue.work import OnFailure, Worked, forecast, work
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)

@@ -17,7 +17,7 @@ from labctl.commands.run import describe, print_outcome
 from labctl.engine import session
 from labctl.engine.resume import SettingsChanged
 from labctl.engine.session import Resumption
-from labctl.studies.sweeps.folder import is_sweep
+from labctl.runs.sweep import is_sweep
 
 
 def resume(

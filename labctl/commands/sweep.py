@@ -19,9 +19,10 @@ from labctl.commands.next_steps import options_again, resume_command
 from labctl.commands.options import DataOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.errors import UsageError
+from labctl.runs.sweep import Sweep, read
+from labctl.runs.sweep_axes import Order, parse_axis
 from labctl.studies.sweeps import folder
-from labctl.studies.sweeps.axes import Order, parse_axis
-from labctl.studies.sweeps.declaration import Point, Sweep, points, read_sweep
+from labctl.studies.sweeps.declaration import Point, points, read_sweep
 from protocols.base import Measurement
 from protocols.registry import named_protocol, protocol_class
 
@@ -85,7 +86,7 @@ def go_on(
     directory: Path, station: Station | None, *, options: str, access: Access, data: Path | None, as_json: bool
 ) -> int:
     """Go on with a sweep where it ended: `labctl resume`."""
-    file = folder.read(directory)
+    file = read(directory)
     protocol = folder.protocol_of(directory, file)
     every = points(file.sweep, protocol, folder.station_of(directory, file, protocol, station))
     return measure(directory, every, options=options, access=access, data=data, as_json=as_json)

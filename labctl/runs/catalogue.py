@@ -8,8 +8,9 @@ import json
 import math
 import os
 import sqlite3
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,16 +19,20 @@ from typing import Any
 from labctl.errors import RunError, UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
-from labctl.runs.index import RunRow, run_directories, run_row
+from labctl.runs.index import RunRow, run_row
+from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.owner import writer_of
 from labctl.runs.notes import Notes, read_notes
 from labctl.runs.search import condition, words_in
 
 FILE = "catalogue.sqlite"
-APPLICATION, VERSION = 0x6C616263, 1
+APPLICATION, VERSION = 0x6C616263, 2
 """What the file says of itself and of its tables: one of another version is made anew, any other is let alone."""
-LISTED = ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned", "state", "problem")
+LISTED = ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned", "instruments", "state", "problem")
 """Keys that are attributes of `RunRow`."""
+MANIFEST = b"manifest.json"
+STAMPED = (MANIFEST, b"journal.jsonl", b"notes.jsonl", b"models", b"events.jsonl")
+"""Files of a run that the catalogue is made of."""
 LARGEST_READOUT = 1 << 30
 """Bytes that a readout's file may unfold to."""
 MOST_VALUES = 64
@@ -38,7 +43,7 @@ _TABLES = f"""
     DROP TABLE IF EXISTS fact;
     PRAGMA application_id = {APPLICATION};
     PRAGMA user_version = {VERSION};
-    CREATE TABLE run (name BLOB PRIMARY KEY, stamp TEXT, complete INTEGER, row TEXT, facts TEXT, words TEXT);
+    CREATE TABLE run (name BLOB PRIMARY KEY, stamp TEXT, row TEXT, facts TEXT, words TEXT);
     CREATE TABLE fact (run BLOB, key TEXT, number REAL, text TEXT COLLATE NOCASE);
     CREATE INDEX fact_of_run ON fact (run, key);
 """
@@ -56,9 +61,15 @@ class Found:
 class Catalogue:
     """The runs in a folder, as they are when it is asked."""
 
-    def __init__(self, folder: Path) -> None:
-        """Of the runs in `folder`, which need not exist yet."""
+    def __init__(self, folder: Path, rests: float = 0.0) -> None:
+        """Of the runs in `folder`, which need not exist yet.
+
+        rests: it looks at the runs again only after so many times as long as looking took.
+        """
         self._folder = folder
+        self._rests = rests
+        self._due = 0.0
+        self._in_memory: sqlite3.Connection | None = None
 
     def find(self, words: str = "", *, sort: str = "started", limit: int | None = None) -> list[Found]:
         """The runs that `words` ask for, as `labctl.runs.search` reads them, the newest or largest last.
@@ -67,6 +78,14 @@ class Catalogue:
 
         Raises:
             UsageError: the words are not understood, or no run has that key.
+        """
+        return self.last(words, sort=sort, limit=limit)[0]
+
+    def last(self, words: str = "", *, sort: str = "started", limit: int | None = None) -> tuple[list[Found], int]:
+        """The same, and how many there are, whatever the limit.
+
+        Raises:
+            UsageError: as `find`.
         """
         with self._open() as database:
             keys = self._keys(database)
@@ -77,11 +96,12 @@ class Catalogue:
             sql, values = condition(words, keys)
             largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
             chosen = database.execute(
-                f"SELECT name, row, facts FROM run WHERE {sql} "  # noqa: S608 -- of signs that `condition` chooses
+                f"SELECT name, row, facts, count(*) OVER () FROM run WHERE {sql} "  # noqa: S608 -- of signs that `condition` chooses
                 f"ORDER BY {largest.format('number')} DESC, {largest.format('text')} DESC, name DESC LIMIT ?",
                 [*values, sort, sort, -1 if limit is None else limit],
             ).fetchall()
-            return [Found(self._row(name, row), json.loads(facts)) for name, row, facts in reversed(chosen)]
+            found = [Found(self._row(name, row), json.loads(facts)) for name, row, facts, _ in reversed(chosen)]
+            return found, chosen[0][3] if chosen else 0
 
     def keys(self) -> list[str]:
         """All that is known of some run, by name."""
@@ -95,42 +115,58 @@ class Catalogue:
     def _keys(database: sqlite3.Connection) -> frozenset[str]:
         return frozenset(key for (key,) in database.execute("SELECT DISTINCT key FROM fact"))
 
+    def has(self, name: str) -> bool:
+        """Whether there is a run of that name."""
+        with self._open() as database:
+            return bool(database.execute("SELECT 1 FROM run WHERE name = ?", [os.fsencode(name)]).fetchone())
+
+    def look_again(self) -> None:
+        """Rest no longer: look at the runs when the next question comes."""
+        self._due = 0.0
+
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
         """The tables as the runs are now; in memory where no file can be written, or another process writes it.
 
         They are refreshed in the transaction that opening them begins.
         """
-        with closing(self._connected()) as database:
+        with self._connected() as database:
             with database:
-                self._refresh(database)
+                began = time.monotonic()
+                if began >= self._due:
+                    self._refresh(database)
+                    self._due = time.monotonic() + self._rests * (time.monotonic() - began)
             yield database
 
-    def _connected(self) -> sqlite3.Connection:
+    def _connected(self) -> AbstractContextManager[sqlite3.Connection]:
         path = self._folder / FILE
         if self._folder.is_dir() and not (path.is_symlink() or (path.exists() and not path.is_file())):
             with suppress(sqlite3.Error):
                 database = sqlite3.connect(path, timeout=1.0)
                 try:
-                    return _with_tables(database)
+                    return closing(_with_tables(database))
                 except sqlite3.Error:
                     database.close()
-        return _with_tables(sqlite3.connect(":memory:"))
+        if not self._rests:
+            return closing(_with_tables(sqlite3.connect(":memory:")))
+        if self._in_memory is None:
+            self._in_memory, self._due = sqlite3.connect(":memory:"), 0.0
+        return nullcontext(_with_tables(self._in_memory))
 
     def _refresh(self, database: sqlite3.Connection) -> None:
-        entries = database.execute("SELECT name, stamp, json_extract(row, '$.running'), complete FROM run")
-        known = {name: (stamp, bool(running), complete) for name, stamp, running, complete in entries}
-        there = {os.fsencode(directory.name): directory for directory in run_directories(self._folder)}
+        entries = database.execute("SELECT name, stamp, json_extract(row, '$.running') FROM run")
+        known = {name: (stamp, bool(running)) for name, stamp, running in entries}
+        there = _stamps(self._folder)
         for name in known.keys() - there.keys():
             _forget(database, name)
-        for name, directory in there.items():
-            paths = RunPaths(directory)
-            stamp = _stamp(paths)
-            before, running, complete = known.get(name, (None, False, False))
-            if stamp == before and (complete or running == (writer_of(paths) is not None)):
+        for name, stamp in there.items():
+            before, running = known.get(name, ("", False))
+            if stamp == before and not running:
                 continue
-            _forget(database, name)
-            _enter(database, name, stamp, paths)
+            paths = RunPaths(self._folder / os.fsdecode(name))
+            if stamp != before or writer_of(paths) is None:
+                _forget(database, name)
+                _enter(database, name, stamp, paths)
 
 
 def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
@@ -145,14 +181,23 @@ def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
     return database
 
 
-def _stamp(paths: RunPaths) -> str:
-    """Changes whenever one of the files does that the catalogue is made of."""
-    stamps = []
-    for path in (paths.manifest, paths.journal, paths.notes, paths.models):
-        with suppress(OSError):
-            found = path.lstat()
-            stamps.append(f"{path.name} {found.st_size} {found.st_mtime_ns}")
-    return ", ".join(stamps)
+def _stamps(folder: Path) -> dict[bytes, str]:
+    """The run directories in a folder: name -> what changes whenever a file does that the catalogue is made of."""
+    found = {}
+    root = os.fsencode(folder)
+    for name in os.listdir(root) if folder.is_dir() else ():
+        stamps = []
+        for file in STAMPED:
+            with suppress(OSError):
+                seen = os.lstat(b"%b/%b/%b" % (root, name, file))
+                stamps.append(f"{seen.st_size} {seen.st_mtime_ns}")
+                continue
+            if file == MANIFEST:
+                break
+            stamps.append("")
+        else:
+            found[name] = ",".join(stamps)
+    return found
 
 
 def _forget(database: sqlite3.Connection, name: bytes) -> None:
@@ -165,9 +210,10 @@ def _enter(database: sqlite3.Connection, name: bytes, stamp: str, paths: RunPath
     facts = facts_of(paths, row)
     stored = {field: value for field, value in vars(row).items() if field != "path"} | {"path": ""}
     told = ((key, *(f"{one:g}" if isinstance(one, float) else one for one in values)) for key, values in facts.items())
-    text = " ".join(word for words in told for word in words)
-    entry = [name, stamp, row.complete, json.dumps(stored), json.dumps(facts), f" {' '.join(words_in(text))}"]
-    database.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?, ?)", entry)
+    listed = f"twin {row.twin_seed} {row.shots} of {row.planned} shots"
+    text = " ".join((listed, *(word for words in told for word in words)))
+    entry = [name, stamp, json.dumps(stored), json.dumps(facts), f" {' '.join(words_in(text))}"]
+    database.execute("INSERT INTO run VALUES (?, ?, ?, ?, ?)", entry)
     database.executemany(
         "INSERT INTO fact VALUES (?, ?, ?, ?)",
         [
@@ -181,8 +227,8 @@ def _enter(database: sqlite3.Connection, name: bytes, stamp: str, paths: RunPath
 def facts_of(paths: RunPaths, row: RunRow) -> Facts:
     """What is known of a run: how it is listed, settings, place in a sweep, what people say, how its readouts score.
 
-    Keys are those of `labctl runs`, of the protocol's settings, of the axes of its sweep, `accuracy`, `tag`, `note`,
-    `star` and `operator`.
+    Keys are those of `labctl runs`, of the protocol's settings, of the axes of its sweep, `bench`, `station`,
+    `accuracy`, `tag`, `note`, `star`, `operator`, and `alarm`: its laser did not go dark.
     Quantities are in SI units, wavelengths in nm; yes and no are 1 and 0.
     """
     found: dict[str, list[str | float]] = {}
@@ -194,7 +240,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
             for key, value in said.items() if isinstance(said, dict) else ():
                 found[_text(key.lower())] = _values(value)
         if isinstance(station, dict):
-            found["bench"] = _values(station.get("name"))
+            found["bench"], found["station"] = _values(station.get("name")), _values(station.get("source"))
         found["accuracy"] = [score for path in paths.readouts for score in _accuracy(path)]
     for key in LISTED:
         found[key] = _values(getattr(row, key))
@@ -206,6 +252,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
         notes = Notes()
     found["tag"], found["note"] = _values(notes.tags), _values([one.text for one in notes.notes])
     found["star"], found["operator"] = [float(notes.star)], _values(notes.operator)
+    found["alarm"] = [float(may_emit(paths.directory))]
     return {key: values for key, values in found.items() if values}
 
 

@@ -4,10 +4,12 @@ Read from manifests and journals alone, so it is quick; of a run that lacks shot
 """
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from instruments.sections import SIMULATED
 from labctl.errors import RunError
 from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
@@ -16,6 +18,7 @@ from labctl.runs.live.owner import writer_of
 
 LONGEST_TEXT = 200
 State = Literal["complete", "running", "incomplete", "unreadable"]
+Instruments = Literal["", "real", "simulated", "mixed"]
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class RunRow:
         shots: how many are complete.
         planned: how many were planned.
         running: a process of this machine measures what is missing.
+        instruments: whether they are real or simulated, or mixed; empty if the manifest does not say.
         problem: why the run cannot be read, or empty.
     """
 
@@ -42,6 +46,7 @@ class RunRow:
     shots: int = 0
     planned: int = 0
     running: bool = False
+    instruments: Instruments = ""
     problem: str = ""
 
     @property
@@ -98,7 +103,19 @@ def run_row(paths: RunPaths) -> RunRow:
         shots=shots,
         planned=manifest.shape.shots,
         running=shots < manifest.shape.shots and writer_of(paths) is not None,
+        instruments=instruments_of(values),
     )
+
+
+def instruments_of(manifest: Mapping[str, Any]) -> Instruments:
+    """Whether the instruments of a run are real or simulated, or some of each, by what its manifest holds."""
+    station = manifest.get("station")
+    if not isinstance(station, dict):
+        return ""
+    if _number(manifest.get("seeds", manifest), "twin_seed") is None:
+        return "real"
+    addresses = {one.get("address") for one in station.values() if isinstance(one, dict)}
+    return "mixed" if addresses - {SIMULATED, None, ""} else "simulated"
 
 
 def _number(values: Any, name: str) -> int | None:

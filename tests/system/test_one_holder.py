@@ -20,8 +20,7 @@ from labctl.dashboard import launcher
 from labctl.dashboard.launcher import Asked
 from labctl.errors import BenchInUse
 from labctl.runs.read.run import open_run
-from labctl.studies.sweeps.declaration import places
-from labctl.studies.sweeps.folder import read
+from labctl.runs.sweep import places, read
 from sim_backends.bench import SimulatedBench
 from tests.command_line import as_json, labctl
 from tests.system.conftest import LABCTL

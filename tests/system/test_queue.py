@@ -12,7 +12,7 @@ import pytest
 
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
-from labctl.studies.queue.items import Queue
+from labctl.runs.queue import Queue
 from tests.system.waiting import until_stored
 
 LABCTL = [sys.executable, "-m", "labctl"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import labctl
-from labctl.studies.sweeps.declaration import Sweep, places
+from labctl.runs.sweep import Sweep, places
 from tests.system.waiting import until_stored
 
 OVER = {"window": ("0.4 ns", "1 ns", "2 ns"), "power": ("10 mW", "30 mW")}

@@ -12,6 +12,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.own_files import own_file
 from labctl.runs.format.plan import read_plan
+from labctl.runs.format.shard import Shard
 from labctl.runs.format.shards import Shards
 from labctl.runs.read.run import Run, run_of_shards, volts
 
@@ -101,6 +102,29 @@ class Follower:
         """
         return [found for index in range(len(self.shape.passes)) if (found := self._latest_of(index)) is not None]
 
+    @property
+    def pictures(self) -> dict[int, tuple[int, int]]:
+        """The images that were measured on all ports: place in the data set -> class, and the first shot of it."""
+        sound = self._shards.sound
+        planned = self._plan[sound]
+        images = np.flatnonzero((planned["kind"] == b"image") & (planned["dataset_index"] >= 0))
+        places, first = np.unique(planned["dataset_index"][images], return_index=True)
+        labels, shots = planned["label"][images][first], sound[images][first]
+        return {int(a): (int(b), int(c)) for a, b, c in zip(places, labels, shots, strict=True)}
+
+    def shot(self, shot: int) -> list[Latest]:
+        """A shot that all passes have, as each pass saw it.
+
+        Raises:
+            RunError: a shard is missing or damaged.
+        """
+        found = {}
+        for entry in self._shards.entries.values():
+            if entry.first <= shot < entry.first + entry.count:
+                shard = self._shards.read(entry.shard)
+                found[entry.pass_index] = self._seen(shard, shot - shard.first)
+        return [found[index] for index in sorted(found)]
+
     def measured(self, least: int, most: int, since: int = 0) -> Run | None:
         """The shots that all of the first passes have, of as many passes as have at least `least` shots each.
 
@@ -135,13 +159,16 @@ class Follower:
             shard = self._shards.read(number)
             kinds = self._plan["kind"][shard.rows["shot"]]
             row = int(np.flatnonzero(kinds != b"dark")[-1]) if (kinds != b"dark").any() else -1
-            wavelength = self.shape.wavelengths_nm[pass_index] if self.shape.wavelengths_nm else 0.0
-            found = Latest(
-                int(shard.rows[row]["shot"]),
-                kinds[row].decode(errors="replace"),
-                self.shape.passes[pass_index],
-                wavelength,
-                volts(shard.frames[row], shard.scale, shard.offset, np.float64),
-            )
-            self._latest[pass_index] = number, found
+            self._latest[pass_index] = number, self._seen(shard, row)
         return self._latest[pass_index][1]
+
+    def _seen(self, shard: Shard, row: int) -> Latest:
+        """A row of a shard."""
+        shot, index = int(shard.rows[row]["shot"]), shard.pass_index
+        return Latest(
+            shot,
+            self._plan["kind"][shot].decode(errors="replace"),
+            self.shape.passes[index],
+            self.shape.wavelengths_nm[index] if self.shape.wavelengths_nm else 0.0,
+            volts(shard.frames[row], shard.scale, shard.offset, np.float64),
+        )

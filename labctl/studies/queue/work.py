@@ -16,8 +16,8 @@ from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
 from labctl.errors import BenchInUse, UsageError
 from labctl.runs.format.layout import RunPaths
-from labctl.studies.queue.items import Item, Queue, State, Wish
-from labctl.studies.sweeps.folder import is_sweep
+from labctl.runs.queue import Item, Queue, State, Wish
+from labctl.runs.sweep import is_sweep
 from protocols.own_file import SUFFIX
 
 COMMANDS = ("run", "sweep")

@@ -1,43 +1,23 @@
 """What a sweep is declared as, in a file or on the command line, and the points that it has on a bench."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
+from pydantic import ValidationError
 
 from instruments.remedies import unreadable
 from instruments.toml_files import TomlError, describe, read_toml
 from labctl.bench.station import Station
 from labctl.errors import StationError, UsageError
-from labctl.studies.sweeps.axes import Order, measuring_order, points_of, values_of, with_reference
+from labctl.runs.sweep import Sweep, places
+from labctl.runs.sweep_axes import values_of
 from protocols.base import Measurement
 from protocols.registry import with_settings
 
 SHORT = {"power": "laser.power", "wavelength": "wavelengths", "amplitude": "awg.amplitude"}
 """What is set often, and the setting or key of the station that sets it."""
-LONGEST_NAME = 80
-
-
-class Sweep(BaseModel):
-    """A protocol with settings, and what they are varied over.
-
-    over: values of each axis, which is a setting of the protocol or a key of the station such as "laser.power". zip:
-    whether the axes go side by side instead of in every combination. order, seed: in which order points are measured.
-    reference_every: the first point is measured first, last and after so many others; 0: once.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    protocol: str
-    settings: dict[str, Any] = {}
-    over: dict[str, tuple[str, ...]] = Field(min_length=1)
-    zip: bool = False
-    order: Order = Order.RANDOM
-    seed: NonNegativeInt = 1
-    reference_every: NonNegativeInt = 10
 
 
 @dataclass(frozen=True)
@@ -71,19 +51,6 @@ def read_sweep(path: Path) -> Sweep:
         raise UsageError(f"{path}: is not TOML ({error}): correct that line") from None
     except ValidationError as error:
         raise UsageError(f"{path}: {describe(error, Sweep.model_fields)}") from None
-
-
-def places(sweep: Sweep) -> list[tuple[str, dict[str, str]]]:
-    """Name of the folder and values on the axes of every run, in the order they are measured.
-
-    Raises:
-        UsageError: the axes do not fit each other.
-    """
-    grid = points_of(sweep.over, zipped=sweep.zip)
-    order = measuring_order(len(grid), sweep.order, sweep.seed)
-    if sweep.reference_every:
-        order = with_reference(order, sweep.reference_every)
-    return [(f"{number:03d}-{_slug(grid[place])}"[:LONGEST_NAME], grid[place]) for number, place in enumerate(order)]
 
 
 def points(sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> list[Point]:
@@ -157,8 +124,3 @@ def _coordinate(target: str, text: str, protocol: Measurement[Any], station: Sta
     if isinstance(found, tuple) and len(found) == 1:
         found = found[0]
     return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else text
-
-
-def _slug(values: Mapping[str, str]) -> str:
-    written = "-".join(f"{name}={value}" for name, value in values.items())
-    return re.sub(r"[^A-Za-z0-9.=+,_-]", "", written)

@@ -5,22 +5,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from labctl.analysis.evaluation import validate
-from labctl.analysis.intervals import interval
-from labctl.analysis.readouts import softmax_readout
-from labctl.analysis.splits import enough_splits, random_splits
+from labctl.analysis.recognition import recognition
 from labctl.errors import AnalysisError, writing
 from labctl.reports.canvas import Series, save_figure
 from labctl.reports.figures.sweep import sweep_figure
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
-from labctl.studies.sweeps.declaration import places
-from labctl.studies.sweeps.folder import read
+from labctl.runs.sweep import places, read
 
-SEED = 1
 FIGURES = "figures"
 _VALUE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
@@ -63,18 +56,16 @@ def evaluate_sweep(
 def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) -> dict[str, Any]:
     with open_run(run) as opened:
         records, complete = read_records(opened), opened.complete
-    images = np.unique(records.groups).size
-    readout = softmax_readout(
-        ports=ports,
-        window_s=window_s or records.traces.shape[2] * records.sample_interval_s,
+    found = recognition(
+        records.traces,
+        records.labels,
+        records.groups,
         sample_interval_s=records.sample_interval_s,
-        recorded_ports=records.ports if ports else None,
+        window_s=window_s,
+        ports=ports,
+        recorded_ports=records.ports,
     )
-    splits = random_splits(records.labels, records.groups, splits=enough_splits(images), seed=SEED)
-    accuracy = float(np.mean(validate(records.traces, records.labels, splits, readout=readout).scores))
-    chance = float(np.max(np.unique_counts(records.labels).counts) / records.labels.size)
-    found = interval(round(accuracy * images), images)
-    return {"accuracy": accuracy, "interval": list(found), "chance": chance, "images": images, "complete": complete}
+    return vars(found) | {"interval": list(found.interval), "complete": complete}
 
 
 def _figure(rows: list[dict[str, Any]], axes: list[str]) -> Any:

@@ -9,10 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
-
 from instruments.bench import Observer
-from instruments.toml_files import describe
 from labctl.bench.opening import Access
 from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
@@ -22,30 +19,14 @@ from labctl.engine.forecast import forecast
 from labctl.engine.kept import kept
 from labctl.engine.resume import own_protocol
 from labctl.engine.session import Acquisition, Resumption
-from labctl.errors import RunError, RunExists, StationError, writing
+from labctl.errors import RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
 from labctl.runs.index import run_row
-from labctl.studies.sweeps.declaration import Point, Sweep
+from labctl.runs.sweep import FILE, Sweep, SweepFile
+from labctl.studies.sweeps.declaration import Point
 from protocols.base import Measurement
 from protocols.registry import protocol_class
-
-FILE = "sweep.json"
-LARGEST = 1 << 22
-
-
-class SweepFile(BaseModel):
-    """What sweep.json holds: the sweep, and by file and content its station, and its protocol if a file defines it."""
-
-    model_config = ConfigDict(frozen=True)
-
-    format: str = Field("labctl-sweep", pattern="^labctl-sweep$")
-    format_version: str = "1.0"
-    sweep: Sweep
-    station: str
-    station_sha256: str
-    protocol_file: str = ""
-    protocol_sha256: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,11 +46,6 @@ Follow = Callable[[int, int, Point], AbstractContextManager[Observer]]
 def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
     """Where a sweep of a protocol goes that names no folder of its own."""
     return Path("runs") / f"{run_name(started, protocol.name, protocol.digest())}-sweep"
-
-
-def is_sweep(directory: Path) -> bool:
-    """Whether a folder is that of a sweep."""
-    return (directory / FILE).is_file()
 
 
 def begin(directory: Path, sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> None:
@@ -94,22 +70,6 @@ def begin(directory: Path, sweep: Sweep, protocol: type[Measurement[Any]], stati
         protocol_sha256="" if file is None else file.sha256,
     )
     replace_file(directory / FILE, kept.model_dump_json(indent=2).encode(), not_made)
-
-
-def read(directory: Path) -> SweepFile:
-    """The sweep that a folder was made for.
-
-    Raises:
-        RunError: it is none, or its file is damaged.
-    """
-    path = directory / FILE
-    try:
-        with path.open("rb") as file:
-            return SweepFile.model_validate_json(file.read(LARGEST))
-    except OSError:
-        raise RunError(f"{directory}: not a sweep (no {FILE} in it): name a folder that 'labctl sweep' made") from None
-    except ValidationError as error:
-        raise RunError(f"{path}: not such a file ({describe(error)}): begin a new sweep") from None
 
 
 def protocol_of(directory: Path, file: SweepFile) -> type[Measurement[Any]]:

@@ -8,8 +8,9 @@ import pytest
 
 from labctl.bench.station import SIMULATED_STATION
 from labctl.errors import LabctlError, UsageError
-from labctl.studies.sweeps.axes import Order
-from labctl.studies.sweeps.declaration import Sweep, points, read_sweep
+from labctl.runs.sweep import Sweep
+from labctl.runs.sweep_axes import Order
+from labctl.studies.sweeps.declaration import points, read_sweep
 from protocols.image_readout import ImageReadout
 
 PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "sweep.md"

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labctl.errors import UsageError
-from labctl.studies.sweeps.axes import MOST_POINTS, Order, measuring_order, parse_axis, points_of, with_reference
+from labctl.runs.sweep_axes import MOST_POINTS, Order, measuring_order, parse_axis, points_of, with_reference
 
 
 def test_lists_and_ranges() -> None:

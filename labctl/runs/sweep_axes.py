@@ -29,7 +29,7 @@ def parse_axis(text: str) -> tuple[str, tuple[str, ...]]:
         UsageError: it is neither, or has no values.
 
     Example:
-        >>> from labctl.studies.sweeps.axes import parse_axis
+        >>> from labctl.runs.sweep_axes import parse_axis
         >>> parse_axis("power=3:30:4 mW")
         ('power', ('3 mW', '12 mW', '21 mW', '30 mW'))
     """
@@ -79,7 +79,7 @@ def measuring_order(count: int, order: Order, seed: int) -> list[int]:
     """The places of `count` points in the order they are measured in.
 
     Example:
-        >>> from labctl.studies.sweeps.axes import Order, measuring_order
+        >>> from labctl.runs.sweep_axes import Order, measuring_order
         >>> measuring_order(5, Order.INTERLEAVED, seed=1)
         [0, 2, 4, 1, 3]
     """
@@ -96,7 +96,7 @@ def with_reference(order: Sequence[int], every: int) -> list[int]:
     """An order of points in which point 0 comes first, last and after so many others, so that a drift can be seen.
 
     Example:
-        >>> from labctl.studies.sweeps.axes import with_reference
+        >>> from labctl.runs.sweep_axes import with_reference
         >>> with_reference([2, 0, 3, 1], every=2)
         [0, 2, 3, 0, 1, 0]
     """

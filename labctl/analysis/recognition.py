@@ -1,0 +1,56 @@
+"""How well a softmax readout recognises what a run shows: one number with its interval."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.analysis.evaluation import validate
+from labctl.analysis.intervals import interval
+from labctl.analysis.readouts import softmax_readout
+from labctl.analysis.splits import enough_splits, random_splits
+
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """Accuracy, its interval of 95 % (Wilson's, of as many images), the share of the largest class, and the images."""
+
+    accuracy: float
+    interval: tuple[float, float]
+    chance: float
+    images: int
+
+
+def recognition(
+    traces: NDArray[np.floating],
+    labels: NDArray[np.int64],
+    groups: NDArray[np.int64],
+    *,
+    sample_interval_s: float,
+    window_s: float | None = None,
+    ports: Sequence[int] | None = None,
+    recorded_ports: Sequence[int] = (),
+) -> Recognition:
+    """Of records by random splits that keep all shots of one image together.
+
+    traces: (shots, ports, samples) V. labels, groups: (shots,). window_s: part of each record that the readout sees,
+    None for all. ports: those of `recorded_ports` that it sees, None for all.
+
+    Raises:
+        AnalysisError: there is no such window or port, or there are too few images.
+    """
+    images = np.unique(groups).size
+    readout = softmax_readout(
+        ports=ports,
+        window_s=window_s or traces.shape[2] * sample_interval_s,
+        sample_interval_s=sample_interval_s,
+        recorded_ports=recorded_ports if ports else None,
+    )
+    splits = random_splits(labels, groups, splits=enough_splits(images), seed=SEED)
+    accuracy = float(np.mean(validate(traces, labels, splits, readout=readout).scores))
+    chance = float(np.max(np.unique_counts(labels).counts) / labels.size)
+    low, high = interval(round(accuracy * images), images)
+    return Recognition(accuracy, (low, high), chance, images)

@@ -1,0 +1,88 @@
+"""sweep.json: what a sweep is declared as, and which runs in its folder are its points."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
+
+from instruments.toml_files import describe
+from labctl.errors import RunError
+from labctl.runs.format.own_files import read_own
+from labctl.runs.sweep_axes import Order, measuring_order, points_of, with_reference
+
+FILE = "sweep.json"
+LARGEST = 1 << 22
+LONGEST_NAME = 80
+
+
+class Sweep(BaseModel):
+    """A protocol with settings, and what they are varied over.
+
+    over: values of each axis, which is a setting of the protocol or a key of the station such as "laser.power". zip:
+    whether the axes go side by side instead of in every combination. order, seed: in which order points are measured.
+    reference_every: the first point is measured first, last and after so many others; 0: once.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    protocol: str
+    settings: dict[str, Any] = {}
+    over: dict[str, tuple[str, ...]] = Field(min_length=1)
+    zip: bool = False
+    order: Order = Order.RANDOM
+    seed: NonNegativeInt = 1
+    reference_every: NonNegativeInt = 10
+
+
+class SweepFile(BaseModel):
+    """What sweep.json holds: the sweep, and by file and content its station, and its protocol if a file defines it."""
+
+    model_config = ConfigDict(frozen=True)
+
+    format: str = Field("labctl-sweep", pattern="^labctl-sweep$")
+    format_version: str = "1.0"
+    sweep: Sweep
+    station: str
+    station_sha256: str
+    protocol_file: str = ""
+    protocol_sha256: str = ""
+
+
+def is_sweep(directory: Path) -> bool:
+    """Whether a folder is that of a sweep."""
+    return (directory / FILE).is_file()
+
+
+def read(directory: Path) -> SweepFile:
+    """The sweep that a folder was made for.
+
+    Raises:
+        RunError: it is none, or its file is damaged.
+    """
+    path = directory / FILE
+    try:
+        return SweepFile.model_validate_json(read_own(path, LARGEST))
+    except OSError:
+        raise RunError(f"{directory}: not a sweep (no {FILE} in it): name a folder that 'labctl sweep' made") from None
+    except ValidationError as error:
+        raise RunError(f"{path}: not such a file ({describe(error)}): begin a new sweep") from None
+
+
+def places(sweep: Sweep) -> list[tuple[str, dict[str, str]]]:
+    """Name of the folder and values on the axes of every run, in the order they are measured.
+
+    Raises:
+        UsageError: the axes do not fit each other.
+    """
+    grid = points_of(sweep.over, zipped=sweep.zip)
+    order = measuring_order(len(grid), sweep.order, sweep.seed)
+    if sweep.reference_every:
+        order = with_reference(order, sweep.reference_every)
+    return [(f"{number:03d}-{_slug(grid[place])}"[:LONGEST_NAME], grid[place]) for number, place in enumerate(order)]
+
+
+def _slug(values: Mapping[str, str]) -> str:
+    written = "-".join(f"{name}={value}" for name, value in values.items())
+    return re.sub(r"[^A-Za-z0-9.=+,_-]", "", written)
