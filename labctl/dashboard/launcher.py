@@ -1,12 +1,12 @@
-"""Starting a run from the page: the command `labctl run` in a process of its own, which outlives the dashboard."""
+"""Starting what the page asks for: a command of labctl in a process of its own, which outlives the dashboard."""
 
 import os
 import shlex
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -23,30 +23,53 @@ LONGEST_PRINTED = 2000
 
 @dataclass(frozen=True)
 class Asked:
-    """A run as the form asks for it; an empty station is the simulated bench. `settings` are key=value, one a line."""
+    """A run as the form asks for it, or a sweep where it names axes; an empty station is the simulated bench."""
 
     protocol: str
-    settings: str = ""
+    settings: Mapping[str, str] = field(default_factory=dict)
+    over: tuple[str, ...] = ()
     station: str = ""
     armed: bool = False
     attended: bool = False
 
+    @property
+    def words(self) -> list[str]:
+        """What is typed after `labctl` for it.
+
+        Raises:
+            ValueError: there is no such protocol.
+        """
+        if self.protocol not in protocols():
+            raise ValueError(f"{self.protocol!r}: no such protocol")
+        return [
+            "sweep" if self.over else "run",
+            self.protocol,
+            *(f"--set={name}={value}" for name, value in self.settings.items()),
+            *(f"--over={axis}" for axis in self.over),
+            *([f"--station={self.station}"] if self.station else []),
+            *allowed(armed=self.armed, attended=self.attended),
+        ]
+
 
 @dataclass
 class Started:
-    """A run that was started here: its directory, and its process with what that prints."""
+    """A command that was started here, and what it prints."""
 
-    directory: Path
     process: subprocess.Popen[bytes]
     printed: IO[bytes]
 
     def failure(self) -> str:
-        """What the command printed if it has ended without making a run; empty otherwise."""
-        if self.process.poll() in (None, 0) or (self.directory / "manifest.json").exists():
+        """What the command printed if it has ended in anything but success; empty otherwise."""
+        if self.process.poll() in (None, 0):
             return ""
         self.printed.seek(0)
         lines = self.printed.read(LONGEST_PRINTED).decode(errors="replace").strip()
-        return lines or f"labctl run ended with status {self.process.returncode}"
+        return lines or f"it ended with status {self.process.returncode}"
+
+
+def allowed(*, armed: bool, attended: bool) -> list[str]:
+    """The options by which somebody allows light."""
+    return [word for word, said in (("--arm", armed), ("--attended", attended)) if said]
 
 
 def protocols() -> list[str]:
@@ -54,40 +77,30 @@ def protocols() -> list[str]:
     return sorted({entry.name for entry in entry_points(group="labctl.protocols")})
 
 
-def arguments(asked: Asked, directory: Path) -> list[str]:
-    """What is typed after `labctl` for it."""
-    settings = [line.strip() for line in asked.settings.splitlines() if line.strip()]
-    station = [f"--station={asked.station}"] if asked.station else []
-    allowed = [word for word, said in (("--arm", asked.armed), ("--attended", asked.attended)) if said]
-    return ["run", asked.protocol, *(f"--set={one}" for one in settings), *station, *allowed, f"--out={directory}"]
-
-
-def in_words(asked: Asked, directory: Path) -> str:
-    """The command as it would be typed."""
-    return f"labctl {shlex.join(arguments(asked, directory))}"
+def in_words(words: Sequence[str]) -> str:
+    """A command as it would be typed."""
+    return f"labctl {shlex.join(words)}"
 
 
 def new_directory(folder: Path, asked: Asked) -> Path:
-    """Where the run goes."""
-    return folder / run_name(datetime.now(UTC), asked.protocol, token_hex(8))
+    """Where a run or sweep goes."""
+    name = run_name(datetime.now(UTC), asked.protocol, token_hex(8))
+    return folder / (f"{name}-sweep" if asked.over else name)
 
 
-def start(asked: Asked, directory: Path, environment: Mapping[str, str]) -> Started:
-    """Start the command, with `environment` in addition to that of this process.
+def start(words: Sequence[str], environment: Mapping[str, str]) -> Started:
+    """Start a command, with `environment` in addition to that of this process.
 
     Raises:
-        ValueError: there is no such protocol.
         OSError: the process cannot be started.
     """
-    if asked.protocol not in protocols():
-        raise ValueError(f"{asked.protocol!r}: no such protocol")
     printed = tempfile.TemporaryFile()  # noqa: SIM115  # for the process; a pipe would break when the dashboard ends
     process = subprocess.Popen(  # noqa: S603
-        [*COMMAND, *arguments(asked, directory)],
+        [*COMMAND, *words],
         env=os.environ | environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=printed,
         start_new_session=True,
     )
-    return Started(directory, process, printed)
+    return Started(process, printed)

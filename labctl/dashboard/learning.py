@@ -14,6 +14,7 @@ from typing import Any
 
 from labctl.dashboard.accuracy import GROWTH, LEAST, Curve, curve
 from labctl.dashboard.following import BLOCK, Following, follow
+from labctl.dashboard.sweep_accuracy import Recognition, recognised
 
 NICENESS = 19
 RESTS = 19
@@ -52,6 +53,17 @@ class Learning:
         computed = self._collected((directory, follow))
         old = records >= computed + BLOCK
         found: Following = self._latest((directory, follow), Following(), records, old, growing=growing)
+        return found
+
+    def recognition(self, directory: Path, shots: int, *, growing: bool) -> Recognition | None:
+        """How well a run that has so many shots is recognised as a whole; None while that is not known.
+
+        `growing`: the bench measures meanwhile, though not this run.
+        """
+        computed = self._collected((directory, recognised))
+        found: Recognition | None = self._latest(
+            (directory, recognised), None, shots, shots != computed, growing=growing
+        )
         return found
 
     def close(self) -> None:

@@ -4,26 +4,24 @@ All pages share what was read. A run is known by its name in the folder and by n
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from labctl.dashboard.accuracy import Curve
 from labctl.dashboard.following import Following
 from labctl.dashboard.learning import Learning
+from labctl.dashboard.listing import Listing
 from labctl.dashboard.state import ENDED, Phase, RunState, advanced
-from labctl.errors import RunError, UsageError
-from labctl.runs.catalogue import Catalogue
+from labctl.dashboard.sweeps import Sweeps
+from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.index import RunRow, run_directories, run_row
-from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import is_elsewhere, writer_named
 from labctl.runs.read.follower import Follower, Latest
 
 LOOK_EVERY_S = 0.25
-LIST_EVERY_S = 2.0
 MOST_WATCHED = 20
 """Runs that are kept in memory; those that were not looked at for longest are forgotten."""
 
@@ -88,6 +86,19 @@ class WatchedRun:
             return 0, 0
         return sum(self._following.done), self._following.shape.shots * len(self._following.shape.passes)
 
+    @property
+    def pictures(self) -> dict[int, tuple[int, int]]:
+        """The images that were measured on all ports: place in the data set -> class, and the first shot of it."""
+        return {} if self._following is None else self._following.pictures
+
+    def shot(self, shot: int) -> list[Latest]:
+        """What one shot measured; nothing where it cannot be read, and `problem` says why."""
+        try:
+            return [] if self._following is None else self._following.shot(shot)
+        except RunError as error:
+            self.problem = str(error)
+            return []
+
     def curve(self) -> Curve:
         """Accuracy as it grows; asking for it keeps it growing."""
         if self._following is None:
@@ -105,14 +116,6 @@ class WatchedRun:
         return self.state.phase not in (*ENDED, Phase.UNKNOWN)
 
 
-class RunSearch(NamedTuple):
-    """The runs that `words` ask for, the latest first; `refused`: why they are not understood."""
-
-    words: str
-    rows: Sequence[RunRow]
-    refused: str = ""
-
-
 class Watching:
     """The runs in `folder`."""
 
@@ -126,87 +129,25 @@ class Watching:
         self.folder = folder
         self.environment = environment
         self.learning = Learning()
+        self.listing = Listing(folder, clock)
+        self.sweeps = Sweeps(folder, clock)
         self._clock = clock
-        self._due = clock()
-        self._rows: list[RunRow] = []
-        self._listed: dict[Path, Listed] = {}
         self._watched: dict[str, WatchedRun] = {}
-        self._catalogue = Catalogue(folder)
-        self._searched: tuple[str, Sequence[RunRow], RunSearch] | None = None
-
-    def rows(self) -> list[RunRow]:
-        """All runs, the latest first."""
-        self._list()
-        return self._rows
-
-    def search(self, words: str) -> RunSearch:
-        """The runs that `words` ask for, as `labctl runs --where` does; asked anew when the list was."""
-        rows = self.rows()
-        if self._searched is None or self._searched[0] != words or self._searched[1] is not rows:
-            self._searched = words, rows, self._search(words, rows)
-        return self._searched[2]
-
-    def _search(self, words: str, rows: Sequence[RunRow]) -> RunSearch:
-        if not words.strip():
-            return RunSearch("", rows)
-        try:
-            names = {found.row.name for found in self._catalogue.find(words)}
-        except UsageError as error:
-            return RunSearch(words, (), str(error))
-        return RunSearch(words, [row for row in rows if row.name in names])
 
     def running(self) -> list[str]:
-        """Names of the runs that a process writes now, the latest first."""
-        return [row.name for row in self.rows() if row.running]
+        """Names of the runs that a process writes now, the latest first; those of sweeps as sweep/run."""
+        return [*self.listing.names("state = running"), *self.sweeps.running()]
 
     def alarms(self) -> list[str]:
         """Names of the runs whose laser did not go dark, the latest first."""
-        return [row.name for row in self.rows() if self._listed[row.path].alarm]
-
-    def forget_list(self) -> None:
-        """The next list is read anew."""
-        self._due = self._clock()
+        return self.listing.names("alarm = 1")
 
     def run(self, name: str) -> WatchedRun | None:
-        """The run of that name, if the list has one."""
-        found = next((row for row in self.rows() if row.name == name), None)
-        if found is None:
+        """The run of that name, if the list or, as sweep/run, a sweep has one."""
+        if not self.listing.has(name) and not self.sweeps.has_point(name):
             return None
-        watched = self._watched.pop(name, None) or WatchedRun(found.path, self.learning, self._clock)
+        watched = self._watched.pop(name, None) or WatchedRun(self.folder / name, self.learning, self._clock)
         self._watched[name] = watched  # the one that was asked for last is the last
         while len(self._watched) > MOST_WATCHED:
             self._watched.pop(next(iter(self._watched)))
         return watched
-
-    def _list(self) -> None:
-        if self._clock() < self._due:
-            return
-        self._due = self._clock() + LIST_EVERY_S
-        before, self._listed = self._listed, {}
-        for directory in run_directories(self.folder):
-            self._listed[directory] = _listed(RunPaths(directory), before.get(directory))
-        rows = (listed.row for listed in self._listed.values())
-        self._rows = sorted(rows, key=lambda row: (row.started, row.name), reverse=True)
-
-
-class Listed(NamedTuple):
-    """How a run is listed, from files of these sizes; `alarm`: its laser did not go dark."""
-
-    sizes: tuple[int, int, int]
-    row: RunRow
-    alarm: bool
-
-
-def _listed(paths: RunPaths, before: Listed | None) -> Listed:
-    """How a run is listed; what has not changed since `before` is not read again."""
-    sizes = _size(paths.manifest), _size(paths.journal), _size(paths.events)
-    if before is not None and before.sizes == sizes and not before.row.running:
-        return before
-    return Listed(sizes, run_row(paths), may_emit(paths.directory))
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.lstat().st_size
-    except OSError:
-        return -1

@@ -1,151 +1,36 @@
-"""The pages: the list of runs, one run, two runs side by side.
+"""The page of one run.
 
 A page asks for what is new a few times a second while it is open, and sends to the browser only what has changed.
 """
 
-from collections.abc import Callable, Iterable
-from pathlib import Path
 from urllib.parse import quote
 
 from nicegui import ui
 
-from labctl.dashboard import launcher, wording
+from labctl.dashboard import wording
+from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, show_missing
+from labctl.dashboard.frame import refresh as refresh_all
+from labctl.dashboard.instruments_panel import show_instruments
+from labctl.dashboard.listing import Wanted
 from labctl.dashboard.monitor import WatchedRun, Watching
-from labctl.dashboard.sketches import escape
+from labctl.dashboard.notes_panel import show_notes
+from labctl.dashboard.resume_panel import ResumePanel
 from labctl.dashboard.state import ENDED, Phase
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import instruments_of
 from labctl.runs.live.alarm import say_dark
 from labctl.runs.live.control_file import Word, ask, stop_at_once
 from labctl.runs.live.owner import Writer, writer_of
-from labctl.runs.read.differences import settings_that_differ
-
-REFRESH_S = 0.4
-STYLE = (Path(__file__).parent / "style.css").read_text(encoding="utf-8")
-REMEMBERED = """<script>
-document.documentElement.style.colorScheme = localStorage.getItem("labctl-scheme") || "light dark";
-</script>"""
-
-
-class Region:
-    """A part of a page that is drawn anew where its content has changed."""
-
-    def __init__(self, name: str, content: Callable[[], str]) -> None:
-        """Show what `content` says, which is HTML of this program's own making."""
-        self._content = content
-        self._element = ui.html(content(), sanitize=False).classes(f"{name}-region")
-
-    def refresh(self) -> None:
-        """Draw it anew if it says something else now."""
-        content = self._content()
-        if content != self._element.content:
-            self._element.set_content(content)
-
-
-def _refresh(regions: Iterable[Region]) -> None:
-    for region in regions:
-        region.refresh()
-
-
-def _frame(title: str) -> None:
-    ui.page_title(title)
-    ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
-    with ui.element("header"):
-        ui.link("labctl", "/").classes("home")
-        ui.html(f"<h1>{escape(title)}</h1>", sanitize=False)
-        ui.button("Colours", on_click=_next_colours, color=None).classes("colours").props("flat")
-
-
-def _next_colours() -> None:
-    """As the system has them, dark, light, and round again; remembered by the browser."""
-    ui.run_javascript(
-        "const schemes = ['light dark', 'dark', 'light'], style = document.documentElement.style;"
-        "style.colorScheme = schemes[(schemes.indexOf(style.colorScheme) + 1) % 3];"
-        "localStorage.setItem('labctl-scheme', style.colorScheme)"
-    )
-
-
-def _heading(text: str) -> None:
-    ui.html(f"<h2>{escape(text)}</h2>", sanitize=False)
-
-
-def show_list(watching: Watching) -> None:
-    """All runs, those that are running first, and the form that starts one."""
-    _frame(f"Runs in {watching.folder}")
-
-    def live() -> str:
-        found = [(name, watched) for name in watching.running() if (watched := watching.run(name)) is not None]
-        for _, watched in found:
-            watched.look()
-        return wording.live(found)
-
-    with ui.element("main").classes("list"):
-        regions = [Region("alarms", lambda: wording.alarms(watching.alarms()))]
-        with ui.element("section"):
-            _heading("Running")
-            regions.append(Region("live", live))
-        with ui.element("section"):
-            _heading("Runs")
-            example = "words, or: images >= 300 and tag = good"
-            wanted = ui.input("Search", placeholder=example).classes("filter")
-            regions.append(Region("all", lambda: wording.run_list(watching.search(wanted.value or ""))))
-            wanted.on_value_change(regions[-1].refresh)
-        with ui.element("section"), ui.expansion("Start a run").classes("begin"):
-            _show_form(watching)
-    ui.timer(REFRESH_S, lambda: _refresh(regions))
-
-
-def _show_form(watching: Watching) -> None:
-    with ui.element("div").classes("form"):
-        names = launcher.protocols()
-        usual = launcher.USUAL if launcher.USUAL in names else names[0]
-        protocol = ui.select(names, value=usual, label="Protocol").classes("protocol")
-        station = ui.input("Station file", placeholder="empty: the simulated bench").classes("station")
-        settings = ui.textarea("Settings", placeholder="images=400\nwindow=1 ns").props("rows=3").classes("settings")
-        attended = ui.checkbox("somebody stands at the laser's key switch (--attended)")
-        with ui.element("div").classes("arm"):
-            armed = ui.switch("light may be switched on (--arm)").classes("armed")
-            button = ui.button("Start", color=None).classes("start")
-        message = ui.label().classes("message")
-
-    def begin() -> None:
-        asked = launcher.Asked(
-            str(protocol.value),
-            settings.value or "",
-            (station.value or "").strip(),
-            armed=bool(armed.value),
-            attended=bool(attended.value),
-        )
-        directory = launcher.new_directory(watching.folder, asked)
-        try:
-            started = launcher.start(asked, directory, watching.environment)
-        except (OSError, ValueError) as error:
-            message.set_text(str(error))
-            return
-        armed.set_value(False)
-        message.set_text(launcher.in_words(asked, directory))
-
-        def follow() -> None:
-            watching.forget_list()
-            if watching.run(directory.name) is not None:
-                waiting.cancel()
-                ui.navigate.to(f"/run/{directory.name}")
-            elif failure := started.failure():
-                waiting.cancel()
-                message.set_text(failure)
-
-        waiting = ui.timer(REFRESH_S, follow)
-
-    button.on_click(begin)
 
 
 def show_run(watching: Watching, name: str) -> None:
     """One run, live while it is running."""
     watched = watching.run(name)
     if watched is None:
-        show_missing(watching, name)
+        show_missing(watching.folder, name)
         return
     watched.look()
-    _frame(name)
+    frame(name, instruments_of(watched.manifest))
     with ui.element("main").classes("run"):
         with ui.element("section").classes("top"):
             regions = [
@@ -154,34 +39,47 @@ def show_run(watching: Watching, name: str) -> None:
             ]
             seen = SeenDark(watched)
             buttons = Buttons(watched)
+            resume = ResumePanel(watching, watched.directory, lambda: _is_cut_short(watched))
         with ui.element("section").classes("traces"):
-            _heading("Last shot with light")
+            heading("Last shot with light")
             regions.append(Region("ports", lambda: wording.traces(watched.latest, watched.sample_interval_s)))
         with ui.element("section").classes("dmd"):
-            _heading("On the DMD")
+            heading("On the DMD")
             regions.append(Region("picture", lambda: wording.image(watched.state)))
         with ui.element("section"):
-            _heading("Instruments")
+            heading("Instruments")
             regions.append(Region("instruments", lambda: wording.instruments(watched.state, watched.manifest)))
         with ui.element("section"):
-            _heading("Accuracy as it grows")
+            heading("Accuracy as it grows")
             regions.append(Region("accuracy", lambda: wording.accuracy(watched.curve())))
         with ui.element("section").classes("wide"):
-            _heading("Readout that follows: each image predicted, then learnt")
+            heading("Readout that follows: each image predicted, then learnt")
             regions.append(Region("following", lambda: wording.following(watched.following(), watched.curve().chance)))
         with ui.element("section").classes("wide"):
-            _heading("Log, UTC")
+            heading("Log, UTC")
             regions.append(Region("log", lambda: wording.log(watched.state, watched.problem)))
+        with ui.element("section").classes("wide"):
+            heading("Instrument by instrument: set, read back, said")
+            regions += show_instruments(watched)
+        with ui.element("section").classes("wide notes"):
+            regions.append(show_notes(watched.directory, watching.listing.look_again))
         with ui.element("section").classes("wide"):
             _show_next(watching, name, watched)
 
     def refresh() -> None:
         watched.look()
-        _refresh(regions)
+        refresh_all(regions)
         seen.refresh()
         buttons.refresh()
+        resume.refresh()
 
     ui.timer(REFRESH_S, refresh)
+
+
+def _is_cut_short(watched: WatchedRun) -> bool:
+    """Whether records are missing that nobody measures."""
+    done, total = watched.records
+    return done < total and (watched.state.phase in ENDED or watched.state.phase is Phase.UNKNOWN)
 
 
 class SeenDark:
@@ -257,46 +155,10 @@ def _show_next(watching: Watching, name: str, watched: WatchedRun) -> None:
     report = RunPaths(watched.directory).report
     if report.is_file():
         ui.link("Open the report", f"/report/{quote(name, safe='')}", new_tab=True).classes("report")
-    others = [row.name for row in watching.rows() if row.name != name and row.name.isprintable()]
+    latest = (one.row.name for one in watching.listing.runs(Wanted()).found)
+    others = [one for one in latest if one != name and one.isprintable()]
     if others:
-        other = ui.select(others, label="Compare with", with_input=True).classes("compare")
+        other = ui.select(others, label="Compare with", with_input=True, new_value_mode="add").classes("compare")
         other.on_value_change(
             lambda event: ui.navigate.to(f"/compare/{quote(name, safe='')}/{quote(event.value, safe='')}")
         )
-
-
-def show_comparison(watching: Watching, one: str, other: str) -> None:
-    """Two runs: settings that differ, last traces and accuracy curves over each other."""
-    first, second = watching.run(one), watching.run(other)
-    if first is None or second is None:
-        show_missing(watching, one if first is None else other)
-        return
-    for watched in (first, second):
-        watched.look()
-    _frame("Two runs")
-    with ui.element("main").classes("comparison"):
-        with ui.element("section").classes("wide"):
-            _heading("Settings that differ")
-            found = settings_that_differ(first.manifest, second.manifest)
-            ui.html(wording.differing(found, one, other), sanitize=False)
-        with ui.element("section").classes("wide traces"):
-            _heading("Last shots with light")
-            regions = [Region("ports", lambda: wording.traces(first.latest, first.sample_interval_s, second.latest))]
-        with ui.element("section").classes("wide"):
-            _heading("Accuracy as it grows")
-            regions.append(Region("accuracy", lambda: wording.accuracy(first.curve(), second.curve())))
-
-    def refresh() -> None:
-        for watched in (first, second):
-            watched.look()
-        _refresh(regions)
-
-    ui.timer(REFRESH_S, refresh)
-
-
-def show_missing(watching: Watching, name: str) -> None:
-    """There is no such run."""
-    _frame("No such run")
-    with ui.element("main"):
-        ui.label(f"{watching.folder} has no run {name}.")
-        ui.link("All runs", "/")

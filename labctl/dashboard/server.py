@@ -12,15 +12,21 @@ from typing import cast
 os.environ.setdefault("MATPLOTLIB", "false")  # NiceGUI looks for it: half a second for nothing
 
 import uvicorn
-from fastapi import FastAPI, HTTPException
+from fastapi import FastAPI, HTTPException, Request
 from fastapi.responses import HTMLResponse
 from nicegui import ui
 
 from labctl.dashboard import pages
+from labctl.dashboard.comparison_page import show_comparison
 from labctl.dashboard.guard import Guard
+from labctl.dashboard.list_page import show_list
+from labctl.dashboard.listing import Wanted
 from labctl.dashboard.monitor import Watching
+from labctl.dashboard.queue_page import show_queue
 from labctl.dashboard.sessions import Sessions
+from labctl.dashboard.start_page import show_start
 from labctl.dashboard.strangers import Strangers, recognising
+from labctl.dashboard.sweep_pages import show_sweep, show_sweeps
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import read_own
 
@@ -99,7 +105,7 @@ def serve(
 def _application(watching: Watching) -> FastAPI:
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 
-    @app.get("/report/{name}")
+    @app.get("/report/{name:path}")
     def report(name: str) -> HTMLResponse:
         watched = watching.run(name)
         if watched is None:
@@ -111,16 +117,32 @@ def _application(watching: Watching) -> FastAPI:
         return HTMLResponse(content, headers={"content-security-policy": REPORT_POLICY})
 
     @ui.page("/")
-    def runs() -> None:
-        pages.show_list(watching)
+    def runs(request: Request) -> None:
+        show_list(watching, Wanted.of(request.query_params))
 
-    @ui.page("/run/{name}")
+    @ui.page("/start")
+    def start() -> None:
+        show_start(watching)
+
+    @ui.page("/queue")
+    def queue() -> None:
+        show_queue(watching)
+
+    @ui.page("/sweeps")
+    def sweeps() -> None:
+        show_sweeps(watching)
+
+    @ui.page("/sweep/{name}")
+    def sweep(name: str) -> None:
+        show_sweep(watching, name)
+
+    @ui.page("/run/{name:path}")
     def run(name: str) -> None:
         pages.show_run(watching, name)
 
     @ui.page("/compare/{one}/{other}")
     def compare(one: str, other: str) -> None:
-        pages.show_comparison(watching, one, other)
+        show_comparison(watching, one, other)
 
     ui.run_with(
         app, title="labctl", dark=None, tailwind=False, binding_refresh_interval=0.2, show_welcome_message=False

@@ -9,19 +9,17 @@ import numpy as np
 from labctl.dashboard import sketches
 from labctl.dashboard.accuracy import LEAST, Curve
 from labctl.dashboard.following import BLOCK, LAST, Following
-from labctl.dashboard.monitor import RunSearch, WatchedRun
+from labctl.dashboard.list_wording import run_address
+from labctl.dashboard.monitor import WatchedRun
 from labctl.dashboard.sketches import Line, escape
 from labctl.dashboard.state import ENDED, Emission, Phase, RunState, number_in, text_in
-from labctl.runs.index import RunRow
 from labctl.runs.read.differences import Difference
 from labctl.runs.read.follower import Latest
 
 MOST_PLOTS = 16
 """Of traces: where more were measured, as in a wavelength scan, the last ones."""
 MAY_EMIT = "LASER MAY STILL EMIT"
-SHOWN_ROWS = 200
-"""Of the list of runs; a search finds the others."""
-LONGEST_PROBLEM = 300
+MOST_DIFFERENCES = 200
 MOST_INSTRUMENTS = 20
 NAMES = {
     "awg": "AWG",
@@ -48,6 +46,8 @@ def emission(state: RunState) -> str:
     style = "none" if state.phase is Phase.UNKNOWN else str(state.emission)
     if state.alarm:
         word, explanation, style = MAY_EMIT, "it did not go dark: switch it off by its key switch", "on"
+    if state.simulated and not state.mixed:
+        word, style = f"SIMULATED {word}", f"{style} simulated"
     return f'<div class="emission {style}"><strong>{word}</strong><span>{escape(explanation)}</span></div>'
 
 
@@ -58,7 +58,7 @@ def progress(state: RunState, records: tuple[int, int]) -> str:
     one = "" if state.pass_index is None or not state.passes else f"pass {state.pass_index + 1} of {state.passes}"
     rate = "" if state.rate_per_s is None else f"{state.rate_per_s:.0f} records/s"
     left = "" if state.remaining_s is None else f"{duration(state.remaining_s)} left"
-    partly = f"{state.station}: some instruments are simulated" if state.mixed else "simulated bench"
+    partly = f"{state.station}: MIXED, some instruments are simulated" if state.mixed else "simulated bench"
     bench = "" if not state.station else partly if state.simulated else state.station
     details = " · ".join(filter(None, (f"{done} of {total} records", rate, left, one, state.uploading, bench)))
     return (
@@ -132,6 +132,11 @@ BEHIND = {"attenuator": _attenuator, "amplifier": _amplifier, "power_meter": _me
 """What is said of the instruments behind the laser, where a bench has them."""
 
 
+def nothing(words: str) -> str:
+    """Quiet words, mostly in place of something that is not there."""
+    return f'<p class="nothing">{escape(words)}</p>'
+
+
 def image(state: RunState) -> str:
     """What the DMD shows."""
     if state.image is None:
@@ -144,7 +149,7 @@ def image(state: RunState) -> str:
 
 
 def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[Latest] = ()) -> str:
-    """The last shot on every port, of one run or of two over each other."""
+    """A shot on every port, of one run, or of two over each other, which are other shots in each."""
     if not latest:
         return '<p class="nothing">no shot on disk yet</p>'
     theirs = {
@@ -155,7 +160,7 @@ def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[L
     for one in latest:
         for port, volts in zip(one.ports, one.volts, strict=True):
             light = f", {one.wavelength_nm:.3f} nm" if several else ""
-            names.append(f"port {port}{light} · {one.kind} {one.shot}")
+            names.append(f"port {port}{light}" + ("" if other else f" · {one.kind} {one.shot}"))
             time_s = np.arange(volts.size) * sample_interval_s
             drawn = [Line(time_s, volts, "a")]
             if (found := theirs.get((port, one.wavelength_nm))) is not None:
@@ -207,41 +212,10 @@ def log(state: RunState, problem: str = "") -> str:
     return f'<ol class="log">{lines}</ol>' if lines else '<p class="nothing">no events</p>'
 
 
-def run_list(search: RunSearch) -> str:
-    """The list of runs that were searched for, or why the words are not understood."""
-    if search.refused or not search.rows:
-        why = search.refused or ("no run is of that kind" if search.words else "no runs")
-        return f'<p class="nothing">{escape(why)}</p>'
-    more = len(search.rows) - SHOWN_ROWS
-    rest = f'<p class="nothing">{more} more: search</p>' if more > 0 else ""
-    return f'<div class="runs">{"".join(map(_row, search.rows[:SHOWN_ROWS]))}</div>{rest}'
-
-
-def _row(row: RunRow) -> str:
-    seeds = " · ".join(
-        f"{name} {seed}" for name, seed in (("seed", row.seed), ("twin", row.twin_seed)) if seed is not None
-    )
-    if row.problem:
-        found = f'<span class="problem">{escape(row.problem[:LONGEST_PROBLEM])}</span>'
-    else:
-        found = (
-            f'<span class="seeds">{escape(seeds)}</span><span class="shots">{row.shots} of {row.planned} shots</span>'
-        )
-    return (
-        f'<a class="run" href="{_address(row.name)}"><span class="name">{escape(row.name)}</span>{found}'
-        f'<span class="state {row.state}">{row.state}</span></a>'
-    )
-
-
-def _address(name: str) -> str:
-    """Of the page of a run; a name that is not UTF-8 has none, and leads to the page of a run that is not there."""
-    return f"run/{quote(name, safe='', errors='replace')}"
-
-
 def live(runs: Iterable[tuple[str, WatchedRun]]) -> str:
     """A strip for every run that is running."""
     strips = "".join(
-        f'<a class="live" href="{_address(name)}"><span class="name">{escape(name)}</span>'
+        f'<a class="live" href="{run_address(name)}"><span class="name">{escape(name)}</span>'
         f"{emission(watched.state)}{progress(watched.state, watched.records)}</a>"
         for name, watched in runs
     )
@@ -264,7 +238,7 @@ def differing(found: Sequence[Difference], one: str, other: str) -> str:
     rows = "".join(
         f"<tr><th>{escape(each.setting)}</th><td>{escape(_value(each.then))}</td>"
         f"<td>{escape(_value(each.now))}</td></tr>"
-        for each in found[:SHOWN_ROWS]
+        for each in found[:MOST_DIFFERENCES]
     )
     head = f'<tr><th></th><th class="a">{escape(one)}</th><th class="b">{escape(other)}</th></tr>'
     return f'<div class="wide"><table class="differing">{head}{rows}</table></div>'

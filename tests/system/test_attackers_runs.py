@@ -205,17 +205,18 @@ def test_a_broken_run_does_not_break_the_list(scene: Scene) -> None:
 PAGE = """
 import json, sys
 from pathlib import Path
-from labctl.dashboard import wording
+from labctl.dashboard.list_wording import run_list
+from labctl.dashboard.listing import Wanted
 from labctl.dashboard.monitor import Watching
 now = [0.0]
 watching = Watching(Path(sys.argv[1]), clock=lambda: now[0])
-search = watching.search("")
+runs = watching.listing.runs(Wanted())
 seen = {}
-for row in search.rows:
-    watched = watching.run(row.name)
+for one in runs.found:
+    watched = watching.run(one.row.name)
     watched.look()
-    seen[row.name] = watched.problem
-listed = wording.run_list(search)
+    seen[one.row.name] = watched.problem
+listed = run_list(runs)
 listed.encode()
 print(json.dumps([listed, seen]))
 """

@@ -16,7 +16,9 @@ from playwright.sync_api import Browser, Page, expect
 from instruments.safe_state import UnsafeBench
 from labctl.bench.station import Station
 from labctl.engine.session import Acquisition, acquire
+from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.logs import EventLog
+from labctl.runs.notes import read_notes
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
 from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, enter, fits, narrow, opened
@@ -42,7 +44,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     more = Station.model_validate(BEHIND_THE_LASER)
     acquire(Acquisition(ImageReadout(images=5, window=0.8e-9, ports=(2,)), more, folder / "behind"))
     for name, seed in (("past-one", 1), ("past-other", 2)):
-        acquire(Acquisition(ImageReadout(images=5, window=0.8e-9, ports=(2,), seed=seed), Station(), folder / name))
+        asked = ImageReadout(images=5, window=0.8e-9, ports=(2,), seed=seed, image_seed=1)
+        acquire(Acquisition(asked, Station(), folder / name))
     return folder
 
 
@@ -86,9 +89,13 @@ def unarmed(served: Served, tmp_path: Path) -> Path:
 
 def start(page: Page, station: Path) -> None:
     """Start a long run on the served bench by the form, and wait until it is measuring."""
-    page.get_by_text("Start a run").click()
+    page.get_by_role("link", name="Start a run").click()
+    page.wait_for_url("**/start")
+    connected(page)
     page.get_by_label("Station file").fill(str(station))
-    page.get_by_label("Settings").fill("images=1000\nwindow=0.8 ns")
+    page.get_by_label("images", exact=True).fill("1000")
+    page.get_by_label("window").fill("0.8 ns")
+    says(page, ".form .cost", "^1100 shots in 2 passes · .* on a real bench · .* J of light at most .30 mW.")
     page.get_by_role("switch").click()
     page.get_by_role("button", name="Start", exact=True).click()
     page.wait_for_url("**/run/*")
@@ -137,11 +144,40 @@ def test_a_readout_follows_the_run_while_it_is_going_on(page: Page, unarmed: Pat
 
 
 def test_what_nobody_allows_is_refused_and_told(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
-    page.get_by_text("Start a run").click()
+    page.get_by_role("link", name="Start a run").click()
+    page.wait_for_url("**/start")
+    connected(page)
     page.get_by_label("Station file").fill(str(unarmed))
     page.get_by_role("button", name="Start", exact=True).click()
     says(page, ".form .message", "the laser is not armed, no light is switched on")
     assert not emitting()
+
+
+def test_what_a_run_would_cost_and_what_is_refused_is_said_before_it_is_started(page: Page, runs: Path) -> None:
+    page.get_by_role("link", name="Start a run").click()
+    page.wait_for_url("**/start")
+    connected(page)
+    images = page.locator(".set-images")
+    expect(images.locator("input")).to_have_attribute("placeholder", "1000")
+    expect(page.locator(".set-window")).to_contain_text("in s")
+    page.get_by_label("images", exact=True).fill("-3")
+    expect(images).to_contain_text("'-3' is not a number of images")
+    expect(page.locator(".form .refused")).to_be_visible()
+    page.get_by_label("images", exact=True).fill("8")
+    expect(images).not_to_contain_text("is not a number")
+    says(page, ".form .cost", "^10 shots in 2 passes")
+    page.get_by_label("dataset").click()
+    expect(page.get_by_role("option", name="fashion-mnist")).to_be_visible()
+    expect(page.get_by_role("option", name="santa-fe")).to_have_count(0)
+    page.keyboard.press("Escape")
+    page.get_by_label("Sweep over").fill("window=0.5 ns,1 ns")
+    says(page, ".form .cost", "^3 runs · 30 shots")
+    page.get_by_label("Sweep over").fill("")
+    page.get_by_label("Protocol").click()
+    page.get_by_role("option", name="dynamic-scene").click()
+    expect(page.locator(".set-images")).to_have_count(0)
+    narrow(page)
+    assert not [one for one in runs.iterdir() if "dynamic" in one.name], "nothing is started by looking"
 
 
 def test_stop_now_brings_the_safe_state(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
@@ -150,6 +186,23 @@ def test_stop_now_brings_the_safe_state(page: Page, unarmed: Path, emitting: Cal
     says(page, ".progress-region", "stopped")
     says(page, ".emission-region", "LASER OFF")
     says(page, ".log-region", "stopped at once.*safe state reached")
+    assert not emitting()
+
+
+def test_a_run_that_was_stopped_is_resumed_and_refused_without_leave(
+    page: Page, unarmed: Path, emitting: Callable[[], bool]
+) -> None:
+    start(page, unarmed)
+    page.get_by_role("button", name="Stop", exact=True).click()
+    says(page, ".progress-region", "stopped")
+    page.get_by_role("button", name="Resume").click()
+    says(page, ".resume .message", "the laser is not armed")
+    page.locator(".resume").get_by_role("switch").click()
+    page.get_by_role("button", name="Resume").click()
+    says(page, ".emission-region", "LASER ON")
+    expect(page.locator(".resume")).to_be_hidden()
+    page.get_by_role("button", name="Stop now").click()
+    says(page, ".emission-region", "LASER OFF")
     assert not emitting()
 
 
@@ -188,6 +241,9 @@ def test_what_stands_behind_the_laser_is_shown_with_the_other_instruments(page: 
         "oscilloscope.*TEKTRONIX DPO72504DX SIM0001 at simulated",
     ):
         says(page, ".instruments-region", words)
+    page.locator(".instrument.scope").click()
+    says(page, ".instrument.scope", "set, by the station file.*bandwidth.*read back before the first shot.*sample_rate")
+    says(page, ".instrument.scope .messages", "CURVe")
     narrow(page)
 
 
@@ -208,7 +264,37 @@ def test_runs_are_listed_filtered_and_compared(page: Page) -> None:
     connected(page)
     expect(page.locator(".differing")).to_contain_text("protocol.settings.seed")
     expect(page.locator(".ports-region polyline.b")).to_be_attached()
+    picture = page.get_by_label("Picture")
+    expect(picture).to_have_value(re.compile(r"image \d+, class \d"))
+    says(page, ".ports-region", re.escape(picture.input_value()) + r"; difference .rms, of the first.: port 2: \d+ %")
     fits(page)
+
+
+def test_what_is_said_of_a_run_is_kept_with_it_and_finds_it(page: Page, runs: Path) -> None:
+    base = page.url
+    page.goto(f"{base}run/past-other")
+    connected(page)
+    page.get_by_role("button", name="star").click()
+    expect(page.get_by_role("button", name="starred")).to_be_visible()
+    page.get_by_label("Operator").fill("Ada")
+    page.get_by_label("Operator").press("Enter")
+    page.get_by_label("Tags").fill("good")
+    page.get_by_label("Tags").press("Enter")
+    page.get_by_label("Note").fill("fibre <b>touched</b>")
+    page.get_by_role("button", name="Add note").click()
+    expect(page.locator(".notes-region li")).to_contain_text("fibre <b>touched</b>")
+    narrow(page)
+    found = read_notes(RunPaths(runs / "past-other"))
+    assert (found.star, found.operator, found.tags) == (True, "Ada", ("good",))
+    page.goto(f"{base}?where=tag %3D good and star %3D 1 and operator %3D ada and touched")
+    connected(page)
+    expect(page.locator("a.run")).to_have_count(1)
+    page.goto(f"{base}run/past-other")
+    connected(page)
+    page.locator(".tags .q-chip__icon--remove").click()
+    page.wait_for_function("!document.querySelector('.tags .q-chip')")
+    page.get_by_role("button", name="starred").click()
+    expect(page.get_by_role("button", name="star", exact=False)).to_have_text("☆ star")
 
 
 def test_a_report_is_shown_without_its_scripts(page: Page, runs: Path) -> None:

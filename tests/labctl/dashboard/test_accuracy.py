@@ -74,8 +74,10 @@ def test_runs_are_found_by_their_names_only(run: Path) -> None:
 
 
 def test_the_command_that_is_started_is_one_that_labctl_takes(tmp_path: Path) -> None:
-    asked = Asked("image-readout", " images=4 \n\nwindow=1 ns\n", "no such.toml", armed=True, attended=True)
-    assert launcher.arguments(asked, tmp_path / "run") == [
+    settings = {"images": "4", "window": "1 ns"}
+    asked = Asked("image-readout", settings, station="no such.toml", armed=True, attended=True)
+    words = [*asked.words, f"--out={tmp_path / 'run'}"]
+    assert words == [
         "run",
         "image-readout",
         "--set=images=4",
@@ -85,16 +87,21 @@ def test_the_command_that_is_started_is_one_that_labctl_takes(tmp_path: Path) ->
         "--attended",
         f"--out={tmp_path / 'run'}",
     ]
+    assert Asked("image-readout", over=("window=1 ns,2 ns",)).words == [
+        "sweep",
+        "image-readout",
+        "--over=window=1 ns,2 ns",
+    ]
     with pytest.raises(SystemExit) as ended:
-        main(launcher.arguments(asked, tmp_path / "run"))
+        main(words)
     assert ended.value.code == 2
     with pytest.raises(ValueError, match="no such protocol"):
-        launcher.start(Asked("--help"), tmp_path / "run", {})
+        _ = Asked("--help").words
 
 
 @pytest.mark.full
-def test_what_the_command_refuses_is_told(tmp_path: Path) -> None:
-    started = launcher.start(Asked("image-readout", "images=many"), tmp_path / "run", {})
+def test_what_the_command_refuses_is_told() -> None:
+    started = launcher.start(Asked("image-readout", {"images": "many"}).words, {})
     started.process.wait(60)
     assert "images = 'many'" in started.failure()
     started.printed.close()

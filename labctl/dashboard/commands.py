@@ -1,0 +1,37 @@
+"""Asking `labctl` for something in a process of its own: what it says as JSON."""
+
+import asyncio
+import json
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from labctl.dashboard.launcher import COMMAND
+
+
+async def answer(words: Sequence[str], environment: Mapping[str, str]) -> dict[str, Any]:
+    """What the command prints as JSON; `error` in it where it refuses. Cancelled, it ends the process.
+
+    Example: `await answer(["schema", "image-readout"], {})`.
+    """
+    process = await asyncio.create_subprocess_exec(
+        *COMMAND,
+        *words,
+        "--json",
+        env=os.environ | environment,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        printed, said = await process.communicate()
+    finally:
+        if process.returncode is None:
+            process.kill()
+    try:
+        found = json.loads(printed)
+    except ValueError:
+        found = None
+    if isinstance(found, dict):
+        return found
+    return {"error": said.decode(errors="replace").strip() or f"labctl {words[0]} ended with {process.returncode}"}

@@ -1,0 +1,105 @@
+"""The sweeps in a folder: which there are, and how far each of their runs is. Looked at when a page asks."""
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from labctl.errors import LabctlError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import RunRow, run_row
+from labctl.runs.sweep import FILE, Sweep, places, read
+
+EVERY_S = 2.0
+RESTS = 10.0
+"""The folder is looked at for a tenth of the time at most."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A run of a sweep: its folder's name, values on the axes, and how far it is; None before it begins."""
+
+    name: str
+    values: Mapping[str, str]
+    row: RunRow | None
+
+
+@dataclass(frozen=True)
+class SweepState:
+    """A sweep and its runs in the order they are measured; `problem`: why it cannot be read."""
+
+    name: str
+    sweep: Sweep | None = None
+    points: tuple[Point, ...] = ()
+    problem: str = ""
+
+    @property
+    def complete(self) -> int:
+        """How many runs are complete."""
+        return sum(point.row is not None and point.row.complete for point in self.points)
+
+    @property
+    def running(self) -> bool:
+        """Whether a process of this machine measures one of them."""
+        return any(point.row is not None and point.row.running for point in self.points)
+
+
+class Sweeps:
+    """The sweeps in a folder."""
+
+    def __init__(self, folder: Path, clock: Callable[[], float] = time.monotonic) -> None:
+        """Of `folder`, which need not exist yet."""
+        self._folder = folder
+        self._clock = clock
+        self._due = clock()
+        self._states: dict[str, SweepState] = {}
+
+    def all(self) -> list[SweepState]:
+        """All of them, the last by name first, which is the latest where no other names were given."""
+        began = self._clock()
+        if began >= self._due:
+            names = sorted(os.listdir(self._folder), reverse=True) if self._folder.is_dir() else []
+            there = [name for name in names if os.path.lexists(self._folder / name / FILE)]
+            self._states = {name: self._look(name, self._states.get(name)) for name in there}
+            self._due = self._clock() + max(EVERY_S, RESTS * (self._clock() - began))
+        return list(self._states.values())
+
+    def named(self, name: str) -> SweepState | None:
+        """The sweep of that name."""
+        return next((state for state in self.all() if state.name == name), None)
+
+    def has_point(self, name: str) -> bool:
+        """Whether `name`, written as sweep/run, is a run of a sweep that has begun."""
+        sweep, _, run = name.partition("/")
+        state = self.named(sweep)
+        return state is not None and any(point.name == run and point.row is not None for point in state.points)
+
+    def running(self) -> list[str]:
+        """The runs that are measured now, as sweep/run."""
+        return [
+            f"{state.name}/{point.name}"
+            for state in self.all()
+            for point in state.points
+            if point.row is not None and point.row.running
+        ]
+
+    def _look(self, name: str, before: SweepState | None) -> SweepState:
+        """What is complete is not read again."""
+        directory = self._folder / name
+        done = {point.name: point for point in before.points if point.row and point.row.complete} if before else {}
+        if before is not None and before.sweep is not None and len(done) == len(before.points):
+            return before
+        try:
+            sweep = before.sweep if before is not None and before.sweep is not None else read(directory).sweep
+            every = places(sweep)
+        except LabctlError as error:
+            return SweepState(name, problem=str(error))
+        return SweepState(
+            name, sweep, tuple(done.get(run) or Point(run, values, _row(directory / run)) for run, values in every)
+        )
+
+
+def _row(directory: Path) -> RunRow | None:
+    paths = RunPaths(directory)
+    return run_row(paths) if os.path.lexists(paths.manifest) else None

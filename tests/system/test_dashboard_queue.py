@@ -1,0 +1,101 @@
+"""Queue and sweeps in a real browser: added, moved, removed, carried out and watched while they grow."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the dashboard needs the extra `dashboard`")
+pytest.importorskip("playwright", reason="a browser is driven by playwright")
+
+from playwright.sync_api import Page, expect
+
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import run_row
+from labctl.runs.queue import Queue, State
+from tests.dashboard.browser import browser, chromium, connected, dashboard, enter, fits, narrow, opened
+
+CHROMIUM = chromium()
+SHORT = "--set images=4 --set ports=2 --set 'window=0.8 ns'"
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lab") / "runs"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(runs: Path) -> Iterator[Page]:
+    assert CHROMIUM is not None
+    with dashboard(runs) as served, browser(CHROMIUM) as window:
+        page = opened(window)
+        enter(page, served)
+        yield page
+        page.context.close()
+
+
+def add(page: Page, words: str) -> None:
+    page.get_by_label("labctl").fill(words)
+    page.get_by_role("button", name="Add", exact=True).click()
+
+
+def test_items_are_added_moved_removed_and_carried_out(page: Page, runs: Path) -> None:
+    page.get_by_role("link", name="Queue").click()
+    page.wait_for_url("**/queue")
+    connected(page)
+    items, message = page.locator(".item"), page.locator(".message").first
+    add(page, "run image-readout --set images=many")
+    expect(message).to_contain_text("images = 'many'")
+    for number, seed in enumerate((1, 2, 3), start=1):
+        add(page, f"run image-readout {SHORT} --set seed={seed}")
+        expect(items).to_have_count(number)
+    expect(items.first).to_contain_text("on a real bench")
+    items.nth(2).get_by_role("button", name="earlier").click()
+    expect(items.nth(1)).to_contain_text("seed=3")
+    items.nth(2).get_by_role("button", name="remove").click()
+    expect(items).to_have_count(2)
+    page.get_by_role("button", name="Start", exact=True).click()
+    expect(page.locator(".item.done")).to_have_count(2)
+    page.locator(".item.done a").first.click()
+    page.wait_for_url("**/run/queue-*")
+    page.go_back()
+    connected(page)
+    fits(page)
+    narrow(page)
+    found = Queue(runs).items()
+    assert [item.state for item in found] == [State.DONE] * 2
+    assert all(run_row(RunPaths(item.directory)).complete for item in found)
+
+
+def test_a_sweep_is_added_by_the_form_and_its_plot_grows(page: Page, runs: Path) -> None:
+    base = page.url.rpartition("/")[0]
+    page.goto(f"{base}/start")
+    connected(page)
+    page.get_by_label("images", exact=True).fill("60")
+    page.get_by_label("ports").fill("2")
+    page.get_by_label("Sweep over").fill("window=0.4 ns,0.8 ns")
+    expect(page.locator(".form .cost")).to_contain_text("3 runs")
+    page.get_by_role("button", name="Add to the queue").click()
+    expect(page.locator(".form .message")).to_contain_text("of the queue")
+    page.goto(f"{base}/queue")
+    connected(page)
+    page.get_by_role("button", name="Start", exact=True).click()
+    expect(page.locator(".item.done")).to_have_count(3)
+    page.goto(f"{base}/sweeps")
+    connected(page)
+    page.locator("a.sweep").click()
+    page.wait_for_url("**/sweep/queue-*")
+    connected(page)
+    expect(page.locator(".not-real")).to_contain_text("SIMULATED")
+    expect(page.locator(".sweep-plot-region")).to_contain_text("accuracy against window, 3 of 3 runs")
+    expect(page.locator(".points-region")).to_contain_text(re.compile(r"0\.4 ns.*\d+\.\d % \[\d+\.\d, \d+\.\d\]"))
+    fits(page)
+    page.locator(".points-region a").first.click()
+    page.wait_for_url("**/run/queue-*")
+    connected(page)
+    expect(page.locator(".progress-region")).to_contain_text("finished")
