@@ -32,7 +32,7 @@ from protocols.image_readout import DRIVE_RATE, DRIVE_SAMPLES, pseudorandom_driv
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
 from protocols.reference_picture import beside_reference, field_of
-from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for
+from protocols.settings import Binarisation, Classes, ImageCount, Pair, Ports, Wavelengths, passes_for
 
 SETTLED_PERIODS = 2
 """Of the drive, before the record begins: fibre and chip then carry light of the running drive only."""
@@ -64,7 +64,7 @@ class DynamicScene(Measurement[Images]):
     classes: Classes | None = None
     images: ImageCount = 1000
     binarisation: Binarisation = "128"
-    switch: tuple[int, int] = (1, 2)
+    switch: Pair = (1, 2)
     scenes: PositiveInt = 3
     ports: Ports = (2, 3, 4, 5, 6)
     wavelengths: Wavelengths = (1550.0,)

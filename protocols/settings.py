@@ -33,6 +33,8 @@ Classes = Annotated[
     Field(min_length=1),
     AfterValidator(require_distinct),
 ]
+Pair = Annotated[tuple[int, int], BeforeValidator(parse_list, json_schema_input_type=_Counts | tuple[int, int])]
+"""Two classes."""
 Binarisation = Annotated[
     str,
     BeforeValidator(lambda value: str(value) if isinstance(value, int) else value, json_schema_input_type=str | int),

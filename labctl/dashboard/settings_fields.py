@@ -43,7 +43,8 @@ def settings_of(schema: Mapping[str, Any]) -> list[Setting]:
 
 def about(schema: Mapping[str, Any]) -> str:
     """What the protocol does, in its own words; one paragraph a line."""
-    return str(schema["properties"]["settings"].get("description", ""))
+    words = str(schema["properties"]["settings"].get("description", ""))
+    return "\n".join(" ".join(paragraph.split()) for paragraph in words.split("\n\n"))
 
 
 def text_of(value: object, unit: str = "") -> str:
@@ -94,5 +95,5 @@ def _choices(schema: Mapping[str, Any]) -> tuple[str, ...]:
 def _bounds(schema: Mapping[str, Any]) -> str:
     words = {"minimum": "from {}", "exclusiveMinimum": "above {}", "maximum": "to {}", "exclusiveMaximum": "below {}"}
     numbers = {key: part[key] for part in _parts(schema) for key in words if key in part}
-    said = [words[key].format(f"{numbers[key]:g}") for key in words if key in numbers]
+    said = [words[key].format(numbers[key]) for key in words if key in numbers]
     return " ".join([*said, *(f"or {part['const']}" for part in _parts(schema) if "const" in part)])
