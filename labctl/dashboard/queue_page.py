@@ -1,13 +1,11 @@
 """The page of the queue: what waits, runs, is done or failed, its order, and the buttons to carry it out."""
 
-import shlex
 from collections.abc import Callable
 from functools import partial
 
 from nicegui import ui
 
 from labctl.dashboard import launcher
-from labctl.dashboard.commands import answer
 from labctl.dashboard.frame import REFRESH_S, frame, heading
 from labctl.dashboard.launcher import Started
 from labctl.dashboard.list_wording import run_address
@@ -26,13 +24,10 @@ ON_FAILURE = {"stop": "stop after a failure", "go-on": "go on after a failure"}
 def show_queue(watching: Watching) -> None:
     """The queue of the folder."""
     frame("Queue")
-    with ui.element("main"):
-        with ui.element("section"):
-            heading("Queue")
-            page = QueuePage(watching)
-        with ui.element("section"):
-            heading("Add")
-            page.show_adding()
+    with ui.element("main"), ui.element("section"):
+        heading("Queue")
+        page = QueuePage(watching)
+        ui.link("Add a run or a sweep", "/start").classes("adding")
     ui.timer(REFRESH_S, page.refresh)
 
 
@@ -53,32 +48,6 @@ class QueuePage:
         self._message = ui.label().classes("message")
         self._items = ui.element("div").classes("queue")
         self.refresh()
-
-    def show_adding(self) -> None:
-        """A line for a command, and the way to the form."""
-        with ui.element("div").classes("adding"):
-            words = ui.input("labctl", placeholder="run image-readout --set images=400").classes("command")
-            words.props("stack-label")
-
-            async def add() -> None:
-                text = words.value or ""
-                try:
-                    typed = shlex.split(text)
-                except ValueError as error:
-                    self._message.set_text(f"{text}: {error}")
-                    return
-                words.set_value("")
-                self._message.set_text("adding ...")
-                asked = ["queue", "add", "--folder", str(self._watching.folder.resolve()), "--json", *typed]
-                found = await answer(asked, self._watching.environment)
-                self._message.set_text(str(found.get("error", "")))
-                if "error" in found and not words.value:
-                    words.set_value(text)
-                self.refresh()
-
-            words.on("keydown.enter", add)
-            ui.button("Add", on_click=add, color=None).classes("add")
-            ui.link("by the form", "/start")
 
     def refresh(self) -> None:
         """Show the queue as it is now, and what the command that carries it out said at its end."""

@@ -17,7 +17,6 @@ from labctl.runs.queue import Queue, State
 from tests.dashboard.browser import browser, chromium, connected, dashboard, enter, fits, narrow, opened
 
 CHROMIUM = chromium()
-SHORT = "--set images=4 --set ports=2 --set 'window=0.8 ns'"
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
@@ -39,21 +38,28 @@ def page(runs: Path) -> Iterator[Page]:
         page.context.close()
 
 
-def add(page: Page, words: str) -> None:
-    page.get_by_label("labctl").fill(words)
-    page.get_by_role("button", name="Add", exact=True).click()
+def add(page: Page, name: str, value: str, answer: str) -> None:
+    """Add to the queue by the form, with one more setting."""
+    page.get_by_label(name, exact=True).fill(value)
+    page.get_by_role("button", name="Add to the queue").click()
+    expect(page.locator(".form .message")).to_contain_text(answer)
 
 
 def test_items_are_added_moved_removed_and_carried_out(page: Page, runs: Path) -> None:
+    page.get_by_role("link", name="Start a run").click()
+    page.wait_for_url("**/start")
+    connected(page)
+    page.get_by_label("ports").fill("2")
+    page.get_by_label("window").fill("0.8 ns")
+    add(page, "images", "many", "images = 'many'")
+    page.get_by_label("images", exact=True).fill("4")
+    for number, seed in enumerate((1, 2, 3), start=1):
+        add(page, "seed", str(seed), f"number {number} of the queue")
     page.get_by_role("link", name="Queue").click()
     page.wait_for_url("**/queue")
     connected(page)
-    items, message = page.locator(".item"), page.locator(".message").first
-    add(page, "run image-readout --set images=many")
-    expect(message).to_contain_text("images = 'many'")
-    for number, seed in enumerate((1, 2, 3), start=1):
-        add(page, f"run image-readout {SHORT} --set seed={seed}")
-        expect(items).to_have_count(number)
+    items = page.locator(".item")
+    expect(items).to_have_count(3)
     expect(items.first).to_contain_text("on a real bench")
     items.nth(2).get_by_role("button", name="earlier").click()
     expect(items.nth(1)).to_contain_text("seed=3")
