@@ -140,7 +140,7 @@ class Watching:
 
     def alarms(self) -> list[str]:
         """Names of the runs whose laser did not go dark, the latest first."""
-        return self.listing.names("alarm = 1")
+        return [*self.listing.names("alarm = 1"), *self.sweeps.alarms()]
 
     def run(self, name: str) -> WatchedRun | None:
         """The run of that name, if the list or, as sweep/run, a sweep has one."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from labctl.errors import LabctlError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import RunRow, run_row
+from labctl.runs.live.alarm import may_emit
 from labctl.runs.sweep import FILE, Sweep, places, read
 
 EVERY_S = 2.0
@@ -18,11 +19,20 @@ RESTS = 10.0
 
 @dataclass(frozen=True)
 class Point:
-    """A run of a sweep: its folder's name, values on the axes, and how far it is; None before it begins."""
+    """A run of a sweep: its folder's name, values on the axes, and how far it is; None before it begins.
+
+    alarm: its laser did not go dark.
+    """
 
     name: str
     values: Mapping[str, str]
     row: RunRow | None
+    alarm: bool = False
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing more is to come of it."""
+        return self.row is not None and self.row.complete and not self.alarm
 
 
 @dataclass(frozen=True)
@@ -77,17 +87,19 @@ class Sweeps:
 
     def running(self) -> list[str]:
         """The runs that are measured now, as sweep/run."""
-        return [
-            f"{state.name}/{point.name}"
-            for state in self.all()
-            for point in state.points
-            if point.row is not None and point.row.running
-        ]
+        return [name for name, point in self._points() if point.row is not None and point.row.running]
+
+    def alarms(self) -> list[str]:
+        """The runs whose laser did not go dark, as sweep/run."""
+        return [name for name, point in self._points() if point.alarm]
+
+    def _points(self) -> list[tuple[str, Point]]:
+        return [(f"{state.name}/{point.name}", point) for state in self.all() for point in state.points]
 
     def _look(self, name: str, before: SweepState | None) -> SweepState:
         """What is complete is not read again."""
         directory = self._folder / name
-        done = {point.name: point for point in before.points if point.row and point.row.complete} if before else {}
+        done = {point.name: point for point in before.points if point.settled} if before else {}
         if before is not None and before.sweep is not None and len(done) == len(before.points):
             return before
         try:
@@ -95,11 +107,11 @@ class Sweeps:
             every = places(sweep)
         except LabctlError as error:
             return SweepState(name, problem=str(error))
-        return SweepState(
-            name, sweep, tuple(done.get(run) or Point(run, values, _row(directory / run)) for run, values in every)
-        )
+        return SweepState(name, sweep, tuple(done.get(run) or _point(directory / run, values) for run, values in every))
 
 
-def _row(directory: Path) -> RunRow | None:
+def _point(directory: Path, values: Mapping[str, str]) -> Point:
     paths = RunPaths(directory)
-    return run_row(paths) if os.path.lexists(paths.manifest) else None
+    if not os.path.lexists(paths.manifest):
+        return Point(directory.name, values, None)
+    return Point(directory.name, values, run_row(paths), alarm=may_emit(directory))

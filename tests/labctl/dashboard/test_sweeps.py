@@ -1,0 +1,79 @@
+"""The sweeps in a folder, as the pages have them."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from instruments.safe_state import UnsafeBench
+from labctl.bench.station import SIMULATED_STATION, Station
+from labctl.dashboard.sweep_accuracy import Recognition
+from labctl.dashboard.sweep_pages import positions, sweep_plot
+from labctl.dashboard.sweeps import Point, Sweeps
+from labctl.engine.session import Acquisition, acquire
+from labctl.runs.live.alarm import say_dark
+from labctl.runs.live.logs import EventLog
+from labctl.runs.sweep import FILE, Sweep, places
+from labctl.studies.sweeps.folder import begin
+from protocols.image_readout import ImageReadout
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Runs with a sweep of which one point is measured, and a file of a sweep that is none."""
+    sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns", "1 ns")}, reference_every=0)
+    begin(tmp_path / "runs" / "power", sweep, SIMULATED_STATION)
+    (name, _), _ = places(sweep)
+    acquire(Acquisition(ImageReadout(images=4, ports=(2,)), Station(), tmp_path / "runs" / "power" / name))
+    (tmp_path / "runs" / "broken").mkdir()
+    (tmp_path / "runs" / "broken" / FILE).write_text("{}")
+    return tmp_path / "runs"
+
+
+def test_how_far_a_sweep_is_and_which_of_its_runs_are_pages(folder: Path) -> None:
+    now = [0.0]
+    sweeps = Sweeps(folder, lambda: now[0])
+    power, broken = sweeps.all()
+    assert (power.complete, len(power.points), power.running) == (1, 2, False)
+    assert "not such a file" in broken.problem
+    done, waiting = power.points
+    assert sweeps.has_point(f"power/{done.name}")
+    for name in (f"power/{waiting.name}", "power", "power/..", "../runs", f"power/{done.name}/shards"):
+        assert not sweeps.has_point(name)
+    shutil.rmtree(folder / "power")
+    now[0] = 60.0
+    assert [state.name for state in sweeps.all()] == ["broken"]
+
+
+def test_a_laser_of_a_sweep_that_did_not_go_dark_is_told_until_somebody_has_seen_it_dark(folder: Path) -> None:
+    now = [0.0]
+    sweeps = Sweeps(folder, lambda: now[0])
+    point = sweeps.all()[0].points[0]
+    assert sweeps.alarms() == []
+    with EventLog() as events:
+        events.stored_in(folder / "power" / point.name)
+        events.emission(on=True)
+        events.safe_state(UnsafeBench("the laser may still emit", ["laser"]))
+    fresh = Sweeps(folder, lambda: now[0])
+    assert fresh.alarms() == [f"power/{point.name}"]
+    say_dark(folder / "power" / point.name)
+    now[0] = 60.0
+    assert fresh.alarms() == []
+
+
+def test_a_plot_has_a_curve_for_each_value_of_the_other_axes() -> None:
+    every = [
+        Point(f"{window} {power}", {"window": window, "power": power}, None)
+        for window in ("0.5 ns", "1 ns", "2 ns")
+        for power in ("10 mW", "30 mW")
+    ]
+    known = {point.name: Recognition(0.8, 0.7, 0.9, 0.25) for point in every[:4]}
+    drawn = sweep_plot(every, known)
+    assert "accuracy against window, 4 of 6 runs" in drawn
+    assert ("power 10 mW" in drawn, "power 30 mW" in drawn, "power 20 mW" in drawn) == (True, True, False)
+    assert "no run is complete yet" in sweep_plot(every, {})
+
+
+def test_values_lie_by_their_numbers_where_they_have_one_unit() -> None:
+    assert positions(["2 ns", "0.5 ns"]) == ({"2 ns": 2.0, "0.5 ns": 0.5}, ("0.5 ns", "2 ns"))
+    assert positions(["software", "burst"]) == ({"software": 0.0, "burst": 1.0}, ("software", "burst"))
