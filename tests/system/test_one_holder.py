@@ -58,7 +58,7 @@ TASKS = {
     "run": "a run of image-readout",
     "Start": "a run of image-readout",
 }
-SETTINGS = "window=0.4 ns\nimages=4000"
+SETTINGS = {"window": "0.4 ns", "images": "4000"}
 
 
 @contextmanager
@@ -75,7 +75,7 @@ def holding(task: str, station: Path, out: Path) -> Iterator[subprocess.Popen[by
         elif task == "run":
             command[len(LABCTL) : len(LABCTL) + 1] = [*RUN, *ENDLESS]
         if task == "Start":
-            begun = launcher.start(Asked("image-readout", SETTINGS, str(station)), out, {})
+            begun = launcher.start([*Asked("image-readout", SETTINGS, station=str(station)).words, f"--out={out}"], {})
             printed.enter_context(begun.printed)
             process = begun.process
         else:
@@ -120,7 +120,9 @@ def test_the_second_is_refused_and_the_first_untouched(
         for second in ("check", "align", "run", "reproduce", "Start"):
             out = tmp_path / second
             if second == "Start":
-                started = launcher.start(Asked("image-readout", SETTINGS, str(other)), out, {})
+                started = launcher.start(
+                    [*Asked("image-readout", SETTINGS, station=str(other)).words, f"--out={out}"], {}
+                )
                 with started.printed:
                     status, said = started.process.wait(), started.failure()
             else:

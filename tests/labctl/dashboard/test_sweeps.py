@@ -22,7 +22,7 @@ from protocols.image_readout import ImageReadout
 def folder(tmp_path: Path) -> Path:
     """Runs with a sweep of which one point is measured, and a file of a sweep that is none."""
     sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns", "1 ns")}, reference_every=0)
-    begin(tmp_path / "runs" / "power", sweep, SIMULATED_STATION)
+    begin(tmp_path / "runs" / "power", sweep, ImageReadout, SIMULATED_STATION)
     (name, _), _ = places(sweep)
     acquire(Acquisition(ImageReadout(images=4, ports=(2,)), Station(), tmp_path / "runs" / "power" / name))
     (tmp_path / "runs" / "broken").mkdir()
