@@ -44,8 +44,8 @@ def runs(
     asked += [f'started >= "{_time(since)}"'] if since is not None else []
     asked += [f'state = "{_state(state)}"'] if state is not None else []
     asked += [f"seed = {seed}"] if seed is not None else []
-    found = catalogue.find(" and ".join(asked), sort=sort, limit=limit)
     more = [key.strip().lower() for key in columns.split(",") if key.strip()]
+    found = catalogue.find(" and ".join(asked), sort=sort, limit=limit, shown=more)
     show({"runs": [_listed(one) for one in found]}, as_json, lambda: _print(folder, found, more, asked=bool(asked)))
     return DONE
 

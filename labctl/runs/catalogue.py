@@ -15,21 +15,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from labctl.errors import RunError, UsageError
+from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.index import RunRow, run_directories, run_row
 from labctl.runs.live.owner import writer_of
 from labctl.runs.notes import Notes, read_notes
-from labctl.runs.search import condition, words_in
+from labctl.runs.search import condition, unknown, words_in
 
 FILE = "catalogue.sqlite"
 APPLICATION, VERSION = 0x6C616263, 1
 """What the file says of itself and of its tables: one of another version is made anew, any other is let alone."""
 LISTED = ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned", "state", "problem")
 """Keys that are attributes of `RunRow`."""
-LARGEST_READOUT = 1 << 30
-"""Bytes that a readout's file may unfold to."""
 MOST_VALUES = 64
 """Of one setting that is a list."""
 LONGEST_VALUE = 4000
@@ -60,20 +58,22 @@ class Catalogue:
         """Of the runs in `folder`, which need not exist yet."""
         self._folder = folder
 
-    def find(self, words: str = "", *, sort: str = "started", limit: int | None = None) -> list[Found]:
+    def find(
+        self, words: str = "", *, sort: str = "started", limit: int | None = None, shown: Sequence[str] = ()
+    ) -> list[Found]:
         """The runs that `words` ask for, as `labctl.runs.search` reads them, the newest or largest last.
 
-        sort: any key; of several values the largest counts. limit: the last so many.
+        sort: any key; of several values the largest counts. limit: the last so many. shown: keys that some run must
+        have, where there is one.
 
         Raises:
             UsageError: the words are not understood, or no run has that key.
         """
         with self._open() as database:
             keys = self._keys(database)
-            if sort not in keys.union(LISTED):
-                raise UsageError(
-                    f"{sort}: no run here has that: sort by one of {', '.join(sorted(keys.union(LISTED)))}"
-                )
+            for key in (sort, *(shown if keys else ())):
+                if key not in keys.union(LISTED):
+                    raise unknown(key, keys.union(LISTED))
             sql, values = condition(words, keys)
             largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
             chosen = database.execute(
@@ -195,7 +195,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
                 found[_text(key.lower())] = _values(value)
         if isinstance(station, dict):
             found["bench"] = _values(station.get("name"))
-        found["accuracy"] = [score for path in paths.readouts for score in _accuracy(path)]
+        found["accuracy"] = _accuracies(paths.readouts)
     for key in LISTED:
         found[key] = _values(getattr(row, key))
     with suppress(ValueError):
@@ -226,14 +226,9 @@ def _text(value: str) -> str:
     return value[:LONGEST_VALUE].encode("utf-8", "replace").decode("utf-8")
 
 
-def _accuracy(path: Path) -> list[float]:
-    """What a readout scored on the shots kept apart, as its file says."""
-    from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked  # h5py takes long to load
-
-    try:
-        with walked(path) as file:
-            check_plain(file, LARGEST_READOUT)
-            score = json.loads(attribute(file, "metadata"))["accuracy"]
-    except (*HDF5_ERRORS, RunError):
+def _accuracies(readouts: Sequence[Path]) -> list[str | float]:
+    if not readouts:
         return []
-    return [float(score)] if isinstance(score, int | float) and math.isfinite(score) else []
+    from labctl.runs.format.readout import accuracies_of  # h5py takes long to load
+
+    return [score for path in readouts for score in accuracies_of(path)]

@@ -64,14 +64,6 @@ class RunRow:
         return "running" if self.running else "incomplete"
 
 
-def list_runs(folder: Path | str) -> list[RunRow]:
-    """The runs in `folder`, by name, which is by time; none if there is no such folder.
-
-    A run that cannot be read is a row with its `problem`; what is no run directory is left out.
-    """
-    return [run_row(RunPaths(path)) for path in run_directories(Path(folder))]
-
-
 def run_directories(folder: Path) -> list[Path]:
     """The run directories in `folder`, by name; none if there is no such folder."""
     if not folder.is_dir():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from labctl.errors import RunError
 from labctl.runs.format.checked_line import TornLine, decode, encode
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.notes import LONGEST_NOTE, Notes, read_notes, say_of
+from labctl.runs.notes import LARGEST, LONGEST_NOTE, Notes, read_notes, say_of
 from labctl.runs.verification import verify_run
 
 
@@ -76,3 +76,13 @@ def test_what_cannot_be_said_is_refused(whole: Path, text: str, tags: list[str])
 def test_what_is_no_run_has_no_notes(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="not a run directory"):
         say_of(RunPaths(tmp_path), "x")
+
+
+def test_notes_that_cannot_be_read_are_a_finding_and_no_damage_of_what_was_measured(whole: Path) -> None:
+    with RunPaths(whole).notes.open("wb") as file:
+        file.truncate(LARGEST + 1)
+    report = verify_run(whole)
+    assert report.intact
+    (said,) = [note for note in report.notes if "notes.jsonl" in note]
+    assert "cannot be read" in said
+    assert "\n" not in said
