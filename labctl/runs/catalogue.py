@@ -1,25 +1,29 @@
 """A catalogue of the runs in a folder, by which one of thousands is found again.
 
 It is a SQLite file beside the runs that holds nothing of its own: what changed since it was made is read again from the
-runs, and without it, or where none can be written, it is made anew.
+runs, and without it, or where none can be written, it is made anew. Of runs elsewhere it lies in the user's cache.
 """
 
+import hashlib
 import json
 import math
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from platformdirs import user_cache_path
+
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
-from labctl.runs.index import RunRow, run_directories, run_row
-from labctl.runs.live.owner import writer_of
+from labctl.runs.format.store import StorePath
+from labctl.runs.index import RunRow, is_running, run_directories, run_row
 from labctl.runs.notes import Notes, read_notes
 from labctl.runs.search import condition, unknown, words_in
 
@@ -31,6 +35,8 @@ LISTED = ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned"
 MOST_VALUES = 64
 """Of one setting that is a list."""
 LONGEST_VALUE = 4000
+AT_ONCE = 16
+"""Runs elsewhere that are read side by side."""
 _TABLES = f"""
     DROP TABLE IF EXISTS run;
     DROP TABLE IF EXISTS fact;
@@ -107,8 +113,8 @@ class Catalogue:
             yield database
 
     def _connected(self) -> sqlite3.Connection:
-        path = self._folder / FILE
-        if self._folder.is_dir() and not (path.is_symlink() or (path.exists() and not path.is_file())):
+        path = _kept_for(self._folder)
+        if path.parent.is_dir() and not (path.is_symlink() or (path.exists() and not path.is_file())):
             with suppress(sqlite3.Error):
                 database = sqlite3.connect(path, timeout=1.0)
                 try:
@@ -120,17 +126,21 @@ class Catalogue:
     def _refresh(self, database: sqlite3.Connection) -> None:
         entries = database.execute("SELECT name, stamp, json_extract(row, '$.running'), complete FROM run")
         known = {name: (stamp, bool(running), complete) for name, stamp, running, complete in entries}
-        there = {os.fsencode(directory.name): directory for directory in run_directories(self._folder)}
+        there = {os.fsencode(directory.name): RunPaths(directory) for directory in run_directories(self._folder)}
         for name in known.keys() - there.keys():
             _forget(database, name)
-        for name, directory in there.items():
-            paths = RunPaths(directory)
+        changed: list[tuple[bytes, str | None, RunPaths]] = []
+        for name, paths in there.items():
             stamp = _stamp(paths)
             before, running, complete = known.get(name, (None, False, False))
-            if stamp == before and (complete or running == (writer_of(paths) is not None)):
-                continue
-            _forget(database, name)
-            _enter(database, name, stamp, paths)
+            if stamp is None or stamp != before or not (complete or running == is_running(paths)):
+                changed.append((name, stamp, paths))
+        with _several_at_once(self._folder) as each:
+            for (name, stamp, _), (row, facts) in zip(
+                changed, each(_known_of, [one[2] for one in changed]), strict=True
+            ):
+                _forget(database, name)
+                _enter(database, name, stamp, row, facts)
 
 
 def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
@@ -145,11 +155,41 @@ def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
     return database
 
 
-def _stamp(paths: RunPaths) -> str:
-    """Changes whenever one of the files does that the catalogue is made of."""
+def _kept_for(folder: Path) -> Path:
+    """Where the catalogue of a folder lies: in it, or for one elsewhere among what this user keeps for later."""
+    if not isinstance(folder, StorePath):
+        return folder / FILE
+    kept = user_cache_path("labctl") / "catalogues"
+    with suppress(OSError):
+        kept.mkdir(parents=True, exist_ok=True)
+    return kept / f"{hashlib.sha256(str(folder).encode()).hexdigest()[:32]}.sqlite"
+
+
+@contextmanager
+def _several_at_once(folder: Path) -> Iterator[Callable[..., Iterable[tuple[RunRow, Facts]]]]:
+    """How each of several runs is read: those elsewhere side by side, since what takes long is the way there."""
+    if not isinstance(folder, StorePath):
+        yield map
+        return
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        yield pool.map
+
+
+def _known_of(paths: RunPaths) -> tuple[RunRow, Facts]:
+    row = run_row(paths)
+    return row, facts_of(paths, row)
+
+
+def _stamp(paths: RunPaths) -> str | None:
+    """Changes whenever one of the files does that the catalogue is made of; None where nobody says."""
     stamps = []
     for path in (paths.manifest, paths.journal, paths.notes, paths.models):
         with suppress(OSError):
+            if isinstance(path, StorePath):
+                if (said := path.stamp()) is None:
+                    return None
+                stamps.append(f"{path.name} {said}")
+                continue
             found = path.lstat()
             stamps.append(f"{path.name} {found.st_size} {found.st_mtime_ns}")
     return ", ".join(stamps)
@@ -160,9 +200,7 @@ def _forget(database: sqlite3.Connection, name: bytes) -> None:
     database.execute("DELETE FROM run WHERE name = ?", [name])
 
 
-def _enter(database: sqlite3.Connection, name: bytes, stamp: str, paths: RunPaths) -> None:
-    row = run_row(paths)
-    facts = facts_of(paths, row)
+def _enter(database: sqlite3.Connection, name: bytes, stamp: str | None, row: RunRow, facts: Facts) -> None:
     stored = {field: value for field, value in vars(row).items() if field != "path"} | {"path": ""}
     told = ((key, *(f"{one:g}" if isinstance(one, float) else one for one in values)) for key, values in facts.items())
     text = " ".join(word for words in told for word in words)
