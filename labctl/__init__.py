@@ -48,10 +48,11 @@ def open_run(path: "Path | str") -> "xarray.Dataset":
     use it as a context manager. Needs the extra `data`.
 
     Args:
-        path: A run directory, or a data.h5 by itself.
+        path: A run directory, or a data.h5 by itself; or the URL of either, such as `s3://bucket/lab/run`.
 
     Raises:
-        labctl.runs.RunError: Not a run, or damaged, or xarray is not installed; says what to do.
+        labctl.errors.RunError: Not a run, or damaged, or a package is not installed; says what to do.
+        labctl.runs.format.store.Unreachable: The store of a URL does not answer.
 
     Example:
         >>> from labctl import open_run
@@ -72,10 +73,11 @@ def open_runs(runs: "Path | str | Sequence[Path | str]") -> "xarray.Dataset":
     ends in values that are not numbers. Close the dataset, or use it as a context manager. Needs the extra `data`.
 
     Args:
-        runs: The folder of a sweep or of any runs that have ports and sampling in common, or run directories.
+        runs: The folder of a sweep or of any runs that have ports and sampling in common, or run directories; or
+            their URLs.
 
     Raises:
-        labctl.runs.RunError: No runs, one of them damaged, or of other ports; says what to do.
+        labctl.errors.RunError: No runs, one of them damaged, or of other ports; says what to do.
 
     Example:
         >>> from labctl import open_runs
@@ -86,9 +88,10 @@ def open_runs(runs: "Path | str | Sequence[Path | str]") -> "xarray.Dataset":
     from pathlib import Path
 
     from labctl.errors import RunError
+    from labctl.runs.format.store import location
     from labctl.runs.index import run_directories
 
-    paths = run_directories(Path(runs)) if isinstance(runs, str | Path) else [Path(one) for one in runs]
+    paths = run_directories(location(runs)) if isinstance(runs, str | Path) else [location(one) for one in runs]
     if not paths:
         raise RunError(f"{runs}: holds no runs: name a folder that 'labctl sweep' or 'labctl run' made")
     _require_xarray(paths[0])

@@ -16,6 +16,7 @@ from labctl.engine.hands import Hands, in_hands
 from labctl.engine.plan import new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.catalogue import Catalogue, Found
+from labctl.runs.format.store import here, location
 from labctl.runs.sweep import Sweep
 from labctl.runs.sweep_axes import Order, values_of
 from labctl.studies.readouts import evaluate_readout, train_readout
@@ -166,14 +167,14 @@ def runs(
 
     Args:
         where: Such as `"images >= 300 and tag = good"`; all if empty.
-        folder: Where the runs lie.
+        folder: Where the runs lie: a path, or a URL such as `s3://bucket/lab`.
         sort: Any key.
         limit: The last so many.
 
     Raises:
         UsageError: the words are not understood, or no run has that key.
     """
-    return Catalogue(Path(folder)).find(where, sort=sort, limit=limit)
+    return Catalogue(location(folder)).find(where, sort=sort, limit=limit)
 
 
 def train(
@@ -201,7 +202,7 @@ def train(
     """
     window_s = quantity(window, "s") if isinstance(window, str) else float(window)
     chosen = None if ports is None else tuple(ports)
-    return train_readout(Path(run), window_s=window_s, ports=chosen, seed=seed, out=_path(out))
+    return train_readout(here(run), window_s=window_s, ports=chosen, seed=seed, out=_path(out))
 
 
 def evaluate(subject: Path | str, run: Path | str | None = None) -> dict[str, Any]:
@@ -209,7 +210,7 @@ def evaluate(subject: Path | str, run: Path | str | None = None) -> dict[str, An
 
     Args:
         subject: Model file, or the folder of a sweep.
-        run: Run directory to test the model on.
+        run: Run directory to test the model on, or its URL.
 
     Returns:
         What the command prints as JSON.
@@ -217,7 +218,7 @@ def evaluate(subject: Path | str, run: Path | str | None = None) -> dict[str, An
     Raises:
         LabctlError: not a readout, or a run it does not fit; or no such sweep.
     """
-    return evaluate_sweep(Path(subject)) if run is None else evaluate_readout(Path(subject), Path(run))
+    return evaluate_sweep(here(subject)) if run is None else evaluate_readout(location(subject), location(run))
 
 
 def _station(path: Path | str | None, *, projector: bool | None = None) -> Station:

@@ -24,6 +24,7 @@ EXTRAS = {
     "dlpc900": "TI DLPC900 DMDs on USB",
     "imaging": "image reconstruction by networks: experiments fig6 and s6",
     "serial": "instruments at serial ports, such as the laser",
+    "store": "runs of other machines: on S3, behind SSH or web servers",
     "usb": "instruments on USB without a vendor's VISA library",
 }
 """What each extra is for."""

@@ -21,6 +21,7 @@ COMMANDS = {
     "show": "labctl.commands.show:show",
     "compare": "labctl.commands.compare:compare",
     "export": "labctl.commands.export:export",
+    "publish": "labctl.commands.publish:publish",
     "train": "labctl.commands.train:train",
     "evaluate": "labctl.commands.evaluate:evaluate",
     "report": "labctl.commands.report:report",

@@ -7,12 +7,13 @@ import typer
 
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table
+from labctl.runs.format.store import here
 from labctl.studies import comparison
 
 
 def compare(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Run directory or data.h5.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="The run to compare it with.")],
+    first: Annotated[Path, typer.Argument(metavar="A", help="Run directory or data.h5.", parser=here)],
+    second: Annotated[Path, typer.Argument(metavar="B", help="The run to compare it with.", parser=here)],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the pictures; default among the figures of A.")
     ] = None,

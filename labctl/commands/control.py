@@ -10,11 +10,12 @@ from labctl.commands.output import JsonOption, say, show
 from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import require_own_files
+from labctl.runs.format.store import here
 from labctl.runs.live.alarm import may_emit, say_dark
 from labctl.runs.live.control_file import Word, ask, stop_at_once
 from labctl.runs.live.owner import writer_of
 
-Run = Annotated[Path, typer.Argument(help="Directory of a running run.")]
+Run = Annotated[Path, typer.Argument(help="Directory of a running run.", parser=here)]
 
 
 def pause(run: Run, as_json: JsonOption = False) -> int:
@@ -36,7 +37,9 @@ def stop(
     return _ask(run, Word.STOP_NOW if now else Word.STOP, "ends in the safe state", as_json)
 
 
-def dark(run: Annotated[Path, typer.Argument(help="Directory of a run.")], as_json: JsonOption = False) -> int:
+def dark(
+    run: Annotated[Path, typer.Argument(help="Directory of a run.", parser=here)], as_json: JsonOption = False
+) -> int:
     """Say that you have seen the laser dark, after a run that could not switch it off."""
     require_own_files(run)
     if not may_emit(run):

@@ -12,6 +12,7 @@ from labctl.commands.next_steps import cannot_judge, protocol_of, require_readou
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.commands.ranges import ports_of
 from labctl.errors import UsageError
+from labctl.runs.format.store import here, location
 from labctl.runs.sweep import is_sweep
 from labctl.studies import online as online_study
 from labctl.studies.fibre import in_words, measure_fibre
@@ -25,10 +26,12 @@ def evaluate(
         typer.Argument(
             metavar="MODEL|RUN|SWEEP",
             help="Model file that labctl train wrote, a run directory, or the folder of a sweep.",
+            parser=location,
         ),
     ],
     run: Annotated[
-        Path | None, typer.Argument(metavar="RUN", help="With a model: run directory to test it on.")
+        Path | None,
+        typer.Argument(metavar="RUN", help="With a model: run directory to test it on, or its URL.", parser=location),
     ] = None,
     online: Annotated[
         bool,
@@ -52,6 +55,7 @@ def evaluate(
     measured. RUN of wavelength-scan: correlation against detuning, its half width, the fibre's delay spread.
     """
     if is_sweep(subject) and not online and run is None:
+        here(str(subject))  # its figure is written into it
         swept = evaluate_sweep(
             subject, window_s=None if window is None else train.seconds(window), ports=ports_of(ports)
         )

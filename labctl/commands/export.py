@@ -10,11 +10,12 @@ from labctl.commands.output import JsonOption, progress_bar, say, show
 from labctl.commands.ranges import ShotsOption, shots_of
 from labctl.errors import UsageError
 from labctl.runs.export import FORMATS, Content, write
+from labctl.runs.format.store import here
 from labctl.runs.read.run import open_run
 
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory or data.h5.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory or data.h5.", parser=here)],
     to: Annotated[str, typer.Option("--to", help=f"Format: {', '.join(FORMATS)}.")],
     out: Annotated[
         Path | None, typer.Option("--out", help="File to make, for zarr a folder; default next to the run.")

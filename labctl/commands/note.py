@@ -6,13 +6,14 @@ from typing import Annotated
 import typer
 
 from labctl.commands.exit_status import DONE
+from labctl.commands.options import RunHereArgument
 from labctl.commands.output import JsonOption, say, show
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.notes import Notes, read_notes, say_of
 
 
 def note(
-    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    run: RunHereArgument,
     text: Annotated[str, typer.Argument(help="What is to be known of it.")] = "",
     tags: Annotated[list[str] | None, typer.Option("--tag", help="A word to find it by; may be repeated.")] = None,
     untagged: Annotated[list[str] | None, typer.Option("--untag", help="Take a tag away; may be repeated.")] = None,

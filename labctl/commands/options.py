@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from labctl.runs.format.store import here
+
+RunHereArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", parser=here)]
 StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
 DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, looked at first.")]
 PortBaseOption = Annotated[

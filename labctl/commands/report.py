@@ -1,18 +1,14 @@
 """`labctl report`: the report of a run, made anew."""
 
-from pathlib import Path
-from typing import Annotated
-
-import typer
-
 from labctl.commands.exit_status import DONE
 from labctl.commands.next_steps import cannot_judge, protocol_of
+from labctl.commands.options import RunHereArgument
 from labctl.commands.output import JsonOption, say, show
 from labctl.studies.judgement import JUDGES
 
 
 def report(
-    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    run: RunHereArgument,
     as_json: JsonOption = False,
 ) -> int:
     """Write figures and report of a run, and say where they are.

@@ -17,12 +17,13 @@ from labctl.commands.run import describe, print_outcome
 from labctl.engine import session
 from labctl.engine.resume import SettingsChanged
 from labctl.engine.session import Resumption
+from labctl.runs.format.store import here
 from labctl.runs.sweep import is_sweep
 
 
 def resume(
     context: typer.Context,
-    run: Annotated[Path, typer.Argument(help="Run directory, or the folder of a sweep.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory, or the folder of a sweep.", parser=here)],
     station: Annotated[
         Path | None, typer.Option("--station", help="Station file of this bench; else the one it was begun with here.")
     ] = None,

@@ -12,6 +12,7 @@ from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.errors import UsageError
 from labctl.runs.catalogue import Catalogue, Found
+from labctl.runs.format.store import location
 from labctl.runs.index import RunRow, State
 
 STATES = get_args(State)
@@ -19,7 +20,9 @@ EXAMPLE = '"images >= 300 and accuracy > 0.9 and tag = good"'
 
 
 def runs(
-    folder: Annotated[Path, typer.Argument(help="Folder of run directories.")] = Path("runs"),
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Folder of run directories, or its URL.", parser=location)
+    ] = Path("runs"),
     where: Annotated[str, typer.Option("--where", help=f"Only runs of which this is so: {EXAMPLE}; or words.")] = "",
     protocol: Annotated[str | None, typer.Option("--protocol", help="Only runs of this protocol.")] = None,
     since: Annotated[
@@ -44,8 +47,8 @@ def runs(
     asked += [f'started >= "{_time(since)}"'] if since is not None else []
     asked += [f'state = "{_state(state)}"'] if state is not None else []
     asked += [f"seed = {seed}"] if seed is not None else []
-    found = catalogue.find(" and ".join(asked), sort=sort, limit=limit)
     more = [key.strip().lower() for key in columns.split(",") if key.strip()]
+    found = catalogue.find(" and ".join(asked), sort=sort, limit=limit, shown=more)
     show({"runs": [_listed(one) for one in found]}, as_json, lambda: _print(folder, found, more, asked=bool(asked)))
     return DONE
 
@@ -109,4 +112,4 @@ def _text(values: Sequence[str | float]) -> str:
 
 
 def _how(row: RunRow) -> str:
-    return row.problem.removeprefix(f"{row.path}{os.sep}") or row.state  # its name stands there already
+    return row.problem.removeprefix(f"{row.path}").lstrip(os.sep + "/") or row.state  # its name stands there already

@@ -11,6 +11,7 @@ from labctl.commands.output import JsonOption, say, table
 from labctl.commands.output import show as output
 from labctl.commands.ranges import ShotsOption, ports_of, shots_of
 from labctl.errors import UsageError
+from labctl.runs.format.store import is_elsewhere, location
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.file_summary import is_run, summary_of
 from labctl.studies.inspection import Look, draw, look_at, part_of
@@ -18,7 +19,12 @@ from labctl.studies.inspection import Look, draw, look_at, part_of
 
 def show(
     path: Annotated[
-        Path, typer.Argument(metavar="RUN|FILE", help="Run, readout, recording, station or protocol file.")
+        Path,
+        typer.Argument(
+            metavar="RUN|FILE",
+            help="Run, by its URL elsewhere too, readout, recording, station or protocol file.",
+            parser=location,
+        ),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the pictures, or one .png; default RUN/figures.")
@@ -34,6 +40,8 @@ def show(
         found = _run(path, out, shots_of(shots), ports_of(ports))
         output(found, as_json, lambda: _print(found))
         return DONE
+    if is_elsewhere(path):
+        raise UsageError(f"{path}: is no run: copy the file here to see what it holds")
     if out or shots or ports:
         raise UsageError(f"{path}: is no run: leave --out, --shots and --ports out")
     summary = summary_of(path)
@@ -68,7 +76,7 @@ def _described(path: Path, run: Run) -> dict[str, Any]:
         "samples": run.shape.samples,
         "sample_interval_s": run.shape.sample_interval_s,
         "clipped_shots": int(np.count_nonzero(np.any(run.clipped, axis=1))),
-        "frames_sha256": run.digest(),
+        "frames_sha256": None if is_elsewhere(path) else run.digest(),
         "protocol": manifest.get("protocol"),
         "started": manifest.get("started"),
         "seeds": manifest.get("seeds"),

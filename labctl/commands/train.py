@@ -8,6 +8,7 @@ import typer
 from instruments.units import quantity
 from labctl.commands.exit_status import DONE
 from labctl.commands.next_steps import require_readout
+from labctl.commands.options import RunHereArgument
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.commands.ranges import ports_of
 from labctl.errors import UsageError
@@ -15,7 +16,7 @@ from labctl.studies.readouts import evaluate_readout, train_readout
 
 
 def train(
-    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    run: RunHereArgument,
     readout: Annotated[str, typer.Option("--readout", help="softmax")] = "softmax",
     window: Annotated[str, typer.Option("--window", help='Acquisition time T_N, such as "0.4 ns".')] = "0.4 ns",
     ports: Annotated[

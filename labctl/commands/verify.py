@@ -1,18 +1,18 @@
 """`labctl verify`: is a run still what was measured?"""
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from labctl.commands.exit_status import DONE, FELL_SHORT
+from labctl.commands.options import RunHereArgument
 from labctl.commands.output import JsonOption, say, show
 from labctl.runs.verification import RunReport, verify_run
 
 
 def verify(
-    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    run: RunHereArgument,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Make data.h5 anew from the shards first.")] = False,
     as_json: JsonOption = False,
 ) -> int:

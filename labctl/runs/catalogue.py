@@ -1,29 +1,33 @@
 """A catalogue of the runs in a folder, by which one of thousands is found again.
 
 It is a SQLite file beside the runs that holds nothing of its own: what changed since it was made is read again from the
-runs, and without it, or where none can be written, it is made anew.
+runs, and without it, or where none can be written, it is made anew. Of runs elsewhere it lies in the user's cache.
 """
 
+import hashlib
 import json
 import math
 import os
 import sqlite3
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from labctl.errors import RunError, UsageError
+from platformdirs import user_cache_path
+
+from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
-from labctl.runs.index import RunRow, run_row
+from labctl.runs.format.store import StorePath, is_elsewhere
+from labctl.runs.index import RunRow, is_running, run_directories, run_row
 from labctl.runs.live.alarm import may_emit
-from labctl.runs.live.owner import writer_of
 from labctl.runs.notes import Notes, read_notes
-from labctl.runs.search import condition, words_in
+from labctl.runs.search import condition, unknown, words_in
 
 FILE = "catalogue.sqlite"
 APPLICATION, VERSION = 0x6C616263, 2
@@ -33,11 +37,11 @@ LISTED = ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned"
 MANIFEST = b"manifest.json"
 STAMPED = (MANIFEST, b"journal.jsonl", b"notes.jsonl", b"models", b"events.jsonl")
 """Files of a run that the catalogue is made of."""
-LARGEST_READOUT = 1 << 30
-"""Bytes that a readout's file may unfold to."""
 MOST_VALUES = 64
 """Of one setting that is a list."""
 LONGEST_VALUE = 4000
+AT_ONCE = 16
+"""Runs elsewhere that are read side by side."""
 _TABLES = f"""
     DROP TABLE IF EXISTS run;
     DROP TABLE IF EXISTS fact;
@@ -71,17 +75,22 @@ class Catalogue:
         self._due = 0.0
         self._in_memory: sqlite3.Connection | None = None
 
-    def find(self, words: str = "", *, sort: str = "started", limit: int | None = None) -> list[Found]:
+    def find(
+        self, words: str = "", *, sort: str = "started", limit: int | None = None, shown: Sequence[str] = ()
+    ) -> list[Found]:
         """The runs that `words` ask for, as `labctl.runs.search` reads them, the newest or largest last.
 
-        sort: any key; of several values the largest counts. limit: the last so many.
+        sort: any key; of several values the largest counts. limit: the last so many. shown: keys that some run must
+        have, where there is one.
 
         Raises:
             UsageError: the words are not understood, or no run has that key.
         """
-        return self.last(words, sort=sort, limit=limit)[0]
+        return self.last(words, sort=sort, limit=limit, shown=shown)[0]
 
-    def last(self, words: str = "", *, sort: str = "started", limit: int | None = None) -> tuple[list[Found], int]:
+    def last(
+        self, words: str = "", *, sort: str = "started", limit: int | None = None, shown: Sequence[str] = ()
+    ) -> tuple[list[Found], int]:
         """The same, and how many there are, whatever the limit.
 
         Raises:
@@ -89,10 +98,9 @@ class Catalogue:
         """
         with self._open() as database:
             keys = self._keys(database)
-            if sort not in keys.union(LISTED):
-                raise UsageError(
-                    f"{sort}: no run here has that: sort by one of {', '.join(sorted(keys.union(LISTED)))}"
-                )
+            for key in (sort, *(shown if keys else ())):
+                if key not in keys.union(LISTED):
+                    raise unknown(key, keys.union(LISTED))
             sql, values = condition(words, keys)
             largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
             chosen = database.execute(
@@ -139,8 +147,8 @@ class Catalogue:
             yield database
 
     def _connected(self) -> AbstractContextManager[sqlite3.Connection]:
-        path = self._folder / FILE
-        if self._folder.is_dir() and not (path.is_symlink() or (path.exists() and not path.is_file())):
+        path = _kept_for(self._folder)
+        if path.parent.is_dir() and not (path.is_symlink() or (path.exists() and not path.is_file())):
             with suppress(sqlite3.Error):
                 database = sqlite3.connect(path, timeout=1.0)
                 try:
@@ -156,17 +164,23 @@ class Catalogue:
     def _refresh(self, database: sqlite3.Connection) -> None:
         entries = database.execute("SELECT name, stamp, json_extract(row, '$.running') FROM run")
         known = {name: (stamp, bool(running)) for name, stamp, running in entries}
-        there = _stamps(self._folder)
+        there = _stamps_elsewhere(self._folder) if isinstance(self._folder, StorePath) else _stamps(self._folder)
         for name in known.keys() - there.keys():
             _forget(database, name)
+        changed: list[tuple[bytes, str | None, RunPaths]] = []
         for name, stamp in there.items():
-            before, running = known.get(name, ("", False))
-            if stamp == before and not running:
+            before, running = known.get(name, (None, False))
+            if stamp is not None and stamp == before and not running:
                 continue
             paths = RunPaths(self._folder / os.fsdecode(name))
-            if stamp != before or writer_of(paths) is None:
+            if stamp is None or stamp != before or not is_running(paths):
+                changed.append((name, stamp, paths))
+        with _several_at_once(self._folder) as each:
+            for (name, stamp, _), (row, facts) in zip(
+                changed, each(_known_of, [one[2] for one in changed]), strict=True
+            ):
                 _forget(database, name)
-                _enter(database, name, stamp, paths)
+                _enter(database, name, stamp, row, facts)
 
 
 def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
@@ -181,9 +195,9 @@ def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
     return database
 
 
-def _stamps(folder: Path) -> dict[bytes, str]:
+def _stamps(folder: Path) -> dict[bytes, str | None]:
     """The run directories in a folder: name -> what changes whenever a file does that the catalogue is made of."""
-    found = {}
+    found: dict[bytes, str | None] = {}
     root = os.fsencode(folder)
     for name in os.listdir(root) if folder.is_dir() else ():
         stamps = []
@@ -200,14 +214,53 @@ def _stamps(folder: Path) -> dict[bytes, str]:
     return found
 
 
+def _stamps_elsewhere(folder: Path) -> dict[bytes, str | None]:
+    """The same of a folder elsewhere; None where the store does not say when a file changed."""
+    return {os.fsencode(directory.name): _stamp(directory) for directory in run_directories(folder)}
+
+
+def _stamp(directory: Path) -> str | None:
+    stamps: list[str] = []
+    for file in STAMPED:
+        path = directory / os.fsdecode(file)
+        with suppress(FileNotFoundError):
+            if not isinstance(path, StorePath) or (said := path.stamp()) is None:
+                return None
+            stamps.append(f"{path.name} {said}")
+    return ", ".join(stamps)
+
+
+def _kept_for(folder: Path) -> Path:
+    """Where the catalogue of a folder lies: in it, or for one elsewhere among what this user keeps for later."""
+    if not isinstance(folder, StorePath):
+        return folder / FILE
+    kept = user_cache_path("labctl") / "catalogues"
+    with suppress(OSError):
+        kept.mkdir(parents=True, exist_ok=True)
+    return kept / f"{hashlib.sha256(str(folder).encode()).hexdigest()[:32]}.sqlite"
+
+
+@contextmanager
+def _several_at_once(folder: Path) -> Iterator[Callable[..., Iterable[tuple[RunRow, Facts]]]]:
+    """How each of several runs is read: those elsewhere side by side, since what takes long is the way there."""
+    if not isinstance(folder, StorePath):
+        yield map
+        return
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        yield pool.map
+
+
+def _known_of(paths: RunPaths) -> tuple[RunRow, Facts]:
+    row = run_row(paths)
+    return row, facts_of(paths, row)
+
+
 def _forget(database: sqlite3.Connection, name: bytes) -> None:
     database.execute("DELETE FROM fact WHERE run = ?", [name])
     database.execute("DELETE FROM run WHERE name = ?", [name])
 
 
-def _enter(database: sqlite3.Connection, name: bytes, stamp: str, paths: RunPaths) -> None:
-    row = run_row(paths)
-    facts = facts_of(paths, row)
+def _enter(database: sqlite3.Connection, name: bytes, stamp: str | None, row: RunRow, facts: Facts) -> None:
     stored = {field: value for field, value in vars(row).items() if field != "path"} | {"path": ""}
     told = ((key, *(f"{one:g}" if isinstance(one, float) else one for one in values)) for key, values in facts.items())
     listed = f"twin {row.twin_seed} {row.shots} of {row.planned} shots"
@@ -241,7 +294,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
                 found[_text(key.lower())] = _values(value)
         if isinstance(station, dict):
             found["bench"], found["station"] = _values(station.get("name")), _values(station.get("source"))
-        found["accuracy"] = [score for path in paths.readouts for score in _accuracy(path)]
+        found["accuracy"] = _accuracies(paths.readouts)
     for key in LISTED:
         found[key] = _values(getattr(row, key))
     with suppress(ValueError):
@@ -252,7 +305,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
         notes = Notes()
     found["tag"], found["note"] = _values(notes.tags), _values([one.text for one in notes.notes])
     found["star"], found["operator"] = [float(notes.star)], _values(notes.operator)
-    found["alarm"] = [float(may_emit(paths.directory))]
+    found["alarm"] = [float(not is_elsewhere(paths.directory) and may_emit(paths.directory))]
     return {key: values for key, values in found.items() if values}
 
 
@@ -273,14 +326,9 @@ def _text(value: str) -> str:
     return value[:LONGEST_VALUE].encode("utf-8", "replace").decode("utf-8")
 
 
-def _accuracy(path: Path) -> list[float]:
-    """What a readout scored on the shots kept apart, as its file says."""
-    from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked  # h5py takes long to load
-
-    try:
-        with walked(path) as file:
-            check_plain(file, LARGEST_READOUT)
-            score = json.loads(attribute(file, "metadata"))["accuracy"]
-    except (*HDF5_ERRORS, RunError):
+def _accuracies(readouts: Sequence[Path]) -> list[str | float]:
+    if not readouts:
         return []
-    return [float(score)] if isinstance(score, int | float) and math.isfinite(score) else []
+    from labctl.runs.format.readout import accuracies_of  # h5py takes long to load
+
+    return [score for path in readouts for score in accuracies_of(path)]

@@ -3,7 +3,6 @@
 Read from manifests and journals alone, so it is quick; of a run that lacks shots also who writes it.
 """
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from labctl.errors import RunError
 from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.store import is_elsewhere
 from labctl.runs.live.owner import writer_of
 
 LONGEST_TEXT = 200
@@ -69,19 +69,18 @@ class RunRow:
         return "running" if self.running else "incomplete"
 
 
-def list_runs(folder: Path | str) -> list[RunRow]:
-    """The runs in `folder`, by name, which is by time; none if there is no such folder.
-
-    A run that cannot be read is a row with its `problem`; what is no run directory is left out.
-    """
-    return [run_row(RunPaths(path)) for path in run_directories(Path(folder))]
-
-
 def run_directories(folder: Path) -> list[Path]:
-    """The run directories in `folder`, by name; none if there is no such folder."""
+    """The run directories in `folder`, by name; none if there is no such folder.
+
+    Raises:
+        RunError: of a folder elsewhere, if nothing is there: it is not the one in which the first run will be made.
+    """
     if not folder.is_dir():
+        if is_elsewhere(folder):
+            raise RunError(f"{folder}: nothing is there: name a folder with runs in it")
         return []
-    return [path for path in sorted(folder.iterdir()) if os.path.lexists(RunPaths(path).manifest)]
+    manifests = ((path, RunPaths(path).manifest) for path in sorted(folder.iterdir()))
+    return [path for path, manifest in manifests if manifest.exists() or manifest.is_symlink()]
 
 
 def run_row(paths: RunPaths) -> RunRow:
@@ -102,9 +101,14 @@ def run_row(paths: RunPaths) -> RunRow:
         twin_seed=_number(seeds, "twin_seed"),
         shots=shots,
         planned=manifest.shape.shots,
-        running=shots < manifest.shape.shots and writer_of(paths) is not None,
+        running=shots < manifest.shape.shots and is_running(paths),
         instruments=instruments_of(values),
     )
+
+
+def is_running(paths: RunPaths) -> bool:
+    """Whether a process of this machine writes the run; of a run elsewhere nobody here can say."""
+    return not is_elsewhere(paths.directory) and writer_of(paths) is not None
 
 
 def instruments_of(manifest: Mapping[str, Any]) -> Instruments:

@@ -57,6 +57,13 @@ def _tokens(words: str) -> list[Token]:
     return found
 
 
+def unknown(key: str, keys: frozenset[str]) -> UsageError:
+    """The one line for a key that no run has."""
+    close = get_close_matches(key, keys, 1)
+    hint = f"did you mean {close[0]}?" if close else "see `labctl runs --keys`"
+    return UsageError(f"{key}: no run here has that: {hint}")
+
+
 def words_in(text: str) -> list[str]:
     """The words of a text in small letters; a name with hyphens has several."""
     return [word for word in re.split(r"[^\w=.:]+", text.lower()) if word]
@@ -107,9 +114,7 @@ class _Search:
 
     def _compared(self, key: str, operator: str) -> Condition:
         if key not in self._keys:
-            close = get_close_matches(key, self._keys, 1)
-            hint = f"did you mean {close[0]}?" if close else "see `labctl runs --keys`"
-            raise UsageError(f"{key}: no run here has that: {hint}")
+            raise unknown(key, self._keys)
         value: list[str] = []
         while self.tokens and not self.tokens[0].is_word("and", "or", ")") and not self._begins_another():
             value.append(self.tokens.pop(0).text)

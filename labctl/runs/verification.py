@@ -133,7 +133,7 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
     if state == "stale" or (state == "missing" and intact.complete.size):
         notes.append(f"data.h5 is {state}: `labctl verify --rebuild` makes it from the shards")
     notes += [f"{count} records are suspect: {reason}" for reason, count in intact.suspect.items()]
-    notes += read_notes(paths).problems
+    notes += _of_notes(paths)
     return RunReport(
         path=str(path),
         complete=intact.completed == manifest.shape.shots,
@@ -147,6 +147,14 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         damaged=next((problem.damage for problem in (*problems, *differences)), None),
         notes=tuple(notes),
     )
+
+
+def _of_notes(paths: RunPaths) -> tuple[str, ...]:
+    """What is wrong with what people said of the run, which is no damage of what was measured."""
+    try:
+        return read_notes(paths).problems
+    except RunError as error:
+        return (str(error),)
 
 
 def _measured_twice(shards: Shards) -> list[str]:

@@ -24,6 +24,7 @@ from labctl.reports.figures.drift import drift_figure
 from labctl.reports.figures.images import images_figure
 from labctl.reports.figures.traces import traces_figure
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.store import is_elsewhere
 from labctl.runs.read.run import Run
 from protocols.base import Images, ProtocolError
 
@@ -139,7 +140,8 @@ def draw(run: Run, part: Part, look: Look, out: Path | None) -> Drawn:
     Raises:
         RunError: the pictures cannot be written.
     """
-    figures = RunPaths(run.path if run.path.is_dir() else run.path.parent).figures
+    beside = not run.path.is_dir() and not is_elsewhere(run.path)
+    figures = RunPaths(run.path.parent if beside else run.path).figures
     try:
         if out is None:
             return _draw(run, part, look, figures, "shown-")

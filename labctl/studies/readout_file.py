@@ -31,13 +31,12 @@ from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, attribute, check_plain, set_text, walked
+from labctl.runs.format.readout import LARGEST, metadata_in
 from labctl.studies.fitted_state import require_chained, require_sound
 
 FORMAT = "labctl-readout"
 FORMAT_VERSION = "1.1"
 DIGEST = "sha256"
-LARGEST = 1 << 30
-"""Bytes of all arrays of a file, unpacked."""
 
 FITTED: Mapping[str, tuple[type, Mapping[str, str]]] = {
     "WindowFeatures": (WindowFeatures, {"rows_": "rows", "samples_": "times", "ports_in_": "", "samples_in_": ""}),
@@ -164,9 +163,7 @@ def load_metadata(path: Path) -> dict[str, Any]:
         AnalysisError: The file is not a readout, or is newer than this program.
     """
     with _open(path) as file:
-        metadata = json.loads(attribute(file, "metadata"))
-        if not isinstance(metadata, dict):
-            raise ValueError("its metadata are no mapping")
+        metadata = metadata_in(file)
         _require_unchanged(file)
         return metadata
 

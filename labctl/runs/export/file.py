@@ -35,8 +35,8 @@ def write(content: Content, to: str, path: Path) -> int:
     if path.exists():
         raise RunError(f"{path}: exists: name another file by --out")
     write_as = _writer(to, path)
-    _require_room(path, content.size * LARGER[to])
-    with _aside(path) as temporary:
+    require_room(path, content.size * LARGER[to])
+    with aside(path) as temporary:
         write_as(content, temporary)
     return sum(part.stat().st_size for part in (path, *path.rglob("*")) if part.is_file())
 
@@ -51,7 +51,12 @@ def _writer(to: str, path: Path) -> Write:
         raise RunError(f'{path}: needs {error.name} to be written: pip install "photonic-labctl[data]"') from None
 
 
-def _require_room(path: Path, size: float) -> None:
+def require_room(path: Path, size: float) -> None:
+    """Refuse what does not fit where `path` is to be made.
+
+    Raises:
+        RunError: it does not.
+    """
     try:
         free = shutil.disk_usage(path.parent).free
     except OSError as error:
@@ -64,8 +69,12 @@ def _require_room(path: Path, size: float) -> None:
 
 
 @contextmanager
-def _aside(path: Path) -> Iterator[Path]:
-    """A name in the folder of `path` to write to; what is there when the block ends takes its place, or is removed."""
+def aside(path: Path) -> Iterator[Path]:
+    """A name in the folder of `path` to write to; what is there when the block ends takes its place, or is removed.
+
+    Raises:
+        RunError: it cannot be written.
+    """
     temporary = path.with_name(f".{path.name}.partial")
     try:
         _remove(temporary)

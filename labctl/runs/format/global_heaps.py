@@ -10,6 +10,8 @@ import io
 import os
 import struct
 
+from labctl.runs.format.store import StoredFile
+
 HEAP = b"GCOL\x01\0\0\0"
 FILE = b"\x89HDF\r\n\x1a\n"
 LENGTH_BYTES = 8
@@ -28,7 +30,7 @@ class WalkedFile(io.RawIOBase):
             file's lengths have not the eight bytes that nearly all files have.
     """
 
-    def __init__(self, source: io.FileIO | io.BytesIO) -> None:
+    def __init__(self, source: io.FileIO | io.BytesIO | StoredFile) -> None:
         """Walk `source`, which is closed with it."""
         self._source = source
         self._place = 0

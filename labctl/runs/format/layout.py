@@ -19,12 +19,19 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from labctl.runs.format.store import is_elsewhere
+
 
 @dataclass(frozen=True)
 class RunPaths:
     """Where things lie in a run directory."""
 
     directory: Path
+
+    @property
+    def _made(self) -> Path:
+        """Where figures and report go: of a run that is elsewhere to a folder of its name here."""
+        return Path(self.directory.name) if is_elsewhere(self.directory) else self.directory
 
     @property
     def manifest(self) -> Path:
@@ -84,12 +91,12 @@ class RunPaths:
     @property
     def figures(self) -> Path:
         """Folder of the figures."""
-        return self.directory / "figures"
+        return self._made / "figures"
 
     @property
     def report(self) -> Path:
         """The report a browser shows."""
-        return self.directory / "report.html"
+        return self._made / "report.html"
 
     def shard(self, number: int) -> Path:
         """File of shard `number`."""

@@ -3,7 +3,7 @@
 A run directory may be a stranger's. A symbolic link in it would have another file read, or written to; a pipe that
 nobody writes to is waited at for ever; a device has no end, or does something as soon as it is opened. So whatever
 takes a run looks through its folders first, and opens each file without following a link and without waiting. Windows
-has no such ways to open a file: there it is looked at just before.
+has no such ways to open a file: there it is looked at just before. What lies in a store is opened by the store.
 """
 
 import errno
@@ -16,6 +16,7 @@ from io import FileIO
 from pathlib import Path
 
 from labctl.errors import RunError
+from labctl.runs.format.store import StoredFile, StorePath
 
 _NO_LINK_NO_WAIT = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 _DESCRIPTORS = next((folder for folder in (Path("/proc/self/fd"), Path("/dev/fd")) if folder.is_dir()), None)
@@ -45,12 +46,14 @@ def opened(path: str | Path, flags: int) -> int:
     return descriptor
 
 
-def own_file(path: Path, largest: int = sys.maxsize) -> FileIO:
+def own_file(path: Path, largest: int = sys.maxsize) -> FileIO | StoredFile:
     """Open a file of a run, of at most `largest` bytes, to read it.
 
     Raises:
         OSError: as of `opened`, or it has more bytes.
     """
+    if isinstance(path, StorePath):
+        return path.own_file(largest)
     file = FileIO(opened(path, os.O_RDONLY))
     if (size := os.fstat(file.fileno()).st_size) > largest:
         file.close()
@@ -68,8 +71,13 @@ def read_own(path: Path, largest: int) -> bytes:
         return file.readall()
 
 
-def place_of(file: FileIO, path: Path) -> Path:
-    """A path to just this open file, for libraries that open by path; on Windows only `path`, which it has."""
+def place_of(file: FileIO | StoredFile, path: Path) -> Path | StoredFile:
+    """A path to just this open file, for libraries that open by path; on Windows only `path`, which it has.
+
+    What lies in a store has no such path: HDF5 reads from the file itself.
+    """
+    if isinstance(file, StoredFile):
+        return file
     return path if _DESCRIPTORS is None else _DESCRIPTORS / str(file.fileno())
 
 
@@ -79,6 +87,9 @@ def require_own_files(directory: Path) -> None:
     Raises:
         RunError: it does, or cannot be looked through.
     """
+    if isinstance(directory, StorePath):
+        directory.require_plain()
+        return
     folders = [str(directory)] if os.path.isdir(directory) else []
     try:
         while folders:

@@ -16,6 +16,7 @@ from h5py import h5d, h5l, h5o, h5t
 
 from labctl.runs.format.global_heaps import WalkedFile
 from labctl.runs.format.own_files import own_file
+from labctl.runs.format.store import StoredFile, StorePath
 
 LIBVER = ("v108", "v108")  # the same bytes whatever HDF5 release writes them, readable by any HDF5 since 1.8
 HDF5_ERRORS = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, ArithmeticError, MemoryError)
@@ -28,14 +29,14 @@ SMALLEST_STORAGE = 1 << 16
 """Bytes: below that a declared size costs nothing."""
 
 
-def walked(source: Path | FileIO | bytes) -> h5py.File:
+def walked(source: Path | FileIO | StoredFile | bytes) -> h5py.File:
     """The file at a path, an open one, or one by its bytes, to look at whatever is in it; slow for large arrays.
 
     Raises:
         OSError: it is not there, or no HDF5 file, or no file at all; later, at a heap in it that HDF5 would never come
             to the end of.
     """
-    if isinstance(source, Path):
+    if isinstance(source, Path | StorePath):
         source = own_file(source)
     return h5py.File(WalkedFile(BytesIO(source) if isinstance(source, bytes) else source), "r")
 

@@ -73,7 +73,7 @@ class DataFile:
         self._path = path
         with ExitStack() as stack:
             try:
-                stored = stack.enter_context(own_file(path))
+                stack.callback((stored := own_file(path)).close)
                 self._described = stack.enter_context(walked(stored))
                 check_version(attribute(self._described, "format_version"), path)
                 check_plain(self._described, MOST_BYTES, besides="frames")

@@ -21,6 +21,7 @@ from labctl.runs.format.own_files import require_own_files
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shards import Shards
+from labctl.runs.format.store import is_elsewhere, location
 from labctl.runs.read.data_file import DataFile, damaged, evidence_in
 from labctl.runs.read.shard_files import ShardFiles
 
@@ -234,13 +235,14 @@ def _with_text(stored: NDArray[Any]) -> NDArray[Any]:
 
 
 def open_run(path: Path | str) -> Run:
-    """Open a run directory, or a data.h5 by itself.
+    """Open a run directory, or a data.h5 by itself, here or by a URL elsewhere.
 
     From a directory data.h5 is read if it holds exactly what the journal lists, and the shards otherwise: while the run
     goes on, after a crash, after a resume.
 
     Raises:
         RunError: not a run, or damaged; one line with what is wrong and what to do.
+        Unreachable: the store of a URL does not answer.
 
     Example:
         >>> from labctl.runs.read.run import open_run
@@ -248,7 +250,7 @@ def open_run(path: Path | str) -> Run:
         ...     run.complete, run.ports, run.frames.shape, run.frames.dtype
         (True, (2, 3, 4, 5, 6), (220, 5, 50), dtype('int8'))
     """
-    run = _opened(Path(path))
+    run = _opened(location(path))
     if run.suspect:
         _logger.warning("%s: %s shots are suspect and left out: `labctl resume` measures them again", path, run.suspect)
     return run
@@ -256,7 +258,8 @@ def open_run(path: Path | str) -> Run:
 
 def _opened(path: Path) -> Run:
     if path.is_file():
-        _require_own_surroundings(path)
+        if not is_elsewhere(path):
+            _require_own_surroundings(path)
         return _of_data_file(path, path, None)
     paths = RunPaths(path)
     manifest = Manifest.read(paths)

@@ -55,6 +55,16 @@ def test_how_well_a_readout_scored(folder: Path, typed: Typed, as_json: AsJson) 
     assert {"accuracy", "images", "protocol", "started", "window"} <= set(out.strip().split(", "))
 
 
+def test_a_column_that_no_run_has_is_refused(folder: Path, tmp_path: Path, typed: Typed) -> None:
+    status, out, err = typed("runs", folder, "--columns", "images,acuracy")
+    assert (status, out) == (2, "")
+    assert err == "labctl: acuracy: no run here has that: see `labctl runs --keys`\n"
+    assert typed("runs", folder, "--columns", "imges")[2].endswith("did you mean images?\n")
+    assert typed("runs", folder, "--sort", "imges")[2].endswith("did you mean images?\n")
+    status, out, _ = typed("runs", tmp_path / "none", "--columns", "images")
+    assert (status, out) == (0, f"{tmp_path / 'none'}: no runs yet\n")
+
+
 def test_the_catalogue_is_made_again_at_any_time(folder: Path, as_json: AsJson) -> None:
     everything = ["first", "second", "third"]
     assert names(as_json, folder) == everything

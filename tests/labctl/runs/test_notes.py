@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from labctl.errors import RunError
 from labctl.runs.format.checked_line import TornLine, decode, encode
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.notes import LONGEST_NOTE, Notes, read_notes, say_of
+from labctl.runs.notes import LARGEST, LONGEST_NOTE, Notes, read_notes, say_of
 from labctl.runs.verification import verify_run
 
 
@@ -88,3 +88,13 @@ def test_a_picture_lies_beside_the_notes_and_no_other_file_is_named(whole: Path)
     assert verify_run(whole).intact
     paths.notes.write_bytes(encode({"time": "now", "by": "eve", "note": "look", "picture": "../../secret.png"}))
     assert read_notes(paths).notes[0].picture == ""
+
+
+def test_notes_that_cannot_be_read_are_a_finding_and_no_damage_of_what_was_measured(whole: Path) -> None:
+    with RunPaths(whole).notes.open("wb") as file:
+        file.truncate(LARGEST + 1)
+    report = verify_run(whole)
+    assert report.intact
+    (said,) = [note for note in report.notes if "notes.jsonl" in note]
+    assert "cannot be read" in said
+    assert "\n" not in said

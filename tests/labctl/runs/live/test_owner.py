@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from labctl.commands.main import main
+from labctl.runs.catalogue import Catalogue
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.index import list_runs
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import writer_of
 from labctl.runs.write.writer import RunWriter
@@ -58,8 +58,8 @@ def test_a_run_is_running_as_long_as_its_writer_lives(
 def test_whoever_reads_a_run_does_not_write_it(cut: Path, measure_missing: Callable[[RunWriter], None]) -> None:
     claim(cut, os.getpid())
     with RunPaths(cut).journal.open("rb"), RunPaths(cut).events.open("ab"):
-        assert [row.state for row in list_runs(cut.parent)] == ["incomplete"]
+        assert [one.row.state for one in Catalogue(cut.parent).find()] == ["incomplete"]
     with RunWriter.resume(cut) as writer:
-        assert [row.state for row in list_runs(cut.parent)] == ["running"]
+        assert [one.row.state for one in Catalogue(cut.parent).find()] == ["running"]
         measure_missing(writer)
-    assert [row.state for row in list_runs(cut.parent)] == ["complete"]
+    assert [one.row.state for one in Catalogue(cut.parent).find()] == ["complete"]

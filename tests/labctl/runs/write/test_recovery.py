@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from labctl.errors import RunError
+from labctl.runs.catalogue import Catalogue
 from labctl.runs.format.journal import NOT_COMPARED
-from labctl.runs.index import list_runs
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from labctl.runs.write.writer import RunWriter
@@ -73,7 +73,7 @@ def test_a_damaged_shard_is_measured_again(
     assert digest(cut) == digest(whole)
     lines = [json.loads(line) for line in (cut / "journal.jsonl").read_text().splitlines()]
     assert sum(line["shots"] for line in lines) == 7
-    assert list_runs(cut.parent)[0].shots == 7
+    assert Catalogue(cut.parent).find()[0].row.shots == 7
 
 
 def test_half_written_files_go(cut: Path, measure_missing: Finish) -> None:

@@ -1,0 +1,156 @@
+"""Stores on this machine's loopback, each by a server nobody here wrote: S3, a web server with ranges, SSH."""
+
+import os
+import socket
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import flask
+import paramiko
+from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
+from werkzeug.serving import make_server
+
+USER, PASSWORD = "ada", "engine"
+
+
+@dataclass
+class Traffic:
+    """What a server was asked and how many bytes it gave; with `cut` it breaks off in the middle of files called so."""
+
+    requests: list[str] = field(default_factory=list)
+    bytes: int = 0
+    cut: str = ""
+
+    def forget(self) -> None:
+        """Count anew."""
+        self.requests.clear()
+        self.bytes = 0
+
+    @property
+    def writing(self) -> list[str]:
+        """The requests that do not only read."""
+        return [one for one in self.requests if not one.startswith(("GET", "HEAD"))]
+
+
+@contextmanager
+def served(application: Any) -> Iterator[tuple[str, Traffic]]:
+    """A WSGI application on a free port, counted: its address, and what it is asked."""
+    traffic = Traffic()
+
+    def counted(environ: Any, start_response: Any) -> Iterable[bytes]:
+        traffic.requests.append(f"{environ['REQUEST_METHOD']} {environ['PATH_INFO']}?{environ['QUERY_STRING']}")
+        answer = application(environ, start_response)
+        try:
+            body = b"".join(answer)
+        finally:
+            getattr(answer, "close", lambda: None)()
+        traffic.bytes += len(body)
+        return [body[: len(body) // 2] if traffic.cut and traffic.cut in environ["PATH_INFO"] else body]
+
+    server = make_server("127.0.0.1", 0, counted, threaded=True)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}", traffic
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+@contextmanager
+def s3() -> Iterator[tuple[str, Traffic]]:
+    """An S3 of one's own."""
+    with served(DomainDispatcherApplication(create_backend_app)) as (address, traffic):
+        yield address, traffic
+
+
+@contextmanager
+def web(folder: Path) -> Iterator[tuple[str, Traffic]]:
+    """The files of a folder by HTTP, with ranges and an index page for each folder, as any web server has it."""
+    application = flask.Flask(__name__)
+
+    @application.route("/", defaults={"inner": ""})
+    @application.route("/<path:inner>")
+    def answer(inner: str) -> Any:
+        there = folder / inner
+        if not there.is_dir():
+            return flask.send_from_directory(folder, inner, conditional=True)
+        if inner and not inner.endswith("/"):
+            return flask.redirect(f"/{inner}/")
+        names = (f"{one.name}/" if one.is_dir() else one.name for one in there.iterdir())
+        return "".join(f'<a href="{name}">{name}</a>' for name in names)
+
+    with served(application) as found:
+        yield found
+
+
+class _Doorkeeper(paramiko.ServerInterface):  # type: ignore[misc]
+    def check_auth_password(self, username: str, password: str) -> int:
+        known = (username, password) == (USER, PASSWORD)
+        return int(paramiko.AUTH_SUCCESSFUL if known else paramiko.AUTH_FAILED)
+
+    def check_channel_request(self, kind: str, chanid: int) -> int:
+        return int(paramiko.OPEN_SUCCEEDED)
+
+
+class _Files(paramiko.SFTPServerInterface):  # type: ignore[misc]
+    """This machine's files, to read."""
+
+    def list_folder(self, path: str) -> Any:
+        found = []
+        for name in os.listdir(path):
+            about = paramiko.SFTPAttributes.from_stat(os.lstat(os.path.join(path, name)))
+            about.filename = name
+            found.append(about)
+        return found
+
+    def stat(self, path: str) -> Any:
+        try:
+            return paramiko.SFTPAttributes.from_stat(os.stat(path))
+        except OSError as error:
+            return paramiko.SFTPServer.convert_errno(error.errno or 0)
+
+    def lstat(self, path: str) -> Any:
+        return self.stat(path)
+
+    def open(self, path: str, flags: int, attr: Any) -> Any:
+        if flags & (os.O_WRONLY | os.O_RDWR):
+            return paramiko.SFTP_PERMISSION_DENIED
+        handle = paramiko.SFTPHandle(flags)
+        handle.readfile = open(path, "rb")  # noqa: SIM115 -- closed with its handle
+        return handle
+
+
+@contextmanager
+def ssh() -> Iterator[str]:
+    """An SFTP server: the address that has all files of this machine, user and password in it."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        key = paramiko.RSAKey.generate(2048)
+        sessions: list[paramiko.Transport] = []
+
+        def accept() -> None:
+            while True:
+                try:
+                    connection, _ = listening.accept()
+                except OSError:
+                    return
+                session = paramiko.Transport(connection)
+                session.add_server_key(key)
+                session.set_subsystem_handler("sftp", paramiko.SFTPServer, _Files)
+                session.start_server(server=_Doorkeeper())
+                sessions.append(session)
+
+        thread = threading.Thread(target=accept, daemon=True)
+        thread.start()
+        try:
+            yield f"sftp://{USER}:{PASSWORD}@127.0.0.1:{listening.getsockname()[1]}"
+        finally:
+            for session in sessions:
+                session.close()
+            listening.shutdown(socket.SHUT_RDWR)
+            thread.join()
