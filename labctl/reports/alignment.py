@@ -7,6 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from labctl.reports.page import embedded, write_report
+from labctl.runs.format.origin import Origin
 
 TITLES = {
     "dark": "Dark level and noise",
@@ -26,6 +27,7 @@ def alignment_report(
     *,
     findings: Mapping[str, Sequence[tuple[str, bool]]],
     figures: Mapping[str, Figure],
+    origin: Origin,
 ) -> Path:
     """Write `figures/` and `report.html` of an alignment into `directory`; returns the path of the report.
 
@@ -35,6 +37,7 @@ def alignment_report(
         started: When it began, UTC.
         findings: Of each step, in words, and whether it is good.
         figures: Of the steps that have one.
+        origin: Of what was measured.
     """
     folder, report = directory / "figures", directory / "report.html"
     write_report(
@@ -44,6 +47,6 @@ def alignment_report(
         titles=TITLES,
         verdicts=[(line, "good" if good else "look at this") for step in findings.values() for line, good in step],
         steps={step: [line for line, _ in found] for step, found in findings.items()},
-        pictures={step: embedded(figure, folder / step) for step, figure in figures.items()},
+        pictures={step: embedded(figure, folder / step, origin) for step, figure in figures.items()},
     )
     return report

@@ -12,9 +12,11 @@ from labctl.analysis.intervals import interval
 from labctl.analysis.readouts import softmax_readout
 from labctl.analysis.splits import enough_splits, random_splits
 from labctl.errors import AnalysisError, writing
-from labctl.reports.canvas import Series, save_figure
+from labctl.reports.canvas import Series
 from labctl.reports.figures.sweep import sweep_figure
+from labctl.reports.pictures import save_figure
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.studies.sweeps.declaration import places
@@ -47,16 +49,16 @@ def evaluate_sweep(
     axes = list(values)
     again = [[row for row in rows if all(row[axis] == one[axis] for axis in axes)] for one in rows]
     repeated = max(again, key=len)
-    figure = _figure(rows, axes)
+    figure, origin = _figure(rows, axes), Origin.of_runs(directory / row["run"] for row in rows)
     with writing(directory / FIGURES, "make room"):
         (directory / FIGURES).mkdir(exist_ok=True)
-        pictures = save_figure(figure, directory / FIGURES / "accuracy")
+        pictures = save_figure(figure, directory / FIGURES / "accuracy", origin)
     return {
         "sweep": str(directory),
         "axes": axes,
         "points": rows,
         "reference": [row["accuracy"] for row in repeated] if len(repeated) > 1 else [],
-        "figure": str(pictures[0]),
+        "figure": str(pictures.png),
     }
 
 

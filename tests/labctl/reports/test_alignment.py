@@ -5,6 +5,7 @@ import numpy as np
 
 from labctl.reports.alignment import alignment_report
 from labctl.reports.figures.images import images_figure
+from labctl.runs.format.origin import Origin
 from tests.labctl.reports.html import Page
 
 
@@ -18,6 +19,7 @@ def test_every_finding_has_a_verdict_and_every_step_its_section(tmp_path: Path) 
             "depth": [("not measured", False)],
         },
         figures={"dark": images_figure(np.eye(28)[np.newaxis], ["one"])},
+        origin=Origin.BENCH,
     )
     page = Page(report)
     assert page.rows == [
@@ -31,4 +33,4 @@ def test_every_finding_has_a_verdict_and_every_step_its_section(tmp_path: Path) 
     assert page.attributes["alt"] == ["Dark level and noise"]
     assert page.attributes["src"][0].startswith("data:image/svg+xml;base64,")
     assert page.tags.count("section") == 3
-    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"dark.png", "dark.svg"}
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"dark.png", "dark.svg", "dark.pdf"}
