@@ -23,8 +23,8 @@ COLUMN, PAGE = 86 / 25.4, 178 / 25.4
 """Widths of a PDF, inches: one column of a journal, and both."""
 REDUCED = 7 / 9
 """Text that is laid out with 9 points is printed in a column with 7."""
-NARROWEST = 8.0
-"""Figures across both columns are laid out for at least this width, inches: their text is printed with 8 points."""
+NARROWEST = 6.4
+"""Figures across both columns are laid out for at least this width, inches."""
 LEAST_PANEL = 0.5
 """A panel that is a smaller part of its figure's width has no place in one column."""
 STRIP = 0.27
@@ -116,7 +116,8 @@ def _column(figure: Figure, own: float) -> float:
         _lay_out(figure, narrow, own)
         if natural <= narrow or _fits(figure, panels[0]):
             return COLUMN
-    _lay_out(figure, max(natural, NARROWEST), own)
+    if figure.get_figwidth() < NARROWEST:
+        _lay_out(figure, max(natural, NARROWEST), own)
     return PAGE
 
 

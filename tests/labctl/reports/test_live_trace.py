@@ -12,7 +12,7 @@ from labctl.reports import live_trace
 from labctl.reports.live_trace import LiveTrace, trace_figure
 from tests.labctl.reports.figures.drawn import check_figure, legend
 
-TIME_S = np.arange(25) * 40e-12
+TIME_S = np.linspace(0, 0.96e-9, 25)
 
 
 def test_a_trace_names_its_ports_and_its_place(tmp_path: Path) -> None:
