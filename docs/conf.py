@@ -13,12 +13,14 @@ project = "labctl"
 author = "The labctl developers"
 extensions = [
     "architecture",
+    "bench_drawing",
     "column_tables",
     "command_tables",
     "figures",
     "mathml",
     "parameter_table",
     "screenshots",
+    "typed",
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.doctest",

@@ -339,7 +339,7 @@ class PowerMeter(Instrument):
         """Measure the optical power at the sensor, W.
 
         Raises:
-            InstrumentError: it cannot be told, for instance because there is more than the sensor measures.
+            InstrumentError: it cannot be measured, for instance because there is more than the sensor measures.
         """
 
 

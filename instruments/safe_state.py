@@ -1,6 +1,6 @@
 """The safe state: laser off, AWG off, DMD blank, oscilloscope stopped; every step taken however another one ends.
 
-What stands behind the laser comes before it: attenuator shut, amplifier off.
+What follows the laser in the light's way comes before it: attenuator shut, amplifier off.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping

@@ -86,7 +86,7 @@ LONGEST_DELAY_US = 20_000
 
 MODE_POLL_S = 0.01
 MODE_TIMEOUT_S = 10.0
-"""A change to video pattern mode takes 0.3 s (DLPU018J, 2.4.1); other times are not told."""
+"""A change to video pattern mode takes 0.3 s (DLPU018J, 2.4.1); other times are not documented."""
 ROWS, COLUMNS = 1080, 1920
 
 HARDWARE_FAULTS = {

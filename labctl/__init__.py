@@ -11,11 +11,11 @@ if TYPE_CHECKING:
 
     import xarray
 
-    from labctl.interface import bench, evaluate, run, runs, sweep, train
+    from labctl.interface import bench, evaluate, live_trace, run, runs, sweep, train
 else:
     from labctl import bench, runs
 
-__all__ = ["bench", "evaluate", "open_run", "open_runs", "run", "runs", "sweep", "train"]
+__all__ = ["bench", "evaluate", "live_trace", "open_run", "open_runs", "run", "runs", "sweep", "train"]
 
 _OF_INTERFACE = frozenset(__all__) - {"open_run", "open_runs"}
 

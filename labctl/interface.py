@@ -1,6 +1,6 @@
 """What `import labctl` offers beside `open_run` and `open_runs`: bench, runs and readouts, as commands have them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,9 +12,10 @@ from labctl.bench.opening import Access
 from labctl.bench.signals import interruptible
 from labctl.bench.station import Station, read_station
 from labctl.engine.engine import Outcome
-from labctl.engine.hands import Hands, in_hands
+from labctl.engine.hands import Hands, Traces, in_hands
 from labctl.engine.plan import new_directory
 from labctl.engine.session import Acquisition, acquire
+from labctl.reports.live_trace import LiveTrace
 from labctl.runs.catalogue import Catalogue, Found
 from labctl.runs.format.store import here, location
 from labctl.runs.sweep import Sweep
@@ -62,6 +63,26 @@ def bench(
     access = Access(attended, armed)
     with in_hands(_station(station), access, wavelength_nm=wavelength_nm, drive_seed=drive_seed) as hands:
         yield hands
+
+
+def live_trace(traces: Iterable[Traces]) -> Traces:
+    """Show traces in a notebook as they come, each in the place of the one before; returns the last.
+
+    Interrupt the kernel to end it: within `with labctl.bench()` the bench goes dark.
+
+    Args:
+        traces: Such as `(bench.capture() for _ in range(50))`.
+
+    Raises:
+        LabctlError: there is no notebook, or an instrument failed.
+        ValueError: there is not one trace.
+    """
+    view, last = LiveTrace(), None
+    for last in traces:
+        view.show(last.time_s, last.volts, last.ports)
+    if last is None:
+        raise ValueError("no trace to show: give some, such as (bench.capture() for _ in range(50))")
+    return last
 
 
 def run(

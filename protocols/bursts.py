@@ -21,7 +21,7 @@ SETTLED_PERIODS = 2
 """Of the periods the AWG plays at each trigger, those that pass before the frame: fibre and chip then carry light of
 the running drive only, as if it had played for ever."""
 LONGEST_BURST = 2000
-"""Frames of one burst, unless told: storing one takes as long as playing the next, and an interrupted run waits for no
+"""Frames of one burst by default: storing one takes as long as playing the next, and an interrupted run waits for no
 more."""
 UPLOAD_BLOCK = 250
 

@@ -1,7 +1,5 @@
-"""The notebook of the documents runs from its first cell to its last, and is kept without its results."""
+"""The notebooks of the documents run from their first cell to their last, and are kept without their results."""
 
-import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,26 +7,29 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-NOTEBOOK = Path(__file__).parents[1] / "docs" / "how-to" / "look-at-a-run.ipynb"
+FOLDER = Path(__file__).parents[1] / "docs" / "how-to"
+SHOWN = {"look-at-a-run": "unseen images", "from-a-notebook": "shots kept apart"}
+notebooks = pytest.mark.parametrize("name", SHOWN)
 
 
-def as_kept() -> Any:
-    return nbformat.read(NOTEBOOK, as_version=4)  # type: ignore[no-untyped-call]
+def as_kept(name: str) -> Any:
+    return nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)  # type: ignore[no-untyped-call]
 
 
-def test_the_notebook_does_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+@notebooks
+def test_the_notebook_does_what_it_says(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
-    notebook = as_kept()
+    notebook = as_kept(name)
     NotebookClient(notebook, timeout=200, resources={"metadata": {"path": str(tmp_path)}}).execute()
     told = "".join(str(cell.get("outputs", "")) for cell in notebook.cells)
     assert "image/png" in told
-    assert "unseen images" in told
+    assert SHOWN[name] in told
     assert "Warning" not in told
 
 
-def test_it_is_kept_without_results() -> None:
-    notebook = as_kept()
+@notebooks
+def test_it_is_kept_without_results(name: str) -> None:
+    notebook = as_kept(name)
     nbformat.validate(notebook)
     assert all(not cell.get("outputs") and not cell.get("execution_count") for cell in notebook.cells)

@@ -20,7 +20,7 @@ from sklearn.utils.multiclass import check_classification_targets, unique_labels
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 SHOTS_PER_WEIGHT = 20
-"""How long readouts remember, unless told: so many shots for each weight of an output. RLS fits that many weights to
+"""How long readouts remember by default: so many shots for each weight of an output. RLS fits that many weights to
 what it remembers, so few of them would be learnt by heart."""
 LEAST_SHOTS_PER_WEIGHT = 2
 """Below this the weights fit the noise of the last shots: in trials 1 was no better than guessing."""

@@ -4,6 +4,7 @@ from labctl.commands.exit_status import DONE
 from labctl.commands.next_steps import cannot_judge, protocol_of
 from labctl.commands.options import RunHereArgument
 from labctl.commands.output import JsonOption, say, show
+from labctl.runs.format.layout import RunPaths
 from labctl.studies.judgement import JUDGES
 
 
@@ -11,7 +12,7 @@ def report(
     run: RunHereArgument,
     as_json: JsonOption = False,
 ) -> int:
-    """Write figures and report of a run, and say where they are.
+    """Write figures and report of a run, and say where they are: PNG and SVG for a screen, PDF for a journal's column.
 
     A run that is judged with a readout takes the first one in its folder models.
     """
@@ -20,6 +21,7 @@ def report(
     made = judge(run) if judge is not None else None
     if made is None:
         raise cannot_judge(run)
-    found = {"run": str(run), "protocol": protocol, "report": made["report"]}
-    show(found, as_json, lambda: say(str(found["report"])))
+    figures = RunPaths(run).figures
+    found = {"run": str(run), "protocol": protocol, "report": made["report"], "figures": str(figures)}
+    show(found, as_json, lambda: say(f"{found['report']}\nfigures, as PNG, SVG and PDF: {figures}"))
     return DONE

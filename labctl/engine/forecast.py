@@ -1,4 +1,4 @@
-"""What an acquisition will do: shots, ports, light, time and bytes, told before any of it is done."""
+"""What an acquisition will do: shots, ports, light, time and bytes, said before any of it is done."""
 
 from typing import Any
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from labctl.reports.page import embedded, write_report
+from labctl.runs.format.origin import Origin
 
 TITLES = {
     "dark": "Dark level and noise",
@@ -26,6 +27,7 @@ def alignment_report(
     *,
     findings: Sequence[tuple[str, str, str, str]],
     figures: Mapping[str, Figure],
+    origin: Origin,
 ) -> Path:
     """Write `figures/` and `report.html` of an alignment into `directory`; returns the path of the report.
 
@@ -35,6 +37,7 @@ def alignment_report(
         started: When it began, UTC.
         findings: In words: what was measured, what was found, what is good, and whether it is or what to do.
         figures: Of the steps that have one.
+        origin: Of what was measured.
     """
     folder, report = directory / "figures", directory / "report.html"
     write_report(
@@ -43,6 +46,6 @@ def alignment_report(
         title=f"Alignment of {name}, {started:%Y-%m-%d %H:%M} UTC",
         titles=TITLES,
         findings=findings,
-        pictures={step: embedded(figure, folder / step) for step, figure in figures.items()},
+        pictures={step: embedded(figure, folder / step, origin) for step, figure in figures.items()},
     )
     return report

@@ -1,4 +1,4 @@
-"""What figures are drawn with: style, panels, curves with their spread, labels and legends that do not collide, files.
+"""What figures are drawn with: style, panels, curves with their spread, labels and legends that do not collide.
 
 Colours are those of Okabe and Ito (Color Universal Design, 2008), which readers with colour-vision deficiencies can
 tell apart. Curves differ in marker and line style as well, so that a figure still reads when printed in grey.
@@ -7,19 +7,15 @@ tell apart. Curves differ in marker and line style as well, so that a figure sti
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, Self
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, Locator, NullLocator
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, BLACK = "#56B4E9", "#CC79A7", "#000000"
@@ -50,10 +46,10 @@ STYLE: dict[Any, object] = {
     "hatch.linewidth": 0.6,
     "legend.frameon": False,
     "path.simplify": False,
+    "pdf.fonttype": 42,
     "svg.fonttype": "none",
     "svg.hashsalt": "labctl",
 }
-PIXELS_PER_INCH = 150
 MOST_BANDS = 3
 """More curves than this carry error bars: bands lying on each other cannot be read."""
 LONGEST_TAG = 14
@@ -277,7 +273,8 @@ def place_legend(figure: Figure, axes: Axes, *, inside: Any = "lower right") -> 
     """Legend of a panel: inside for up to four entries, below the figure for more."""
     handles, labels = axes.get_legend_handles_labels()
     if 0 < len(labels) <= 4:
-        axes.legend(handles, labels, loc=inside, handlelength=3)
+        on_white = {"frameon": True, "facecolor": "white", "edgecolor": "none", "framealpha": 0.85}
+        axes.legend(handles, labels, loc=inside, handlelength=3, **on_white)
     elif labels:
         legend_below(figure, handles, labels)
 
@@ -311,52 +308,3 @@ def thinned(x: ArrayLike, y: ArrayLike, *, bins: int = 1000) -> tuple[NDArray[An
 def volt_scale(volts: ArrayLike) -> tuple[float, str]:
     """Factor and unit in which signals (V) read well: V, or mV below 0.1 V."""
     return (1.0, "V") if float(np.nanmax(np.abs(volts))) >= 0.1 else (1e3, "mV")
-
-
-@styled
-def save_figure(figure: Figure, stem: Path) -> tuple[Path, Path]:
-    """Save as `<stem>.png` and `<stem>.svg` (text as text, no date); returns both paths. The layout is final then."""
-    png, svg = save_png(figure, stem), stem.with_name(stem.name + ".svg")
-    svg.unlink(missing_ok=True)  # it may lead somewhere else
-    FigureCanvasSVG(figure).print_figure(svg, metadata={"Date": None, "Creator": None})
-    return png, svg
-
-
-@styled
-def save_png(figure: Figure, stem: Path) -> Path:
-    """Save as `<stem>.png` and return its path. The layout is final then."""
-    png = stem.with_name(stem.name + ".png")
-    _settle(figure)
-    png.unlink(missing_ok=True)  # it may lead somewhere else
-    FigureCanvasAgg(figure).print_figure(png, dpi=PIXELS_PER_INCH, metadata={"Software": None})
-    return png
-
-
-def _settle(figure: Figure) -> None:
-    """Lay the figure out once and round its positions.
-
-    The last digits of matplotlib's layout solver depend on where its objects lie in memory, and the names of the clip
-    paths in an SVG on those digits.
-    """
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    for axes in figure.axes:
-        left, bottom, width, height = np.round(axes.get_position(original=True).bounds, 6)
-        axes.set_position((left, bottom, width, height))
-    for text in figure.texts:
-        x, y = text.get_position()
-        text.set_position((round(x, 6), round(y, 6)))
-
-
-def join_pictures(parts: Sequence[Path], out: Path) -> None:
-    """Put pictures (PNG) below each other into one, on white; it appears complete or not at all."""
-    pictures = [Image.open(part).convert("RGB") for part in parts]
-    page = Image.new("RGB", (max(one.width for one in pictures), sum(one.height for one in pictures)), "white")
-    top = 0
-    for one in pictures:
-        page.paste(one, (0, top))
-        top += one.height
-    partial = out.with_name(out.name + ".partial")
-    partial.unlink(missing_ok=True)  # it may lead somewhere else
-    page.save(partial, "PNG")
-    partial.replace(out)

@@ -10,6 +10,7 @@ from labctl.analysis.decorrelation import Decorrelation, Scan, delay_spread_s, e
 from labctl.reports.figures.decorrelation import decorrelation_figure, open_decorrelation_figure
 from labctl.reports.page import embedded, write_report
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 
 PAPER_NM = 0.02
 """Decorrelation that the paper estimates for its 20 m of fibre: less than this."""
@@ -34,7 +35,7 @@ def decorrelation_report(
         "decorrelation.html",
         title=f"Wavelength scan: {directory.name}",
         lines=lines,
-        correlation=embedded(_figure(scan, found), paths.figures / "correlation"),
+        correlation=embedded(_figure(scan, found), paths.figures / "correlation", Origin.of(manifest)),
         caption=(
             "Correlation of the intensity of traces at two wavelengths, mean of all pairs so far apart and of all "
             "images; each trace about its own mean, the receiver's noise taken off."

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from labctl.analysis.intervals import Verdict
 from labctl.reports.page import Result, embedded, write_report
+from labctl.runs.format.origin import Origin
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class ExperimentEntry:
         title: A few words: what is done.
         statement: What the paper claims and what is measured here, a few sentences.
         results: The comparison with the paper.
+        origin: Of the records in its figures.
         figures: Its figures.
         seeds: Seeds it was repeated over.
         splits: Random splits for each seed; 0 = nothing is trained.
@@ -48,6 +50,7 @@ class ExperimentEntry:
     title: str
     statement: str
     results: Sequence[Result]
+    origin: Origin
     figures: Sequence[ExperimentFigure] = ()
     seeds: Sequence[int] = ()
     splits: int = 0
@@ -75,7 +78,7 @@ def experiments_report(
     provenance: Mapping[str, Any],
     title: str,
 ) -> Path:
-    """Write the report and, in `figures/` beside it, each figure as PNG and SVG; returns the path of the report.
+    """Write the report and, in `figures/` beside it, each figure as PNG, SVG and PDF; returns the path of the report.
 
     Args:
         path: The HTML file; an existing one is replaced. Its directory is made.
@@ -85,7 +88,7 @@ def experiments_report(
     """
     folder = path.parent / "figures"
     sources = {
-        (entry.name, drawn.stem): embedded(drawn.figure, folder / f"{entry.name}-{drawn.stem}")
+        (entry.name, drawn.stem): embedded(drawn.figure, folder / f"{entry.name}-{drawn.stem}", entry.origin)
         for entry in entries
         for drawn in entry.figures
     }

@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 
 from labctl.analysis.intervals import Verdict
 from labctl.errors import writing
-from labctl.reports.canvas import save_figure
+from labctl.reports.pictures import save_figure
 from labctl.runs.format.durable import not_made, replace_file
+from labctl.runs.format.origin import Origin
 
 LARGEST_SVG = 600_000
 """Figures whose SVG has more bytes than this go into a report as PNG."""
@@ -56,16 +57,23 @@ class Result:
     repeats: str = ""
 
 
-def embedded(figure: Figure, stem: Path) -> str:
-    """Save a figure as `<stem>.png` and `<stem>.svg`, and return one of them as the source of an image in a page.
+def embedded(figure: Figure, stem: Path, origin: Origin) -> str:
+    """Save a figure as PNG, SVG and PDF, and return one of the first two as the source of an image in a page.
+
+    Args:
+        figure: The figure.
+        stem: Path of its files, without suffix.
+        origin: Of the records that it shows.
 
     Raises:
         NotWritten: They cannot be written; names their folder, which is made.
     """
     with writing(stem.parent):
         stem.parent.mkdir(parents=True, exist_ok=True)
-        png, svg = save_figure(figure, stem)
-    kind, path = ("svg+xml", svg) if svg.stat().st_size <= LARGEST_SVG else ("png", png)
+        pictures = save_figure(figure, stem, origin)
+    kind, path = "svg+xml", pictures.svg
+    if path.stat().st_size > LARGEST_SVG:
+        kind, path = "png", pictures.png
     return f"data:image/{kind};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
 
 

@@ -14,6 +14,7 @@ from labctl.reports.figures.traces import traces_figure
 from labctl.reports.figures.window import accuracy_figure
 from labctl.reports.page import Result, embedded, write_report
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.read.run import Run, open_run, volts
 
 Accuracy = Mapping[str, Mapping[str, float]]
@@ -68,7 +69,9 @@ def recognition_report(
         names=list(accuracies),
         rows=_rows(accuracies),
         manifest=manifest,
-        pictures={name: embedded(figure, paths.figures / name) for name, figure in figures.items()},
+        pictures={
+            name: embedded(figure, paths.figures / name, Origin.of(manifest)) for name, figure in figures.items()
+        },
     )
     return paths.report
 

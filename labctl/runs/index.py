@@ -8,17 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from instruments.sections import SIMULATED
 from labctl.errors import RunError
 from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere
 from labctl.runs.live.owner import writer_of
 
 LONGEST_TEXT = 200
 State = Literal["complete", "running", "incomplete", "unreadable"]
 Instruments = Literal["", "real", "simulated", "mixed"]
+INSTRUMENTS: dict[Origin, Instruments] = {
+    Origin.BENCH: "real",
+    Origin.SIMULATED: "simulated",
+    Origin.PARTLY_SIMULATED: "mixed",
+}
 
 
 @dataclass(frozen=True)
@@ -113,13 +118,7 @@ def is_running(paths: RunPaths) -> bool:
 
 def instruments_of(manifest: Mapping[str, Any]) -> Instruments:
     """Whether the instruments of a run are real or simulated, or some of each, by what its manifest holds."""
-    station = manifest.get("station")
-    if not isinstance(station, dict):
-        return ""
-    if _number(manifest.get("seeds", manifest), "twin_seed") is None:
-        return "real"
-    addresses = {one.get("address") for one in station.values() if isinstance(one, dict)}
-    return "mixed" if addresses - {SIMULATED, None, ""} else "simulated"
+    return INSTRUMENTS[Origin.of(manifest)] if isinstance(manifest.get("station"), dict) else ""
 
 
 def _number(values: Any, name: str) -> int | None:

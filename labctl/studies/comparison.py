@@ -14,10 +14,12 @@ from labctl.analysis.splits import enough_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError, RunError
 from labctl.printable import printable
-from labctl.reports.canvas import Series, save_png
+from labctl.reports.canvas import Series
 from labctl.reports.figures.same_image import SameImage, same_image_figure
 from labctl.reports.figures.window import accuracy_figure
+from labctl.reports.pictures import save_figure
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.read.differences import Difference, settings_that_differ
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import Run, open_run
@@ -42,6 +44,7 @@ class Comparison:
         same_image: records of images that both showed, on ports that both measured; None where there are none.
         accuracies: accuracy against the acquisition time of each run, on those ports; None where it has no labels.
         sample_interval_s: of the first run.
+        origin: of the records of both.
         left_out: a line for everything that could not be compared.
     """
 
@@ -51,6 +54,7 @@ class Comparison:
     same_image: SameImage | None
     accuracies: tuple[tuple[WindowAccuracy, ...] | None, tuple[WindowAccuracy, ...] | None]
     sample_interval_s: float
+    origin: Origin
     left_out: tuple[str, ...]
 
 
@@ -84,12 +88,13 @@ def compare(first: Path, second: Path) -> Comparison:
             same,
             (accuracies[0], accuracies[1]),
             one.shape.sample_interval_s,
+            Origin.together(Origin.of(run.manifest) for run in (one, other)),
             tuple(left_out),
         )
 
 
 def draw(comparison: Comparison, out: Path) -> list[Path]:
-    """Write `traces.png` and `accuracy.png`, as far as there is something to draw, into the folder `out`.
+    """Write `traces` and `accuracy` as PNG, SVG and PDF, as far as there is something to draw, into the folder `out`.
 
     Raises:
         RunError: they cannot be written.
@@ -98,7 +103,8 @@ def draw(comparison: Comparison, out: Path) -> list[Path]:
     try:
         out.mkdir(parents=True, exist_ok=True)
         if comparison.same_image is not None:
-            pictures.append(save_png(same_image_figure(comparison.same_image, comparison.names), out / "traces"))
+            figure = same_image_figure(comparison.same_image, comparison.names)
+            pictures.append(save_figure(figure, out / "traces", comparison.origin).png)
         named = zip(comparison.names, comparison.accuracies, strict=True)
         if curves := [
             Series.of(name, {row.window_s: mean_and_sd(row.scores) for row in table})
@@ -106,7 +112,7 @@ def draw(comparison: Comparison, out: Path) -> list[Path]:
             if table is not None
         ]:
             figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=0, claim=None)
-            pictures.append(save_png(figure, out / "accuracy"))
+            pictures.append(save_figure(figure, out / "accuracy", comparison.origin).png)
     except OSError as error:
         raise RunError(unwritable(out, error, "name another folder by --out")) from None
     return pictures

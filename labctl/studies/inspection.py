@@ -18,12 +18,14 @@ from labctl.analysis.signal_quality import CodeCounts, Drift, drift, no_codes
 from labctl.engine.inputs import images_for
 from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs
 from labctl.errors import DatasetError, RunError
-from labctl.reports.canvas import join_pictures, port_name, save_png
+from labctl.reports.canvas import port_name
 from labctl.reports.figures.codes import codes_figure
 from labctl.reports.figures.drift import drift_figure
 from labctl.reports.figures.images import images_figure
 from labctl.reports.figures.traces import traces_figure
+from labctl.reports.pictures import join_pictures, save_figure
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere
 from labctl.runs.read.run import Run
 from protocols.base import Images, ProtocolError
@@ -162,7 +164,7 @@ def _draw(run: Run, part: Part, look: Look, folder: Path, before: str) -> Drawn:
     left_out: list[str] = []
 
     def add(name: str, figure: Figure) -> None:
-        pictures.append(save_png(figure, folder / f"{before}{name}"))
+        pictures.append(save_figure(figure, folder / f"{before}{name}", Origin.of(run.manifest)).png)
 
     few = slice(MOST_PORTS)
     if len(look.ports) > MOST_PORTS:

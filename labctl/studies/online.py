@@ -13,7 +13,7 @@ from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 
 WINDOW_S = 0.4e-9
-"""Acquisition time, unless told: or the whole record where that is shorter."""
+"""Acquisition time by default, or the whole record where that is shorter."""
 FIRST_SHOTS, FIRST_PART = 1000, 4
 """All readouts begin with so many shots, or with one in so many where that is fewer."""
 LAST_PART = 4

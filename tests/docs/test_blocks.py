@@ -26,6 +26,13 @@ def blocks(page: Path, language: str) -> list[str]:
     return [dedent(block) for name, block in BLOCK.findall(page.read_text("utf-8")) if name == language]
 
 
+@pytest.mark.parametrize("page", [page for page in PAGES if page.parent.name == "tutorial"], ids=lambda page: page.stem)
+def test_no_answer_of_a_tutorial_is_written_by_hand(page: Path) -> None:
+    """The directive `typed` shows what commands answer; other blocks hold what is typed alone."""
+    typed = [line for block in blocks(page, "") for line in block.splitlines()]
+    assert not [line for line in typed if not line.startswith(("labctl ", "python ", "source ", "pip "))]
+
+
 STATIONS = [
     pytest.param(block, id=f"{page.stem}-{place}")
     for page in PAGES

@@ -45,7 +45,7 @@ LINES = [
     pytest.param(line, id=f"{page.stem}: {line}")
     for page in PAGES
     for language, block in BLOCK.findall(page.read_text("utf-8"))
-    if not language
+    if language in ("", "{typed}")
     for line in LINE.findall(block)
 ]
 SPANS = [

@@ -52,11 +52,11 @@ sockets, in which one fault befalls one instrument at a message of the phase nam
 The safe state is looked up in the simulated world, not in a driver: laser dark, AWG off, DMD blank, oscilloscope
 stopped; attenuator shut and amplifier off, which the bench has, with a power meter, where a fault befalls one of the
 three. A laser or an amplifier that is left as it was still emits: the line says so and names its switch. Over each lost
-link an instrument is told once more through a new connection. After a lost link the bench is reached again at most
-{ATTEMPTS} times in a row without a new record between, {PAUSE_S:g} s apart; `commands.log` has a line for each. Nothing
-is said to the patch panel at the end of a run.
+link an instrument gets its command once more through a new connection. After a lost link the bench is reached again at
+most {ATTEMPTS} times in a row without a new record between, {PAUSE_S:g} s apart; `commands.log` has a line for each.
+Nothing is said to the patch panel at the end of a run.
 
-What an instrument says wrong without a word, and what somebody else changes, stands in [a table of its
+What an instrument says wrong without a word, and what somebody else changes, is in [a table of its
 own](wrong-data.md).
 
 This document is generated: `python -m tests.faults.document`.

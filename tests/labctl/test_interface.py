@@ -30,7 +30,17 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "api.md"
 
 
 def test_what_is_public_is_listed_and_described() -> None:
-    assert labctl.__all__ == ["bench", "evaluate", "open_run", "open_runs", "run", "runs", "sweep", "train"]
+    assert labctl.__all__ == [
+        "bench",
+        "evaluate",
+        "live_trace",
+        "open_run",
+        "open_runs",
+        "run",
+        "runs",
+        "sweep",
+        "train",
+    ]
     page = PAGE.read_text("utf-8")
     for name in labctl.__all__:
         assert f"autofunction:: labctl.{'' if name.startswith('open') else 'interface.'}{name}\n" in page

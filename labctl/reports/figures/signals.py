@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 
 from labctl.analysis.signal_quality import no_codes
 from labctl.analysis.spectrum import spectrum
-from labctl.reports.canvas import PIXELS_PER_INCH, legend_below, look, port_name, styled
+from labctl.reports.canvas import legend_below, look, port_name, styled
+from labctl.reports.pictures import PIXELS_PER_INCH
 from labctl.runs.live.sight import Sight
 
 LEAST_SAMPLES = 4

@@ -28,7 +28,7 @@ def may_emit(directory: Path) -> bool:
 
 
 def say_dark(directory: Path) -> None:
-    """Somebody has seen that the laser of the run in `directory` is dark: nobody is told of it any more.
+    """Somebody has seen that the laser of the run in `directory` is dark: no command or page warns of it any more.
 
     Raises:
         OSError: it cannot be written.

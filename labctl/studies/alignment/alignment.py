@@ -25,6 +25,7 @@ from labctl.bench.supervision import supervised
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError, StationError, UsageError, writing
 from labctl.reports.alignment import alignment_report
+from labctl.runs.format.origin import Origin
 from labctl.runs.live.logs import CommandLog
 from labctl.studies.alignment.findings import Finding
 from labctl.studies.alignment.steps import (
@@ -132,6 +133,7 @@ def align_bench(
         started,
         findings=[(one.subject, one.found, one.criterion, one.advice or "good") for one in findings],
         figures={one.step: one.figure for one in results if one.figure is not None},
+        origin=Origin.of({"station": station.model_dump(mode="json"), "instruments": instruments}),
     )
     return Aligned(folder, kept, report, findings)
 

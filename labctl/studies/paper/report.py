@@ -8,6 +8,7 @@ from typing import Any
 from labctl.analysis.intervals import Verdict
 from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
 from labctl.reports.page import Averaged, Result
+from labctl.runs.format.origin import Origin
 from labctl.runs.format.provenance import git_revision, versions
 from labctl.studies.paper.experiments import Experiment, Requirement
 from labctl.studies.paper.reproduction import Plan, Reproduced
@@ -96,6 +97,7 @@ def write_report(
             title=found.experiment.title,
             statement=f"Paper: {found.experiment.paper}. {' '.join(found.experiment.statement.split())}",
             results=results(found),
+            origin=Origin.of_runs(found.runs),
             figures=_figures(found),
             seeds=found.seeds,
             splits=found.splits,
@@ -127,6 +129,7 @@ def write_sensitivity_report(plan: Plan, experiment: Experiment, figure: Experim
         title=f"{experiment.title}: what it rests on",
         statement="One parameter of the twin at a time is moved away from the value that all experiments use.",
         results=(),
+        origin=Origin.SIMULATED,
         figures=(figure,),
         splits=plan.splits_of(experiment),
         seconds=seconds,
@@ -144,6 +147,7 @@ def write_fit_report(plan: Plan, experiment: Experiment, figure: ExperimentFigur
         title=f"{experiment.title}: what is fitted",
         statement="One parameter of the twin is moved until the accuracy crosses what the paper says where it says.",
         results=(),
+        origin=Origin.SIMULATED,
         figures=(figure,),
         splits=plan.splits_of(experiment),
         seconds=seconds,

@@ -7,9 +7,11 @@ from typing import Any
 
 from labctl.analysis.recognition import recognition
 from labctl.errors import AnalysisError, writing
-from labctl.reports.canvas import Series, save_figure
+from labctl.reports.canvas import Series
 from labctl.reports.figures.sweep import sweep_figure
+from labctl.reports.pictures import save_figure
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep import places, read
@@ -40,16 +42,16 @@ def evaluate_sweep(
     axes = list(values)
     again = [[row for row in rows if all(row[axis] == one[axis] for axis in axes)] for one in rows]
     repeated = max(again, key=len)
-    figure = _figure(rows, axes)
+    figure, origin = _figure(rows, axes), Origin.of_runs(directory / row["run"] for row in rows)
     with writing(directory / FIGURES, "make room"):
         (directory / FIGURES).mkdir(exist_ok=True)
-        pictures = save_figure(figure, directory / FIGURES / "accuracy")
+        pictures = save_figure(figure, directory / FIGURES / "accuracy", origin)
     return {
         "sweep": str(directory),
         "axes": axes,
         "points": rows,
         "reference": [row["accuracy"] for row in repeated] if len(repeated) > 1 else [],
-        "figure": str(pictures[0]),
+        "figure": str(pictures.png),
     }
 
 

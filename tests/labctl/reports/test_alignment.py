@@ -5,6 +5,7 @@ import numpy as np
 
 from labctl.reports.alignment import alignment_report
 from labctl.reports.figures.images import images_figure
+from labctl.runs.format.origin import Origin
 from tests.labctl.reports.html import Page
 
 
@@ -19,6 +20,7 @@ def test_every_finding_stands_there_once_with_its_verdict_and_every_picture(tmp_
             ("depth", "", "", "not measured"),
         ],
         figures={"dark": images_figure(np.eye(28)[np.newaxis], ["one"])},
+        origin=Origin.BENCH,
     )
     page = Page(report)
     assert page.rows == [
@@ -32,4 +34,4 @@ def test_every_finding_stands_there_once_with_its_verdict_and_every_picture(tmp_
     assert page.attributes["alt"] == ["Dark level and noise"]
     assert page.attributes["src"][0].startswith("data:image/svg+xml;base64,")
     assert page.tags.count("section") == 2
-    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"dark.png", "dark.svg"}
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"dark.png", "dark.svg", "dark.pdf"}

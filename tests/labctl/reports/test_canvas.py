@@ -1,12 +1,9 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from PIL import Image
 
 from labctl.reports.canvas import (
     DASHES,
@@ -14,7 +11,6 @@ from labctl.reports.canvas import (
     PALETTE,
     Series,
     draw_series,
-    join_pictures,
     legend_below,
     look,
     port_name,
@@ -95,14 +91,3 @@ def test_a_series_is_made_of_results_by_their_position() -> None:
 
 def test_the_port_before_the_chip_has_a_name_of_its_own() -> None:
     assert [port_name(port) for port in (0, 2)] == ["before the chip", "port 2"]
-
-
-def test_pictures_are_joined_below_each_other(tmp_path: Path) -> None:
-    parts = [tmp_path / "wide.png", tmp_path / "high.png"]
-    for part, size in zip(parts, ((4, 1), (2, 3)), strict=True):
-        Image.new("RGB", size, "black").save(part)
-    join_pictures(parts, tmp_path / "all.png")
-    with Image.open(tmp_path / "all.png") as joined:
-        assert joined.size == (4, 4)
-        assert joined.getpixel((3, 3)) == (255, 255, 255)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["all.png", "high.png", "wide.png"]

@@ -11,6 +11,7 @@ from labctl.analysis.intervals import Verdict
 from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
 from labctl.reports.figures.images import ImageRow, image_rows_figure
 from labctl.reports.page import Averaged, Result
+from labctl.runs.format.origin import Origin
 from tests.labctl.reports.html import Page
 
 REPEATS = "3 × 10"  # noqa: RUF001
@@ -39,6 +40,7 @@ def entries() -> list[ExperimentEntry]:
             title="four <digits>",
             statement="The paper reports > 90 %.",
             results=results,
+            origin=Origin.SIMULATED,
             figures=[ExperimentFigure("images", images, "Images & so on.")],
             seeds=[1, 2, 3],
             splits=10,
@@ -47,7 +49,9 @@ def entries() -> list[ExperimentEntry]:
             notes=["Report both splits & say so."],
             cause="less light",
         ),
-        ExperimentEntry("fig2", "traces", "A picture.", [Result("traces", "picture", "", "picture", None)]),
+        ExperimentEntry(
+            "fig2", "traces", "A picture.", [Result("traces", "picture", "", "picture", None)], Origin.BENCH
+        ),
     ]
 
 
@@ -69,7 +73,9 @@ def test_the_report_stands_alone(tmp_path: Path) -> None:
     assert all(link.startswith("#") for link in page.attributes["href"])
     assert {link[1:] for link in page.attributes["href"]} <= set(page.attributes["id"])
     assert "http" not in text.replace(source, "")
-    assert {file.name for file in (tmp_path / "new" / "figures").iterdir()} == {"fig3-images.png", "fig3-images.svg"}
+    files = {file.name for file in (tmp_path / "new" / "figures").iterdir()}
+    assert files == {"fig3-images.png", "fig3-images.svg", "fig3-images.pdf"}
+    assert "simulated bench" in svg
 
 
 def test_the_first_table_holds_every_figure_of_single_triggers_and_their_mean(tmp_path: Path) -> None:
@@ -125,7 +131,7 @@ def test_baseline_and_mean_have_columns_where_there_are_any(tmp_path: Path) -> N
 
 def test_names_cannot_break_out_of_an_attribute(tmp_path: Path) -> None:
     drawn = ExperimentFigure("images", image_rows_figure([ImageRow("a", np.eye(28)[np.newaxis])]), "")
-    entry = ExperimentEntry('"x<', '"><b>', "", [Result("a", "", "", "", None)], figures=[drawn])
+    entry = ExperimentEntry('"x<', '"><b>', "", [Result("a", "", "", "", None)], Origin.BENCH, figures=[drawn])
     page = Page(experiments_report(tmp_path / "report.html", entries=[entry], provenance={}, title="All"))
     assert page.attributes["id"] == ['"x<']
     assert page.attributes["href"] == ['#"x<']
@@ -135,7 +141,9 @@ def test_names_cannot_break_out_of_an_attribute(tmp_path: Path) -> None:
 @given(TEXT, TEXT)
 def test_any_text_survives(tmp_path_factory: pytest.TempPathFactory, one: str, other: str) -> None:
     result = Result(one, other, one, other, Verdict.REACHED, one)
-    entry = ExperimentEntry(one, other, one, [result], settings={one: {other: one}}, notes=[other], cause=one)
+    entry = ExperimentEntry(
+        one, other, one, [result], Origin.BENCH, settings={one: {other: one}}, notes=[other], cause=one
+    )
     path = tmp_path_factory.getbasetemp() / "any.html"
     page = Page(experiments_report(path, entries=[entry], provenance={one: [other]}, title=one))
     name, *cells = page.rows[1]

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -12,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from labctl.reports.canvas import save_figure
+from labctl.reports.pictures import save_figure
+from labctl.runs.format.origin import Origin
 
 
 def noise(*shape: int) -> Any:
@@ -23,8 +25,8 @@ def noise(*shape: int) -> Any:
 def check_files(draw: Callable[[], Figure], folder: Path) -> None:
     """Small files, the same bytes every time, and matplotlib's own settings left alone."""
     before = dict(mpl.rcParams)
-    first, second = (save_figure(draw(), folder / stem) for stem in ("first", "second"))
-    assert [path.name for path in first] == ["first.png", "first.svg"]
+    first, second = (astuple(save_figure(draw(), folder / stem, Origin.SIMULATED)) for stem in ("first", "second"))
+    assert [path.name for path in first] == ["first.png", "first.svg", "first.pdf"]
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
         assert one.stat().st_size < 400_000
@@ -34,6 +36,21 @@ def check_files(draw: Callable[[], Figure], folder: Path) -> None:
     root = ElementTree.fromstring(svg)  # noqa: S314  # written a moment ago, here
     assert root.tag.endswith("svg")
     assert not re.search(r"20\d\d-\d\d-\d\d", svg)
+    assert "simulated bench" in svg
+    check_pdf(first[2])
+
+
+def check_pdf(path: Path) -> None:
+    """One page as wide as one column of a journal or both, its fonts inside, no date."""
+    pdf = path.read_bytes()
+    assert pdf.startswith(b"%PDF")
+    found = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf)
+    assert found
+    width_mm, height_mm = (float(number) * 25.4 / 72 for number in found.groups())
+    assert round(width_mm, 1) in (86, 178)
+    assert height_mm < 250
+    assert pdf.count(b"/FontFile2") == pdf.count(b"/Type /FontDescriptor") > 0
+    assert b"CreationDate" not in pdf
 
 
 def check_figure(draw: Callable[[], Figure], folder: Path) -> None:

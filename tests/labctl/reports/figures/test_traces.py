@@ -3,8 +3,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from labctl.reports.canvas import save_figure
 from labctl.reports.figures.traces import traces_figure
+from labctl.reports.pictures import save_figure
+from labctl.runs.format.origin import Origin
 from tests.labctl.reports.figures.drawn import check_figure
 
 
@@ -47,7 +48,7 @@ def test_long_traces_are_thinned() -> None:
 
 def test_saving_rounds_what_the_layout_solver_found(tmp_path: Path) -> None:
     figure = traces()
-    save_figure(figure, tmp_path / "traces")
+    save_figure(figure, tmp_path / "traces", Origin.BENCH)
     for axes in figure.axes:
         bounds = axes.get_position(original=True).bounds
         np.testing.assert_allclose(bounds, np.round(bounds, 6), rtol=0, atol=1e-12)

@@ -2,8 +2,10 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from labctl.reports.canvas import Level, Series, save_figure
+from labctl.reports.canvas import Level, Series
 from labctl.reports.figures.window import Claim, accuracy_figure, interval_figure, rmse_figure
+from labctl.reports.pictures import save_figure
+from labctl.runs.format.origin import Origin
 from tests.labctl.reports.figures.drawn import beside, check_figure, legend
 
 WINDOWS = (0.08e-9, 0.16e-9, 0.4e-9, 0.56e-9, 1e-9, 2e-9)
@@ -41,7 +43,7 @@ def test_they_are_sound(tmp_path: Path) -> None:
 
 
 def test_text_of_an_svg_is_text(tmp_path: Path) -> None:
-    _, svg = save_figure(accuracy(), tmp_path / "accuracy")
+    svg = save_figure(accuracy(), tmp_path / "accuracy", Origin.BENCH).svg
     text = svg.read_text(encoding="utf-8")
     assert ">with reservoir<" in text
     assert "without &lt;reservoir&gt;" in text

@@ -1,0 +1,74 @@
+"""A figure in a notebook that shows the latest traces in the place of those before."""
+
+from collections.abc import Sequence
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from labctl.errors import LabctlError
+from labctl.reports.canvas import look, place_legend, port_name, styled, volt_scale
+
+
+class LiveTrace:
+    """Traces of some ports as they come, with their count; scales only grow, so that what moves is the signal."""
+
+    def __init__(self) -> None:
+        """Nothing is shown before the first traces.
+
+        Raises:
+            LabctlError: there is no IPython, which a notebook has.
+        """
+        try:
+            from IPython.display import Image, display
+        except ModuleNotFoundError:
+            raise LabctlError("a live trace is shown in a notebook: pip install jupyter, and call it there") from None
+        self._image: Any = Image
+        self._display: Any = display
+        self._shown: Any = None
+        self._count = 0
+        self._top = 0.0
+
+    def show(self, time_s: NDArray[Any], volts: NDArray[Any], ports: Sequence[int]) -> None:
+        """Draw traces (ports, samples) in V over those before."""
+        self._count += 1
+        self._top = max(self._top, float(np.max(np.abs(volts))))
+        picture = self._image(data=_png(trace_figure(time_s, volts, ports, top_v=self._top, count=self._count)))
+        if self._shown is None:
+            self._shown = self._display(picture, display_id=True)
+        else:
+            self._shown.update(picture)
+
+
+@styled
+def trace_figure(
+    time_s: NDArray[Any], volts: NDArray[Any], ports: Sequence[int], *, top_v: float, count: int
+) -> Figure:
+    """One panel with a trace a port.
+
+    Args:
+        time_s: (samples,) s.
+        volts: (ports, samples) V.
+        ports: Number of each port.
+        top_v: End of the vertical axis, V.
+        count: The traces are the how manyth.
+    """
+    figure = Figure(figsize=(6.4, 2.8))
+    axes = figure.add_subplot()
+    factor, unit = volt_scale(top_v)
+    for position, (port, trace) in enumerate(zip(ports, volts, strict=True)):
+        style = look(position)
+        axes.plot(1e9 * time_s, factor * trace, color=style.colour, linestyle=style.dashes, label=port_name(port))
+    axes.set(xlabel="time (ns)", ylabel=f"signal ({unit})", title=f"trace {count}")
+    axes.set_ylim(-0.1 * factor * top_v, 1.1 * factor * top_v)
+    place_legend(figure, axes, inside="upper right")
+    return figure
+
+
+def _png(figure: Figure) -> bytes:
+    data = BytesIO()
+    FigureCanvasAgg(figure).print_png(data)
+    return data.getvalue()

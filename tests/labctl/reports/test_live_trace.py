@@ -1,0 +1,52 @@
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import labctl
+from instruments.values import Scaling
+from labctl.engine.hands import Traces
+from labctl.errors import LabctlError
+from labctl.reports import live_trace
+from labctl.reports.live_trace import LiveTrace, trace_figure
+from tests.labctl.reports.figures.drawn import check_figure, legend
+
+TIME_S = np.linspace(0, 0.96e-9, 25)
+
+
+def test_a_trace_names_its_ports_and_its_place(tmp_path: Path) -> None:
+    def draw() -> Any:
+        return trace_figure(TIME_S, np.ones((2, 25)), (2, 0), top_v=1, count=7)
+
+    check_figure(draw, tmp_path)
+    assert legend(draw()) == ["port 2", "before the chip"]
+    assert draw().axes[0].get_title() == "trace 7"
+
+
+def test_the_scale_never_shrinks(monkeypatch: pytest.MonkeyPatch) -> None:
+    tops = []
+
+    def remember(*_: Any, top_v: float, count: int) -> Any:
+        tops.append((count, top_v))
+        return trace_figure(TIME_S, np.ones((1, 25)), (2,), top_v=top_v, count=count)
+
+    monkeypatch.setattr(live_trace, "trace_figure", remember)
+    view = LiveTrace()
+    for level in (0.2, 0.5, 0.1):
+        view.show(TIME_S, np.full((1, 25), level), (2,))
+    assert tops == [(1, 0.2), (2, 0.5), (3, 0.5)]
+
+
+def test_the_last_trace_comes_back() -> None:
+    last = Traces(np.ones((1, 25)), TIME_S, (3,), np.zeros(1, np.bool_), np.zeros((1, 25), np.int8), (Scaling(1, 0),))
+    assert labctl.live_trace([last]) is last
+    with pytest.raises(ValueError, match="no trace to show"):
+        labctl.live_trace([])
+
+
+def test_without_a_notebook_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "IPython.display", None)
+    with pytest.raises(LabctlError, match="pip install jupyter"):
+        LiveTrace()

@@ -1,0 +1,83 @@
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from labctl.reports.canvas import Series
+from labctl.reports.figures.traces import traces_figure
+from labctl.reports.figures.window import accuracy_figure
+from labctl.reports.pictures import join_pictures, save_figure
+from labctl.runs.format.origin import Origin
+
+WINDOWS_S = [0.08e-9, 0.16e-9, 0.24e-9, 0.32e-9, 0.4e-9, 0.48e-9, 0.56e-9, 0.8e-9, 1e-9, 1.5e-9, 2e-9]
+
+
+def curves(*labels: str) -> Figure:
+    accuracies = np.linspace(0.5, 0.95, len(WINDOWS_S)).tolist()
+    series = [Series(label, WINDOWS_S, accuracies, [0.02] * len(WINDOWS_S)) for label in labels]
+    return accuracy_figure(series, tau_s=40e-12, chance=0.25)
+
+
+def panels() -> Figure:
+    time_s = np.arange(50) * 40e-12
+    return traces_figure(time_s, np.ones((2, 3, 50)), shots=["a", "b"], ports=["port 2", "port 3", "port 4"])
+
+
+def width_mm(pdf: Path) -> float:
+    (width,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ", pdf.read_bytes())
+    return round(float(width) * 25.4 / 72, 1)
+
+
+def test_one_panel_is_as_wide_as_a_column_and_several_as_two(tmp_path: Path) -> None:
+    assert width_mm(save_figure(curves("chip", "chip bypassed"), tmp_path / "one", Origin.BENCH).pdf) == 86
+    assert width_mm(save_figure(panels(), tmp_path / "several", Origin.BENCH).pdf) == 178
+
+
+def test_what_would_be_cut_off_in_a_column_is_given_two(tmp_path: Path) -> None:
+    names = [f"with the chip {number}" for number in range(6)]
+    assert width_mm(save_figure(curves(*names), tmp_path / "many", Origin.BENCH).pdf) == 178
+
+
+def test_no_number_at_an_axis_touches_another(tmp_path: Path) -> None:
+    figure = curves("chip")
+    save_figure(figure, tmp_path / "curves", Origin.BENCH)
+    figure.draw_without_rendering()
+    labels = [label for label in figure.axes[0].get_xticklabels() if label.get_visible()]
+    ends = [label.get_window_extent() for label in labels]
+    assert 4 < len(labels) < len(WINDOWS_S)
+    assert all(one.x1 < other.x0 for one, other in pairwise(ends))
+
+
+@pytest.mark.parametrize(
+    ("origin", "words"),
+    [(Origin.SIMULATED, ">simulated bench<"), (Origin.PARTLY_SIMULATED, ">partly simulated bench<")],
+)
+def test_a_figure_says_that_it_is_simulated_and_nothing_lies_on_that(
+    origin: Origin, words: str, tmp_path: Path
+) -> None:
+    figure = panels()
+    pictures = save_figure(figure, tmp_path / "marked", origin)
+    assert words in pictures.svg.read_text("utf-8")
+    (mark,) = [text for text in figure.texts if "simulated" in text.get_text()]
+    figure.draw_without_rendering()
+    boxes = [box for axes in figure.axes if (box := axes.get_tightbbox()) is not None]
+    assert max(box.y1 for box in boxes) < mark.get_window_extent().y0
+
+
+def test_a_figure_of_a_bench_says_nothing(tmp_path: Path) -> None:
+    assert "simulated" not in save_figure(panels(), tmp_path / "bench", Origin.BENCH).svg.read_text("utf-8")
+
+
+def test_pictures_are_joined_below_each_other(tmp_path: Path) -> None:
+    parts = [tmp_path / "wide.png", tmp_path / "high.png"]
+    for part, size in zip(parts, ((4, 1), (2, 3)), strict=True):
+        Image.new("RGB", size, "black").save(part)
+    join_pictures(parts, tmp_path / "all.png")
+    with Image.open(tmp_path / "all.png") as joined:
+        assert joined.size == (4, 4)
+        assert joined.getpixel((3, 3)) == (255, 255, 255)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["all.png", "high.png", "wide.png"]
