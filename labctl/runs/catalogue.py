@@ -162,18 +162,19 @@ class Catalogue:
         return nullcontext(_with_tables(self._in_memory))
 
     def _refresh(self, database: sqlite3.Connection) -> None:
-        entries = database.execute("SELECT name, stamp, json_extract(row, '$.running') FROM run")
-        known = {name: (stamp, bool(running)) for name, stamp, running in entries}
+        entries = database.execute(
+            "SELECT name, stamp, row ->> 'running', row ->> 'problem' = '' AND row ->> 'shots' = row ->> 'planned' "
+            "FROM run"
+        )
+        known = {name: (stamp, bool(running), bool(complete)) for name, stamp, running, complete in entries}
         there = _stamps_elsewhere(self._folder) if isinstance(self._folder, StorePath) else _stamps(self._folder)
         for name in known.keys() - there.keys():
             _forget(database, name)
         changed: list[tuple[bytes, str | None, RunPaths]] = []
         for name, stamp in there.items():
-            before, running = known.get(name, (None, False))
-            if stamp is not None and stamp == before and not running:
-                continue
+            before, running, complete = known.get(name, (None, False, False))
             paths = RunPaths(self._folder / os.fsdecode(name))
-            if stamp is None or stamp != before or not is_running(paths):
+            if stamp is None or stamp != before or not (complete or running == is_running(paths)):
                 changed.append((name, stamp, paths))
         with _several_at_once(self._folder) as each:
             for (name, stamp, _), (row, facts) in zip(

@@ -171,6 +171,11 @@ def test_old_shots_reach_the_disk_though_no_new_one_comes(
         assert [(line["shard"], line["shots"]) for line in journal(tmp_path / "run")] == [(0, 0), (0, 0)]
 
 
+def fails_from_now_on(folder: Path) -> None:
+    folder.rmdir()
+    folder.write_bytes(b"")
+
+
 def test_a_disk_that_fails_while_nobody_waits_is_reported_by_the_next_call(
     tmp_path: Path, begin: Begin, measure: Measure, small: RunShape
 ) -> None:
@@ -178,7 +183,7 @@ def test_a_disk_that_fails_while_nobody_waits_is_reported_by_the_next_call(
     writer = begin(tmp_path / "run", timer=timers)
     writer.scales(0, 1e-3, 0)
     writer.append(0, 0, measure(small, 0, 0), 1)
-    (tmp_path / "run" / "shards").rmdir()
+    fails_from_now_on(tmp_path / "run" / "shards")
     timers[0].fire()
     for call in (lambda: writer.append(0, 1, measure(small, 0, 1), 1), writer.sync, writer.finish):
         with pytest.raises(RunError, match=r"000000\.h5: cannot be written: .*labctl resume"):
@@ -195,7 +200,7 @@ def test_a_failure_that_was_not_seen_yet_ends_the_block(
         with begin(tmp_path / f"run{error}", timer=timers) as writer:
             writer.scales(0, 1e-3, 0)
             writer.append(0, 0, measure(small, 0, 0), 1)
-            (writer.paths.shards).rmdir()
+            fails_from_now_on(writer.paths.shards)
             timers[-1].fire()
             if error:
                 raise error
