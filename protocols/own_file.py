@@ -40,7 +40,7 @@ def read_source(path: Path) -> SourceFile:
     """A Python file as it is now; nothing of it is executed.
 
     Raises:
-        ProtocolError: it cannot be read, is or is larger than 64 KiB.
+        ProtocolError: it cannot be read, or is larger than 64 KiB.
     """
     try:
         if not path.is_file():  # a FIFO has no end

@@ -199,7 +199,7 @@ def _print_dependence(result: dict[str, Any]) -> None:
         (
             one["name"] if place == 0 else "",
             f"{value:g}" + (" (default)" if value == one["default"] else ""),
-            f"{accuracy['mean']:.3f} ± {accuracy['sd']:.3f}" if accuracy else "refused: too little light",
+            f"{accuracy['mean']:.3f} ± {accuracy['sd']:.3f}" if accuracy else "ended: its records were doubted",
         )
         for one in result["sensitivity"].values()
         for place, (value, accuracy) in enumerate(zip(one["values"], one["accuracy"], strict=True))

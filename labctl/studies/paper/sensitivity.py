@@ -27,7 +27,7 @@ from labctl.studies.processes import in_parallel
 class Dependence:
     """How the accuracy depends on one parameter, over the twins, for each of its values.
 
-    None: on one twin at least the bench itself refused its records, as of too little light.
+    None: on one twin at least the run ended, because its own records were doubted.
     """
 
     variation: Variation
@@ -147,7 +147,7 @@ def acquisition_of(plan: Plan, experiment: Experiment, run: str, point: Point, w
 def judged(run: Acquisition, splits: int, windows_s: Sequence[float]) -> list[NDArray[np.float64]] | None:
     """Accuracy (splits,) of one twin, which is acquired first, in each of some windows.
 
-    None where the run ends because its records are those of no picture: the bench sees too little light.
+    None where the run ends because its records seem to be dark, or those of other pictures.
     """
     try:
         directory = acquire_run(run).directory
