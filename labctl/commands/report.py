@@ -22,6 +22,11 @@ def report(
     if made is None:
         raise cannot_judge(run)
     figures = RunPaths(run).figures
-    found = {"run": str(run), "protocol": protocol, "report": made["report"], "figures": str(figures)}
-    show(found, as_json, lambda: say(f"{found['report']}\nfigures, as PNG, SVG and PDF: {figures}"))
+    found = {"run": str(run), "protocol": protocol, "report": str(made["report"]), "figures": str(figures)}
+    show(found, as_json, lambda: _say(found))
     return DONE
+
+
+def _say(found: dict[str, str]) -> None:
+    say(found["report"])
+    say(f"figures, as PNG, SVG and PDF: {found['figures']}")

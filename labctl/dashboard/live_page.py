@@ -70,7 +70,7 @@ class Panels:
         heading("A picture of this into the notes of a run")
         with ui.element("div").classes("row noting"):
             run = ui.select([one.name for one in runs], value=runs[0].name, label="Run").classes("noted-run")
-            text = ui.input("Note", placeholder="fibre 3 coupled anew").classes("noted-text")
+            text = ui.input("Note with the picture", placeholder="fibre 3 coupled anew").classes("noted-text")
             button = ui.button("Keep a picture", color=None).classes("keep")
         message = ui.label().classes("message")
 
@@ -200,13 +200,14 @@ class Controls:
 
 def show_live(folder: Path, environment: Mapping[str, str]) -> None:
     """The live view that began last among the runs in `folder`, if one is going on; the form that starts one."""
-    frame("Live")
     directory = newest_view(folder)
     view = None if directory is None else WatchedView(directory)
     if view is not None:
         view.look()
+    running = view is not None and view.running
+    frame("Live", view.instruments if view is not None and running else "")
     with ui.element("main").classes("run live"):
-        if view is None or not view.running:
+        if view is None or not running:
             with ui.element("section").classes("wide"):
                 _show_form(folder, environment, view)
         else:

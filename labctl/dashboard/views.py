@@ -4,6 +4,7 @@ from pathlib import Path
 
 from labctl.dashboard.state import ENDED, Phase, RunState, advanced
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import Instruments
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import is_elsewhere, writer_named
 from labctl.runs.live.sight import LIVE, Sight, read_sight
@@ -38,6 +39,11 @@ class WatchedView:
     def running(self) -> bool:
         """Whether a process carries it out."""
         return self.state.phase not in (*ENDED, Phase.UNKNOWN)
+
+    @property
+    def instruments(self) -> Instruments:
+        """Whether they are real or simulated, or some of each."""
+        return "mixed" if self.state.mixed else "simulated" if self.state.simulated else "real"
 
 
 def newest_view(folder: Path) -> Path | None:

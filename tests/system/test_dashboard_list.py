@@ -46,9 +46,14 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     acquire(Acquisition(ImageReadout(images=4, window=0.8e-9, ports=(2,)), Station(), first))
     for number in range(1, RUNS - 2):
         described(first, f"run-{number:03d}", seeds__seed=1000 + number)
-    real = {"seeds__twin_seed": None, "station__source": "bench.toml", "station__awg__address": "TCPIP::awg::INSTR"}
+    manifest = json.loads((first / "manifest.json").read_text("utf-8"))
+    real: dict[str, object] = {"seeds__twin_seed": None, "station__source": "bench.toml"}
+    for role, instrument in manifest["instruments"].items():
+        if instrument.get("identity"):
+            real |= {f"station__{role}__address": "usb", f"instruments__{role}__identity__serial": "C300123"}
     described(first, "on-the-bench", **real)
-    described(first, "half-of-it", station__mixed=True, station__scope__address="TCPIP::scope::INSTR")
+    half = {"station__scope__address": "TCPIP::scope::INSTR", "instruments__scope__identity__serial": "C300123"}
+    described(first, "half-of-it", station__mixed=True, **half)
     say_of(RunPaths(folder / "run-007"), "fibre touched", tags=["good"], star=True)
     return folder
 

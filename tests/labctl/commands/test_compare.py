@@ -96,7 +96,7 @@ def test_runs_are_filtered(bench_run: Path, changed: Path, as_json: AsJson, type
         assert [Path(row["run"]).name for row in found["runs"]] == names
     assert "none of its runs is of that kind" in typed("runs", changed.parent, "--seed", 9)[1]
     for options, message in (
-        (("--sort", "colour"), "colour: no run here has that: sort by one of"),
+        (("--sort", "colour"), "colour: no run here has that: see `labctl runs --keys`"),
         (("--since", "yesterday"), "is no date"),
         (("--state", "good"), "choose one of complete"),
     ):

@@ -411,7 +411,12 @@ class TestReadout:
         Path(found["report"]).unlink()
         assert as_json(capsys, "report", run) == (
             0,
-            {"run": str(run), "protocol": "image-readout", "report": found["report"]},
+            {
+                "run": str(run),
+                "protocol": "image-readout",
+                "report": found["report"],
+                "figures": str(run / "figures"),
+            },
         )
         assert Path(found["report"]).read_text() == report
         status, shown = as_json(capsys, "show", trained["model"])
