@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
 
 from labctl.errors import AnalysisError
 
@@ -100,6 +99,8 @@ def _mean(by_bench: Sequence[float]) -> Statistic:
     mean = float(np.mean(by_bench))
     if len(by_bench) == 1:
         return {"mean": mean, "se": None, "low": None, "high": None, "by_bench": list(by_bench)}
+    from scipy.special import stdtrit  # which takes long to load, as scipy.stats does
+
     error = float(np.std(by_bench, ddof=1) / np.sqrt(len(by_bench)))
     reach = error * float(stdtrit(len(by_bench) - 1, (1 + CONFIDENCE) / 2))
     return {"mean": mean, "se": error, "low": mean - reach, "high": mean + reach, "by_bench": list(by_bench)}

@@ -5,13 +5,13 @@ from typing import Annotated, Any
 
 import typer
 
+from labctl.bench.lock import held
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, say, show, tell
-from labctl.studies.alignment import alignment
 from labctl.studies.alignment.findings import COVERAGE, Finding
 
 
@@ -34,10 +34,14 @@ def align(
         else:
             say(finding.line())
 
-    with interruptible() as interruption:
+    bench, access = read_station(station), access_of(context, attended=attended, armed=armed)
+    with interruptible() as interruption, held(bench, "labctl align", access.wire) as hold:
+        from labctl.studies.alignment import alignment  # takes longer to load than to say that another has the bench
+
         aligned = alignment.align_bench(
-            read_station(station),
-            access_of(context, attended=attended, armed=armed),
+            bench,
+            access,
+            hold,
             directory=out,
             interruption=interruption,
             tell=show_finding,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-import pooch
+from platformdirs import user_cache_path
 
 from labctl.datasets import archives, pictures
 from labctl.datasets.cards import Card, DataFile, bundled_directory
@@ -37,7 +37,7 @@ class FileCheck:
 
 def cache_directory() -> Path:
     """The user's cache folder for downloaded data sets (on Linux below XDG_CACHE_HOME)."""
-    return Path(pooch.os_cache("labctl"))
+    return user_cache_path("labctl")
 
 
 def places(card: Card, directory: Path | None = None) -> Iterator[Path]:
@@ -130,6 +130,8 @@ def _retrieve(card: Card, file: DataFile, folder: Path) -> None:
     remote, digest = (file.archive.name, file.archive.sha256) if file.archive else (file.name, file.sha256_gz)
     if file.archive and (folder / file.name).is_file():
         return
+    import pooch  # takes long to load, and nobody who has the files needs it
+
     downloaded = pooch.retrieve(
         card.source + remote,
         known_hash=f"sha256:{digest}",
@@ -165,6 +167,8 @@ class _Bounded:
 
 def _download(url: str, output_file: str, retriever: object) -> None:
     """What pooch calls for each file: its own downloader, stopped where a server sends without end."""
+    import pooch
+
     with Path(output_file).open("wb") as file:
         pooch.HTTPDownloader(timeout=DOWNLOAD_TIMEOUT_S)(url, _Bounded(file), retriever)
 

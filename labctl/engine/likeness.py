@@ -147,6 +147,7 @@ class Likeness:
         self._light = np.ones(1)  # of the reference, codes
         self._lit_level = np.zeros(1)  # mean code of the records with light that came last
         self._usual: NDArray[np.float64] | None = None  # mean squares of what different pictures differ by
+        self._lit_once = False  # a record was further from darkness than chance takes it
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
         self._repeats_of_light: list[float] = []  # the same, of the root of the light of both
@@ -358,8 +359,10 @@ class Likeness:
         self._unjudged = []
         lit = np.flatnonzero(self._lit[begin : begin + len(values)])
         from_dark = _times(_squares(values[lit] - dark), self._most_noise)
-        hardly = self._agreed == 0 and lit.size > 2 and np.median(from_dark) <= HARDLY
-        if hardly and _times(_squares(values[lit] - dark), self._least_noise).max() < CONTRAST:  # no photon either
+        by_chance = math.exp(STRAYS * math.sqrt(2 / values[0].size))  # times one record's noise that another has
+        from_quietest = _times(_squares(values[lit] - dark), self._least_noise)
+        self._lit_once = self._lit_once or bool((from_quietest > by_chance).any())
+        if not self._lit_once and self._agreed == 0 and lit.size > 2 and np.median(from_dark) <= HARDLY:
             return Finding(0, NO_LIGHT)
         if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden:
             return None

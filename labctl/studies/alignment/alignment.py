@@ -17,7 +17,7 @@ from labctl.analysis.decorrelation import Scan
 from labctl.bench import calibration
 from labctl.bench.identity import who_they_are
 from labctl.bench.laser_limits import check_laser
-from labctl.bench.lock import held
+from labctl.bench.lock import Hold
 from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
@@ -81,9 +81,15 @@ class Aligned:
 
 
 def align_bench(
-    station: Station, access: Access, *, directory: Path | None, interruption: Interruption, tell: Tell
+    station: Station,
+    access: Access,
+    hold: Hold,
+    *,
+    directory: Path | None,
+    interruption: Interruption,
+    tell: Tell,
 ) -> Aligned | None:
-    """Measure the bench of `station`; `tell` hears of each finding at once. None: interrupted.
+    """Measure the bench of `station`, which `hold` holds; `tell` hears of each finding at once. None: interrupted.
 
     A step that falls short does not keep those from being measured that make sense without it.
 
@@ -100,7 +106,6 @@ def align_bench(
     results: list[Result] = []
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
-        hold = stack.enter_context(held(station, "labctl align", access.wire))
         supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
         bench = stack.enter_context(opened(station, log, access, observer=Observers(hold, supervisor))).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))

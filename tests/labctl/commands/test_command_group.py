@@ -12,13 +12,15 @@ import pytest
 import typer
 from typer.main import get_command
 
+from labctl.bench.lock import held
+from labctl.bench.station import Station
 from labctl.commands import COMMANDS
 from labctl.commands.command_group import Unloaded
 from labctl.commands.main import app
 
 ROOT = Path(__file__).parents[3]
 HEAVY = (
-    *("torch", "sklearn", "matplotlib", "scipy", "h5py", "pyvisa", "numpy"),
+    *("torch", "sklearn", "matplotlib", "scipy", "scipy.special", "h5py", "pyvisa", "numpy"),
     *("pint", "pydantic", "rich", "PIL", "pooch", "sim_backends.world.world"),
 )
 """What takes long to import, and `labctl --help` needs none of."""
@@ -70,6 +72,21 @@ class TestNothingHeavyIsImported:
         station.write_text(f"{named}[laser]\n{silent}commands = 'simulated'\n", encoding="utf-8")
         found = loaded_by("check", "--station", str(station), status=1)
         assert not found & {"torch", "sklearn", "matplotlib", "scipy", "h5py", "sim_backends.world.world"}
+
+    @pytest.mark.parametrize("task", [("check",), ("align",), ("run", "image-readout"), ("live",)])
+    def test_to_say_that_another_has_the_bench(self, tmp_path: Path, task: tuple[str, ...]) -> None:
+        bench = Station.model_validate({"scope": {"address": "TCPIP0::192.0.2.1::INSTR"}, "laser": {"armed": False}})
+        station = tmp_path / "bench.toml"
+        station.write_text('[scope]\naddress = "TCPIP0::192.0.2.1::INSTR"\n[laser]\narmed = false\n', encoding="utf-8")
+        with held(bench, "somebody else"):
+            found = loaded_by(*task, "--station", str(station), status=1)
+        assert not found & {
+            "torch",
+            "sklearn",
+            "matplotlib",
+            "scipy.special",
+            "pooch",
+        }  # pint loads scipy, but none of it
 
 
 class TestHelp:

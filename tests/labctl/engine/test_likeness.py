@@ -188,6 +188,13 @@ def test_no_light() -> None:
     assert "by noise alone" in finding.text
 
 
+@pytest.mark.parametrize("times_noise", [2.5, 4.0])
+def test_one_bright_picture_among_faint_ones_is_light(times_noise: float) -> None:
+    codes = noise()
+    codes[7] += np.int8(times_noise * np.sqrt(2) * NOISE)
+    assert examined(SHOTS, codes) is None
+
+
 def noise() -> NDArray[np.int8]:
     drawn = np.random.default_rng(4).normal(0, NOISE, RIGHT.shape)
     return np.rint(drawn).astype(np.int8)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from instruments.interfaces import BYPASS_PORT
+from labctl.bench.lock import held
 from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station
@@ -30,7 +31,8 @@ Pull = tuple[float, float, float]
 
 def aligned(station: Station, directory: Path) -> Aligned:
     told: list[Finding] = []
-    found = align_bench(station, Access(), directory=directory, interruption=Interruption(), tell=told.append)
+    with held(station, "a test") as hold:
+        found = align_bench(station, Access(), hold, directory=directory, interruption=Interruption(), tell=told.append)
     assert found is not None
     assert tuple(told) == found.findings
     return found
