@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, PlainSerializer, SerializationInfo, ValidationInfo
 
-_TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ/]*)\s*")
+_TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ\u03bc/]*)\s*")
 _SIGNIFICANT_DIGITS = 12
 
 # What the trade writes and pint does not know: samples per second are a rate, peak-to-peak volts are volts.
@@ -15,6 +15,31 @@ _TRADE_UNITS = {
     "Hz": (re.compile(r"([kMG]?)(?:S/s|Sa/s)"), r"\1Hz"),
     "V": (re.compile(r"(m?V)pp"), r"\1"),
 }
+
+# A power of ten for each prefix, and each kind of quantity by itself: pint's own list takes long to read.
+_DEFINITIONS = """
+femto- = 1e-15 = f-
+pico- = 1e-12 = p-
+nano- = 1e-9 = n-
+micro- = 1e-6 = µ- = \N{GREEK SMALL LETTER MU}- = u-
+milli- = 1e-3 = m-
+centi- = 1e-2 = c-
+kilo- = 1e3 = k-
+mega- = 1e6 = M-
+giga- = 1e9 = G-
+tera- = 1e12 = T-
+metre = [length] = m = meter
+angstrom = 1e-10 metre
+inch = 0.0254 metre = in
+second = [time] = s = sec
+minute = 60 second = min
+hour = 60 minute = h = hr
+day = 24 hour = d
+hertz = [rate] = Hz
+volt = [potential] = V
+watt = [power] = W
+decibelmilliwatt = 1e-3 watt; logbase: 10; logfactor: 10 = dBm
+"""
 
 # How each unit is usually written, for editors: more than these is understood, and another kind of unit never meant.
 _PREFIX = "[fpnuµmkMGT]?"
@@ -29,10 +54,9 @@ _USUAL = {
 
 @cache
 def _registry() -> Any:
-    # Building the registry takes longer than most commands; only text with a unit needs it.
-    import pint
+    import pint  # takes longer to load than most commands; only text with a unit needs it
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    return pint.UnitRegistry(_DEFINITIONS.strip().splitlines(), autoconvert_offset_to_baseunit=True)
 
 
 def quantity(text: str, unit: str) -> float:

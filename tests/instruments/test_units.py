@@ -21,6 +21,12 @@ from instruments.units import quantity
         ("0.5 Vpp", "V", 0.5),
         ("500 mVpp", "V", 0.5),
         ("-1e3 mV", "V", -1.0),
+        ("2 µs", "s", 2e-6),
+        ("2 \N{GREEK SMALL LETTER MU}s", "s", 2e-6),
+        ("1.5 hours", "s", 5400.0),
+        ("3 milliseconds", "s", 3e-3),
+        ("1550 nanometers", "nm", 1550.0),
+        ("1 milliwatt", "W", 1e-3),
     ],
 )
 def test_reads_what_people_write(text: str, unit: str, value: float) -> None:
