@@ -14,6 +14,7 @@ __all__ = [
     "IMPORT_FAILURES",
     "AnalysisError",
     "BenchInUse",
+    "ClusterError",
     "DatasetError",
     "ExperimentError",
     "LabctlError",
@@ -54,6 +55,10 @@ class BenchInUse(LabctlError):
         """With the line."""
         super().__init__(message)
         self.holder = holder
+
+
+class ClusterError(LabctlError):
+    """A cluster that cannot be reached, or that cannot do what it is given: one line that says what to do."""
 
 
 class DatasetError(LabctlError):

@@ -19,6 +19,7 @@ OK, MISSING, BROKEN = "ok", "missing", "broken"
 
 EXTRAS = {
     "alp": "ViALUX DMDs on USB",
+    "cluster": "simulated benches on the workers of a dask cluster",
     "data": "runs as xarray Datasets, and their export as netCDF and zarr",
     "dashboard": "runs in a browser: labctl dashboard",
     "dlpc900": "TI DLPC900 DMDs on USB",

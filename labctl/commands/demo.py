@@ -11,6 +11,7 @@ from labctl.commands.access import access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.options import FirstSeedOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
+from labctl.commands.scheduler import LOCAL, SchedulerOption, engine_of
 from labctl.studies.demonstration import SEVERAL, SINGLE, demonstrate, paper_says
 from labctl.studies.paper.experiments import experiments
 from labctl.studies.paper.reproduction import Plan
@@ -20,13 +21,19 @@ def demo(
     context: typer.Context,
     first_seed: FirstSeedOption = 1,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the runs; default runs/.")] = None,
+    scheduler: SchedulerOption = LOCAL,
     as_json: JsonOption = False,
 ) -> int:
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
     (experiment,) = experiments(["demonstration"])
     with interruptible() as interruption, progress_bar("demo") as progress:
         plan = Plan(
-            (experiment,), SIMULATED_STATION, out or Path("runs"), first_seed=first_seed, access=access_of(context)
+            (experiment,),
+            SIMULATED_STATION,
+            out or Path("runs"),
+            first_seed=first_seed,
+            access=access_of(context),
+            engine=engine_of(scheduler),
         )
         result = demonstrate(plan, interruption=interruption, progress=progress.progress)
     if result is None:

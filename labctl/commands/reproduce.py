@@ -17,11 +17,12 @@ from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import DataOption, FirstSeedOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
+from labctl.commands.scheduler import LOCAL, SchedulerOption, engine_of
 from labctl.errors import UsageError, one_line
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import run_name
 from labctl.studies.paper.experiments import SERIES, experiments
-from labctl.studies.processes import Interrupted
+from labctl.studies.tasks import Interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,6 +49,7 @@ def reproduce(
     fit: Annotated[
         bool, typer.Option("--fit", help="Instead, fit the simulated bench's one fitted number, on seeds of its own.")
     ] = False,
+    scheduler: SchedulerOption = LOCAL,
     as_json: JsonOption = False,
 ) -> int:
     """Run experiments of the paper, or beyond it, and compare with what must be reached.
@@ -62,7 +64,8 @@ def reproduce(
     by_name = SERIES.keys().isdisjoint(wanted)
     folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(wanted))
     access = access_of(context, attended=attended, armed=armed)
-    plan = Plan(chosen, read_station(station), folder, quick, seeds, first_seed, data, access)
+    engine = engine_of(scheduler)
+    plan = Plan(chosen, read_station(station), folder, quick, seeds, first_seed, data, access, engine)
     problems = check(plan)
     if problems and (by_name or len(problems) == len(chosen)):
         raise next(iter(problems.values()))

@@ -21,7 +21,7 @@ from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.recognition import Settings, confusions
 from labctl.studies.paper.report import as_json, results
 from labctl.studies.paper.reproduction import Plan, Reproduced, reproduce
-from labctl.studies.processes import Interrupted
+from labctl.studies.tasks import Interrupted
 from protocols.base import Measurement
 
 Progress = Callable[[int, int], None]

@@ -1,102 +1,79 @@
-"""Work in several processes at once, which ends early, and orderly, when it is interrupted."""
+"""Processes of this machine that carry out tasks: as many as there are cores."""
 
 import multiprocessing
 import os
 import signal
-import time
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from itertools import islice
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
-from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from instruments.bench import Observer
-from labctl.bench.signals import Interruption
 from labctl.printable import log_printably
+from labctl.studies.tasks import CALLER, Workers, timed
 
-Name = TypeVar("Name")
 Found = TypeVar("Found")
 
-POLL_S = 0.2
 
-
-class Interrupted(Exception):
-    """The operator stopped it; what was finished is kept."""
-
-
+@dataclass(frozen=True)
 class _Shared:
     """What the processes of one pool share."""
 
     stop: Event
-    records: "Synchronized[int]"
+    made: "Synchronized[int]"
+
+    def stopped(self) -> bool:
+        """Whether running tasks should end."""
+        return self.stop.is_set()
+
+    def measured(self, records: int) -> None:
+        """So many records more, made in this process."""
+        with self.made.get_lock():
+            self.made.value += records
 
 
-def in_parallel(
-    tasks: Mapping[Name, Callable[[], Found]],
-    *,
-    interruption: Interruption,
-    progress: Callable[[int, int], None],
-    needs: Mapping[Name, Iterable[Name]] = MappingProxyType({}),
-) -> dict[Name, tuple[Found, float]]:
-    """Result of every task, and the seconds it took, on as many processes as there are cores; a failure ends it all.
+@dataclass(frozen=True)
+class _Pool:
+    executor: ProcessPoolExecutor
+    size: int
+    shared: _Shared
 
-    Args:
-        tasks: Functions of a module, or partials of them, called in other processes; the first ones go first.
-        interruption: Asked again and again; once requested, running tasks end, if a `TaskObserver` follows them.
-        progress: Called again and again with how many tasks are done and how many records were made in them.
-        needs: The tasks that must be done before a task begins.
+    @property
+    def records(self) -> int:
+        """How many records were made."""
+        return self.shared.made.value
 
-    Raises:
-        Interrupted: it was requested.
-    """
+    def room(self, running: int) -> int:
+        """A task for each process."""
+        return self.size - running
+
+    def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
+        """Begin a task."""
+        return self.executor.submit(timed, task)
+
+    def failure(self, error: Exception) -> Exception:
+        """The error itself."""
+        return error
+
+
+@contextmanager
+def processes(tasks: int) -> Iterator[Workers]:
+    """Processes for so many tasks."""
     context = multiprocessing.get_context("spawn")
-    workers = min(os.cpu_count() or 1, len(tasks))
-    stop, records = context.Event(), context.Value("q", 0)
-    found: dict[Name, tuple[Found, float]] = {}
-    running: dict[Future[tuple[Found, float]], Name] = {}
-    with ProcessPoolExecutor(workers, context, initializer=_join, initargs=(stop, records)) as pool:
+    size = min(os.cpu_count() or 1, tasks)
+    shared = _Shared(context.Event(), context.Value("q", 0))
+    with ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared.stop, shared.made)) as executor:
         try:
-            while len(found) < len(tasks):
-                begun = found.keys() | set(running.values())
-                ready = (name for name in tasks if name not in begun and found.keys() >= set(needs.get(name, ())))
-                for name in islice(ready, workers - len(running)):
-                    running[pool.submit(_timed, tasks[name])] = name
-                for future in wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED).done:
-                    found[running.pop(future)] = future.result()
-                progress(len(found), records.value)
-                if interruption.requested:
-                    raise Interrupted
+            yield _Pool(executor, size, shared)
         finally:
-            stop.set()
-            pool.shutdown(wait=True, cancel_futures=True)
-    return found
+            shared.stop.set()
+            executor.shutdown(wait=True, cancel_futures=True)
 
 
-class TaskObserver(Observer):
-    """Follows a run inside a task: counts its records, and ends it when the task should come to its end."""
-
-    def __init__(self, interruption: Interruption) -> None:
-        """Of the run that `interruption` ends."""
-        self._interruption = interruption
-        self._done = 0
-
-    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
-        """More records: one, or those of a burst."""
-        with _Shared.records.get_lock():
-            _Shared.records.value += done - self._done
-        self._done = done
-        self._interruption.requested |= _Shared.stop.is_set()
-
-
-def _join(stop: Event, records: "Synchronized[int]") -> None:
+def _join(stop: Event, made: "Synchronized[int]") -> None:
     # Ctrl-C reaches the whole process group; these processes hear of it from their parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _Shared.stop, _Shared.records = stop, records
+    CALLER.set(_Shared(stop, made))
     log_printably()
-
-
-def _timed(task: Callable[[], Found]) -> tuple[Found, float]:
-    began = time.perf_counter()
-    return task(), time.perf_counter() - began

@@ -26,7 +26,7 @@ from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import experiments
 from labctl.studies.paper.reproduction import Plan, reproduce
-from labctl.studies.processes import Interrupted
+from labctl.studies.tasks import Interrupted
 from protocols.base import Sequences
 from protocols.sequence_readout import SequenceReadout
 

@@ -26,7 +26,7 @@ from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
 from labctl.studies.paper.experiments import Experiment, FitStudy
 from labctl.studies.paper.reproduction import Plan, Progress
 from labctl.studies.paper.sensitivity import acquisition_of, judged, points_of
-from labctl.studies.processes import in_parallel
+from labctl.studies.tasks import in_parallel
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,12 @@ def fit(plan: Plan, experiment: Experiment, *, interruption: Interruption, progr
         )
         for point in chain.from_iterable(points.values())
     }
-    found = in_parallel(tasks, interruption=interruption, progress=lambda done, _steps: progress(done, len(tasks)))
+    found = in_parallel(
+        tasks,
+        engine=plan.engine,
+        interruption=interruption,
+        progress=lambda done, _steps: progress(done, len(tasks)),
+    )
     scores = {
         value: [judgement for point in points[value] if (judgement := found[point][0]) is not None]
         for value in study.variation.values

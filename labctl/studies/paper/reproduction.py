@@ -1,5 +1,6 @@
 """Carrying out experiments: every run they need once, every twin examined, all of it in parallel where it may be."""
 
+import shutil
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -9,6 +10,7 @@ from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+from uuid import uuid4
 
 from instruments.bench import Observer
 from instruments.values import Uploading
@@ -22,7 +24,8 @@ from labctl.errors import AnalysisError, StationError
 from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
-from labctl.studies.processes import Interrupted, TaskObserver, in_parallel
+from labctl.studies.processes import processes
+from labctl.studies.tasks import Engine, Interrupted, TaskObserver, in_parallel
 from protocols.base import Measurement
 from protocols.image_readout import ImageReadout
 
@@ -61,6 +64,7 @@ class Plan:
         first_seed: The first of them.
         data: Folder of data sets that is looked at first.
         access: How the bench is opened.
+        engine: Who carries out what can be done side by side.
         name: What the directory of a run is called, by the run's name in the experiment file, its protocol and the
             twin's parameters that it changes.
     """
@@ -73,6 +77,7 @@ class Plan:
     first_seed: int = 1
     data: Path | None = None
     access: Access = Access()
+    engine: Engine = processes
     name: Callable[[str, Measurement[Any], Mapping[str, Any]], str] = name_by_settings
 
     def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
@@ -226,7 +231,7 @@ def reproduce(
         needs = {name: _directories(columns) for name, (_, columns) in twins.items()}
     else:
         done |= _acquired_in_turn(runs, interruption, follow, uploading)
-    done |= in_parallel(tasks, needs=needs, interruption=interruption, progress=follow)
+    done |= in_parallel(tasks, engine=plan.engine, needs=needs, interruption=interruption, progress=follow)
     reproduced, failed = [], {}
     for experiment in plan.experiments:
         own = {seed: twins[experiment.name, seed][1] for seed in plan.seeds_of(experiment)}
@@ -238,9 +243,26 @@ def reproduce(
 
 
 def acquire_run(run: Acquisition) -> Outcome:
-    """Carry out one run in this process; it ends early, in the safe state, if the parent says so."""
-    interruption = Interruption()
-    return acquire(run, observer=TaskObserver(interruption), interruption=interruption).outcome
+    """Carry out one run in this process; it ends early, in the safe state, if the parent says so.
+
+    It is measured beside its place and put there when it is complete: if it is carried out twice, because nobody heard
+    of the first time, the run that is there already stays, and has the same digits.
+    """
+    if run.directory is None:
+        raise ValueError("a run among others needs a place")
+    interruption, place = Interruption(), run.directory
+    beside = place.with_name(f"{place.name}.{uuid4().hex[:8]}.part")
+    run = replace(run, directory=beside)
+    outcome = acquire(run, observer=TaskObserver(interruption), interruption=interruption).outcome
+    if not outcome.complete:
+        return outcome
+    try:
+        beside.rename(place)
+    except OSError:
+        if not place.exists():
+            raise
+        shutil.rmtree(beside)
+    return replace(outcome, directory=place)
 
 
 def _twins(plan: Plan, experiment: Experiment, seed: int) -> tuple[TwinRuns, ...]:

@@ -20,7 +20,7 @@ from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
 from labctl.studies.paper.experiments import Experiment, SensitivityStudy, Variation
 from labctl.studies.paper.reproduction import Plan, Progress, acquire_run
 from labctl.studies.paper.twin_runs import TwinRuns, window_features
-from labctl.studies.processes import in_parallel
+from labctl.studies.tasks import in_parallel
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,12 @@ def sensitivity(
         )
         for point in chain.from_iterable(points.values())
     }
-    found = in_parallel(tasks, interruption=interruption, progress=lambda done, _steps: progress(done, len(tasks)))
+    found = in_parallel(
+        tasks,
+        engine=plan.engine,
+        interruption=interruption,
+        progress=lambda done, _steps: progress(done, len(tasks)),
+    )
     return [
         Dependence(
             variation,

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from labctl.bench.signals import Interruption
-from labctl.studies.processes import Interrupted, in_parallel
+from labctl.studies.processes import processes
+from labctl.studies.tasks import Interrupted, in_parallel
 
 Tasks = dict[str, Callable[[], Any]]
 
@@ -24,6 +25,7 @@ def test_a_task_begins_when_those_it_needs_are_done(tmp_path: Path) -> None:
     }
     found = in_parallel(
         tasks,
+        engine=processes,
         interruption=Interruption(),
         progress=lambda done, _steps: seen.append(done),
         needs={"read": ["write", "count"]},
@@ -38,7 +40,13 @@ def test_the_first_failure_ends_it_all(tmp_path: Path) -> None:
     later = tmp_path / "later"
     tasks: Tasks = {"wrong": partial(operator.truediv, 1, 0), "later": partial(later.touch)}
     with pytest.raises(ZeroDivisionError):
-        in_parallel(tasks, interruption=Interruption(), progress=lambda *_: None, needs={"later": ["wrong"]})
+        in_parallel(
+            tasks,
+            engine=processes,
+            interruption=Interruption(),
+            progress=lambda *_: None,
+            needs={"later": ["wrong"]},
+        )
     assert not later.exists()
 
 
@@ -47,6 +55,10 @@ def test_interrupted_nothing_more_begins(tmp_path: Path) -> None:
     tasks: Tasks = {"first": partial(len, "light"), "later": partial(later.touch)}
     with pytest.raises(Interrupted):
         in_parallel(
-            tasks, interruption=Interruption(requested=True), progress=lambda *_: None, needs={"later": ["first"]}
+            tasks,
+            engine=processes,
+            interruption=Interruption(requested=True),
+            progress=lambda *_: None,
+            needs={"later": ["first"]},
         )
     assert not later.exists()

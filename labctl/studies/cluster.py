@@ -1,0 +1,175 @@
+"""Workers of a dask cluster that carry out tasks; the extra `cluster`.
+
+A worker that dies has its task carried out by another one: dask sees to that. A scheduler that dies forgets everything:
+when there is one again at its address, what it had is submitted again. Whatever a task writes appears in its place when
+it is whole, so that to be carried out twice costs time and nothing else.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
+from importlib import import_module
+from typing import Any, TypeVar
+from uuid import uuid4
+
+from labctl.errors import ClusterError, LabctlError, UsageError
+from labctl.runs.format.provenance import versions
+from labctl.studies.tasks import CALLER, Workers, timed
+
+Found = TypeVar("Found")
+
+CONNECT_S = 10.0
+"""To wait for an answer of the scheduler."""
+TELL_S = 0.5
+"""Records are told the scheduler no oftener."""
+_stopped: set[str] = set()
+"""On a worker: whose tasks should come to their end."""
+
+
+def cluster(address: str, tell: Callable[[str], None]) -> Callable[[int], AbstractContextManager[Workers]]:
+    """An engine: the workers of the scheduler at an address such as `tcp://192.0.2.7:8786`.
+
+    tell: hears in one line that the scheduler is lost, and that it is there again.
+
+    Raises:
+        UsageError: dask.distributed is not installed.
+    """
+    try:
+        _dask()
+    except ImportError as error:
+        raise UsageError('--scheduler needs dask: pip install "photonic-labctl[cluster]"') from error
+    return partial(_connected, address, tell)
+
+
+def _dask() -> Any:
+    return import_module("distributed")
+
+
+@contextmanager
+def _connected(address: str, tell: Callable[[str], None], _tasks: int) -> Iterator[Workers]:
+    connection = _Connection(address, tell)
+    try:
+        yield connection
+    finally:
+        connection.close()
+
+
+class _Connection:
+    """To a scheduler, made again when it was lost."""
+
+    def __init__(self, address: str, tell: Callable[[str], None]) -> None:
+        """Connect.
+
+        Raises:
+            ClusterError: nobody answers there.
+        """
+        self.records = 0
+        self._address = address
+        self._tell = tell
+        self._lost = False
+        self._name = uuid4().hex
+        try:
+            self._client = self._connect()
+        except OSError as error:
+            raise ClusterError(
+                f"{address}: no scheduler answers: start 'dask scheduler', or correct the address"
+            ) from (error)
+
+    def _connect(self) -> Any:
+        client = _dask().Client(self._address, timeout=CONNECT_S, set_as_default=False)
+        client.subscribe_topic(self._name, self._hear)
+        self._executor = client.get_executor(pure=False)
+        return client
+
+    def _hear(self, event: tuple[float, int]) -> None:
+        self.records += event[1]
+
+    def room(self, running: int) -> int:
+        """A task for each worker, or one that waits for a worker; none while there is no scheduler."""
+        try:
+            if self._client.status == "closed":
+                self._client = self._connect()
+            elif self._client.status != "running":
+                return self._wait()
+            threads = self._client.nthreads()
+        except OSError:
+            return self._wait()
+        if self._lost:
+            self._lost = False
+            self._tell(f"{self._address}: the scheduler is there again; what it had begins anew")
+        return max(len(threads), 1) - running
+
+    def _wait(self) -> int:
+        if not self._lost:
+            self._lost = True
+            self._tell(f"{self._address}: the scheduler is gone: start it again; Ctrl-C keeps what is finished")
+        return 0
+
+    def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
+        """Begin a task on some worker."""
+        future: Future[tuple[Found, float]] = self._executor.submit(_carry_out, task, self._name, versions())
+        return future
+
+    def failure(self, error: Exception) -> Exception:
+        """What a worker could not do, in one line; errors of labctl as they are."""
+        if isinstance(error, LabctlError):
+            return error
+        return ClusterError(f"{self._address}: a worker failed ({type(error).__name__}: {error}): see its log")
+
+    def close(self) -> None:
+        """Have running tasks end, and leave."""
+        with suppress(OSError):
+            if self._client.status == "running":
+                self._client.run(_stop, self._name, on_error="ignore")
+                self._executor.shutdown(wait=False)
+        self._client.close()
+
+
+class _Client:
+    """Whoever waits for a task, seen from a worker."""
+
+    def __init__(self, worker: Any, name: str) -> None:
+        """Of the tasks of this name."""
+        self._worker = worker
+        self._name = name
+        self._records = 0
+        self._told = time.monotonic()
+
+    def stopped(self) -> bool:
+        """Whether it has left."""
+        return self._name in _stopped
+
+    def measured(self, records: int) -> None:
+        """So many more, told now and then."""
+        self._records += records
+        if time.monotonic() - self._told >= TELL_S:
+            self.tell()
+
+    def tell(self) -> None:
+        """Tell what was not told yet."""
+        self._worker.log_event(self._name, self._records)
+        self._records, self._told = 0, time.monotonic()
+
+
+def _stop(name: str) -> None:
+    """On a worker."""
+    _stopped.add(name)
+
+
+def _carry_out(task: Callable[[], Found], name: str, wanted: dict[str, str]) -> tuple[Found, float]:
+    """On a worker."""
+    worker = _dask().get_worker()
+    if worker.state.nthreads != 1:
+        raise ClusterError(f"{worker.address}: has {worker.state.nthreads} threads: start it with --nthreads 1")
+    if (own := versions()) != wanted:
+        differ = ", ".join(f"{one} {own.get(one)}, not {wanted[one]}" for one in wanted if own.get(one) != wanted[one])
+        raise ClusterError(f"{worker.address}: has {differ}: install there what is installed here")
+    caller = _Client(worker, name)
+    token = CALLER.set(caller)
+    try:
+        return timed(task)
+    finally:
+        CALLER.reset(token)
+        caller.tell()

@@ -1,0 +1,122 @@
+"""Independent tasks, carried out side by side by whoever takes them: processes of this machine, or a cluster."""
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import AbstractContextManager
+from contextvars import ContextVar
+from itertools import islice
+from types import MappingProxyType
+from typing import Any, Protocol, TypeVar
+
+from instruments.bench import Observer
+from labctl.bench.signals import Interruption
+
+Name = TypeVar("Name")
+Found = TypeVar("Found")
+
+POLL_S = 0.2
+
+
+class Interrupted(Exception):
+    """The operator stopped it; what was finished is kept."""
+
+
+class Workers(Protocol):
+    """Who carries out tasks. What is submitted may be carried out twice, if a worker dies with it."""
+
+    @property
+    def records(self) -> int:
+        """How many records were made in all tasks so far."""
+
+    def room(self, running: int) -> int:
+        """How many more tasks may begin while so many are running."""
+
+    def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
+        """Begin a task: its result, and the seconds it took. Cancelled: nobody has it any more, submit it again."""
+
+    def failure(self, error: Exception) -> Exception:
+        """What to say of the error that a task ended with."""
+
+
+Engine = Callable[[int], AbstractContextManager[Workers]]
+"""Workers for so many tasks; at the end of the block running tasks end, and wait for nobody."""
+
+
+class Caller(Protocol):
+    """Whoever waits for a task, as the task sees it."""
+
+    def stopped(self) -> bool:
+        """Whether the task should come to its end."""
+
+    def measured(self, records: int) -> None:
+        """So many records more."""
+
+
+CALLER: ContextVar[Caller] = ContextVar("CALLER")
+"""Set by an engine wherever it carries out a task."""
+
+
+def in_parallel(
+    tasks: Mapping[Name, Callable[[], Found]],
+    *,
+    engine: Engine,
+    interruption: Interruption,
+    progress: Callable[[int, int], None],
+    needs: Mapping[Name, Iterable[Name]] = MappingProxyType({}),
+) -> dict[Name, tuple[Found, float]]:
+    """Result of every task, and the seconds it took; a failure ends it all.
+
+    Args:
+        tasks: Functions of a module, or partials of them, called in other processes; the first ones go first.
+        engine: Who carries them out.
+        interruption: Asked again and again; once requested, running tasks end, if a `TaskObserver` follows them.
+        progress: Called again and again with how many tasks are done and how many records were made in them.
+        needs: The tasks that must be done before a task begins.
+
+    Raises:
+        Interrupted: it was requested.
+    """
+    found: dict[Name, tuple[Found, float]] = {}
+    running: dict[Future[tuple[Found, float]], Name] = {}
+    with engine(len(tasks)) as workers:
+        while len(found) < len(tasks):
+            begun = found.keys() | set(running.values())
+            ready = (name for name in tasks if name not in begun and found.keys() >= set(needs.get(name, ())))
+            for name in islice(ready, max(0, workers.room(len(running)))):
+                running[workers.submit(tasks[name])] = name
+            if not running:
+                interruption.wait(POLL_S)
+            for future in wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED).done:
+                name = running.pop(future)
+                if future.cancelled():
+                    continue
+                if isinstance(error := future.exception(), Exception):
+                    raise workers.failure(error)
+                found[name] = future.result()
+            progress(len(found), workers.records)
+            if interruption.requested:
+                raise Interrupted
+    return found
+
+
+class TaskObserver(Observer):
+    """Follows a run inside a task: counts its records, and ends it when the task should come to its end."""
+
+    def __init__(self, interruption: Interruption) -> None:
+        """Of the run that `interruption` ends."""
+        self._interruption = interruption
+        self._caller = CALLER.get()
+        self._done = 0
+
+    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
+        """More records: one, or those of a burst."""
+        self._caller.measured(done - self._done)
+        self._done = done
+        self._interruption.requested |= self._caller.stopped()
+
+
+def timed(task: Callable[[], Found]) -> tuple[Found, float]:
+    """Result of a task, and the seconds it took."""
+    began = time.perf_counter()
+    return task(), time.perf_counter() - began

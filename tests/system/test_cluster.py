@@ -1,0 +1,183 @@
+"""Twins measured and examined by the workers of a dask cluster: the digits of one machine, whoever dies meanwhile."""
+
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+import h5py
+import pytest
+from distributed import Client
+
+from labctl.bench.signals import Interruption
+from labctl.bench.station import SIMULATED_STATION
+from labctl.errors import ClusterError
+from labctl.studies.cluster import cluster
+from labctl.studies.paper.experiments import Experiment
+from labctl.studies.paper.report import as_json
+from labctl.studies.paper.reproduction import Plan, reproduce
+from labctl.studies.processes import processes
+from labctl.studies.tasks import Engine, Interrupted
+
+DASK = (sys.executable, "-m", "dask")
+SEEDS = 3
+
+
+class Cluster:
+    """A scheduler and its workers, processes of this machine."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        self._port = port
+        self._folder = folder
+        self._stack = stack
+        self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+        self.workers = [self.worker(), self.worker()]
+
+    def worker(self, threads: int = 1) -> subprocess.Popen[bytes]:
+        """One more."""
+        words = ("worker", self.address, "--nthreads", str(threads), "--no-nanny", "--no-dashboard")
+        return self._begun(*words, "--local-directory", str(self._folder))
+
+    def lose_all(self) -> None:
+        """The scheduler is killed, and its workers; others come to its place."""
+        for process in (self.scheduler, *self.workers):
+            process.kill()
+            process.wait()
+        self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard")
+        self.workers = [self.worker()]
+
+    def until_there(self, workers: int) -> None:
+        """Return when so many workers have come."""
+        with Client(self.address, timeout=60, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+            client.wait_for_workers(workers, timeout=60)
+
+    def _begun(self, *words: str) -> subprocess.Popen[bytes]:
+        process = subprocess.Popen([*DASK, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._stack.callback(process.wait)
+        self._stack.callback(process.kill)
+        return process
+
+
+@pytest.fixture
+def dask(tmp_path: Path) -> Iterator[Cluster]:
+    with ExitStack() as stack:
+        found = Cluster(tmp_path / "workers", stack)
+        found.until_there(2)
+        yield found
+
+
+EXPERIMENT = Experiment.model_validate(
+    {
+        "name": "few",
+        "title": "Few digits",
+        "part_of": "a test",
+        "paper": "nothing",
+        "statement": "A few images on a few benches.",
+        "analysis": "recognition",
+        "runs": {"chip": {"protocol": "image-readout", "settings": {"images": 40, "window": "0.4 ns", "ports": "2-3"}}},
+        "settings": {
+            "windows": ["0.4 ns"],
+            "classes": ["0", "1", "2", "3"],
+            "curves": [{"key": "accuracy", "label": "chip", "run": "chip"}],
+        },
+        "twins": SEEDS,
+        "splits": 2,
+        "must": [{"what": "accuracy", "path": ["accuracy", "0.4"], "at_least": 0.0}],
+    }
+)
+
+
+def carried_out(
+    engine: Engine, folder: Path, measured: Callable[[int], None] = lambda _records: None
+) -> tuple[str, list[bytes]]:
+    """What the experiment came to, and the frames of its runs."""
+    plan = Plan((EXPERIMENT,), SIMULATED_STATION, folder, engine=engine)
+    (found,), failed = reproduce(plan, interruption=Interruption(), measured=measured)
+    assert not failed
+    frames = []
+    for directory in found.runs:
+        with h5py.File(directory / "data.h5") as file:
+            frames.append(file["frames"][:].tobytes())
+    names = {run.name for run in found.runs}
+    assert {entry.name for entry in folder.iterdir()} >= names
+    entry = as_json(found)
+    return json.dumps({key: entry[key] for key in ("here", "must")}, sort_keys=True), frames
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[bytes]]:
+    """The same by this machine alone."""
+    return carried_out(processes, tmp_path_factory.mktemp("here"))
+
+
+def test_workers_come_to_the_same_digits(dask: Cluster, tmp_path: Path, here: tuple[str, list[bytes]]) -> None:
+    told: list[str] = []
+    made: list[int] = []
+    assert carried_out(cluster(dask.address, told.append), tmp_path / "there", made.append) == here
+    assert told == []
+    assert max(made) > 0
+
+
+def test_a_worker_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, here: tuple[str, list[bytes]]) -> None:
+    def kill(records: int) -> None:
+        if records:
+            dask.workers[0].kill()
+
+    assert carried_out(cluster(dask.address, print), tmp_path / "there", kill) == here
+    assert dask.workers[0].wait() != 0
+
+
+def test_a_scheduler_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, here: tuple[str, list[bytes]]) -> None:
+    told: list[str] = []
+    lost = False
+
+    def lose(records: int) -> None:
+        nonlocal lost
+        if records and not lost:
+            lost = True
+            dask.lose_all()
+
+    assert carried_out(cluster(dask.address, told.append), tmp_path / "there", lose) == here
+    assert lost
+    assert [line.partition(": ")[2].partition(":")[0] for line in told] == [
+        "the scheduler is gone",
+        "the scheduler is there again; what it had begins anew",
+    ]
+
+
+def test_interrupted_runs_end_and_none_is_in_place(dask: Cluster, tmp_path: Path) -> None:
+    interruption = Interruption()
+    plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(dask.address, print))
+
+    def interrupt(records: int) -> None:
+        interruption.requested |= records > 0
+
+    with pytest.raises(Interrupted):
+        reproduce(plan, interruption=interruption, measured=interrupt)
+    with Client(dask.address, set_as_default=False) as client, suppress(OSError):  # type: ignore[no-untyped-call]
+        assert client.run(len, ()) is not None, "the workers are there for the next"
+
+
+def test_nobody_answers(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(address, print))
+    with pytest.raises(ClusterError, match=rf"^{address}: no scheduler answers: start 'dask scheduler', or correct"):
+        reproduce(plan, interruption=Interruption())
+
+
+def test_a_worker_of_several_threads_is_refused(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        found = Cluster(tmp_path / "workers", stack)
+        for process in found.workers:
+            process.kill()
+        found.worker(threads=2)
+        plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(found.address, print))
+        with pytest.raises(ClusterError, match=r"has 2 threads: start it with --nthreads 1$"):
+            reproduce(plan, interruption=Interruption())
