@@ -1,29 +1,27 @@
 """`labctl run`: one acquisition."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from instruments.bench import Observer, Observers
+from instruments.bench import Observers
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.next_steps import next_command, options_again, resumable, resume_command
-from labctl.commands.options import DataOption, StationOption
+from labctl.commands.options import DataOption, NoteOption, OperatorOption, StarOption, StationOption, TagsOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
 from labctl.engine.engine import Outcome
 from labctl.engine.forecast import forecast
 from labctl.engine.plan import new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import UsageError
-from labctl.runs.format.layout import RunPaths
-from labctl.runs.notes import in_a_line, say_of
 from labctl.runs.read.run import open_run
+from labctl.runs.said import Said, Saying
 from protocols.registry import protocol_names, read_protocol
 
 
@@ -40,10 +38,10 @@ def run(
     attended: AttendedOption = False,
     armed: ArmOption = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; open nothing.")] = False,
-    note: Annotated[str, typer.Option("--note", help="What is to be known of it; kept beside the data.")] = "",
-    tags: Annotated[list[str] | None, typer.Option("--tag", help="A word to find it by; may be repeated.")] = None,
-    star: Annotated[bool, typer.Option("--star", help="Mark it.")] = False,
-    operator: Annotated[str | None, typer.Option("--operator", help="Who measures it.")] = None,
+    note: NoteOption = "",
+    tags: TagsOption = None,
+    star: StarOption = False,
+    operator: OperatorOption = None,
     profile: Annotated[bool, typer.Option("--profile", help="Print where the time of a shot goes.")] = False,
     as_json: JsonOption = False,
 ) -> int:
@@ -58,35 +56,17 @@ def run(
     directory = out or new_directory(asked, datetime.now(UTC))
     access = access_of(context, attended=attended, armed=armed)
     acquisition = Acquisition(asked, found, directory, data, access, profile)
-    said = Said(note, tags or (), star, operator)
+    saying = Saying(Said(note=note, tags=tuple(tags or ()), star=star, operator=operator))
     if dry_run:
         plan = forecast(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), _for_people(plan)))
         return DONE
     options = options_again(attended=attended, armed=armed, data=data)
     with interruptible() as interruption, resumable(directory, options), progress_bar(asked.name) as progress:
-        acquired = acquire(acquisition, observer=Observers(progress, said), interruption=interruption)
+        acquired = acquire(acquisition, observer=Observers(progress, saying), interruption=interruption)
     result = describe(acquired.outcome, options) | ({"profile_ms_per_shot": acquired.budget} if acquired.budget else {})
     show(result, as_json, lambda: print_outcome(result))
     return DONE if acquired.outcome.complete else INTERRUPTED
-
-
-class Said(Observer):
-    """Says of a run what is known of it at the start, as soon as it is there."""
-
-    def __init__(self, note: str, tags: Sequence[str], star: bool, operator: str | None) -> None:
-        """Nothing is written yet.
-
-        Raises:
-            RunError: what is said is too long, or a tag or name is empty.
-        """
-        self._say = partial(say_of, text=note, tags=tags, star=star or None, operator=operator)
-        self._nothing = not in_a_line(note, tags=tags, star=star or None, operator=operator)
-
-    def stored_in(self, directory: Path) -> None:
-        """Write it beside what is measured."""
-        if not self._nothing:
-            self._say(RunPaths(directory))
 
 
 def _for_people(plan: Mapping[str, Any]) -> list[tuple[str, str]]:

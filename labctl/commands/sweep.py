@@ -16,9 +16,10 @@ from labctl.bench.station import Station, read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.next_steps import options_again, resume_command
-from labctl.commands.options import DataOption, StationOption
+from labctl.commands.options import DataOption, NoteOption, OperatorOption, StarOption, StationOption, TagsOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
 from labctl.errors import UsageError
+from labctl.runs.said import Said
 from labctl.runs.sweep import Sweep, read
 from labctl.runs.sweep_axes import Order, parse_axis
 from labctl.studies.sweeps import folder
@@ -55,22 +56,27 @@ def sweep(
     data: DataOption = None,
     attended: AttendedOption = False,
     armed: ArmOption = False,
+    note: NoteOption = "",
+    tags: TagsOption = None,
+    star: StarOption = False,
+    operator: OperatorOption = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; open nothing.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Carry out a protocol at every point of one or several axes; each point is a run."""
+    """Carry out a protocol at every point of one or several axes; each point is a run, with the same notes."""
     asked, protocol = _asked(subject, over or [], settings or [], side_by_side, order, reference_every)
     bench = read_station(station)
     if station is None:
         bench = bench.cabled(projector=protocol.projector)
     every = points(asked, protocol, bench)
+    said = Said(note=note, tags=tuple(tags or ()), star=star, operator=operator)
     directory = out or folder.new_directory(every[0].protocol, datetime.now(UTC))
     access = access_of(context, attended=attended, armed=armed)
     plan = _plan(every, directory, data, access)
     if dry_run:
         show(plan, as_json, lambda: _print_plan(plan))
         return DONE
-    folder.begin(directory, asked, protocol, bench)
+    folder.begin(directory, asked, protocol, bench, said)
     tell(_in_words(plan))
     return measure(
         directory,

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationErr
 from instruments.toml_files import describe
 from labctl.errors import RunError
 from labctl.runs.format.own_files import read_own
+from labctl.runs.said import Said
 from labctl.runs.sweep_axes import Order, measuring_order, points_of, with_reference
 
 FILE = "sweep.json"
@@ -37,17 +38,21 @@ class Sweep(BaseModel):
 
 
 class SweepFile(BaseModel):
-    """What sweep.json holds: the sweep, and by file and content its station, and its protocol if a file defines it."""
+    """What sweep.json holds.
+
+    The sweep; by file and content its station, and its protocol if a file defines it; `said` of each of its runs.
+    """
 
     model_config = ConfigDict(frozen=True)
 
     format: str = Field("labctl-sweep", pattern="^labctl-sweep$")
-    format_version: str = "1.0"
+    format_version: str = "1.1"
     sweep: Sweep
     station: str
     station_sha256: str
     protocol_file: str = ""
     protocol_sha256: str = ""
+    said: Said = Said()
 
 
 def is_sweep(directory: Path) -> bool:

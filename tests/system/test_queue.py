@@ -12,6 +12,7 @@ import pytest
 
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
+from labctl.runs.notes import read_notes
 from labctl.runs.queue import Queue
 from tests.system.waiting import until_stored
 
@@ -66,6 +67,18 @@ def test_what_is_wrong_is_said_when_it_is_added(tmp_path: Path, words: tuple[str
     assert status == 2
     assert told in found["error"]
     assert states(tmp_path) == []
+
+
+def test_what_is_said_of_an_item_is_said_of_its_runs_whatever_it_reads_like(tmp_path: Path) -> None:
+    said = ("--note", "see analysis.py", "--tag", "x.py", "--star", "--operator", "Ada")
+    queue(tmp_path, "add", *SMALL, *said)
+    queue(tmp_path, "add", "sweep", *SMALL[1:], "--over", "power=10 mW,30 mW", "--reference-every", "0", *said)
+    assert queue(tmp_path, "start") == (0, {"done": 2, "failed": 0, "waiting": 0})
+    runs = [tmp_path / "queue-0001", *sorted((tmp_path / "queue-0002").glob("*power*"))]
+    assert len(runs) == 3
+    for found in (read_notes(RunPaths(run)) for run in runs):
+        assert ([one.text for one in found.notes], found.tags) == (["see analysis.py"], ("x.py",))
+        assert (found.star, found.operator) == (True, "Ada")
 
 
 def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import labctl
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.notes import read_notes
 from labctl.runs.sweep import Sweep, places
 from tests.system.waiting import until_stored
 
@@ -19,6 +21,7 @@ SWEEP = [
     "image-readout",
     *("--set", "images=40"),
     *(word for name, values in OVER.items() for word in ("--over", f"{name}={','.join(values)}")),
+    *("--note", "new fibre", "--tag", "good", "--tag", "fig 3", "--star", "--operator", "Ada"),
 ]
 
 
@@ -49,6 +52,14 @@ def test_points_are_runs_like_any_other_and_are_found_by_what_was_varied(swept: 
     assert len(listed) == 4, "three points, the first of them twice"
     assert {entry["state"] for entry in listed} == {"complete"}
     assert run("verify", listed[0]["run"])[0] == 0
+
+
+def test_what_was_said_at_the_start_is_said_once_of_every_run_also_of_those_measured_later(swept: Path) -> None:
+    for name, _ in places(Sweep(protocol="image-readout", over=OVER)):
+        found = read_notes(RunPaths(swept / name))
+        assert ([one.text for one in found.notes], found.tags) == (["new fibre"], ("fig 3", "good"))
+        assert (found.star, found.operator, found.problems) == (True, "Ada", ())
+    assert len(run("runs", swept, "--where", "tag = good and operator = Ada")[1]["runs"]) == 7
 
 
 def test_it_is_one_dataset_with_what_was_varied_as_coordinates(swept: Path) -> None:
@@ -85,6 +96,9 @@ def test_what_is_refused(swept: Path, tmp_path: Path) -> None:
     assert status == 2
     assert "laser.power = 3 mW is 4.77 dBm" in found["error"]
     assert not (tmp_path / "new").exists(), "before anything is made"
+    status, found, _ = run(*SWEEP, "--tag", "x" * 200, "--out", tmp_path / "new")
+    assert (status, "write 1 to 100 characters" in found["error"]) == (2, True)
+    assert not (tmp_path / "new").exists()
     status, found, _ = run("sweep", "image-readout")
     assert (status, found["error"][:18]) == (2, "--over is missing:")
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -120,8 +121,11 @@ def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
 
 
 def _protocols(words: Sequence[str]) -> list[Path]:
-    """Of the words of a command, those that are files with a protocol, which would be executed."""
-    return [Path(word) for word in words if word.endswith(SUFFIX)]
+    """Of the words of a command, those that are files with a protocol, which would be executed.
+
+    A note may end like one; what is no file is refused by the command itself.
+    """
+    return [Path(word) for word in words if word.endswith(SUFFIX) and isfile(word)]
 
 
 def _kept(words: Sequence[str]) -> list[str]:

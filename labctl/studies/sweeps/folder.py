@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from instruments.bench import Observer
+from instruments.bench import Observer, Observers
 from labctl.bench.opening import Access
 from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
@@ -23,7 +23,8 @@ from labctl.errors import RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
 from labctl.runs.index import run_row
-from labctl.runs.sweep import FILE, Sweep, SweepFile
+from labctl.runs.said import Said, Saying
+from labctl.runs.sweep import FILE, Sweep, SweepFile, read
 from labctl.studies.sweeps.declaration import Point
 from protocols.base import Measurement
 from protocols.registry import protocol_class
@@ -48,8 +49,10 @@ def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
     return Path("runs") / f"{run_name(started, protocol.name, protocol.digest())}-sweep"
 
 
-def begin(directory: Path, sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> None:
-    """Make the folder of a sweep.
+def begin(
+    directory: Path, sweep: Sweep, protocol: type[Measurement[Any]], station: Station, said: Said | None = None
+) -> None:
+    """Make the folder of a sweep; what is `said` of it holds for each of its runs.
 
     Raises:
         RunExists: there is something in it.
@@ -68,6 +71,7 @@ def begin(directory: Path, sweep: Sweep, protocol: type[Measurement[Any]], stati
         station_sha256=_digest(station),
         protocol_file="" if file is None else str(file.path),
         protocol_sha256="" if file is None else file.sha256,
+        said=said or Said(),
     )
     replace_file(directory / FILE, kept.model_dump_json(indent=2).encode(), not_made)
 
@@ -128,6 +132,7 @@ def carry_out(
     if not missing:
         return Measured(directory, len(every), len(every), 0)
     complete, measured = len(every) - len(missing), 0
+    saying = Saying(read(directory).said)
     task = f"a sweep of {every[0].protocol.name}"
     with kept([point.station for point in missing], task, access.wire) as bench:
         for number, point in enumerate(every, start=1):
@@ -136,7 +141,8 @@ def carry_out(
             if point not in missing:
                 continue
             run = directory / point.name
-            with follow(number, len(every), point) as observer:
+            with follow(number, len(every), point) as following:
+                observer = Observers(following, saying)
                 if RunPaths(run).manifest.exists():
                     resumption = Resumption(run, point.station, data, access)
                     found = session.resume(resumption, observer=observer, interruption=interruption, bench=bench)
