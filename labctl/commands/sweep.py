@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from shlex import quote
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,6 +18,7 @@ from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.next_steps import options_again, resume_command
 from labctl.commands.options import DataOption, NoteOption, OperatorOption, StarOption, StationOption, TagsOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
+from labctl.commands.scheduler import engine_of
 from labctl.errors import UsageError
 from labctl.runs.said import Said
 from labctl.runs.sweep import Sweep, read
@@ -26,6 +27,9 @@ from labctl.studies.sweeps import folder
 from labctl.studies.sweeps.declaration import Point, points, read_sweep
 from protocols.base import Measurement
 from protocols.registry import named_protocol, protocol_class
+
+if TYPE_CHECKING:
+    from labctl.studies.tasks import Engine
 
 
 def sweep(
@@ -60,6 +64,14 @@ def sweep(
     tags: TagsOption = None,
     star: StarOption = False,
     operator: OperatorOption = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Simulated benches side by side: by the workers of a dask scheduler, or by the cores here (local).",
+        ),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; open nothing.")] = False,
     as_json: JsonOption = False,
 ) -> int:
@@ -72,6 +84,7 @@ def sweep(
     said = Said(note=note, tags=tuple(tags or ()), star=star, operator=operator)
     directory = out or folder.new_directory(every[0].protocol, datetime.now(UTC))
     access = access_of(context, attended=attended, armed=armed)
+    engine = None if scheduler is None else engine_of(scheduler)
     plan = _plan(every, directory, data, access)
     if dry_run:
         show(plan, as_json, lambda: _print_plan(plan))
@@ -84,6 +97,7 @@ def sweep(
         options=options_again(attended=attended, armed=armed, data=data),
         access=access,
         data=data,
+        engine=engine,
         as_json=as_json,
     )
 
@@ -99,15 +113,34 @@ def go_on(
 
 
 def measure(
-    directory: Path, every: list[Point], *, options: str, access: Access, data: Path | None, as_json: bool
+    directory: Path,
+    every: list[Point],
+    *,
+    options: str,
+    access: Access,
+    data: Path | None,
+    as_json: bool,
+    engine: "Engine | None" = None,
 ) -> int:
-    """Carry out what a sweep lacks, and say how far it is."""
+    """Carry out what a sweep lacks, one run after the other or side by side by `engine`, and say how far it is."""
     command = resume_command(directory, options)
     try:
         with interruptible() as interruption:
-            found = folder.carry_out(
-                directory, every, data=data, access=access, interruption=interruption, follow=_follow
-            )
+            if engine is None:
+                found = folder.carry_out(
+                    directory, every, data=data, access=access, interruption=interruption, follow=_follow
+                )
+            else:
+                with progress_bar("sweep") as progress:
+                    found = folder.carry_out_side_by_side(
+                        directory,
+                        every,
+                        engine=engine,
+                        data=data,
+                        access=access,
+                        interruption=interruption,
+                        progress=progress.progress,
+                    )
     except BaseException as error:
         error.add_note(f"the sweep can go on: {command}")
         raise

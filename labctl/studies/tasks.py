@@ -7,9 +7,8 @@ from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from itertools import islice
 from types import MappingProxyType
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
-from instruments.bench import Observer
 from labctl.bench.signals import Interruption
 
 Name = TypeVar("Name")
@@ -70,7 +69,7 @@ def in_parallel(
     Args:
         tasks: Functions of a module, or partials of them, called in other processes; the first ones go first.
         engine: Who carries them out.
-        interruption: Asked again and again; once requested, running tasks end, if a `TaskObserver` follows them.
+        interruption: Asked again and again; once requested, running tasks end, if their runs are `run_tasks`.
         progress: Called again and again with how many tasks are done and how many records were made in them.
         needs: The tasks that must be done before a task begins.
 
@@ -98,22 +97,6 @@ def in_parallel(
             if interruption.requested:
                 raise Interrupted
     return found
-
-
-class TaskObserver(Observer):
-    """Follows a run inside a task: counts its records, and ends it when the task should come to its end."""
-
-    def __init__(self, interruption: Interruption) -> None:
-        """Of the run that `interruption` ends."""
-        self._interruption = interruption
-        self._caller = CALLER.get()
-        self._done = 0
-
-    def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
-        """More records: one, or those of a burst."""
-        self._caller.measured(done - self._done)
-        self._done = done
-        self._interruption.requested |= self._caller.stopped()
 
 
 def timed(task: Callable[[], Found]) -> tuple[Found, float]:

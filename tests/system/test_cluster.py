@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Any
 
 import h5py
 import pytest
@@ -149,6 +150,23 @@ def test_a_scheduler_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, he
         "the scheduler is gone",
         "the scheduler is there again; what it had begins anew",
     ]
+
+
+def test_the_points_of_a_sweep_are_its_workers_tasks(dask: Cluster, tmp_path: Path) -> None:
+    words = ("sweep", "image-readout", "--set", "images=20", "--set", "ports=2-3", "--over", "window=0.4 ns,1 ns,2 ns")
+    status, found = labctl_json(*words, "--scheduler", dask.address, "--out", str(tmp_path / "swept"))
+    assert (status, found["runs"], found["complete"], found["measured"]) == (0, 4, 4, 4)
+    assert labctl_json("sweep", *words[1:], "--out", str(tmp_path / "here"))[0] == 0
+    for run in sorted(tmp_path.glob("swept/0*")):
+        with h5py.File(run / "data.h5") as there, h5py.File(tmp_path / "here" / run.name / "data.h5") as here:
+            assert there["frames"][:].tobytes() == here["frames"][:].tobytes()
+
+
+def labctl_json(*words: str) -> tuple[int, dict[str, Any]]:
+    done = subprocess.run(
+        [sys.executable, "-m", "labctl", *words, "--json"], capture_output=True, text=True, check=False
+    )
+    return done.returncode, json.loads(done.stdout)
 
 
 def test_interrupted_runs_end_and_none_is_in_place(dask: Cluster, tmp_path: Path) -> None:

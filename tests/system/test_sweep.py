@@ -54,6 +54,27 @@ def test_points_are_runs_like_any_other_and_are_found_by_what_was_varied(swept: 
     assert run("verify", listed[0]["run"])[0] == 0
 
 
+def test_side_by_side_they_have_the_same_frames_and_notes(swept: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "side by side"
+    status, found, _ = run(*SWEEP, "--scheduler", "local", "--out", folder)
+    assert (status, found["runs"], found["complete"], found["measured"]) == (0, 7, 7, 7)
+    names = [name for name, _ in places(Sweep(protocol="image-readout", over=OVER))]
+    assert sorted(entry.name for entry in folder.iterdir()) == sorted([*names, "sweep.json"])
+    for name in names:
+        with labctl.open_run(folder / name) as here, labctl.open_run(swept / name) as there:
+            assert np.array_equal(here.frames.values, there.frames.values), name
+        assert read_notes(RunPaths(folder / name)).tags == ("fig 3", "good")
+
+
+def test_one_bench_measures_one_run_after_the_other(tmp_path: Path) -> None:
+    station = tmp_path / "bench.toml"
+    station.write_text('mixed = true\n[scope]\naddress = "TCPIP0::192.0.2.1::INSTR"\n', encoding="utf-8")
+    words = ("sweep", "image-readout", "--over", "window=0.4 ns,1 ns", "--scheduler", "local", "--station", station)
+    status, found, _ = run(*words, "--out", tmp_path / "swept")
+    assert status == 2
+    assert found["error"].endswith("one bench measures one run after the other: leave --scheduler out")
+
+
 def test_what_was_said_at_the_start_is_said_once_of_every_run_also_of_those_measured_later(swept: Path) -> None:
     for name, _ in places(Sweep(protocol="image-readout", over=OVER)):
         found = read_notes(RunPaths(swept / name))

@@ -1,6 +1,5 @@
 """Carrying out experiments: every run they need once, every twin examined, all of it in parallel where it may be."""
 
-import shutil
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +9,6 @@ from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-from uuid import uuid4
 
 from instruments.bench import Observer
 from instruments.values import Uploading
@@ -25,7 +23,8 @@ from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.processes import processes
-from labctl.studies.tasks import Engine, Interrupted, TaskObserver, in_parallel
+from labctl.studies.run_tasks import acquire_run
+from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
 from protocols.image_readout import ImageReadout
 
@@ -240,29 +239,6 @@ def reproduce(
         except AnalysisError as error:
             failed[experiment.name] = error
     return reproduced, failed
-
-
-def acquire_run(run: Acquisition) -> Outcome:
-    """Carry out one run in this process; it ends early, in the safe state, if the parent says so.
-
-    It is measured beside its place and put there when it is complete: if it is carried out twice, because nobody heard
-    of the first time, the run that is there already stays, and has the same digits.
-    """
-    if run.directory is None:
-        raise ValueError("a run among others needs a place")
-    interruption, place = Interruption(), run.directory
-    beside = place.with_name(f"{place.name}.{uuid4().hex[:8]}.part")
-    run = replace(run, directory=beside)
-    outcome = acquire(run, observer=TaskObserver(interruption), interruption=interruption).outcome
-    if not outcome.complete:
-        return outcome
-    try:
-        beside.rename(place)
-    except OSError:
-        if not place.exists():
-            raise
-        shutil.rmtree(beside)
-    return replace(outcome, directory=place)
 
 
 def _twins(plan: Plan, experiment: Experiment, seed: int) -> tuple[TwinRuns, ...]:

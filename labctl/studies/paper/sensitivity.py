@@ -18,8 +18,9 @@ from labctl.errors import ExperimentError
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
 from labctl.studies.paper.experiments import Experiment, SensitivityStudy, Variation
-from labctl.studies.paper.reproduction import Plan, Progress, acquire_run
+from labctl.studies.paper.reproduction import Plan, Progress
 from labctl.studies.paper.twin_runs import TwinRuns, window_features
+from labctl.studies.run_tasks import acquire_run
 from labctl.studies.tasks import in_parallel
 
 

@@ -3,9 +3,10 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station, read_station
 from labctl.engine import session
+from labctl.engine.engine import Outcome
 from labctl.engine.forecast import forecast
 from labctl.engine.kept import kept
 from labctl.engine.resume import own_protocol
@@ -25,7 +27,9 @@ from labctl.runs.format.layout import RunPaths, run_name
 from labctl.runs.index import run_row
 from labctl.runs.said import Said, Saying
 from labctl.runs.sweep import FILE, Sweep, SweepFile, read
+from labctl.studies.run_tasks import acquire_run, resume_run
 from labctl.studies.sweeps.declaration import Point
+from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
 from protocols.registry import protocol_class
 
@@ -147,15 +151,57 @@ def carry_out(
                     resumption = Resumption(run, point.station, data, access)
                     found = session.resume(resumption, observer=observer, interruption=interruption, bench=bench)
                 else:
-                    acquisition = Acquisition(
-                        point.protocol, point.station, run, data, access, coordinates=dict(point.coordinates)
-                    )
+                    acquisition = _acquisition(point, run, data, access)
                     found = session.acquire(
                         acquisition, observer=observer, interruption=interruption, bench=bench
                     ).outcome
             complete += found.complete
             measured += bool(found.measured)
     return Measured(directory, len(every), complete, measured)
+
+
+def carry_out_side_by_side(
+    directory: Path,
+    every: list[Point],
+    *,
+    engine: Engine,
+    data: Path | None,
+    access: Access,
+    interruption: Interruption,
+    progress: Callable[[int, int], None],
+) -> Measured:
+    """Measure what the runs of a sweep still lack, as many at once as `engine` has workers; each bench is simulated.
+
+    progress: called again and again with how many of the runs that were missing are done, and of how many.
+
+    Raises:
+        StationError: a bench is not wholly simulated.
+        LabctlError: as `session.acquire` and `session.resume`.
+    """
+    missing = [point for point in every if not _is_complete(directory / point.name)]
+    if real := next((point.station for point in missing if not point.station.wholly_simulated), None):
+        raise StationError(f"{real.source}: one bench measures one run after the other: leave --scheduler out")
+    saying = Saying(read(directory).said)
+    tasks: dict[str, Callable[[], Outcome]] = {}
+    for point in missing:
+        run = directory / point.name
+        if RunPaths(run).manifest.exists():
+            tasks[point.name] = partial(resume_run, Resumption(run, point.station, data, access), saying)
+        else:
+            tasks[point.name] = partial(acquire_run, _acquisition(point, run, data, access), saying)
+    with suppress(Interrupted):
+        in_parallel(
+            tasks,
+            engine=engine,
+            interruption=interruption,
+            progress=lambda done, _records: progress(done, len(tasks)),
+        )
+    measured = sum(_is_complete(directory / point.name) for point in missing)
+    return Measured(directory, len(every), len(every) - len(missing) + measured, measured)
+
+
+def _acquisition(point: Point, run: Path, data: Path | None, access: Access) -> Acquisition:
+    return Acquisition(point.protocol, point.station, run, data, access, coordinates=dict(point.coordinates))
 
 
 def _is_complete(run: Path) -> bool:
