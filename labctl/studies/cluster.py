@@ -5,18 +5,20 @@ when there is one again at its address, what it had is submitted again. Whatever
 it is whole, so that to be carried out twice costs time and nothing else.
 """
 
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import Any, TypeVar
 from uuid import uuid4
 
 from labctl.errors import ClusterError, LabctlError, UsageError
 from labctl.runs.format.provenance import versions
-from labctl.studies.tasks import CALLER, Workers, timed
+from labctl.studies.tasks import CALLER, Interrupted, Workers, timed
 
 Found = TypeVar("Found")
 
@@ -114,7 +116,7 @@ class _Connection:
 
     def failure(self, error: Exception) -> Exception:
         """What a worker could not do, in one line; errors of labctl as they are."""
-        if isinstance(error, LabctlError):
+        if isinstance(error, LabctlError | Interrupted):
             return error
         return ClusterError(f"{self._address}: a worker failed ({type(error).__name__}: {error}): see its log")
 
@@ -146,6 +148,18 @@ class _Client:
         self._records += records
         if time.monotonic() - self._told >= TELL_S:
             self.tell()
+
+    @contextmanager
+    def placed(self, directory: Path) -> Iterator[Path]:
+        """Beside it: what another worker has put there meanwhile stays, and has the same digits."""
+        beside = directory.with_name(f"{directory.name}.{uuid4().hex[:8]}.part")
+        yield beside
+        try:
+            beside.rename(directory)
+        except OSError:
+            if not directory.exists():
+                raise
+            shutil.rmtree(beside)
 
     def tell(self) -> None:
         """Tell what was not told yet."""

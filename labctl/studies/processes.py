@@ -5,10 +5,11 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
+from pathlib import Path
 from typing import TypeVar
 
 from labctl.printable import log_printably
@@ -32,6 +33,10 @@ class _Shared:
         """So many records more, made in this process."""
         with self.made.get_lock():
             self.made.value += records
+
+    def placed(self, directory: Path) -> AbstractContextManager[Path]:
+        """There: nobody else carries out the same task."""
+        return nullcontext(directory)
 
 
 @dataclass(frozen=True)

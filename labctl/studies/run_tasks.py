@@ -1,16 +1,14 @@
 """A run as one task among others."""
 
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
-from uuid import uuid4
 
 from instruments.bench import Observer, Observers
 from labctl.bench.signals import Interruption
 from labctl.engine.engine import Outcome
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
-from labctl.studies.tasks import CALLER
+from labctl.studies.tasks import CALLER, Interrupted
 
 
 class TaskObserver(Observer):
@@ -30,30 +28,29 @@ class TaskObserver(Observer):
 
 
 def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
-    """Carry out one run in this process; it ends early, in the safe state, if the caller says so. `others` follow it.
+    """Carry out one run in this process, where the caller wants it meanwhile; `others` follow it.
 
-    It is measured beside its place and put there when it is complete: if it is carried out twice, because nobody heard
-    of the first time, the run that is there already stays, and has the same digits.
+    Raises:
+        Interrupted: the caller said so; the bench is in the safe state.
     """
     if run.directory is None:
         raise ValueError("a run among others needs a place")
-    interruption, place = Interruption(), run.directory
-    beside = place.with_name(f"{place.name}.{uuid4().hex[:8]}.part")
-    run = replace(run, directory=beside)
+    interruption = Interruption()
     following = Observers(TaskObserver(interruption), *others)
-    outcome = acquire(run, observer=following, interruption=interruption).outcome
-    if not outcome.complete:
-        return outcome
-    try:
-        beside.rename(place)
-    except OSError:
-        if not place.exists():
-            raise
-        shutil.rmtree(beside)
-    return replace(outcome, directory=place)
+    with CALLER.get().placed(run.directory) as directory:
+        meanwhile = replace(run, directory=directory)
+        outcome = _whole(acquire(meanwhile, observer=following, interruption=interruption).outcome)
+    return replace(outcome, directory=run.directory)
 
 
 def resume_run(run: Resumption, *others: Observer) -> Outcome:
     """Go on with a run in this process, as `acquire_run`."""
     interruption = Interruption()
-    return resume(run, observer=Observers(TaskObserver(interruption), *others), interruption=interruption)
+    following = Observers(TaskObserver(interruption), *others)
+    return _whole(resume(run, observer=following, interruption=interruption))
+
+
+def _whole(outcome: Outcome) -> Outcome:
+    if not outcome.complete:
+        raise Interrupted
+    return outcome

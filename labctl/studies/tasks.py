@@ -6,6 +6,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from itertools import islice
+from pathlib import Path
 from types import MappingProxyType
 from typing import Protocol, TypeVar
 
@@ -50,6 +51,9 @@ class Caller(Protocol):
 
     def measured(self, records: int) -> None:
         """So many records more."""
+
+    def placed(self, directory: Path) -> AbstractContextManager[Path]:
+        """Where to write meanwhile what is to be in `directory` at the end of the block, if that is no failure."""
 
 
 CALLER: ContextVar[Caller] = ContextVar("CALLER")
