@@ -148,10 +148,9 @@ def test_it_is_told_from_elsewhere(station: Path, tmp_path: Path, emitting: Call
 
 
 def test_what_is_missing_is_refused_in_one_line(
-    station: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], emitting: Callable[[], bool]
+    station: Path, unarmed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], emitting: Callable[[], bool]
 ) -> None:
-    unarmed, nobody = tmp_path / "unarmed.toml", tmp_path / "nobody.toml"
-    unarmed.write_text(station.read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
+    nobody = tmp_path / "nobody.toml"
     address = re.compile(r'(\[laser\][^[]*?address = )"[^"]*"', re.DOTALL)
     nobody.write_text(address.sub(r'\1""', station.read_text("utf-8")), encoding="utf-8")
     for options, status, words in (
