@@ -22,6 +22,7 @@ pytest.importorskip("playwright", reason="a browser is driven by playwright")
 from playwright.sync_api import Browser, Page, expect
 
 from tests.dashboard.browser import FLAGS, Dashboard, chromium, connected, dashboard, enter, needs_chromium, opened
+from tests.system.waiting import until
 
 pytestmark = needs_chromium
 
@@ -243,10 +244,7 @@ def ended(profile: Path) -> Iterator[None]:
 
 def awaited(file: Path, pattern: str) -> str:
     """What another process comes to write into a file."""
-    pause = threading.Event()
-    while not (file.exists() and (found := re.match(pattern, file.read_text("utf-8")))):
-        pause.wait(0.01)
-    return found[1]
+    return until(lambda: re.match(pattern, file.read_text("utf-8")) if file.exists() else None)[1]
 
 
 def command_lines() -> list[bytes]:
