@@ -206,7 +206,7 @@ def show_live(folder: Path, environment: Mapping[str, str]) -> None:
     view = None if directory is None else WatchedView(directory)
     if view is not None:
         view.look()
-    running = view is not None and view.running
+    running = view is not None and view.state.running
     frame("Live", view.instruments if view is not None and running else "")
     with ui.element("main").classes("run live"):
         if view is None or not running:
@@ -235,7 +235,7 @@ def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
             view.sight = before
         refresh(about)
         seen.refresh()
-        if not view.running:
+        if not view.state.running:
             timer.cancel()
 
     timer = ui.timer(REFRESH_S, look)
