@@ -6,7 +6,6 @@ else: it may be a stranger's, like any file in a folder of runs.
 
 import json
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from labctl.runs.format.durable import show_file
 from labctl.runs.format.own_files import own_file, read_own
 
 LIVE = ".live"
@@ -104,7 +104,7 @@ def write_sight(directory: Path, sight: Sight) -> None:
         "arrays": {name: [array.dtype.str, *array.shape] for name, array in little.items()},
     }
     content = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in little.values())
-    _replace(directory / SIGHT, content)
+    show_file(directory / SIGHT, content)
 
 
 def read_sight(directory: Path) -> Sight | None:
@@ -167,7 +167,7 @@ def ask_for(directory: Path, wishes: Wishes) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    _replace(directory / WISHES, wishes.model_dump_json().encode())
+    show_file(directory / WISHES, wishes.model_dump_json().encode())
 
 
 def wishes_in(directory: Path) -> Wishes:
@@ -176,12 +176,3 @@ def wishes_in(directory: Path) -> Wishes:
         return Wishes.model_validate_json(read_own(directory / WISHES, LONGEST_HEADER))
     except (OSError, ValidationError):
         return Wishes()
-
-
-def _replace(path: Path, content: bytes) -> None:
-    aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        aside.write_bytes(content)
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
