@@ -31,11 +31,9 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import owned, writer_of
-from labctl.runs.live.sight import LIVE, Sight, Wishes, wishes_in, write_sight
+from labctl.runs.live.sight import LIVE, RECENT, Sight, Wishes, wishes_in, write_sight
 
 TASK = "labctl live"
-RECENT = 16
-"""Looks that are kept as they are: repeatability, histogram and spectrum are of these."""
 COMPARED_EVERY = 50
 """Looks after which settings and powers are compared."""
 WIDENED_AFTER = 3

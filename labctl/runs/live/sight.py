@@ -21,6 +21,8 @@ LIVE = ".live"
 """Folder among the runs with a folder for each live view."""
 SIGHT, WISHES = "sight", "wishes.json"
 """Names of files in the folder of a live view."""
+RECENT = 16
+"""Looks, and repeats of one picture, that are kept as they are: repeatability, histogram and spectrum are of these."""
 LARGEST = 1 << 26
 LONGEST_HEADER = 1 << 16
 
@@ -70,10 +72,21 @@ class Sight:
         return self.scale_v[:, np.newaxis] * codes + self.offset_v[:, np.newaxis]
 
     @property
+    def now_v(self) -> NDArray[np.float64]:
+        """(ports,) mean of the last look, V."""
+        found: NDArray[np.float64] = self._in_volts(self.recent[-1]).mean(axis=1)
+        return found
+
+    @property
     def ends_v(self) -> NDArray[np.float64]:
         """(ports, 2) lowest and highest V that the oscilloscope can tell."""
         limits = np.iinfo(self.recent.dtype)
         return np.stack([self.scale_v * code + self.offset_v for code in (limits.min, limits.max)], axis=1)
+
+    @property
+    def range_v(self) -> tuple[float, float]:
+        """The lowest and the highest V that the oscilloscope can tell on any of the ports."""
+        return float(self.ends_v.min()), float(self.ends_v.max())
 
     @property
     def clipped(self) -> NDArray[np.float64]:
