@@ -75,12 +75,12 @@ def require_running(process: subprocess.Popen[bytes]) -> None:
         sys.exit("the run ended before the measurement did: give it more images")
 
 
-def stretch(directory: Path, executable: str, seconds: float, *, watched: bool) -> tuple[float, float]:
+def stretch(directory: Path, seconds: float, *, watched: bool) -> tuple[float, float]:
     """Begin and end of some seconds in which the run is watched, or is not."""
     with ExitStack() as stack:
         if watched:
             served = stack.enter_context(dashboard(directory.parent))
-            page = opened(stack.enter_context(browser(executable)))
+            page = opened(stack.enter_context(browser()))
             page.goto(f"{enter(page, served)}run/{directory.name}")
             page.wait_for_selector(".ports-region figure")
             page.get_by_text("Signals: levels").click()
@@ -98,8 +98,7 @@ def stretch(directory: Path, executable: str, seconds: float, *, watched: bool) 
 
 def main(rounds: int, seconds: float) -> int:
     """Measure and print; 1 if watching costs more than it may."""
-    executable = chromium()
-    if executable is None:
+    if chromium() is None:
         print("Chromium is not installed: nothing measured")  # noqa: T201
         return 1
     with tempfile.TemporaryDirectory() as folder:
@@ -110,7 +109,7 @@ def main(rounds: int, seconds: float) -> int:
                 require_running(process)
                 time.sleep(0.2)
             order = [False, True, True, False] * rounds
-            spans = [(watched, *stretch(directory, executable, seconds, watched=watched)) for watched in order]
+            spans = [(watched, *stretch(directory, seconds, watched=watched)) for watched in order]
             time.sleep(SETTLE_S)
             rate.read()
             require_running(process)

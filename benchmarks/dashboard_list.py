@@ -56,10 +56,9 @@ def measured(window: Browser, folder: Path) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print one JSON object."""
-    executable = chromium()
-    if executable is None:
+    if chromium() is None:
         raise SystemExit("Chromium is not installed")
-    with tempfile.TemporaryDirectory() as place, browser(executable) as window:
+    with tempfile.TemporaryDirectory() as place, browser() as window:
         template, folder, empty = (Path(place) / name for name in ("run", "runs", "empty"))
         acquire(Acquisition(ImageReadout(images=4), SIMULATED_STATION, template))
         generate(folder, template)

@@ -13,6 +13,8 @@ from labctl.analysis.estimates import Estimate
 
 BRIGHT, FEWEST_BRIGHT = 0.01, 16
 """Part of the samples, and their least number, that the noise of the highest is taken from: it grows with the light."""
+LEAST_REPEATS = 4
+"""Frames that somebody is told a repeatability of, at least."""
 TOP, FLAT = 0.01, 4
 """Part of the range and number of times that make a flat top."""
 

@@ -6,6 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import periodogram
 
+LEAST_SAMPLES = 4
+"""Of a record whose spectrum is worth a look."""
+
 
 @dataclass(frozen=True)
 class Spectrum:

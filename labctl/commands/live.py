@@ -15,7 +15,7 @@ from rich.text import Text
 
 from instruments.bench import Observer
 from instruments.units import quantity
-from labctl.analysis.alignment import repeatability_db
+from labctl.analysis.alignment import LEAST_REPEATS, repeatability_db
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
@@ -29,8 +29,6 @@ from labctl.runs.live.sight import Sight
 
 BAR = 48
 """Columns of a level bar."""
-LEAST_REPEATS = 4
-"""Looks that repeatability is worked out from at least."""
 HIGHER = 1.01
 """A level above the highest so far by this factor rings the bell."""
 
@@ -75,7 +73,7 @@ def live(
             "looks": last.looks,
             "looks_per_second": round(last.rate_hz, 2),
             "ports": list(last.ports),
-            "level_v": last.level_v[-1].tolist(),
+            "level_v": last.now_v.tolist(),
             "peak_v": last.peak_v.tolist(),
             "likeness": [None if math.isnan(one) else one for one in last.likeness[-1]],
         }
@@ -110,8 +108,8 @@ def _level_bars(*, bell: bool) -> Iterator[Show]:
             if not console.is_terminal:
                 return
             drawn.update(_dark() if sight is None else _bars(sight), refresh=True)
-            if bell and sight is not None and sight.level_v[-1, 0] > HIGHER * highest:
-                highest = float(sight.level_v[-1, 0])
+            if bell and sight is not None and sight.now_v[0] > HIGHER * highest:
+                highest = float(sight.now_v[0])
                 sys.stderr.write("\a")
                 sys.stderr.flush()
 
@@ -126,10 +124,10 @@ def _bars(sight: Sight) -> Group:
     table = Table(box=None, pad_edge=False)
     for heading in ("port", "level", "peak", "", "repeats", "as at first", ""):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
-    volts = sight.volts
-    low, high = float(sight.ends_v.min()), float(sight.ends_v.max())
-    for row, port in enumerate(sight.ports):
-        level, peak = float(sight.level_v[-1, row]), float(sight.peak_v[row])
+    volts = sight.repeated_volts
+    low, high = sight.range_v
+    of_ports = zip(sight.ports, sight.now_v.tolist(), sight.peak_v.tolist(), strict=True)
+    for row, (port, level, peak) in enumerate(of_ports):
         at, held = (round(BAR * (value - low) / (high - low)) for value in (level, peak))
         bar = Text("█" * at, style="cyan") + Text(" " * max(held - at - 1, 0)) + Text("▏" if held > at else "")
         repeats = f"{repeatability_db(volts[:, row]).value:.1f} dB" if len(volts) >= LEAST_REPEATS else ""

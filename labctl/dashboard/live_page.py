@@ -8,10 +8,12 @@ from pathlib import Path
 from nicegui import ui
 from nicegui.run import io_bound as in_a_thread
 
-from labctl.dashboard import launcher, panels, wording
+from labctl.dashboard import panels, wording
 from labctl.dashboard.frame import Region, frame, heading, refresh
+from labctl.dashboard.launcher import allowed
 from labctl.dashboard.panels import PANELS, Choice
 from labctl.dashboard.run_sight import RunSight
+from labctl.dashboard.starting import begin
 from labctl.dashboard.state import Emission
 from labctl.dashboard.views import WatchedView, newest_view
 from labctl.errors import RunError
@@ -204,7 +206,7 @@ def show_live(folder: Path, environment: Mapping[str, str]) -> None:
     view = None if directory is None else WatchedView(directory)
     if view is not None:
         view.look()
-    running = view is not None and view.running
+    running = view is not None and view.state.running
     frame("Live", view.instruments if view is not None and running else "")
     with ui.element("main").classes("run live"):
         if view is None or not running:
@@ -233,7 +235,7 @@ def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
             view.sight = before
         refresh(about)
         seen.refresh()
-        if not view.running:
+        if not view.state.running:
             timer.cancel()
 
     timer = ui.timer(REFRESH_S, look)
@@ -252,27 +254,15 @@ def _show_form(folder: Path, environment: Mapping[str, str], last: WatchedView |
             button = ui.button("Start", color=None).classes("start")
         message = ui.label().classes("message")
 
-    def begin() -> None:
-        allowed = [word for word, said in (("--arm", armed.value), ("--attended", attended.value)) if said]
+    def leads_to(process: int) -> str:
+        directory = newest_view(folder)
+        return "/live" if directory is not None and directory.name.endswith(f"-{process}") else ""
+
+    def start() -> None:
         named = [f"--station={station.value.strip()}"] if (station.value or "").strip() else []
-        words = ["live", *named, f"--ports={ports.value or ''}", f"--runs={folder}", *allowed]
-        try:
-            started = launcher.start(words, environment)
-        except OSError as error:
-            message.set_text(str(error))
-            return
-        armed.set_value(False)
-        message.set_text(f"labctl {' '.join(words)}")
+        light = allowed(armed=bool(armed.value), attended=bool(attended.value))
+        words = ["live", *named, f"--ports={ports.value or ''}", f"--runs={folder}", *light]
+        if begin(words, environment, message, leads_to):
+            armed.set_value(False)
 
-        def follow() -> None:
-            directory = newest_view(folder)
-            if directory is not None and directory.name.endswith(f"-{started.process.pid}"):
-                waiting.cancel()
-                ui.navigate.reload()
-            elif failure := started.failure():
-                waiting.cancel()
-                message.set_text(failure)
-
-        waiting = ui.timer(REFRESH_S, follow)
-
-    button.on_click(begin)
+    button.on_click(start)

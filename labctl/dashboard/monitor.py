@@ -4,29 +4,24 @@ All pages share what was read. A run is known by its name in the folder and by n
 """
 
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from labctl.dashboard.account import Account
 from labctl.dashboard.accuracy import Curve
 from labctl.dashboard.following import Following
 from labctl.dashboard.learning import Learning
 from labctl.dashboard.listing import Listing
-from labctl.dashboard.state import ENDED, Phase, RunState, advanced
+from labctl.dashboard.state import RunState
 from labctl.dashboard.sweeps import Sweeps
 from labctl.errors import RunError
-from labctl.runs.format.layout import RunPaths
-from labctl.runs.live.events import EventReader
-from labctl.runs.live.owner import is_elsewhere, writer_named
 from labctl.runs.read.follower import Follower, Latest
 
 LOOK_EVERY_S = 0.25
 MOST_WATCHED = 20
 """Runs that are kept in memory; those that were not looked at for longest are forgotten."""
-MOST_REPORTED = 8
-"""Shots that were reported and may not be on disk yet: two a second, each there after a second by default."""
 
 
 class WatchedRun:
@@ -39,16 +34,13 @@ class WatchedRun:
     def __init__(self, directory: Path, learning: Learning, clock: Callable[[], float]) -> None:
         """Watch the run in `directory`; nothing is read yet."""
         self.directory = directory
-        self.state = RunState()
         self.latest: list[Latest] = []
         self.shown = RunState()
         self.problem = ""
         self._learning = learning
         self._clock = clock
         self._due = clock()
-        self._events = EventReader(RunPaths(directory).events)
-        self._told = RunState()
-        self._reported: deque[RunState] = deque(maxlen=MOST_REPORTED)
+        self._account = Account(directory)
         self._following: Follower | None = None
 
     def look(self) -> None:
@@ -56,18 +48,7 @@ class WatchedRun:
         if self._clock() < self._due:
             return
         self._due = self._clock() + LOOK_EVERY_S
-        while events := self._events.read():
-            for event in events:
-                self._told = advanced(self._told, event)
-                if self._told.has_shot and event.name == "progress":
-                    self._reported.append(self._told)
-        started = self._told.started
-        gone = (
-            started is not None
-            and not is_elsewhere(started)
-            and writer_named(started, RunPaths(self.directory)) is None
-        )
-        self.state = self._told.without_writer() if gone else self._told
+        self._account.look()
         try:
             if self._following is None:
                 self._following = Follower(self.directory)
@@ -80,11 +61,16 @@ class WatchedRun:
 
     def _see(self, following: Follower) -> None:
         """Take the last shot that was reported and is on disk; any that is there, where none was reported."""
-        stored = (one for one in reversed(self._reported) if following.has(one.pass_index or 0, one.shot or 0))
+        stored = (one for one in reversed(self._account.reported) if following.has(one.pass_index or 0, one.shot or 0))
         if (found := next(stored, None)) is not None:
             self.shown, self.latest = found, following.shot(found.shot or 0)
         elif self.shown.shot is None:
             self.latest = following.latest()
+
+    @property
+    def state(self) -> RunState:
+        """What it is doing."""
+        return self._account.state
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -120,17 +106,13 @@ class WatchedRun:
         """Accuracy as it grows; asking for it keeps it growing."""
         if self._following is None:
             return Curve()
-        return self._learning.curve(self.directory, sum(self._following.done), growing=self._growing)
+        return self._learning.curve(self.directory, sum(self._following.done), growing=self.state.running)
 
     def following(self) -> Following:
         """How a readout that follows the run fares; asking for it keeps it following."""
         if self._following is None:
             return Following()
-        return self._learning.following(self.directory, sum(self._following.done), growing=self._growing)
-
-    @property
-    def _growing(self) -> bool:
-        return self.state.phase not in (*ENDED, Phase.UNKNOWN)
+        return self._learning.following(self.directory, sum(self._following.done), growing=self.state.running)
 
 
 class Watching:

@@ -16,7 +16,7 @@ from labctl.dashboard.live_page import show_signals
 from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.notes_panel import show_notes
 from labctl.dashboard.resume_panel import ResumePanel
-from labctl.dashboard.state import ENDED, Phase
+from labctl.dashboard.state import Phase
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import instruments_of
 from labctl.runs.live.alarm import say_dark
@@ -82,7 +82,7 @@ def show_run(watching: Watching, name: str) -> None:
 def _is_cut_short(watched: WatchedRun) -> bool:
     """Whether records are missing that nobody measures."""
     done, total = watched.records
-    return done < total and (watched.state.phase in ENDED or watched.state.phase is Phase.UNKNOWN)
+    return done < total and not watched.state.running
 
 
 class SeenDark:
@@ -126,7 +126,7 @@ class Buttons:
     def refresh(self) -> None:
         """Show what can be asked now."""
         phase = self._watched.state.phase
-        self._row.set_visibility(phase not in ENDED and phase is not Phase.UNKNOWN)
+        self._row.set_visibility(self._watched.state.running)
         self._pause.set_text("Go on" if phase is Phase.PAUSED else "Pause")
         if self._asked_in is not None and phase is not self._asked_in:
             self._asked_in = None

@@ -6,18 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.alignment import repeatability_db
+from labctl.analysis.alignment import LEAST_REPEATS, repeatability_db
 from labctl.analysis.signal_quality import no_codes
-from labctl.analysis.spectrum import spectrum
+from labctl.analysis.spectrum import LEAST_SAMPLES, spectrum
 from labctl.dashboard.charts import Axis, Curve, chart, colour
 from labctl.dashboard.sketches import escape
 from labctl.dashboard.state import Phase, RunState
 from labctl.runs.live.sight import Sight
 
-LEAST_REPEATS = 4
-"""Looks at one picture that repeatability is worked out from at least."""
-LEAST_SAMPLES = 4
-"""Of a trace that has a spectrum."""
 OCTAVES = 4
 LOWEST_HZ = 110.0
 """The tone of the lowest level that the oscilloscope can tell; the highest is `OCTAVES` above."""
@@ -63,10 +59,10 @@ def levels(sight: Sight | None) -> str:
     """A bar for the level of each port, with a mark where it was highest."""
     if sight is None:
         return NOTHING
-    axis, now_v = _range(sight), sight.volts[-1].mean(axis=1)
+    axis = _range(sight)
     rows = []
-    for row, port in enumerate(sight.ports):
-        level, peak = float(now_v[row]), float(sight.peak_v[row])
+    of_ports = zip(sight.ports, sight.now_v.tolist(), sight.peak_v.tolist(), strict=True)
+    for row, (port, level, peak) in enumerate(of_ports):
         at, held = (100 * float(np.clip(axis.place(value), 0, 1)) for value in (level, peak))
         clipped = '<strong class="clipped">CLIPPED</strong>' if sight.clipped[row] else ""
         rows.append(
@@ -169,12 +165,12 @@ def course(sight: Sight | None) -> str:
 
 def _tones(sight: Sight, axis: Axis) -> list[float]:
     """The tone of each port, Hz: the level in octaves."""
-    return [LOWEST_HZ * 2 ** (OCTAVES * float(np.clip(axis.place(one), 0, 1))) for one in sight.volts[-1].mean(axis=1)]
+    return [LOWEST_HZ * 2 ** (OCTAVES * float(np.clip(axis.place(one), 0, 1))) for one in sight.now_v]
 
 
 def _range(sight: Sight) -> Axis:
     """From end to end of what the oscilloscope can tell, the same for all ports."""
-    return Axis(float(sight.ends_v.min()), float(sight.ends_v.max()), "mV", 1e3)
+    return Axis(*sight.range_v, "mV", 1e3)
 
 
 def _around(volts: NDArray[np.float64]) -> Axis:

@@ -5,11 +5,11 @@ from functools import partial
 
 from nicegui import ui
 
-from labctl.dashboard import launcher
 from labctl.dashboard.frame import REFRESH_S, frame, heading
-from labctl.dashboard.launcher import Started
+from labctl.dashboard.launcher import in_words
 from labctl.dashboard.list_wording import run_address
 from labctl.dashboard.monitor import Watching
+from labctl.dashboard.starting import begin
 from labctl.dashboard.wording import duration
 from labctl.errors import LabctlError
 from labctl.runs.format.layout import RunPaths
@@ -39,7 +39,6 @@ class QueuePage:
         self._watching = watching
         self._queue = Queue(watching.folder)
         self._drawn: list[Item] | None = None
-        self._started: Started | None = None
         with ui.element("div").classes("buttons"):
             ui.button("Start", on_click=self._start, color=None).classes("start")
             self._on_failure = ui.select(ON_FAILURE, value="stop").classes("on-failure").props("dense")
@@ -50,10 +49,7 @@ class QueuePage:
         self.refresh()
 
     def refresh(self) -> None:
-        """Show the queue as it is now, and what the command that carries it out said at its end."""
-        if self._started is not None and self._started.process.poll() is not None:
-            self._message.set_text(self._started.failure())
-            self._started = None
+        """Show the queue as it is now."""
         try:
             items = self._queue.items()
         except LabctlError as error:
@@ -85,7 +81,7 @@ class QueuePage:
                         self._button("✕", "remove", partial(self._queue.remove, item.number))
 
     def _show_words(self, item: Item) -> None:
-        words = launcher.in_words(item.words)
+        words = in_words(item.words)
         if RunPaths(item.directory).manifest.exists() and self._watching.listing.has(item.directory.name):
             ui.link(words, f"/{run_address(item.directory.name)}")
         elif is_sweep(item.directory) and (self._watching.folder / item.directory.name).exists():
@@ -120,9 +116,4 @@ class QueuePage:
 
     def _start(self) -> None:
         words = ["queue", "start", "--folder", str(self._watching.folder), f"--on-failure={self._on_failure.value}"]
-        try:
-            self._started = launcher.start(words, self._watching.environment)
-        except OSError as error:
-            self._message.set_text(str(error))
-            return
-        self._message.set_text(launcher.in_words(words))
+        begin(words, self._watching.environment, self._message)

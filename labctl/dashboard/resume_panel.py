@@ -5,9 +5,9 @@ from pathlib import Path
 
 from nicegui import ui
 
-from labctl.dashboard import launcher
-from labctl.dashboard.launcher import Started, allowed
+from labctl.dashboard.launcher import allowed
 from labctl.dashboard.monitor import Watching
+from labctl.dashboard.starting import begin
 
 
 class ResumePanel:
@@ -18,7 +18,6 @@ class ResumePanel:
         self._watching = watching
         self._directory = directory
         self._is_needed = is_needed
-        self._started: Started | None = None
         self._row = ui.element("div").classes("form resume")
         with self._row:
             self._station = ui.input("Station file", placeholder="empty: the one it was begun with").classes("station")
@@ -30,21 +29,13 @@ class ResumePanel:
         self.refresh()
 
     def refresh(self) -> None:
-        """Show it or not, and why the command was refused."""
+        """Show it or not."""
         self._row.set_visibility(self._is_needed())
-        if self._started is not None and self._started.process.poll() is not None:
-            self._message.set_text(self._started.failure())
-            self._started = None
 
     def _resume(self) -> None:
         station = (self._station.value or "").strip()
         words = ["resume", str(self._directory), *([f"--station={station}"] if station else [])]
         words += allowed(armed=bool(self._armed.value), attended=bool(self._attended.value))
         self._armed.set_value(False)
-        try:
-            self._started = launcher.start(words, self._watching.environment)
-        except OSError as error:
-            self._message.set_text(str(error))
-            return
-        self._message.set_text(launcher.in_words(words))
-        self._watching.listing.look_again()
+        if begin(words, self._watching.environment, self._message):
+            self._watching.listing.look_again()

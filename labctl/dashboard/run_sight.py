@@ -11,11 +11,9 @@ import numpy as np
 
 from labctl.analysis.course import Course, begun
 from labctl.errors import RunError
-from labctl.runs.live.sight import Sight
+from labctl.runs.live.sight import RECENT, Sight
 from labctl.runs.read.follower import Follower, Stretch
 
-RECENT = 16
-"""Shots, and repeats of the reference picture, that are kept as they are."""
 MOST_AT_FIRST, MOST_AT_ONCE = 16, 1
 """Stretches that are read at a look: the first one, and each thereafter."""
 

@@ -9,10 +9,11 @@ from nicegui import background_tasks, ui
 from labctl import datasets
 from labctl.dashboard import launcher
 from labctl.dashboard.commands import answer
-from labctl.dashboard.frame import REFRESH_S, frame, heading
+from labctl.dashboard.frame import frame, heading
 from labctl.dashboard.launcher import Asked
 from labctl.dashboard.monitor import Watching
 from labctl.dashboard.settings_fields import Setting, about, refused, settings_of
+from labctl.dashboard.starting import begin
 from labctl.dashboard.wording import duration
 from labctl.runs.format.layout import RunPaths
 
@@ -128,25 +129,14 @@ class Form:
     def _start(self) -> None:
         asked = self._asked(armed=bool(self._armed.value))
         directory = launcher.new_directory(self._watching.folder, asked)
-        words = [*asked.words, f"--out={directory}"]
-        try:
-            started = launcher.start(words, self._watching.environment)
-        except OSError as error:
-            self._message.set_text(str(error))
-            return
-        self._armed.set_value(False)
-        self._message.set_text(launcher.in_words(words))
 
-        def follow() -> None:
+        def leads_to(_process: int) -> str:
             self._watching.listing.look_again()
-            if RunPaths(directory).manifest.exists() or (asked.over and directory.exists()):
-                waiting.cancel()
-                ui.navigate.to(f"/{'sweep' if asked.over else 'run'}/{directory.name}")
-            elif failure := started.failure():
-                waiting.cancel()
-                self._message.set_text(failure)
+            is_there = RunPaths(directory).manifest.exists() or (asked.over and directory.exists())
+            return f"/{'sweep' if asked.over else 'run'}/{directory.name}" if is_there else ""
 
-        waiting = ui.timer(REFRESH_S, follow)
+        if begin([*asked.words, f"--out={directory}"], self._watching.environment, self._message, leads_to):
+            self._armed.set_value(False)
 
 
 def cost(plan: Mapping[str, Any]) -> str:

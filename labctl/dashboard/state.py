@@ -104,12 +104,17 @@ class RunState:
         """Whether a shot with light was reported."""
         return self.shot is not None and self.kind != "dark"
 
+    @property
+    def running(self) -> bool:
+        """Whether it has begun and not ended."""
+        return self.phase is not Phase.UNKNOWN and self.phase not in ENDED
+
     def without_writer(self) -> "RunState":
         """This state, if no process writes the run any more: one without an event of its end was killed.
 
         Whether it left light on nobody can know, unless the supervisor reported that it made the bench safe.
         """
-        if self.phase in ENDED or self.phase is Phase.UNKNOWN:
+        if not self.running:
             return self
         emission = Emission.UNKNOWN if self.emission is Emission.ON else self.emission
         through = self.through and None

@@ -6,15 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from labctl.dashboard.listing import EVERY_S, RESTS
 from labctl.errors import LabctlError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import RunRow, run_row
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.sweep import FILE, Sweep, places, read
-
-EVERY_S = 2.0
-RESTS = 10.0
-"""The folder is looked at for a tenth of the time at most."""
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,9 @@
 
 from pathlib import Path
 
-from labctl.dashboard.state import ENDED, Phase, RunState, advanced
-from labctl.runs.format.layout import RunPaths
+from labctl.dashboard.account import Account
+from labctl.dashboard.state import RunState
 from labctl.runs.index import Instruments
-from labctl.runs.live.events import EventReader
-from labctl.runs.live.owner import is_elsewhere, writer_named
 from labctl.runs.live.sight import LIVE, Sight, read_sight
 
 
@@ -16,29 +14,18 @@ class WatchedView:
     def __init__(self, directory: Path) -> None:
         """Watch the view in `directory`; nothing is read yet."""
         self.directory = directory
-        self.state = RunState()
         self.sight: Sight | None = None
-        self._events = EventReader(RunPaths(directory).events)
-        self._told = RunState()
+        self._account = Account(directory)
 
     def look(self) -> None:
         """Read what came since the last look."""
-        while events := self._events.read():
-            for event in events:
-                self._told = advanced(self._told, event)
-        started = self._told.started
-        gone = (
-            started is not None
-            and not is_elsewhere(started)
-            and writer_named(started, RunPaths(self.directory)) is None
-        )
-        self.state = self._told.without_writer() if gone else self._told
+        self._account.look()
         self.sight = read_sight(self.directory)
 
     @property
-    def running(self) -> bool:
-        """Whether a process carries it out."""
-        return self.state.phase not in (*ENDED, Phase.UNKNOWN)
+    def state(self) -> RunState:
+        """What it is doing."""
+        return self._account.state
 
     @property
     def instruments(self) -> Instruments:

@@ -6,8 +6,6 @@ does is reported to the bench's observer.
 """
 
 import logging
-import os
-import platform
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -20,7 +18,7 @@ from instruments.bench import Bench
 from instruments.errors import InstrumentError
 from instruments.safe_state import ending_with
 from instruments.values import Scaling
-from labctl.bench.signals import Interruption, heeds_signals
+from labctl.bench.signals import Interruption
 from labctl.engine.control import Control, controlled
 from labctl.engine.light_check import REPEATS, refuse_changed_light, to_repeat
 from labctl.engine.manifest import light_and_instruments, manifest
@@ -28,6 +26,7 @@ from labctl.engine.plan import Request, checked, new_directory
 from labctl.engine.recorder import Recorder
 from labctl.engine.recovery import Recovery
 from labctl.engine.resume import refuse_changed_instruments, refuse_other_plan
+from labctl.engine.start import carried_out
 from labctl.engine.storage import Storage
 from labctl.errors import RunError
 from labctl.runs.write.writer import RunWriter
@@ -123,12 +122,7 @@ def _tell_start(event: str, request: Request, bench: Bench, writer: RunWriter, *
         shots=shape["shots"],
         records=shape["shots"] * len(shape["passes"]),
         done=sum(writer.done),
-        station=request.station.source,
-        simulated=request.station.simulated,
-        mixed=request.station.partly_simulated,
-        process=os.getpid(),
-        heeds_signals=heeds_signals(),
-        host=platform.node(),
+        **carried_out(request.station),
         **more,
     )
 

@@ -4,7 +4,6 @@ What it sees is put where the dashboard looks, and what it is asked for is found
 """
 
 import os
-import platform
 import shutil
 import time
 from collections.abc import Callable
@@ -22,20 +21,19 @@ from instruments.values import Codes
 from labctl.analysis.course import Course, begun
 from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import Access
-from labctl.bench.signals import Interruption, heeds_signals
+from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
 from labctl.engine.control import Control, controlled
 from labctl.engine.hands import Hands, Traces, in_hands
+from labctl.engine.start import carried_out
 from labctl.errors import StationError, writing
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import owned, writer_of
-from labctl.runs.live.sight import LIVE, Sight, Wishes, wishes_in, write_sight
+from labctl.runs.live.sight import LIVE, RECENT, Sight, Wishes, wishes_in, write_sight
 
 TASK = "labctl live"
-RECENT = 16
-"""Looks that are kept as they are: repeatability, histogram and spectrum are of these."""
 COMPARED_EVERY = 50
 """Looks after which settings and powers are compared."""
 WIDENED_AFTER = 3
@@ -97,16 +95,7 @@ def watch(view: View, interruption: Interruption, show: Show, observer: Observer
             with writing(directory, "name another --runs"):
                 directory.mkdir(parents=True)
                 stack.enter_context(owned(directory))
-            events.event(
-                "live started",
-                ports=list(view.ports),
-                station=view.station.source,
-                simulated=view.station.simulated,
-                mixed=view.station.partly_simulated,
-                process=os.getpid(),
-                heeds_signals=heeds_signals(),
-                host=platform.node(),
-            )
+            events.event("live started", ports=list(view.ports), **carried_out(view.station))
             return directory
 
         hands = stack.enter_context(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
@@ -36,6 +37,9 @@ FLAGS = [
 def chromium() -> str | None:
     """Where Chromium is installed; None if it is not."""
     return next((found for name in NAMES if (found := shutil.which(name)) is not None), None)
+
+
+needs_chromium = pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
 
 
 @dataclass(frozen=True)
@@ -77,11 +81,11 @@ def dashboard(runs: Path, opening: Mapping[str, str] | None = None) -> Iterator[
 
 
 @contextmanager
-def browser(executable: str) -> Iterator[Browser]:
+def browser() -> Iterator[Browser]:
     """Chromium, without a window and without a network."""
     expect.set_options(timeout=PATIENCE_MS)
     with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=executable, args=FLAGS, timeout=PATIENCE_MS)
+        started = playwright.chromium.launch(executable_path=chromium(), args=FLAGS, timeout=PATIENCE_MS)
         yield started
         started.close()
 
@@ -102,9 +106,29 @@ def enter(page: Page, served: Dashboard) -> str:
     return page.url
 
 
+@contextmanager
+def let_in(browser: Browser, served: Dashboard) -> Iterator[Page]:
+    """The list of runs, of a user of its own; nothing is fetched from anywhere else, and no script fails."""
+    page = opened(browser)
+    wrong: list[str] = []
+    page.on(
+        "request", lambda request: None if request.url.startswith((served.base, "data:")) else wrong.append(request.url)
+    )
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    enter(page, served)
+    yield page
+    page.context.close()
+    assert wrong == []
+
+
 def connected(page: Page) -> None:
     """Wait until the page has its connection: before that it may load itself anew, and forget what was typed."""
     page.wait_for_function("window.did_handshake === true")
+
+
+def says(page: Page, region: str, pattern: str) -> None:
+    """Wait until a part of the page has words that a regular expression finds."""
+    expect(page.locator(region)).to_contain_text(re.compile(pattern))
 
 
 def narrow(page: Page) -> None:

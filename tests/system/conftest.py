@@ -8,11 +8,14 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from tests.command_line import as_json
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 
@@ -41,6 +44,28 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[dict[str,
         rest, _ = server.communicate(timeout=30)
     assert rest == "", "one JSON object and nothing else"
     assert server.returncode == 0
+
+
+def without_arm(station: Path, folder: Path) -> Path:
+    """A station file in `folder`, like another but that it allows no light."""
+    path = folder / "unarmed.toml"
+    path.write_text(station.read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def unarmed(served: tuple[dict[str, Any], Path], tmp_path: Path) -> Path:
+    """A station file of the served bench that allows no light."""
+    return without_arm(served[1], tmp_path)
+
+
+@pytest.fixture(scope="module")
+def window() -> "Iterator[Browser]":
+    """A real browser, for modules that have the extra to drive it."""
+    from tests.dashboard.browser import browser
+
+    with browser() as started:
+        yield started
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
 from sim_backends.world.signals import Emission
 from tests.observers import Follower
+from tests.system.conftest import without_arm
 
 SETTINGS = ("images=4", "ports=2", "window=0.4 ns")
 RUN = ("run", "image-readout", *(word for setting in SETTINGS for word in ("--set", setting)))
@@ -56,9 +57,7 @@ def armed(simulation: SimulatedBench, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def unarmed(armed: Path) -> Path:
-    path = armed.with_name("unarmed.toml")
-    path.write_text(armed.read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
-    return path
+    return without_arm(armed, armed.parent)
 
 
 def cut(station: Path, directory: Path, *, by_command: bool) -> Path:

@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from shutil import copytree, rmtree
-from typing import Any
 
 import pytest
 
@@ -21,13 +20,9 @@ from labctl.runs.live.logs import EventLog
 from labctl.runs.notes import read_notes
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
-from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, enter, fits, narrow, opened
+from tests.dashboard.browser import Dashboard, connected, dashboard, fits, let_in, narrow, needs_chromium, says
 
-Served = tuple[dict[str, Any], Path]
-
-CHROMIUM = chromium()
-
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+pytestmark = needs_chromium
 
 
 BEHIND_THE_LASER = {
@@ -55,36 +50,13 @@ def shown(runs: Path) -> Iterator[Dashboard]:
         yield found
 
 
-@pytest.fixture(scope="module")
-def window() -> Iterator[Browser]:
-    assert CHROMIUM is not None
-    with browser(CHROMIUM) as started:
-        yield started
-
-
 @pytest.fixture
 def page(window: Browser, shown: Dashboard) -> Iterator[Page]:
-    """The page at the address that was printed; nothing is fetched from anywhere else, and no script fails."""
-    page = opened(window)
-    wrong: list[str] = []
-    page.on(
-        "request", lambda request: None if request.url.startswith((shown.base, "data:")) else wrong.append(request.url)
-    )
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    enter(page, shown)
-    expect(page.locator(".all-region")).to_be_visible()
-    connected(page)
-    yield page
-    page.context.close()
-    assert wrong == []
-
-
-@pytest.fixture
-def unarmed(served: Served, tmp_path: Path) -> Path:
-    """A station file of the served bench that allows no light."""
-    path = tmp_path / "unarmed.toml"
-    path.write_text(served[1].read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
-    return path
+    """The page at the address that was printed."""
+    with let_in(window, shown) as page:
+        expect(page.locator(".all-region")).to_be_visible()
+        connected(page)
+        yield page
 
 
 def start(page: Page, station: Path) -> None:
@@ -102,10 +74,6 @@ def start(page: Page, station: Path) -> None:
     connected(page)
     says(page, ".emission-region", "LASER ON")
     says(page, ".progress-region", r"[1-9]\d* of 2200 records")
-
-
-def says(page: Page, region: str, pattern: str) -> None:
-    expect(page.locator(region)).to_contain_text(re.compile(pattern))
 
 
 def test_a_run_is_started_watched_paused_and_stopped(

@@ -21,11 +21,10 @@ pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
 from playwright.sync_api import Browser, Page, expect
 
-from tests.dashboard.browser import FLAGS, Dashboard, browser, chromium, connected, dashboard, enter, opened
+from tests.dashboard.browser import FLAGS, Dashboard, chromium, connected, dashboard, enter, needs_chromium, opened
+from tests.system.waiting import until
 
-CHROMIUM = chromium()
-
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+pytestmark = needs_chromium
 
 PAGE = b'<!doctype html><link rel="icon" href="data:,"><title>elsewhere</title><body>'
 WORKER = """
@@ -63,13 +62,6 @@ class Elsewhere:
     @property
     def base(self) -> str:
         return f"http://127.0.0.1:{self.port}"
-
-
-@pytest.fixture(scope="module")
-def window() -> Iterator[Browser]:
-    assert CHROMIUM is not None
-    with browser(CHROMIUM) as started:
-        yield started
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +214,7 @@ def test_the_browser_that_is_opened_gets_in_and_nobody_is_shown_how(window: Brow
     program, profile = tmp_path / "browser", tmp_path / "profile"
     flags = " ".join(FLAGS)
     program.write_text(
-        f'#!/bin/sh\nexec {CHROMIUM} --headless --remote-debugging-port=0 --user-data-dir={profile} {flags} "$@"\n',
+        f'#!/bin/sh\nexec {chromium()} --headless --remote-debugging-port=0 --user-data-dir={profile} {flags} "$@"\n',
         encoding="utf-8",
     )
     program.chmod(0o700)
@@ -252,10 +244,7 @@ def ended(profile: Path) -> Iterator[None]:
 
 def awaited(file: Path, pattern: str) -> str:
     """What another process comes to write into a file."""
-    pause = threading.Event()
-    while not (file.exists() and (found := re.match(pattern, file.read_text("utf-8")))):
-        pause.wait(0.01)
-    return found[1]
+    return until(lambda: re.match(pattern, file.read_text("utf-8")) if file.exists() else None)[1]
 
 
 def command_lines() -> list[bytes]:

@@ -10,19 +10,18 @@ import pytest
 pytest.importorskip("nicegui", reason="the dashboard needs the extra `dashboard`")
 pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from labctl.bench.station import Station
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.notes import say_of
 from protocols.image_readout import ImageReadout
-from tests.dashboard.browser import browser, chromium, connected, dashboard, enter, fits, narrow, opened
+from tests.dashboard.browser import connected, dashboard, fits, let_in, narrow, needs_chromium
 
-CHROMIUM = chromium()
 RUNS = 230
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+pytestmark = needs_chromium
 
 
 def described(run: Path, name: str, **changed: object) -> None:
@@ -59,13 +58,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(runs: Path) -> Iterator[Page]:
-    assert CHROMIUM is not None
-    with dashboard(runs) as served, browser(CHROMIUM) as window:
-        page = opened(window)
-        enter(page, served)
-        yield page
-        page.context.close()
+def page(window: Browser, runs: Path) -> Iterator[Page]:
+    with dashboard(runs) as served, let_in(window, served) as found:
+        yield found
 
 
 def test_runs_are_found_by_what_their_rows_read(page: Page) -> None:

@@ -1,9 +1,7 @@
 """The live view in a real browser: started, watched, its light switched off and on and set, and ended."""
 
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,19 +13,10 @@ from playwright.sync_api import Browser, Page, expect
 
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.notes import read_notes
-from tests.dashboard.browser import Dashboard, browser, chromium, connected, dashboard, enter, narrow, opened
+from tests.dashboard.browser import Dashboard, connected, dashboard, let_in, narrow, needs_chromium, says
 
-CHROMIUM = chromium()
-
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+pytestmark = needs_chromium
 PORTS = 4
-
-
-@pytest.fixture(scope="module")
-def window() -> Iterator[Browser]:
-    assert CHROMIUM is not None
-    with browser(CHROMIUM) as started:
-        yield started
 
 
 @pytest.fixture
@@ -40,30 +29,11 @@ def shown(tmp_path: Path) -> Iterator[Dashboard]:
 
 @pytest.fixture
 def page(window: Browser, shown: Dashboard) -> Iterator[Page]:
-    """The page of the live view; nothing is fetched from anywhere else, and no script fails."""
-    page = opened(window)
-    wrong: list[str] = []
-    page.on(
-        "request", lambda request: None if request.url.startswith((shown.base, "data:")) else wrong.append(request.url)
-    )
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.goto(f"{enter(page, shown)}live")
-    connected(page)
-    yield page
-    page.context.close()
-    assert wrong == []
-
-
-@pytest.fixture
-def unarmed(served: tuple[dict[str, Any], Path], tmp_path: Path) -> Path:
-    """A station file of the served bench that allows no light."""
-    path = tmp_path / "unarmed.toml"
-    path.write_text(served[1].read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
-    return path
-
-
-def says(page: Page, region: str, pattern: str) -> None:
-    expect(page.locator(region)).to_contain_text(re.compile(pattern))
+    """The page of the live view."""
+    with let_in(window, shown) as page:
+        page.goto(f"{page.url}live")
+        connected(page)
+        yield page
 
 
 def start(page: Page, station: Path) -> None:

@@ -9,16 +9,14 @@ import pytest
 pytest.importorskip("nicegui", reason="the dashboard needs the extra `dashboard`")
 pytest.importorskip("playwright", reason="a browser is driven by playwright")
 
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
 from labctl.runs.queue import Queue, State
-from tests.dashboard.browser import browser, chromium, connected, dashboard, enter, fits, narrow, opened
+from tests.dashboard.browser import connected, dashboard, fits, let_in, narrow, needs_chromium
 
-CHROMIUM = chromium()
-
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+pytestmark = needs_chromium
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +27,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(runs: Path) -> Iterator[Page]:
-    assert CHROMIUM is not None
-    with dashboard(runs) as served, browser(CHROMIUM) as window:
-        page = opened(window)
-        enter(page, served)
-        yield page
-        page.context.close()
+def page(window: Browser, runs: Path) -> Iterator[Page]:
+    with dashboard(runs) as served, let_in(window, served) as found:
+        yield found
 
 
 def add(page: Page, name: str, value: str, answer: str) -> None:

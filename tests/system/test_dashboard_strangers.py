@@ -19,6 +19,7 @@ pytest.importorskip("nicegui", reason="the dashboard needs the extra `dashboard`
 pytest.importorskip("playwright", reason="the dashboard is started beside what drives a browser")
 
 from tests.dashboard.browser import Dashboard, dashboard
+from tests.system.waiting import until
 
 NOBODY = 65534
 PROGRAMS = ("curl", "setpriv", "ps")
@@ -299,9 +300,3 @@ def link_in(page: Path) -> str:
     found = re.search(r"url=([^\"]+)\"", page.read_text("utf-8"))
     assert found is not None
     return found[1]
-
-
-def until(happened: Callable[[], bool]) -> None:
-    """Wait for another process."""
-    while not happened():
-        select.select([], [], [], 0.01)

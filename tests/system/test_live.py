@@ -4,7 +4,6 @@ import json
 import re
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +17,7 @@ from labctl.runs.live.sight import LIVE, Sight, Wishes, ask_for, read_sight
 from tests.command_line import as_json, labctl
 from tests.system.conftest import LABCTL
 from tests.system.test_one_holder import running, under_another_name
+from tests.system.waiting import until
 
 REFUSED = re.compile(
     r"^labctl: awg is in use: labctl live, process \d+ of \S+, since \d+ \w+ [\d:]+ UTC: wait for it, "
@@ -30,15 +30,6 @@ RUN = ("run", "image-readout", "--set", "images=4")
 @pytest.fixture
 def station(served: tuple[dict[str, Any], Path]) -> Path:
     return served[1]
-
-
-def until(true: Callable[[], Any]) -> Any:
-    """What it says, as soon as that is something."""
-    end = time.monotonic() + PATIENCE_S
-    while not (found := true()):
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    return found
 
 
 @contextmanager
@@ -148,10 +139,9 @@ def test_it_is_told_from_elsewhere(station: Path, tmp_path: Path, emitting: Call
 
 
 def test_what_is_missing_is_refused_in_one_line(
-    station: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], emitting: Callable[[], bool]
+    station: Path, unarmed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], emitting: Callable[[], bool]
 ) -> None:
-    unarmed, nobody = tmp_path / "unarmed.toml", tmp_path / "nobody.toml"
-    unarmed.write_text(station.read_text("utf-8").replace("armed = true\n", ""), encoding="utf-8")
+    nobody = tmp_path / "nobody.toml"
     address = re.compile(r'(\[laser\][^[]*?address = )"[^"]*"', re.DOTALL)
     nobody.write_text(address.sub(r'\1""', station.read_text("utf-8")), encoding="utf-8")
     for options, status, words in (

@@ -26,6 +26,7 @@ from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
 from tests import command_line
 from tests.observers import Follower
+from tests.system.conftest import without_arm
 
 SETTINGS = ("images=6", "window=0.4 ns", "ports=2")
 
@@ -174,8 +175,7 @@ def test_on_this_bench_a_strangers_power_is_another_setting(
 def test_limits_and_arm_are_those_of_this_bench(
     run: Path, own: Path, labctl: Labctl, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    unarmed = tmp_path / "unarmed.toml"
-    unarmed.write_text(own.read_text().replace("armed = true\n", ""))
+    unarmed = without_arm(own, tmp_path)
     assert "unarmed.toml: the laser is not armed" in labctl("resume", run, "--station", unarmed)[1]["error"]
     careful = tmp_path / "careful.toml"
     careful.write_text(own.read_text() + "\n[limits]\noptical_power = '10 mW'\n")

@@ -25,7 +25,7 @@ from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
-from tests.system.waiting import until_stored
+from tests.system.waiting import until, until_stored
 
 Served = tuple[dict[str, Any], Path]
 
@@ -335,8 +335,7 @@ def test_what_a_run_prints_ends_with_it_while_the_supervisor_goes_on_trying(
     assert may_emit(run)
     with Hanging(address, port=cable.port):
         laser.seconds_until("OUTPUT?", "0", 30)
-        while may_emit(run):
-            threading.Event().wait(1e-2)
+        until(lambda: not may_emit(run))
 
 
 def addressed(served: Served, station: Path, name: str, hanging: "Hanging") -> None:

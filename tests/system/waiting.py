@@ -2,10 +2,22 @@
 
 import contextlib
 import subprocess
+import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from labctl.runs.format.layout import RunPaths
+
+Found = TypeVar("Found")
+
+
+def until(happened: Callable[[], Found | None]) -> Found:
+    """What `happened` says, as soon as that is something; a wait in vain ends with the time that a test may take."""
+    pause = threading.Event()
+    while not (found := happened()):
+        pause.wait(1e-2)  # the processor is for the other process
+    return found
 
 
 def until_stored(process: subprocess.Popen[Any], directory: Path, shards: int = 1) -> None:

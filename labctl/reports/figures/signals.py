@@ -7,12 +7,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from labctl.analysis.signal_quality import no_codes
-from labctl.analysis.spectrum import spectrum
+from labctl.analysis.spectrum import LEAST_SAMPLES, spectrum
 from labctl.reports.canvas import legend_below, look, port_name, styled
 from labctl.reports.pictures import PIXELS_PER_INCH
 from labctl.runs.live.sight import Sight
-
-LEAST_SAMPLES = 4
 
 
 @styled
@@ -31,12 +29,12 @@ def signals_png(sight: Sight, title: str) -> bytes:
         codes.step(counted.first_code, counted.counts[row], where="post", **style)
         if found is not None:
             frequencies.plot(1e-9 * found.frequency_hz, 10 * np.log10(np.maximum(found.density[row], 1e-30)), **style)
-    levels.barh(places, 1e3 * volts[-1].mean(axis=1), color=[look(row).colour for row in range(len(names))])
+    levels.barh(places, 1e3 * sight.now_v, color=[look(row).colour for row in range(len(names))])
     levels.plot(1e3 * sight.peak_v, places, "|", color="black", markersize=14)
     levels.set_yticks(places, names)
     levels.invert_yaxis()
     levels.set_xlabel("level, with the highest (mV)")
-    traces.set_ylim(1e3 * float(sight.ends_v.min()), 1e3 * float(sight.ends_v.max()))
+    traces.set_ylim(*(1e3 * end for end in sight.range_v))
     traces.set(xlabel="time (ns)", ylabel="signal (mV)")
     for end in (counted.first_code[0], counted.first_code[-1]):
         codes.axvline(end, color="red", linestyle="--", linewidth=0.8)

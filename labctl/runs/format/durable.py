@@ -1,4 +1,4 @@
-"""Putting bytes on a disk so that they are still there after the power fails."""
+"""Putting bytes on a disk: whole or not at all, and mostly so that they are still there after the power fails."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -40,6 +40,31 @@ def not_made(path: Path, error: OSError) -> RunError:
 
 
 @contextmanager
+def _renamed(temporary: Path, path: Path) -> Iterator[FileIO]:
+    """A new file `temporary` that is called `path` when the block ends without error, and is gone otherwise."""
+    try:
+        temporary.unlink(missing_ok=True)  # a killed process left it; or it leads somewhere else
+        with FileIO(temporary, "x+") as file:
+            yield file
+        os.replace(temporary, path)
+    finally:
+        with suppress(OSError):  # whatever is the matter has been said
+            temporary.unlink(missing_ok=True)
+
+
+def show_file(path: Path, data: bytes) -> None:
+    """Write `data` to `path` for those who look there now: whole or not at all, and maybe lost with the power.
+
+    Several processes may do so at once: the last one counts.
+
+    Raises:
+        OSError: the disk is full or refuses.
+    """
+    with _renamed(path.with_name(f"{path.name}.{os.getpid()}.tmp"), path) as file:
+        write_all(file, data)
+
+
+@contextmanager
 def replacement(path: Path, refused: Refused = not_written) -> Iterator[FileIO]:
     """A new file that takes the place of `path` when the block ends without error.
 
@@ -49,19 +74,13 @@ def replacement(path: Path, refused: Refused = not_written) -> Iterator[FileIO]:
     Raises:
         RunError: the disk is full or refuses: what `refused` makes of it.
     """
-    temporary = path.with_name(path.name + ".tmp")
     try:
-        temporary.unlink(missing_ok=True)  # a killed process left it; or it leads somewhere else
-        with FileIO(temporary, "x+") as file:
+        with _renamed(path.with_name(path.name + ".tmp"), path) as file:
             yield file
             os.fsync(file.fileno())
-        os.replace(temporary, path)
         sync_folder(path.parent)
     except OSError as error:
         raise refused(path, error) from error
-    finally:
-        with suppress(OSError):  # whatever is the matter has been said
-            temporary.unlink(missing_ok=True)
 
 
 def replace_file(path: Path, data: bytes | memoryview, refused: Refused = not_written) -> None:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 
+from labctl.runs.format.durable import show_file
 from labctl.runs.format.own_files import own_file
 
 CONTROL = "control"
@@ -47,14 +48,7 @@ def ask(directory: Path, word: Word) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    path = directory / CONTROL
-    aside = path.with_name(f"{CONTROL}.{os.getpid()}.tmp")
-    try:
-        with aside.open("x", encoding="utf-8") as file:
-            file.write(f"{word}\n")
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
+    show_file(directory / CONTROL, f"{word}\n".encode())
 
 
 def stop_at_once(directory: Path, process: int | None) -> None:

@@ -6,7 +6,6 @@ else: it may be a stranger's, like any file in a folder of runs.
 
 import json
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from labctl.runs.format.durable import show_file
 from labctl.runs.format.own_files import own_file, read_own
 
 LIVE = ".live"
 """Folder among the runs with a folder for each live view."""
 SIGHT, WISHES = "sight", "wishes.json"
 """Names of files in the folder of a live view."""
+RECENT = 16
+"""Looks, and repeats of one picture, that are kept as they are: repeatability, histogram and spectrum are of these."""
 LARGEST = 1 << 26
 LONGEST_HEADER = 1 << 16
 
@@ -70,10 +72,21 @@ class Sight:
         return self.scale_v[:, np.newaxis] * codes + self.offset_v[:, np.newaxis]
 
     @property
+    def now_v(self) -> NDArray[np.float64]:
+        """(ports,) mean of the last look, V."""
+        found: NDArray[np.float64] = self._in_volts(self.recent[-1]).mean(axis=1)
+        return found
+
+    @property
     def ends_v(self) -> NDArray[np.float64]:
         """(ports, 2) lowest and highest V that the oscilloscope can tell."""
         limits = np.iinfo(self.recent.dtype)
         return np.stack([self.scale_v * code + self.offset_v for code in (limits.min, limits.max)], axis=1)
+
+    @property
+    def range_v(self) -> tuple[float, float]:
+        """The lowest and the highest V that the oscilloscope can tell on any of the ports."""
+        return float(self.ends_v.min()), float(self.ends_v.max())
 
     @property
     def clipped(self) -> NDArray[np.float64]:
@@ -104,7 +117,7 @@ def write_sight(directory: Path, sight: Sight) -> None:
         "arrays": {name: [array.dtype.str, *array.shape] for name, array in little.items()},
     }
     content = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in little.values())
-    _replace(directory / SIGHT, content)
+    show_file(directory / SIGHT, content)
 
 
 def read_sight(directory: Path) -> Sight | None:
@@ -167,7 +180,7 @@ def ask_for(directory: Path, wishes: Wishes) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    _replace(directory / WISHES, wishes.model_dump_json().encode())
+    show_file(directory / WISHES, wishes.model_dump_json().encode())
 
 
 def wishes_in(directory: Path) -> Wishes:
@@ -176,12 +189,3 @@ def wishes_in(directory: Path) -> Wishes:
         return Wishes.model_validate_json(read_own(directory / WISHES, LONGEST_HEADER))
     except (OSError, ValidationError):
         return Wishes()
-
-
-def _replace(path: Path, content: bytes) -> None:
-    aside = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        aside.write_bytes(content)
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)

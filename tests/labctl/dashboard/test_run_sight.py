@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from labctl.bench.station import Station
-from labctl.dashboard.run_sight import RECENT, RunSight, spread
+from labctl.dashboard.run_sight import RunSight, spread
 from labctl.engine.session import Acquisition, acquire
+from labctl.runs.live.sight import RECENT
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
 from tests.observers import Follower

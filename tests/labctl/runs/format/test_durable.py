@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from labctl.errors import RunError
-from labctl.runs.format.durable import replace_file, replacement
+from labctl.runs.format.durable import replace_file, replacement, show_file
 
 
 def test_readers_see_the_old_file_or_the_new_one(tmp_path: Path) -> None:
@@ -44,3 +44,15 @@ def test_an_error_in_between_leaves_the_old_file(tmp_path: Path) -> None:
         raise OSError(28, "no room")
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
     assert path.read_bytes() == b"old"
+
+
+def test_what_is_shown_waits_for_no_disk_and_goes_nowhere_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, other = tmp_path / "file", tmp_path / "other"
+    other.write_bytes(b"theirs")
+    path.with_name(f"file.{os.getpid()}.tmp").symlink_to(other)
+    monkeypatch.delattr(os, "fsync")
+    show_file(path, b"old")
+    with path.open("rb") as reader:
+        show_file(path, b"new")
+        assert reader.read() == b"old"
+    assert {found.name: found.read_bytes() for found in tmp_path.iterdir()} == {"file": b"new", "other": b"theirs"}

@@ -1,6 +1,7 @@
 """What a live view sees comes back as it was, and nothing else is taken for it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,13 @@ def test_it_comes_back_as_it_was(tmp_path: Path, kind: type) -> None:
 def test_what_a_code_is_and_which_ones_are_at_an_end() -> None:
     assert np.allclose(SEEN.volts[0], [[-0.028, 0.1, 0.101], [0.21, 0.212, 0.214]])
     assert np.allclose(SEEN.ends_v, [[-0.028, 0.227], [-0.056, 0.454]])
+    assert SEEN.range_v == pytest.approx((-0.056, 0.454))
     assert SEEN.clipped.tolist() == pytest.approx([1 / 3, 0])
+
+
+def test_the_levels_are_those_of_the_last_look_however_few_are_kept_of_the_course() -> None:
+    brighter = replace(SEEN, recent=np.concatenate([SEEN.recent, SEEN.recent + np.int8(9)]))
+    assert np.allclose(brighter.now_v, [[-119, 9, 10], [14, 15, 16]] @ np.full(3, 1 / 3) * SEEN.scale_v + SEEN.offset_v)
 
 
 def test_a_strangers_file_is_nothing(tmp_path: Path) -> None:
