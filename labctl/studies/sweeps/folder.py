@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import os
+import platform
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -12,17 +14,20 @@ from typing import Any
 from instruments.bench import Observer, Observers
 from labctl.bench.opening import Access
 from labctl.bench.own_files import is_own, remember
-from labctl.bench.signals import Interruption
+from labctl.bench.signals import Interruption, heeds_signals
 from labctl.bench.station import SIMULATED_STATION, Station, read_station
 from labctl.engine import session
+from labctl.engine.control import Control, controlled
 from labctl.engine.forecast import forecast
 from labctl.engine.kept import kept
 from labctl.engine.resume import own_protocol
 from labctl.engine.session import Acquisition, Resumption
-from labctl.errors import RunExists, StationError, writing
+from labctl.errors import RunError, RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
 from labctl.runs.index import run_row
+from labctl.runs.live.logs import EventLog
+from labctl.runs.live.owner import OWNER, owned
 from labctl.runs.said import Said, Saying
 from labctl.runs.sweep import FILE, Sweep, SweepFile, read
 from labctl.studies.sweeps.declaration import Point
@@ -124,8 +129,12 @@ def carry_out(
 ) -> Measured:
     """Measure what the runs of a sweep still lack, one after the other; the bench is held, and dark between them.
 
+    What the folder is told by `labctl.runs.asking` holds before each run and as soon as it has begun.
+
     Raises:
         BenchInUse: another process has it.
+        RunError: another process carries the sweep out, or its folder cannot be written.
+        StoppedBySignal: it was told to stop at once.
         LabctlError: as `session.acquire` and `session.resume`; what was measured is kept.
     """
     missing = [point for point in every if not _is_complete(directory / point.name)]
@@ -134,15 +143,17 @@ def carry_out(
     complete, measured = len(every) - len(missing), 0
     saying = Saying(read(directory).said)
     task = f"a sweep of {every[0].protocol.name}"
-    with kept([point.station for point in missing], task, access.wire) as bench:
+    stations = [point.station for point in missing]
+    with kept(stations, task, access.wire) as bench, _under_way(directory, interruption) as control:
         for number, point in enumerate(every, start=1):
-            if interruption.requested:
-                break
             if point not in missing:
                 continue
+            control.wait()
+            if control.stopped:
+                break
             run = directory / point.name
             with follow(number, len(every), point) as following:
-                observer = Observers(following, saying)
+                observer = Observers(saying, following, _Heeding(control))
                 if RunPaths(run).manifest.exists():
                     resumption = Resumption(run, point.station, data, access)
                     found = session.resume(resumption, observer=observer, interruption=interruption, bench=bench)
@@ -156,6 +167,37 @@ def carry_out(
             complete += found.complete
             measured += bool(found.measured)
     return Measured(directory, len(every), complete, measured)
+
+
+@contextmanager
+def _under_way(directory: Path, interruption: Interruption) -> Iterator[Control]:
+    """The sweep can be found as one that this process carries out, and told something, inside the block."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(owned(directory))
+        except BlockingIOError:
+            raise RunError(
+                f"{directory}: another process carries this sweep out: wait for its end, or stop it"
+            ) from None
+        except OSError as error:
+            raise not_made(directory / OWNER, error) from error
+        control = stack.enter_context(controlled(directory, interruption))
+        events = stack.enter_context(EventLog())
+        events.stored_in(directory)
+        events.event("sweep started", process=os.getpid(), heeds_signals=heeds_signals(), host=platform.node())
+        yield control
+        events.event("stopped" if interruption.requested else "finished")
+
+
+class _Heeding(Observer):
+    """Between the look before a run and the time from which the run can be told something itself, the sweep may be."""
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+
+    def stored_in(self, directory: Path) -> None:
+        """The last look."""
+        self._control.wait()
 
 
 def _is_complete(run: Path) -> bool:
