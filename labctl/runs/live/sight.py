@@ -1,4 +1,4 @@
-"""What a live view sees, in a file that is replaced at every look, and what it is asked to change.
+"""What a live view sees, in a file that is replaced at every look, who looks at it, and what it is asked to change.
 
 `sight` is one line of JSON, then the arrays that it names, one after the other, little-endian. Readers take nothing
 else: it may be a stranger's, like any file in a folder of runs.
@@ -19,7 +19,7 @@ from labctl.runs.format.own_files import own_file, read_own
 
 LIVE = ".live"
 """Folder among the runs with a folder for each live view."""
-SIGHT, WISHES = "sight", "wishes.json"
+SIGHT, WISHES, LOOKED = "sight", "wishes.json", "looked"
 """Names of files in the folder of a live view."""
 LARGEST = 1 << 26
 LONGEST_HEADER = 1 << 16
@@ -176,6 +176,24 @@ def wishes_in(directory: Path) -> Wishes:
         return Wishes.model_validate_json(read_own(directory / WISHES, LONGEST_HEADER))
     except (OSError, ValidationError):
         return Wishes()
+
+
+def look_at(directory: Path) -> None:
+    """Say that somebody looks at the live view in `directory` now.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    _replace(directory / LOOKED, b"")
+
+
+def last_look(directory: Path) -> tuple[int, int] | None:
+    """What is another one after each `look_at`; None before the first."""
+    try:
+        found = os.lstat(directory / LOOKED)
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns
 
 
 def _replace(path: Path, content: bytes) -> None:
