@@ -1,4 +1,4 @@
-"""`labctl pause`, `labctl go-on`, `labctl stop`, `labctl dark`: what a run that another process carries out is told."""
+"""`labctl pause`, `go-on`, `stop`, `dark`: what a run or sweep that another process carries out is told."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,14 +8,15 @@ import typer
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show
 from labctl.errors import UsageError
+from labctl.runs.asking import stop_at_once, tell
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import require_own_files
 from labctl.runs.format.store import here
 from labctl.runs.live.alarm import may_emit, say_dark
-from labctl.runs.live.control_file import Word, ask, stop_at_once
+from labctl.runs.live.control_file import Word
 from labctl.runs.live.owner import writer_of
 
-Run = Annotated[Path, typer.Argument(help="Directory of a running run.", parser=here)]
+Run = Annotated[Path, typer.Argument(help="Directory of a running run, or of a sweep.", parser=here)]
 
 
 def pause(run: Run, as_json: JsonOption = False) -> int:
@@ -33,7 +34,7 @@ def stop(
     now: Annotated[bool, typer.Option("--now", help="Do not wait for the end of the record.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """End a running run in the safe state; labctl resume goes on with it."""
+    """End a running run in the safe state, and the sweep that it is part of; labctl resume goes on."""
     return _ask(run, Word.STOP_NOW if now else Word.STOP, "ends in the safe state", as_json)
 
 
@@ -61,7 +62,7 @@ def _ask(run: Path, word: Word, what: str, as_json: bool) -> int:
         if word is Word.STOP_NOW:
             stop_at_once(run, writer.process if writer.heeds_signals else None)
         else:
-            ask(run, word)
+            tell(run, word)
     except OSError as error:
         raise UsageError(f"{run}: cannot be asked ({error.strerror}): ask as the user who runs it") from None
     show({"run": str(run), "asked": str(word), "process": writer.process}, as_json, lambda: say(f"{run}: {what}"))

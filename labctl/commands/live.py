@@ -46,6 +46,10 @@ def live(
     ] = None,
     rate: Annotated[float, typer.Option("--rate", min=0.1, max=50, help="Looks a second, at most.")] = 10.0,
     duration: Annotated[str | None, typer.Option("--for", help='End after a time, such as "10 min".')] = None,
+    unwatched: Annotated[
+        str | None,
+        typer.Option("--unwatched", help='End when no page of a dashboard has shown it for a time: "10 min".'),
+    ] = None,
     bell: Annotated[bool, typer.Option("--bell", help="Ring when the first port is brighter than ever.")] = False,
     runs: Annotated[Path, typer.Option("--runs", help="Folder of runs in which a dashboard finds it.")] = Path("runs"),
     armed: ArmOption = False,
@@ -64,10 +68,16 @@ def live(
         averages,
         rate,
         None if duration is None else _quantity("--for", duration, "s"),
+        None if unwatched is None else _quantity("--unwatched", unwatched, "s"),
     )
     with interruptible() as interruption, _level_bars(bell=bell) as bars:
         viewed = watch(view, interruption, bars, _Warnings())
-    result: dict[str, Any] = {"view": str(viewed.directory), "seconds": round(viewed.seconds, 3), "looks": 0}
+    result: dict[str, Any] = {
+        "view": str(viewed.directory),
+        "seconds": round(viewed.seconds, 3),
+        "unwatched": viewed.unwatched,
+        "looks": 0,
+    }
     if (last := viewed.last) is not None:
         result |= {
             "looks": last.looks,
@@ -77,7 +87,8 @@ def live(
             "peak_v": last.peak_v.tolist(),
             "likeness": [None if math.isnan(one) else one for one in last.likeness[-1]],
         }
-    show(result, as_json, lambda: say(f"{result['looks']} looks in {viewed.seconds:.0f} s; the bench is dark"))
+    why = "nobody has looked any more; " if viewed.unwatched else ""
+    show(result, as_json, lambda: say(f"{result['looks']} looks in {viewed.seconds:.0f} s; {why}the bench is dark"))
     return DONE
 
 

@@ -1,6 +1,7 @@
 """The page of the live view: light and its controls, and the panels, which a run's page has too."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -20,12 +21,17 @@ from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_directories
 from labctl.runs.live.control_file import Word, ask
-from labctl.runs.live.sight import Sight, ask_for, wishes_in
+from labctl.runs.live.sight import Sight, ask_for, look_at, wishes_in
 from labctl.runs.notes import say_of
 
 REFRESH_S = 0.1
 REFRESH_OF_RUN_S = 0.18
 """Five times a second and more, and no more than that of the time of a run."""
+LOOKED_EVERY_S = 1.0
+"""A page that is open somewhere says so."""
+UNWATCHED = "10 min"
+"""After which a view goes dark whose page is open nowhere: the light is invisible, and who started it has gone. Long
+enough to load the page anew, or to open it beside the bench."""
 MOST_RUNS = 50
 """The latest: one of them is noted something of."""
 SLOWER = 4
@@ -237,7 +243,13 @@ def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
         seen.refresh()
         if not view.state.running:
             timer.cancel()
+            looking.cancel()
 
+    def say_so() -> None:
+        with suppress(OSError):  # of a view of somebody else's, who looks for himself
+            look_at(view.directory)
+
+    looking = ui.timer(LOOKED_EVERY_S, say_so)
     timer = ui.timer(REFRESH_S, look)
 
 
@@ -245,6 +257,8 @@ def _show_form(folder: Path, environment: Mapping[str, str], last: WatchedView |
     heading("Start a live view: the light goes on, and the channels are measured again and again, without a run")
     if last is not None and last.state.emission is not Emission.OFF:
         Region("emission", lambda: wording.emission(last.state))
+    if last is not None and last.state.log:
+        ui.label(f"The view before: {last.state.log[-1].text}").classes("before")
     with ui.element("div").classes("form"):
         station = ui.input("Station file", placeholder="empty: the simulated bench").classes("station")
         ports = ui.input("Ports", value="2-5").classes("ports")
@@ -261,7 +275,14 @@ def _show_form(folder: Path, environment: Mapping[str, str], last: WatchedView |
     def start() -> None:
         named = [f"--station={station.value.strip()}"] if (station.value or "").strip() else []
         light = allowed(armed=bool(armed.value), attended=bool(attended.value))
-        words = ["live", *named, f"--ports={ports.value or ''}", f"--runs={folder}", *light]
+        words = [
+            "live",
+            *named,
+            f"--ports={ports.value or ''}",
+            f"--runs={folder}",
+            f"--unwatched={UNWATCHED}",
+            *light,
+        ]
         if begin(words, environment, message, leads_to):
             armed.set_value(False)
 

@@ -17,10 +17,11 @@ from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.notes_panel import show_notes
 from labctl.dashboard.resume_panel import ResumePanel
 from labctl.dashboard.state import Phase
+from labctl.runs.asking import stop_at_once, tell
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import instruments_of
 from labctl.runs.live.alarm import say_dark
-from labctl.runs.live.control_file import Word, ask, stop_at_once
+from labctl.runs.live.control_file import Word
 from labctl.runs.live.owner import Writer, writer_of
 
 
@@ -141,7 +142,7 @@ class Buttons:
             if word is Word.STOP_NOW:
                 stop_at_once(directory, _to_signal(writer_of(RunPaths(directory))))
             else:
-                ask(directory, word)
+                tell(directory, word)
         except OSError as error:
             self._message.set_text(f"cannot be asked: {error.strerror}")
             return

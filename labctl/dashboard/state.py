@@ -289,7 +289,9 @@ _WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     ),
     SEEN_DARK: lambda _fields: "somebody has seen that the laser is dark",
     "finished": lambda fields: f"finished: {_count(fields, 'shots')} shots",
-    "stopped": lambda fields: "stopped at once" if fields.get("at_once") is True else "stopped",
+    "stopped": lambda fields: ": ".join(
+        filter(None, ("stopped at once" if fields.get("at_once") is True else "stopped", text_in(fields, "text")))
+    ),
     "failed": lambda fields: f"failed: {text_in(fields, 'error')}",
 }
 

@@ -85,10 +85,10 @@ def carry_out(request: Request, bench: Bench, interruption: Interruption, direct
         seconds_a_shot=plan.seconds_a_shot,
         on_warning=bench.observer.warning,
     )
-    with writer:
+    with writer, controlled(writer.paths.directory, interruption) as control:
         _tell_start("run started", request, bench, writer)
         bench.observer.stored_in(writer.paths.directory)
-        return _Measurement(request, bench, writer, interruption).outcome()
+        return _Measurement(request, bench, writer, control).outcome()
 
 
 def go_on(request: Request, bench: Bench, interruption: Interruption, writer: RunWriter) -> Outcome:
@@ -104,14 +104,15 @@ def go_on(request: Request, bench: Bench, interruption: Interruption, writer: Ru
         ProtocolError: the protocol does not suit the inputs or the bench.
     """
     text = f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}"
-    _tell_start("run resumed", request, bench, writer, text=text)
-    bench.make_safe()
-    plan = checked(request, bench)
-    refuse_other_plan(writer.paths, writer.manifest, plan.shape, plan.shots, plan.drive)
-    _, instruments = light_and_instruments(request, bench)
-    refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments, request.station)
-    bench.observer.stored_in(writer.paths.directory)
-    return _Measurement(request, bench, writer, interruption).outcome()
+    with controlled(writer.paths.directory, interruption) as control:
+        _tell_start("run resumed", request, bench, writer, text=text)
+        bench.make_safe()
+        plan = checked(request, bench)
+        refuse_other_plan(writer.paths, writer.manifest, plan.shape, plan.shots, plan.drive)
+        _, instruments = light_and_instruments(request, bench)
+        refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments, request.station)
+        bench.observer.stored_in(writer.paths.directory)
+        return _Measurement(request, bench, writer, control).outcome()
 
 
 def _tell_start(event: str, request: Request, bench: Bench, writer: RunWriter, **more: str) -> None:
@@ -130,11 +131,11 @@ def _tell_start(event: str, request: Request, bench: Bench, writer: RunWriter, *
 class _Measurement:
     """One run under way, through pauses and lost links, until nothing is missing or nobody wants more."""
 
-    def __init__(self, request: Request, bench: Bench, writer: RunWriter, interruption: Interruption) -> None:
+    def __init__(self, request: Request, bench: Bench, writer: RunWriter, control: Control) -> None:
         self._request = request
         self._bench = bench
         self._writer = writer
-        self._interruption = interruption
+        self._control = control
         self._whole = request.protocol.parts(bench, request.inputs)
         self._recovery = Recovery(bench)
 
@@ -143,12 +144,9 @@ class _Measurement:
         writer, bench = self._writer, self._bench
         before = writer.complete
         clock = time.perf_counter(), bench.now()
-        with (
-            controlled(writer.paths.directory, self._interruption) as control,
-            Storage(writer, bench.observer) as storage,
-        ):
-            recorder = Recorder(bench, self._request.inputs, self._whole, writer, storage, control)
-            self._measure(recorder, control)
+        with Storage(writer, bench.observer) as storage:
+            recorder = Recorder(bench, self._request.inputs, self._whole, writer, storage, self._control)
+            self._measure(recorder)
         seconds, bench_seconds = time.perf_counter() - clock[0], bench.now() - clock[1]
         outcome = Outcome(
             directory=writer.paths.directory,
@@ -168,7 +166,7 @@ class _Measurement:
             bench.observer.event("stopped", at_once=False, **counts, seconds=seconds)
         return outcome
 
-    def _measure(self, recorder: Recorder, control: Control) -> None:
+    def _measure(self, recorder: Recorder) -> None:
         """Store every missing record until there is none, or until stopped.
 
         A lost link ends the light, and so does a setting that somebody else has changed; once the bench is back, the
@@ -181,11 +179,12 @@ class _Measurement:
                 that refused thereafter is a note to it.
             RunError: the disk is full or refuses.
         """
+        control = self._control
         while missing := self._missing():
             if control.paused:
-                self._wait(recorder, control)
-                if control.stopped:
-                    return
+                self._wait(recorder)
+            if control.stopped:
+                return
             try:
                 if not self._record(missing, recorder):
                     return
@@ -201,8 +200,6 @@ class _Measurement:
                 recorder.report()
                 self._recovery.after(error, sum(self._writer.done))
             recorder.darkened()
-            if control.stopped:
-                return
 
     def _record(self, missing: list[Part], recorder: Recorder) -> bool:
         """Measure in one stretch of light what is missing; True if it ended early because the operator wants it."""
@@ -250,11 +247,11 @@ class _Measurement:
         earlier, latest = (self._writer.codes(index, one.index) for one in (first, shot))
         refuse_changed_light(shot, earlier, latest, again)
 
-    def _wait(self, recorder: Recorder, control: Control) -> None:
+    def _wait(self, recorder: Recorder) -> None:
         observer = self._bench.observer
         observer.event("paused", done=recorder.done, total=recorder.total)
         _logger.warning("paused in the dark after %s of %s records: waiting to go on", recorder.done, recorder.total)
-        control.wait()
-        if not control.stopped:
+        self._control.wait()
+        if not self._control.stopped:
             observer.event("going on")
             _logger.warning("going on")

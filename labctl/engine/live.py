@@ -23,6 +23,7 @@ from labctl.bench.laser_limits import check_laser
 from labctl.bench.opening import Access
 from labctl.bench.signals import Interruption
 from labctl.bench.station import Station
+from labctl.engine.audience import Audience
 from labctl.engine.control import Control, controlled
 from labctl.engine.hands import Hands, Traces, in_hands
 from labctl.engine.start import carried_out
@@ -48,6 +49,7 @@ class View:
     """What is looked at: `ports` at once, each look a trace of `window_s`, `rate_hz` looks a second at most.
 
     folder: that of the runs, in which the view is found. duration_s: after which it ends; None: when somebody ends it.
+    unwatched_s: for so long no page of a dashboard shows it, and it ends; None: it may be looked at elsewhere.
     wavelength_nm: of the first light.
     """
 
@@ -60,16 +62,18 @@ class View:
     averages: int = 1
     rate_hz: float = 10.0
     duration_s: float | None = None
+    unwatched_s: float | None = None
     drive_seed: int = 1
 
 
 @dataclass(frozen=True)
 class Viewed:
-    """How a live view went: its folder, what it saw last (None: nothing), and for how long, s."""
+    """How a live view went: its folder, what it saw last (None: nothing), for how long, s, and if it was left alone."""
 
     directory: Path
     last: Sight | None
     seconds: float
+    unwatched: bool
 
 
 Show = Callable[[Sight | None], object]
@@ -95,7 +99,9 @@ def watch(view: View, interruption: Interruption, show: Show, observer: Observer
             with writing(directory, "name another --runs"):
                 directory.mkdir(parents=True)
                 stack.enter_context(owned(directory))
-            events.event("live started", ports=list(view.ports), **carried_out(view.station))
+            events.event(
+                "live started", ports=list(view.ports), unwatched_s=view.unwatched_s, **carried_out(view.station)
+            )
             return directory
 
         hands = stack.enter_context(
@@ -111,12 +117,14 @@ def watch(view: View, interruption: Interruption, show: Show, observer: Observer
         )
         control = stack.enter_context(controlled(directory, interruption))
         hands.show(PICTURE)
-        looking = _Looking(view, hands, control, directory, show, Observers(events, observer or Observer()))
+        audience = Audience(directory, view.unwatched_s)
+        looking = _Looking(view, hands, control, audience, directory, show, Observers(events, observer or Observer()))
         began = time.monotonic()
         looking.until(None if view.duration_s is None else began + view.duration_s)
         hands.dark()
-        events.event("stopped", at_once=False)
-        return Viewed(directory, looking.last, time.monotonic() - began)
+        why = {"text": f"nobody has looked for {view.unwatched_s:g} s"} if looking.left else {}
+        events.event("stopped", at_once=False, **why)
+        return Viewed(directory, looking.last, time.monotonic() - began, looking.left)
 
 
 def forget_ended(folder: Path) -> None:
@@ -133,10 +141,12 @@ class _Looking:
     view: View
     hands: Hands
     control: Control
+    audience: Audience
     directory: Path
     show: Show
     observer: Observer
     last: Sight | None = None
+    left: bool = False
     _wishes: Wishes = field(default_factory=Wishes)
     _recent: list[Codes] = field(default_factory=list)
     _course: Course | None = None
@@ -145,11 +155,12 @@ class _Looking:
     _clipped: int = 0
 
     def until(self, end: float | None) -> None:
-        """Look until the end, or until somebody wants it."""
+        """Look until the end, or until somebody wants it, or nobody looks any more."""
         due = began = self._began = time.monotonic()
-        while not self.control.stopped and (end is None or time.monotonic() < end):
+        while not self._over(end):
             if self.control.paused:
-                self._rest()
+                self._rest(end)
+                continue
             self._heed(wishes_in(self.directory))
             if not self.hands.drive:
                 self.control.interruption.wait(IDLE_S)
@@ -161,12 +172,17 @@ class _Looking:
             due = max(due + 1 / self.view.rate_hz, time.monotonic())
             self.control.interruption.wait(max(0.0, due - time.monotonic()))
 
-    def _rest(self) -> None:
+    def _over(self, end: float | None) -> bool:
+        self.left = self.audience.has_left
+        return self.left or self.control.stopped or (end is not None and time.monotonic() >= end)
+
+    def _rest(self, end: float | None) -> None:
         self.hands.dark()
         self.observer.event("paused")
         self.show(None)
-        self.control.wait()
-        if not self.control.stopped:
+        while self.control.paused and not self._over(end):
+            self.control.interruption.wait(IDLE_S)
+        if not self._over(end):
             self.observer.event("going on")
 
     def _heed(self, wishes: Wishes) -> None:

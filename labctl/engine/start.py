@@ -1,4 +1,4 @@
-"""What is told when a run or a live view begins: on which bench, and which process carries it out."""
+"""What is told when a run, a sweep or a live view begins: on which bench, and which process carries it out."""
 
 import os
 import platform
@@ -14,7 +14,9 @@ def carried_out(station: Station) -> dict[str, Any]:
         "station": station.source,
         "simulated": station.simulated,
         "mixed": station.partly_simulated,
-        "process": os.getpid(),
-        "heeds_signals": heeds_signals(),
-        "host": platform.node(),
-    }
+    } | this_process()
+
+
+def this_process() -> dict[str, Any]:
+    """Those of the fields that name the process."""
+    return {"process": os.getpid(), "heeds_signals": heeds_signals(), "host": platform.node()}

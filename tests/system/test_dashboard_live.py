@@ -1,7 +1,9 @@
 """The live view in a real browser: started, watched, its light switched off and on and set, and ended."""
 
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,8 +14,19 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.live.events import EventReader
+from labctl.runs.live.sight import LIVE
 from labctl.runs.notes import read_notes
-from tests.dashboard.browser import Dashboard, connected, dashboard, let_in, narrow, needs_chromium, says
+from tests.dashboard.browser import (
+    LABCTL,
+    Dashboard,
+    connected,
+    dashboard,
+    let_in,
+    narrow,
+    needs_chromium,
+    says,
+)
 
 pytestmark = needs_chromium
 PORTS = 4
@@ -55,6 +68,9 @@ def test_what_nobody_allows_is_refused_and_told(page: Page, unarmed: Path, emitt
 def test_it_is_started_watched_and_ended(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
     start(page, unarmed)
     assert emitting()
+    (view,) = (unarmed.parent / "runs" / LIVE).iterdir()
+    [begun, *_] = EventReader(view / "events.jsonl").read()
+    assert begun.fields["unwatched_s"] == 600
     expect(page.get_by_role("meter")).to_have_count(PORTS)
     expect(page.locator(".signals-region figure")).to_have_count(PORTS)
     says(page, ".repeats-region", r"port 5\s*\d+\.\d dB")
@@ -73,6 +89,25 @@ def test_it_is_started_watched_and_ended(page: Page, unarmed: Path, emitting: Ca
     page.get_by_role("button", name="End").click()
     says(page, ".emission-region", "LASER OFF")
     assert not emitting()
+
+
+def test_a_view_that_no_page_shows_any_more_ends_dark_and_says_why(
+    page: Page, served: tuple[dict[str, Any], Path], tmp_path: Path, emitting: Callable[[], bool]
+) -> None:
+    command = [*LABCTL, "live", f"--station={served[1]}", f"--runs={tmp_path / 'runs'}", "--unwatched=5 s"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as view:
+        expect(page.get_by_label("Station file")).to_be_visible()
+        while not list((tmp_path / "runs" / LIVE).glob("*/sight")):
+            assert view.poll() is None
+            page.wait_for_timeout(100)
+        page.reload()
+        says(page, ".levels-region", r"look \d{3}")
+        assert emitting(), "a hundred looks, ten a second at most, are longer than it waits"
+        page.get_by_role("link", name="labctl").click()
+        assert view.wait(60) == 0
+    assert not emitting()
+    page.get_by_role("link", name="Live").click()
+    says(page, ".before", "The view before: stopped: nobody has looked for 5 s")
 
 
 def test_light_is_off_at_once_and_on_behind_the_switch(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:

@@ -1,11 +1,16 @@
 """A live view on the served bench: one holder, dark however it ends, and told what to do from elsewhere."""
 
+import fcntl
 import json
+import os
+import pty
 import re
 import signal
 import subprocess
+import termios
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +47,11 @@ def viewing(station: Path, runs: Path, *more: str) -> Iterator[tuple[subprocess.
             yield process, next((runs / LIVE).iterdir())
         finally:
             process.kill()
+
+
+def become_terminal(descriptor: int) -> None:
+    """Of the session of this process."""
+    fcntl.ioctl(descriptor, termios.TIOCSCTTY, 0)
 
 
 def told(directory: Path) -> list[str]:
@@ -86,6 +96,53 @@ def test_a_killed_one_leaves_no_light(station: Path, tmp_path: Path, emitting: C
         out, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert [path.name for path in (tmp_path / LIVE).iterdir()] == [Path(json.loads(out)["view"]).name]
+
+
+def test_it_ends_dark_when_its_terminal_is_gone(station: Path, tmp_path: Path, emitting: Callable[[], bool]) -> None:
+    with viewing(station, tmp_path) as (process, directory):
+        assert emitting()
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(PATIENCE_S) == 130
+    assert not emitting()
+    assert told(directory)[-2:] == ["safe state", "stopped"]
+
+
+def test_it_ends_dark_when_the_window_it_is_shown_in_is_closed(
+    station: Path, tmp_path: Path, emitting: Callable[[], bool]
+) -> None:
+    """Which draws bars, and a drawing that fails must not be in the way of the dark."""
+    ours, its = pty.openpty()
+    command = [*LABCTL, "live", f"--station={station}", f"--runs={tmp_path}"]
+    with subprocess.Popen(
+        command, stdin=its, stdout=its, stderr=its, start_new_session=True, preexec_fn=partial(become_terminal, its)
+    ) as process:
+        os.close(its)
+        drawn = b""
+        while b"look 3," not in drawn:
+            drawn += os.read(ours, 4096)
+        assert emitting()
+        os.close(ours)
+        assert process.wait(PATIENCE_S) == 130
+    (directory,) = (tmp_path / LIVE).iterdir()
+    assert not emitting()
+    assert told(directory)[-2:] == ["safe state", "stopped"]
+
+
+def test_one_that_nobody_looks_at_ends_dark_and_says_so(
+    station: Path, tmp_path: Path, emitting: Callable[[], bool]
+) -> None:
+    with viewing(station, tmp_path, "--unwatched=1 s") as (process, directory):
+        out, _ = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, emitting(), json.loads(out)["unwatched"]) == (0, False, True)
+    *_, dark, stopped = EventReader(directory / "events.jsonl").read()
+    assert (dark.name, stopped.name, stopped.fields["text"]) == ("safe state", "stopped", "nobody has looked for 1 s")
+
+
+def test_one_that_is_paused_and_left_alone_gives_the_bench_away(station: Path, tmp_path: Path) -> None:
+    with viewing(station, tmp_path, "--unwatched=2 s") as (process, directory):
+        ask(directory, Word.PAUSE)
+        assert process.wait(PATIENCE_S) == 0
+    assert told(directory)[-1] == "stopped"
 
 
 @pytest.mark.parametrize("second", [("check",), ("align",), RUN, ("live",)], ids=str)

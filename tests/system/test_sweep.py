@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ SWEEP = [
     *(word for name, values in OVER.items() for word in ("--over", f"{name}={','.join(values)}")),
     *("--note", "new fibre", "--tag", "good", "--tag", "fig 3", "--star", "--operator", "Ada"),
 ]
+
+ASKED = {"protocol": "image-readout", "over": {"power": ("10 mW", "30 mW")}, "reference_every": 0}
 
 
 def run(*words: object) -> Any:
@@ -59,7 +62,7 @@ def test_side_by_side_they_have_the_same_frames_and_notes(swept: Path, tmp_path:
     status, found, _ = run(*SWEEP, "--scheduler", "local", "--out", folder)
     assert (status, found["runs"], found["complete"], found["measured"]) == (0, 7, 7, 7)
     names = [name for name, _ in places(Sweep(protocol="image-readout", over=OVER))]
-    assert sorted(entry.name for entry in folder.iterdir()) == sorted([*names, "sweep.json"])
+    assert sorted(entry.name for entry in folder.glob("0*")) == sorted(names)
     for name in names:
         with labctl.open_run(folder / name) as here, labctl.open_run(swept / name) as there:
             assert np.array_equal(here.frames.values, there.frames.values), name
@@ -105,6 +108,35 @@ def test_it_is_judged_point_by_point(swept: Path) -> None:
     assert len(found["reference"]) == 2
     assert all(one["interval"][0] < one["accuracy"] < one["interval"][1] for one in found["points"])
     assert Path(found["figure"]).stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("asked", ["its run under way", "its folder"])
+def test_stop_of_a_run_ends_the_sweep_dark_and_resume_goes_on_with_it(
+    asked: str,
+    served: tuple[dict[str, Any], Path],
+    emitting: Callable[[], bool],
+    labctl_command: tuple[str, ...],
+    tmp_path: Path,
+) -> None:
+    folder, over = tmp_path / "sweep", "power=10 mW,30 mW"
+    words = ("sweep", "image-readout", "--set", "images=1000", "--set", "ports=2", "--over", over, "--json")
+    more = ("--reference-every", "0", "--station", served[1], "--out", folder)
+    with subprocess.Popen([*labctl_command, *map(str, words + more)], stdout=subprocess.PIPE, text=True) as process:
+        until_stored(process, first := folder / places(Sweep.model_validate(ASKED))[0][0])
+        assert emitting()
+        status, told, _ = run("stop", first if asked == "its run under way" else folder)
+        assert (status, told["asked"], told["process"]) == (0, "stop", process.pid)
+        out, _ = process.communicate(timeout=60)
+    assert (process.returncode, json.loads(out)["complete"], emitting()) == (130, 0, False)
+    assert json.loads(out)["next"] == f"labctl resume {folder}"
+    assert [one["state"] for one in run("runs", folder)[1]["runs"]] == ["incomplete"], "no other was begun"
+    status, told, _ = run("stop", folder)
+    assert (status, told["error"]) == (
+        2,
+        f"{folder}: no process of this machine is writing this run: nothing to stop",
+    )
+    status, found, _ = run("resume", folder)
+    assert (status, found["complete"], found["measured"], emitting()) == (0, 2, 2, False)
 
 
 def test_what_is_refused(swept: Path, tmp_path: Path) -> None:

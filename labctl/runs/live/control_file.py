@@ -4,10 +4,6 @@ A request needs nothing but the right to write there, so it works on every syste
 must not wait for the end of a record is a signal besides. `labctl.engine.control` is the run's side of it.
 """
 
-import os
-import signal
-import sys
-from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 
@@ -49,22 +45,3 @@ def ask(directory: Path, word: Word) -> None:
         OSError: it cannot be written.
     """
     show_file(directory / CONTROL, f"{word}\n".encode())
-
-
-def stop_at_once(directory: Path, process: int | None) -> None:
-    """Ask the run in `directory` to end now, in the safe state, by a signal to `process` too.
-
-    `process` is None where it is not known for certain which process writes the run, and on Windows, which would kill
-    it: then the run notices at its next record.
-
-    Raises:
-        OSError: the word cannot be written, and there is no process to signal.
-    """
-    try:
-        ask(directory, Word.STOP_NOW)
-    except OSError:
-        if process is None:
-            raise
-    if process is not None and sys.platform != "win32":
-        with suppress(ProcessLookupError):
-            os.kill(process, signal.SIGTERM)

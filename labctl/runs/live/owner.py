@@ -6,9 +6,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.own_files import opened
 from labctl.runs.live.events import Event, EventReader
 
 _PROCESSES = Path("/proc")
@@ -22,20 +24,21 @@ class Writer:
     heeds_signals: bool
 
 
-STARTS = ("run started", "run resumed", "live started")
-"""The events that say which process writes the run, or shows the live view, from then on."""
+STARTS = ("run started", "run resumed", "live started", "sweep started")
+"""The events that say which process writes the run, shows the live view or carries out the sweep, from then on."""
 OWNER = "owner"
-"""Name of the file that a live view has locked, which has no journal."""
+"""Name of the file that a live view or a sweep has locked, which has no journal."""
 
 
 @contextmanager
 def owned(directory: Path) -> Iterator[None]:
-    """This process is the owner of the live view in `directory` inside the block.
+    """This process is the owner of the live view or sweep in `directory` inside the block.
 
     Raises:
+        BlockingIOError: another one is.
         OSError: it cannot be written.
     """
-    with (directory / OWNER).open("xb") as file:
+    with FileIO(directory / OWNER, "ab", opener=opened) as file:
         if sys.platform != "win32":
             import fcntl
 

@@ -1,4 +1,4 @@
-"""What a live view sees, in a file that is replaced at every look, and what it is asked to change.
+"""What a live view sees, in a file that is replaced at every look, who looks at it, and what it is asked to change.
 
 `sight` is one line of JSON, then the arrays that it names, one after the other, little-endian. Readers take nothing
 else: it may be a stranger's, like any file in a folder of runs.
@@ -6,6 +6,7 @@ else: it may be a stranger's, like any file in a folder of runs.
 
 import json
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from labctl.runs.format.own_files import own_file, read_own
 
 LIVE = ".live"
 """Folder among the runs with a folder for each live view."""
-SIGHT, WISHES = "sight", "wishes.json"
+SIGHT, WISHES, LOOKED = "sight", "wishes.json", "looked"
 """Names of files in the folder of a live view."""
 RECENT = 16
 """Looks, and repeats of one picture, that are kept as they are: repeatability, histogram and spectrum are of these."""
@@ -189,3 +190,21 @@ def wishes_in(directory: Path) -> Wishes:
         return Wishes.model_validate_json(read_own(directory / WISHES, LONGEST_HEADER))
     except (OSError, ValidationError):
         return Wishes()
+
+
+def look_at(directory: Path) -> None:
+    """Say that somebody looks at the live view in `directory` now.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    show_file(directory / LOOKED, b"")
+
+
+def last_look(directory: Path) -> tuple[int, int] | None:
+    """What is another one after each `look_at`; None before the first."""
+    try:
+        found = os.lstat(directory / LOOKED)
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns

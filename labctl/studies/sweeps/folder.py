@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -16,15 +16,19 @@ from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station, read_station
 from labctl.engine import session
+from labctl.engine.control import Control, controlled
 from labctl.engine.engine import Outcome
 from labctl.engine.forecast import forecast
 from labctl.engine.kept import kept
 from labctl.engine.resume import own_protocol
 from labctl.engine.session import Acquisition, Resumption
-from labctl.errors import RunExists, StationError, writing
+from labctl.engine.start import this_process
+from labctl.errors import RunError, RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
 from labctl.runs.index import run_row
+from labctl.runs.live.logs import EventLog
+from labctl.runs.live.owner import OWNER, owned
 from labctl.runs.said import Said, Saying
 from labctl.runs.sweep import FILE, Sweep, SweepFile, read
 from labctl.studies.run_tasks import acquire_run, resume_run
@@ -128,8 +132,12 @@ def carry_out(
 ) -> Measured:
     """Measure what the runs of a sweep still lack, one after the other; the bench is held, and dark between them.
 
+    What the folder is told by `labctl.runs.asking` holds before each run and as soon as it has begun.
+
     Raises:
         BenchInUse: another process has it.
+        RunError: another process carries the sweep out, or its folder cannot be written.
+        StoppedBySignal: it was told to stop at once.
         LabctlError: as `session.acquire` and `session.resume`; what was measured is kept.
     """
     missing = [point for point in every if not _is_complete(directory / point.name)]
@@ -138,15 +146,17 @@ def carry_out(
     complete, measured = len(every) - len(missing), 0
     saying = Saying(read(directory).said)
     task = f"a sweep of {every[0].protocol.name}"
-    with kept([point.station for point in missing], task, access.wire) as bench:
+    stations = [point.station for point in missing]
+    with kept(stations, task, access.wire) as bench, _under_way(directory, interruption) as control:
         for number, point in enumerate(every, start=1):
-            if interruption.requested:
-                break
             if point not in missing:
                 continue
+            control.wait()
+            if control.stopped:
+                break
             run = directory / point.name
             with follow(number, len(every), point) as following:
-                observer = Observers(following, saying)
+                observer = Observers(saying, following, _Heeding(control))
                 if RunPaths(run).manifest.exists():
                     resumption = Resumption(run, point.station, data, access)
                     found = session.resume(resumption, observer=observer, interruption=interruption, bench=bench)
@@ -174,11 +184,17 @@ def carry_out_side_by_side(
 
     progress: called again and again with how many of the runs that were missing are done, and of how many.
 
+    It heeds what its folder is told but a pause, and its runs what they are told.
+
     Raises:
         StationError: a bench is not wholly simulated.
+        RunError: another process carries the sweep out, or its folder cannot be written.
+        StoppedBySignal: it was told to stop at once.
         LabctlError: as `session.acquire` and `session.resume`.
     """
     missing = [point for point in every if not _is_complete(directory / point.name)]
+    if not missing:
+        return Measured(directory, len(every), len(every), 0)
     if real := next((point.station for point in missing if not point.station.wholly_simulated), None):
         raise StationError(f"{real.source}: one bench measures one run after the other: leave --scheduler out")
     saying = Saying(read(directory).said)
@@ -189,19 +205,50 @@ def carry_out_side_by_side(
             tasks[point.name] = partial(resume_run, Resumption(run, point.station, data, access), saying)
         else:
             tasks[point.name] = partial(acquire_run, _acquisition(point, run, data, access), saying)
-    with suppress(Interrupted):
-        in_parallel(
-            tasks,
-            engine=engine,
-            interruption=interruption,
-            progress=lambda done, _records: progress(done, len(tasks)),
-        )
+    with _under_way(directory, interruption) as control, suppress(Interrupted):
+
+        def follow(done: int, _records: int) -> None:
+            if not control.holds:
+                progress(done, len(tasks))
+
+        in_parallel(tasks, engine=engine, interruption=interruption, progress=follow)
     measured = sum(_is_complete(directory / point.name) for point in missing)
     return Measured(directory, len(every), len(every) - len(missing) + measured, measured)
 
 
 def _acquisition(point: Point, run: Path, data: Path | None, access: Access) -> Acquisition:
     return Acquisition(point.protocol, point.station, run, data, access, coordinates=dict(point.coordinates))
+
+
+@contextmanager
+def _under_way(directory: Path, interruption: Interruption) -> Iterator[Control]:
+    """The sweep can be found as one that this process carries out, and told something, inside the block."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(owned(directory))
+        except BlockingIOError:
+            raise RunError(
+                f"{directory}: another process carries this sweep out: wait for its end, or stop it"
+            ) from None
+        except OSError as error:
+            raise not_made(directory / OWNER, error) from error
+        control = stack.enter_context(controlled(directory, interruption))
+        events = stack.enter_context(EventLog())
+        events.stored_in(directory)
+        events.event("sweep started", **this_process())
+        yield control
+        events.event("stopped" if interruption.requested else "finished")
+
+
+class _Heeding(Observer):
+    """Between the look before a run and the time from which the run can be told something itself, the sweep may be."""
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+
+    def stored_in(self, directory: Path) -> None:
+        """The last look."""
+        self._control.wait()
 
 
 def _is_complete(run: Path) -> bool:
