@@ -207,7 +207,7 @@ def show_live(folder: Path, environment: Mapping[str, str]) -> None:
     if view is not None:
         view.look()
     running = view is not None and view.state.running
-    frame("Live", view.instruments if view is not None and running else "")
+    frame("Live", view.origin if view is not None and running else None)
     with ui.element("main").classes("run live"):
         if view is None or not running:
             with ui.element("section").classes("wide"):

@@ -29,7 +29,7 @@ LEAST_PANEL = 0.5
 """A panel that is a smaller part of its figure's width has no place in one column."""
 STRIP = 0.27
 """Height of the strip for the mark, inches."""
-MARKS = {Origin.SIMULATED: "simulated bench", Origin.PARTLY_SIMULATED: "partly simulated bench"}
+MARKS = {Origin.SIMULATED: "simulated bench", Origin.MIXED: "partly simulated bench"}
 
 
 @dataclass(frozen=True)
