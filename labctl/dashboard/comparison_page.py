@@ -7,10 +7,10 @@ import numpy as np
 from nicegui import ui
 
 from labctl.dashboard import wording
-from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, of_both, refresh, show_missing
+from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, refresh, show_missing
 from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.sketches import escape
-from labctl.runs.index import instruments_of
+from labctl.runs.index import origin_of
 from labctl.runs.read.differences import settings_that_differ
 from labctl.runs.read.follower import Latest
 
@@ -28,7 +28,7 @@ def show_comparison(watching: Watching, one: str, other: str) -> None:
         return
     for watched in (first, second):
         watched.look()
-    frame("Two runs", of_both(instruments_of(first.manifest), instruments_of(second.manifest)))
+    frame("Two runs", origin_of(first.manifest), origin_of(second.manifest))
     with ui.element("main").classes("comparison"):
         with ui.element("section").classes("wide"):
             heading("Settings that differ")

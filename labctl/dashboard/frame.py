@@ -6,7 +6,7 @@ from pathlib import Path
 from nicegui import ui
 
 from labctl.dashboard.sketches import escape
-from labctl.runs.index import Instruments
+from labctl.runs.format.origin import Origin
 
 REFRESH_S = 0.4
 PAGES = {"/": "Runs", "/start": "Start a run", "/live": "Live", "/queue": "Queue", "/sweeps": "Sweeps"}
@@ -15,9 +15,9 @@ STYLE = (Path(__file__).parent / "style.css").read_text(encoding="utf-8")
 REMEMBERED = """<script>
 document.documentElement.style.colorScheme = localStorage.getItem("labctl-scheme") || "light dark";
 </script>"""
-NOT_REAL: dict[Instruments, str] = {
-    "simulated": "SIMULATED BENCH: no instrument, no light",
-    "mixed": "MIXED BENCH: some instruments are simulated, the others are real",
+NOT_REAL = {
+    Origin.SIMULATED: "SIMULATED BENCH: no instrument, no light",
+    Origin.MIXED: "MIXED BENCH: some instruments are simulated, the others are real",
 }
 
 
@@ -42,8 +42,11 @@ def refresh(regions: Iterable[Region]) -> None:
         region.refresh()
 
 
-def frame(title: str, instruments: Instruments = "") -> None:
-    """The head of a page; that of one about instruments that are not all real says so, and looks so."""
+def frame(title: str, *origins: Origin | None) -> None:
+    """The head of a page; that of one about instruments that are not all real says so, and looks so.
+
+    origins: of the runs or the live view that it shows; None where that is not known.
+    """
     ui.page_title(title)
     ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
     with ui.element("header"):
@@ -53,14 +56,10 @@ def frame(title: str, instruments: Instruments = "") -> None:
             for address, name in PAGES.items():
                 ui.link(name, address)
         ui.button("Colours", on_click=_next_colours, color=None).classes("colours").props("flat")
-    if words := NOT_REAL.get(instruments):
-        ui.query("body").classes(instruments)
-        ui.html(escape(words), sanitize=False).classes(f"not-real {instruments}")
-
-
-def of_both(one: Instruments, other: Instruments) -> Instruments:
-    """What a page about two runs says: the one that is further from real."""
-    return max(one, other, key=("", "real", "simulated", "mixed").index)
+    origin = Origin.together(filter(None, origins))
+    if origin in NOT_REAL:
+        ui.query("body").classes(origin)
+        ui.html(escape(NOT_REAL[origin]), sanitize=False).classes(f"not-real {origin}")
 
 
 def heading(text: str) -> None:

@@ -45,11 +45,11 @@ def _sorting(wanted: Wanted, key: str, title: str) -> str:
 
 
 def _row(one: Found, columns: Iterable[str]) -> str:
-    row = one.row
+    row, bench = one.row, one.row.instruments or ""
     star = '<b class="star">★</b> ' if any(one.facts.get("star", ())) else ""
     cells = [
         f'<span class="name">{star}{escape(row.name)}</span>',
-        f'<span class="bench {row.instruments}">{escape(row.instruments)}</span>',
+        f'<span class="bench {bench}">{bench}</span>',
     ]
     if row.problem:
         cells.append(f'<span class="problem">{escape(row.problem[:LONGEST_PROBLEM])}</span>')
@@ -64,7 +64,7 @@ def _row(one: Found, columns: Iterable[str]) -> str:
     cells.append(f'<span class="tags">{escape(_cut(tags))}</span>')
     cells += [f'<span class="chosen" data-key="{escape(key)}">{escape(_value(one, key))}</span>' for key in columns]
     cells.append(f'<span class="state {row.state}">{row.state}</span>')
-    return f'<a class="run {row.instruments}" href="{run_address(row.name)}">{"".join(cells)}</a>'
+    return f'<a class="run {bench}" href="{run_address(row.name)}">{"".join(cells)}</a>'
 
 
 def _value(one: Found, key: str) -> str:

@@ -19,7 +19,7 @@ from labctl.dashboard.resume_panel import ResumePanel
 from labctl.dashboard.state import Phase
 from labctl.runs.asking import stop_at_once, tell
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.index import instruments_of
+from labctl.runs.index import origin_of
 from labctl.runs.live.alarm import say_dark
 from labctl.runs.live.control_file import Word
 from labctl.runs.live.owner import Writer, writer_of
@@ -32,7 +32,7 @@ def show_run(watching: Watching, name: str) -> None:
         show_missing(watching.folder, name)
         return
     watched.look()
-    frame(name, instruments_of(watched.manifest))
+    frame(name, origin_of(watched.manifest))
     with ui.element("main").classes("run"):
         with ui.element("section").classes("top"):
             regions = [

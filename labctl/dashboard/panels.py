@@ -49,10 +49,9 @@ PANELS = (
 
 def about(state: RunState) -> str:
     """Where the live view is, whether its drive plays, and what the laser was set to."""
-    bench = "simulated bench" if state.simulated and not state.mixed else state.station
     drive = {None: "", True: "the drive plays", False: "the drive is off: the oscilloscope has no trigger"}[state.drive]
     dark = "dark until the laser is switched on" if state.phase is Phase.PAUSED else ""
-    return escape(" · ".join(filter(None, (bench, dark or drive, state.scope))))
+    return escape(" · ".join(filter(None, (state.station, dark or drive, state.scope))))
 
 
 def levels(sight: Sight | None) -> str:

@@ -37,7 +37,7 @@ def show_sweep(watching: Watching, name: str) -> None:
         show_missing(watching.folder, name)
         return
     first = next((point.row for point in state.points if point.row is not None), None)
-    frame(name, first.instruments if first is not None else "")
+    frame(name, None if first is None else first.instruments)
 
     def now() -> SweepState:
         return watching.sweeps.named(name) or state

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from labctl.dashboard.account import Account
 from labctl.dashboard.state import RunState
-from labctl.runs.index import Instruments
+from labctl.runs.format.origin import Origin
 from labctl.runs.live.sight import LIVE, Sight, read_sight
 
 
@@ -28,9 +28,11 @@ class WatchedView:
         return self._account.state
 
     @property
-    def instruments(self) -> Instruments:
-        """Whether they are real or simulated, or some of each."""
-        return "mixed" if self.state.mixed else "simulated" if self.state.simulated else "real"
+    def origin(self) -> Origin:
+        """Whether its instruments are real or simulated, or some of each."""
+        if self.state.mixed:
+            return Origin.MIXED
+        return Origin.SIMULATED if self.state.simulated else Origin.REAL
 
 
 def newest_view(folder: Path) -> Path | None:

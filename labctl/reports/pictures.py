@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ LEAST_PANEL = 0.5
 """A panel that is a smaller part of its figure's width has no place in one column."""
 STRIP = 0.27
 """Height of the strip for the mark, inches."""
-MARKS = {Origin.SIMULATED: "simulated bench", Origin.PARTLY_SIMULATED: "partly simulated bench"}
+MARKS = {Origin.SIMULATED: "simulated bench", Origin.MIXED: "partly simulated bench"}
 
 
 @dataclass(frozen=True)
@@ -50,15 +51,23 @@ def save_figure(figure: Figure, stem: Path, origin: Origin) -> Pictures:
         stem: Path without suffix.
         origin: Of the records that it shows; what is simulated, wholly or in part, is marked in the figure.
     """
-    own = _mark(figure, origin)
-    _lay_out(figure, figure.get_figwidth(), own)
+    own = _marked(figure, origin)
     pictures = Pictures(*(stem.with_name(f"{stem.name}.{kind}") for kind in ("png", "svg", "pdf")))
     for path in (pictures.png, pictures.svg, pictures.pdf):
         path.unlink(missing_ok=True)  # it may lead somewhere else
-    FigureCanvasAgg(figure).print_figure(pictures.png, dpi=PIXELS_PER_INCH, metadata={"Software": None})
+    _print_png(figure, pictures.png)
     FigureCanvasSVG(figure).print_figure(pictures.svg, metadata={"Date": None, "Creator": None})
     _print(figure, _column(figure, own), pictures.pdf)
     return pictures
+
+
+@styled
+def png_of(figure: Figure, origin: Origin) -> bytes:
+    """The bytes of a PNG, as `save_figure` writes it; the figure is used up."""
+    _marked(figure, origin)
+    image = BytesIO()
+    _print_png(figure, image)
+    return image.getvalue()
 
 
 def join_pictures(parts: Sequence[Path], out: Path) -> None:
@@ -73,6 +82,13 @@ def join_pictures(parts: Sequence[Path], out: Path) -> None:
     partial.unlink(missing_ok=True)  # it may lead somewhere else
     page.save(partial, "PNG")
     partial.replace(out)
+
+
+def _marked(figure: Figure, origin: Origin) -> float:
+    """Lay a figure out for a screen under its mark; returns which part of the height that leaves to the rest."""
+    own = _mark(figure, origin)
+    _lay_out(figure, figure.get_figwidth(), own)
+    return own
 
 
 def _mark(figure: Figure, origin: Origin) -> float:
@@ -138,6 +154,10 @@ def _thin_numbers(figure: Figure) -> None:
             box = label.get_window_extent()
             label.set_visible(box.x0 > end + 3)
             end = box.x1 if label.get_visible() else end
+
+
+def _print_png(figure: Figure, file: Path | BytesIO) -> None:
+    FigureCanvasAgg(figure).print_figure(file, dpi=PIXELS_PER_INCH, metadata={"Software": None})
 
 
 def _print(figure: Figure, width: float, path: Path) -> None:

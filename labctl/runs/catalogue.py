@@ -23,6 +23,7 @@ from platformdirs import user_cache_path
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import StorePath, is_elsewhere
 from labctl.runs.index import RunRow, is_running, run_directories, run_row
 from labctl.runs.live.alarm import may_emit
@@ -117,7 +118,9 @@ class Catalogue:
             return sorted(self._keys(database))
 
     def _row(self, name: bytes, text: str) -> RunRow:
-        return replace(RunRow(**json.loads(text)), path=self._folder / os.fsdecode(name))
+        row = RunRow(**json.loads(text))
+        instruments = Origin(row.instruments) if row.instruments else None
+        return replace(row, path=self._folder / os.fsdecode(name), instruments=instruments)
 
     @staticmethod
     def _keys(database: sqlite3.Connection) -> frozenset[str]:

@@ -18,12 +18,6 @@ from labctl.runs.live.owner import writer_of
 
 LONGEST_TEXT = 200
 State = Literal["complete", "running", "incomplete", "unreadable"]
-Instruments = Literal["", "real", "simulated", "mixed"]
-INSTRUMENTS: dict[Origin, Instruments] = {
-    Origin.BENCH: "real",
-    Origin.SIMULATED: "simulated",
-    Origin.PARTLY_SIMULATED: "mixed",
-}
 
 
 @dataclass(frozen=True)
@@ -39,7 +33,7 @@ class RunRow:
         shots: how many are complete.
         planned: how many were planned.
         running: a process of this machine measures what is missing.
-        instruments: whether they are real or simulated, or mixed; empty if the manifest does not say.
+        instruments: whether they are real or simulated, or mixed; None if the manifest does not say.
         problem: why the run cannot be read, or empty.
     """
 
@@ -51,7 +45,7 @@ class RunRow:
     shots: int = 0
     planned: int = 0
     running: bool = False
-    instruments: Instruments = ""
+    instruments: Origin | None = None
     problem: str = ""
 
     @property
@@ -107,7 +101,7 @@ def run_row(paths: RunPaths) -> RunRow:
         shots=shots,
         planned=manifest.shape.shots,
         running=shots < manifest.shape.shots and is_running(paths),
-        instruments=instruments_of(values),
+        instruments=origin_of(values),
     )
 
 
@@ -116,9 +110,9 @@ def is_running(paths: RunPaths) -> bool:
     return not is_elsewhere(paths.directory) and writer_of(paths) is not None
 
 
-def instruments_of(manifest: Mapping[str, Any]) -> Instruments:
-    """Whether the instruments of a run are real or simulated, or some of each, by what its manifest holds."""
-    return INSTRUMENTS[Origin.of(manifest)] if isinstance(manifest.get("station"), dict) else ""
+def origin_of(manifest: Mapping[str, Any]) -> Origin | None:
+    """Whether the instruments of a run are real or simulated, or some of each; None if its manifest does not say."""
+    return Origin.of(manifest) if isinstance(manifest.get("station"), dict) else None
 
 
 def _number(values: Any, name: str) -> int | None:

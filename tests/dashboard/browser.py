@@ -131,6 +131,21 @@ def says(page: Page, region: str, pattern: str) -> None:
     expect(page.locator(region)).to_contain_text(re.compile(pattern))
 
 
+def start_long_run(page: Page, station: Path, cost: str, **more: str) -> None:
+    """Start a run by the form, with more settings, where what it will cost reads like `cost`; its page is then open."""
+    page.get_by_role("link", name="Start a run").click()
+    page.wait_for_url("**/start")
+    connected(page)
+    page.get_by_label("Station file").fill(str(station))
+    for name, value in {"images": "1000", "window": "0.8 ns", **more}.items():
+        page.get_by_label(name, exact=True).fill(value)
+    says(page, ".form .cost", cost)
+    page.get_by_role("switch").click()
+    page.get_by_role("button", name="Start", exact=True).click()
+    page.wait_for_url("**/run/*")
+    connected(page)
+
+
 def narrow(page: Page) -> None:
     """Make the window as wide as a telephone; the page must come to fit into it."""
     page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})

@@ -20,7 +20,17 @@ from labctl.runs.live.logs import EventLog
 from labctl.runs.notes import read_notes
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
-from tests.dashboard.browser import Dashboard, connected, dashboard, fits, let_in, narrow, needs_chromium, says
+from tests.dashboard.browser import (
+    Dashboard,
+    connected,
+    dashboard,
+    fits,
+    let_in,
+    narrow,
+    needs_chromium,
+    says,
+    start_long_run,
+)
 
 pytestmark = needs_chromium
 
@@ -61,17 +71,7 @@ def page(window: Browser, shown: Dashboard) -> Iterator[Page]:
 
 def start(page: Page, station: Path) -> None:
     """Start a long run on the served bench by the form, and wait until it is measuring."""
-    page.get_by_role("link", name="Start a run").click()
-    page.wait_for_url("**/start")
-    connected(page)
-    page.get_by_label("Station file").fill(str(station))
-    page.get_by_label("images", exact=True).fill("1000")
-    page.get_by_label("window").fill("0.8 ns")
-    says(page, ".form .cost", "^1100 shots in 2 passes · .* on a real bench · .* J of light at most .30 mW.")
-    page.get_by_role("switch").click()
-    page.get_by_role("button", name="Start", exact=True).click()
-    page.wait_for_url("**/run/*")
-    connected(page)
+    start_long_run(page, station, "^1100 shots in 2 passes · .* on a real bench · .* J of light at most .30 mW.")
     says(page, ".emission-region", "LASER ON")
     says(page, ".progress-region", r"[1-9]\d* of 2200 records")
 

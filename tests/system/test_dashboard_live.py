@@ -26,6 +26,7 @@ from tests.dashboard.browser import (
     narrow,
     needs_chromium,
     says,
+    start_long_run,
 )
 
 pytestmark = needs_chromium
@@ -137,18 +138,7 @@ def test_light_is_off_at_once_and_on_behind_the_switch(page: Page, unarmed: Path
 
 def test_a_run_that_measures_has_the_same_panels(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
     page.get_by_role("link", name="labctl").click()
-    page.get_by_role("link", name="Start a run").click()
-    page.wait_for_url("**/start")
-    connected(page)
-    page.get_by_label("Station file").fill(str(unarmed))
-    page.get_by_label("images", exact=True).fill("1000")
-    page.get_by_label("window").fill("0.8 ns")
-    page.get_by_label("reference_every").fill("5")
-    says(page, ".form .cost", "on a real bench")
-    page.get_by_role("switch").click()
-    page.get_by_role("button", name="Start", exact=True).click()
-    page.wait_for_url("**/run/*")
-    connected(page)
+    start_long_run(page, unarmed, "on a real bench", reference_every="5")
     says(page, ".progress-region", r"[1-9]\d* of \d+ records")
     page.get_by_text("Signals: levels").click()
     says(page, ".levels-region", r"[1-9]\d* shots looked at")

@@ -18,8 +18,8 @@ BEHIND_USB = frozenset({"vialux-alp", "ti-dlpc900"})
 class Origin(StrEnum):
     """Where records come from."""
 
-    BENCH = "bench"
-    PARTLY_SIMULATED = "partly simulated"
+    REAL = "real"
+    MIXED = "mixed"
     SIMULATED = "simulated"
 
     @classmethod
@@ -31,13 +31,13 @@ class Origin(StrEnum):
             for role, one in instruments.items()
             if any((identity := _mapping(_mapping(one).get("identity"))).get(key) for key in ("manufacturer", "serial"))
         }
-        return cls.together(cls.SIMULATED if one else cls.BENCH for one in simulated)
+        return cls.together(cls.SIMULATED if one else cls.REAL for one in simulated)
 
     @classmethod
     def together(cls, origins: Iterable["Origin"]) -> Self:
         """Of what was made of records of several origins."""
         found = set(origins)
-        return cls(found.pop() if len(found) == 1 else cls.PARTLY_SIMULATED if found else cls.BENCH)
+        return cls(found.pop() if len(found) == 1 else cls.MIXED if found else cls.REAL)
 
     @classmethod
     def of_runs(cls, directories: Iterable[Path]) -> Self:

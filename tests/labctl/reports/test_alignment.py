@@ -20,7 +20,7 @@ def test_every_finding_stands_there_once_with_its_verdict_and_every_picture(tmp_
             ("depth", "", "", "not measured"),
         ],
         figures={"dark": images_figure(np.eye(28)[np.newaxis], ["one"])},
-        origin=Origin.BENCH,
+        origin=Origin.REAL,
     )
     page = Page(report)
     assert page.rows == [

@@ -50,7 +50,7 @@ def entries() -> list[ExperimentEntry]:
             cause="less light",
         ),
         ExperimentEntry(
-            "fig2", "traces", "A picture.", [Result("traces", "picture", "", "picture", None)], Origin.BENCH
+            "fig2", "traces", "A picture.", [Result("traces", "picture", "", "picture", None)], Origin.REAL
         ),
     ]
 
@@ -131,7 +131,7 @@ def test_baseline_and_mean_have_columns_where_there_are_any(tmp_path: Path) -> N
 
 def test_names_cannot_break_out_of_an_attribute(tmp_path: Path) -> None:
     drawn = ExperimentFigure("images", image_rows_figure([ImageRow("a", np.eye(28)[np.newaxis])]), "")
-    entry = ExperimentEntry('"x<', '"><b>', "", [Result("a", "", "", "", None)], Origin.BENCH, figures=[drawn])
+    entry = ExperimentEntry('"x<', '"><b>', "", [Result("a", "", "", "", None)], Origin.REAL, figures=[drawn])
     page = Page(experiments_report(tmp_path / "report.html", entries=[entry], provenance={}, title="All"))
     assert page.attributes["id"] == ['"x<']
     assert page.attributes["href"] == ['#"x<']
@@ -142,7 +142,7 @@ def test_names_cannot_break_out_of_an_attribute(tmp_path: Path) -> None:
 def test_any_text_survives(tmp_path_factory: pytest.TempPathFactory, one: str, other: str) -> None:
     result = Result(one, other, one, other, Verdict.REACHED, one)
     entry = ExperimentEntry(
-        one, other, one, [result], Origin.BENCH, settings={one: {other: one}}, notes=[other], cause=one
+        one, other, one, [result], Origin.REAL, settings={one: {other: one}}, notes=[other], cause=one
     )
     path = tmp_path_factory.getbasetemp() / "any.html"
     page = Page(experiments_report(path, entries=[entry], provenance={one: [other]}, title=one))

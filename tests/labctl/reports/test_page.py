@@ -18,7 +18,7 @@ def figure() -> Figure:
 
 
 def test_a_figure_is_embedded_as_the_text_of_its_svg(tmp_path: Path) -> None:
-    source = embedded(figure(), tmp_path / "figure", Origin.BENCH)
+    source = embedded(figure(), tmp_path / "figure", Origin.REAL)
     assert source.startswith("data:image/svg+xml;base64,")
     assert base64.b64decode(source.split(",", 1)[1]) == (tmp_path / "figure.svg").read_bytes()
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
@@ -26,7 +26,7 @@ def test_a_figure_is_embedded_as_the_text_of_its_svg(tmp_path: Path) -> None:
 
 def test_a_large_figure_is_embedded_as_png(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "LARGEST_SVG", 10)
-    assert embedded(figure(), tmp_path / "figure", Origin.BENCH).startswith("data:image/png;base64,")
+    assert embedded(figure(), tmp_path / "figure", Origin.REAL).startswith("data:image/png;base64,")
 
 
 def test_nested_values_become_rows() -> None:

@@ -33,18 +33,18 @@ def width_mm(pdf: Path) -> float:
 
 
 def test_one_panel_is_as_wide_as_a_column_and_several_as_two(tmp_path: Path) -> None:
-    assert width_mm(save_figure(curves("chip", "chip bypassed"), tmp_path / "one", Origin.BENCH).pdf) == 86
-    assert width_mm(save_figure(panels(), tmp_path / "several", Origin.BENCH).pdf) == 178
+    assert width_mm(save_figure(curves("chip", "chip bypassed"), tmp_path / "one", Origin.REAL).pdf) == 86
+    assert width_mm(save_figure(panels(), tmp_path / "several", Origin.REAL).pdf) == 178
 
 
 def test_what_would_be_cut_off_in_a_column_is_given_two(tmp_path: Path) -> None:
     names = [f"with the chip {number}" for number in range(6)]
-    assert width_mm(save_figure(curves(*names), tmp_path / "many", Origin.BENCH).pdf) == 178
+    assert width_mm(save_figure(curves(*names), tmp_path / "many", Origin.REAL).pdf) == 178
 
 
 def test_no_number_at_an_axis_touches_another(tmp_path: Path) -> None:
     figure = curves("chip")
-    save_figure(figure, tmp_path / "curves", Origin.BENCH)
+    save_figure(figure, tmp_path / "curves", Origin.REAL)
     figure.draw_without_rendering()
     labels = [label for label in figure.axes[0].get_xticklabels() if label.get_visible()]
     ends = [label.get_window_extent() for label in labels]
@@ -54,7 +54,7 @@ def test_no_number_at_an_axis_touches_another(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("origin", "words"),
-    [(Origin.SIMULATED, ">simulated bench<"), (Origin.PARTLY_SIMULATED, ">partly simulated bench<")],
+    [(Origin.SIMULATED, ">simulated bench<"), (Origin.MIXED, ">partly simulated bench<")],
 )
 def test_a_figure_says_that_it_is_simulated_and_nothing_lies_on_that(
     origin: Origin, words: str, tmp_path: Path
@@ -69,7 +69,7 @@ def test_a_figure_says_that_it_is_simulated_and_nothing_lies_on_that(
 
 
 def test_a_figure_of_a_bench_says_nothing(tmp_path: Path) -> None:
-    assert "simulated" not in save_figure(panels(), tmp_path / "bench", Origin.BENCH).svg.read_text("utf-8")
+    assert "simulated" not in save_figure(panels(), tmp_path / "bench", Origin.REAL).svg.read_text("utf-8")
 
 
 def test_pictures_are_joined_below_each_other(tmp_path: Path) -> None:

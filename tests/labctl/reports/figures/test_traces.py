@@ -48,7 +48,7 @@ def test_long_traces_are_thinned() -> None:
 
 def test_saving_rounds_what_the_layout_solver_found(tmp_path: Path) -> None:
     figure = traces()
-    save_figure(figure, tmp_path / "traces", Origin.BENCH)
+    save_figure(figure, tmp_path / "traces", Origin.REAL)
     for axes in figure.axes:
         bounds = axes.get_position(original=True).bounds
         np.testing.assert_allclose(bounds, np.round(bounds, 6), rtol=0, atol=1e-12)

@@ -43,7 +43,7 @@ def test_they_are_sound(tmp_path: Path) -> None:
 
 
 def test_text_of_an_svg_is_text(tmp_path: Path) -> None:
-    svg = save_figure(accuracy(), tmp_path / "accuracy", Origin.BENCH).svg
+    svg = save_figure(accuracy(), tmp_path / "accuracy", Origin.REAL).svg
     text = svg.read_text(encoding="utf-8")
     assert ">with reservoir<" in text
     assert "without &lt;reservoir&gt;" in text

@@ -26,12 +26,12 @@ BY_HAND = ("manual-laser", "simulated", HAND)
 @pytest.mark.parametrize(
     ("found", "origin"),
     [
-        (manifest(awg=AWG, scope=SCOPE, laser=BY_HAND, dmd=("vialux-alp", "usb", "13042")), Origin.BENCH),
-        (manifest(awg=AWG, scope=("own-scope", "simulated", "1")), Origin.PARTLY_SIMULATED),
+        (manifest(awg=AWG, scope=SCOPE, laser=BY_HAND, dmd=("vialux-alp", "usb", "13042")), Origin.REAL),
+        (manifest(awg=AWG, scope=("own-scope", "simulated", "1")), Origin.MIXED),
         (manifest(awg=("own-awg", "simulated", "1"), laser=BY_HAND), Origin.SIMULATED),
         (manifest(awg=("own-awg", ADDRESS, SIM), dmd=("vialux-alp", ADDRESS, "13042")), Origin.SIMULATED),
-        ({}, Origin.BENCH),
-        ({"station": 3, "instruments": {"awg": 4}}, Origin.BENCH),
+        ({}, Origin.REAL),
+        ({"station": 3, "instruments": {"awg": 4}}, Origin.REAL),
     ],
     ids=["a bench", "one simulated", "all simulated", "served", "nothing known", "damaged"],
 )
@@ -40,5 +40,5 @@ def test_simulated_instruments_are_known_by_address_and_serial_number(found: dic
 
 
 def test_records_of_both_are_partly_simulated() -> None:
-    assert Origin.together([Origin.BENCH, Origin.SIMULATED]) is Origin.PARTLY_SIMULATED
-    assert Origin.together([Origin.BENCH, Origin.BENCH]) is Origin.BENCH
+    assert Origin.together([Origin.REAL, Origin.SIMULATED]) is Origin.MIXED
+    assert Origin.together([Origin.REAL, Origin.REAL]) is Origin.REAL
