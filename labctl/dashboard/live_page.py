@@ -17,6 +17,7 @@ from labctl.dashboard.state import Emission
 from labctl.dashboard.views import WatchedView, newest_view
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.index import run_directories
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.sight import Sight, ask_for, look_at, wishes_in
@@ -41,10 +42,11 @@ SCRIPT = f"<script>{(Path(__file__).parent / 'tone.js').read_text(encoding='utf-
 class Panels:
     """The panels of what is seen, with the choice of scale and part of the traces, the tone, and pictures for notes."""
 
-    def __init__(self, sight: Callable[[], Sight | None], runs: Sequence[Path]) -> None:
-        """Show what `sight` says; a picture of it can be put into the notes of one of `runs`."""
+    def __init__(self, sight: Callable[[], Sight | None], origin: Origin, runs: Sequence[Path]) -> None:
+        """Show what `sight` says of a bench of `origin`; a picture of it can be put into the notes of one of `runs`."""
         ui.add_head_html(f"<style>{STYLE}</style>{SCRIPT}")
         self._sight = sight
+        self._origin = origin
         self._drawn: tuple[Sight | None, Choice] | None = None
         self._choice = Choice()
         contents: dict[str, Callable[[], str]] = {
@@ -87,7 +89,7 @@ class Panels:
                 message.set_text("nothing is seen yet")
                 return
             try:
-                await in_a_thread(partial(_keep, directory, (text.value or "").strip(), sight))
+                await in_a_thread(partial(_keep, directory, (text.value or "").strip(), sight, self._origin))
             except RunError as error:
                 message.set_text(str(error))
             else:
@@ -130,15 +132,15 @@ class Panels:
         whole.on_click(lambda: part.set_value({"min": 0, "max": 100}))
 
 
-def _keep(directory: Path, text: str, sight: Sight) -> None:
+def _keep(directory: Path, text: str, sight: Sight, origin: Origin) -> None:
     from labctl.reports.figures.signals import signals_png  # matplotlib, which only a picture needs
 
     title = f"{directory.name}, {datetime.now(UTC):%d %b %Y %H:%M:%S} UTC"
-    say_of(RunPaths(directory), text, picture=signals_png(sight, title))
+    say_of(RunPaths(directory), text, picture=signals_png(sight, title, origin))
 
 
-def show_signals(directory: Path) -> None:
-    """The panels of a run; nothing is read while they are folded."""
+def show_signals(directory: Path, origin: Origin) -> None:
+    """The panels of a run on a bench of `origin`; nothing is read while they are folded."""
     unfolded = ui.expansion("Signals: levels, codes, spectrum, repeatability, drift").classes("signals")
     seen: list[tuple[RunSight, Panels]] = []
 
@@ -148,7 +150,7 @@ def show_signals(directory: Path) -> None:
         if not seen:
             sight = RunSight(directory)
             with unfolded, ui.element("div").classes("live"):
-                seen.append((sight, Panels(lambda: sight.sight, [directory])))
+                seen.append((sight, Panels(lambda: sight.sight, origin, [directory])))
         sight, shown = seen[0]
         sight.look()
         shown.refresh()
@@ -227,7 +229,7 @@ def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
             Region("bench", lambda: panels.about(view.state)),
         ]
         Controls(view)
-    seen = Panels(lambda: view.sight, runs)
+    seen = Panels(lambda: view.sight, view.origin, runs)
     with ui.element("section").classes("wide"):
         heading("Log, UTC")
         about.append(Region("log", lambda: wording.log(view.state)))

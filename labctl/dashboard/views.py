@@ -4,7 +4,8 @@ from pathlib import Path
 
 from labctl.dashboard.state import ENDED, Phase, RunState, advanced
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.index import Instruments
+from labctl.runs.format.origin import Origin
+from labctl.runs.index import INSTRUMENTS, Instruments
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import is_elsewhere, writer_named
 from labctl.runs.live.sight import LIVE, Sight, read_sight
@@ -41,9 +42,15 @@ class WatchedView:
         return self.state.phase not in (*ENDED, Phase.UNKNOWN)
 
     @property
+    def origin(self) -> Origin:
+        """Whether its bench is simulated, by who its instruments say they are."""
+        told = self.state.started.fields.get("origin") if self.state.started is not None else None
+        return next((one for one in Origin if one == told), Origin.BENCH)
+
+    @property
     def instruments(self) -> Instruments:
         """Whether they are real or simulated, or some of each."""
-        return "mixed" if self.state.mixed else "simulated" if self.state.simulated else "real"
+        return INSTRUMENTS[self.origin]
 
 
 def newest_view(folder: Path) -> Path | None:

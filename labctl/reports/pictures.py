@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,15 @@ def save_figure(figure: Figure, stem: Path, origin: Origin) -> Pictures:
     FigureCanvasSVG(figure).print_figure(pictures.svg, metadata={"Date": None, "Creator": None})
     _print(figure, _column(figure, own), pictures.pdf)
     return pictures
+
+
+@styled
+def png_of(figure: Figure, origin: Origin, *, dpi: float = PIXELS_PER_INCH) -> bytes:
+    """A figure as PNG that is shown and not kept, marked as in `save_figure`; it is used up."""
+    _lay_out(figure, figure.get_figwidth(), _mark(figure, origin))
+    data = BytesIO()
+    FigureCanvasAgg(figure).print_figure(data, dpi=dpi, metadata={"Software": None})
+    return data.getvalue()
 
 
 def join_pictures(parts: Sequence[Path], out: Path) -> None:

@@ -1,22 +1,20 @@
 """The figure of a look at the channels: levels, traces, codes and spectrum, as on the panels of the dashboard."""
 
-from io import BytesIO
-
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from labctl.analysis.signal_quality import no_codes
 from labctl.analysis.spectrum import spectrum
 from labctl.reports.canvas import legend_below, look, port_name, styled
-from labctl.reports.pictures import PIXELS_PER_INCH
+from labctl.reports.pictures import png_of
+from labctl.runs.format.origin import Origin
 from labctl.runs.live.sight import Sight
 
 LEAST_SAMPLES = 4
 
 
 @styled
-def signals_png(sight: Sight, title: str) -> bytes:
+def signals_png(sight: Sight, title: str, origin: Origin) -> bytes:
     """The figure as the bytes of a PNG, under a title that says when and of what it is."""
     figure = Figure(figsize=(8.0, 6.0))
     ((levels, traces), (codes, frequencies)) = figure.subplots(2, 2)
@@ -44,6 +42,4 @@ def signals_png(sight: Sight, title: str) -> bytes:
     frequencies.set(xlabel="frequency (GHz)", ylabel="power density (dB of 1 V²/Hz)")
     figure.suptitle(title, fontsize=9)
     legend_below(figure, list(traces.lines), names)
-    image = BytesIO()
-    FigureCanvasAgg(figure).print_figure(image, dpi=PIXELS_PER_INCH, metadata={"Software": None})
-    return image.getvalue()
+    return png_of(figure, origin)
