@@ -19,6 +19,7 @@ from labctl.dashboard.resume_panel import ResumePanel
 from labctl.dashboard.state import Phase
 from labctl.runs.asking import stop_at_once, tell
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.index import origin_of
 from labctl.runs.live.alarm import say_dark
 from labctl.runs.live.control_file import Word
@@ -58,7 +59,7 @@ def show_run(watching: Watching, name: str) -> None:
             heading("Readout that follows: each image predicted, then learnt")
             regions.append(Region("following", lambda: wording.following(watched.following(), watched.curve().chance)))
         with ui.element("section").classes("wide"):
-            show_signals(watched.directory)
+            show_signals(watched.directory, Origin.of(watched.manifest))
         with ui.element("section").classes("wide"):
             heading("Log, UTC")
             regions.append(Region("log", lambda: wording.log(watched.state, watched.problem)))
