@@ -71,7 +71,7 @@ class InstrumentSection(Section):
     address: Address = SIMULATED
     identity: Annotated[
         Text | None,
-        Field(min_length=1, description="What its maker and model contain, where the driver does not know them."),
+        Field(min_length=1, description="Part of maker and model in *IDN?, where the driver does not know them."),
     ] = None
 
 
@@ -105,7 +105,9 @@ class LaserSection(InstrumentSection):
 
     armed: Annotated[bool, Field(description="Light may be switched on.")] = False
     power: Annotated[Watts, Field(description="Optical output power.")] = 0.03
-    wavelength: Annotated[Nanometres, Field(description="For the record: every protocol sets its own.")] = 1550.0
+    wavelength: Annotated[
+        Nanometres, Field(description="Wavelength of align, live and check --deep; protocols set their own.")
+    ] = 1550.0
 
 
 class DmdSection(InstrumentSection):
@@ -153,4 +155,6 @@ class AttenuatorSection(InstrumentSection):
 
     role = "attenuator"
 
-    attenuation_db: Annotated[float, Field(ge=0, description="While there is light; otherwise it is shut.")] = 0.0
+    attenuation_db: Annotated[
+        float, Field(ge=0, description="Attenuation (dB) while there is light; otherwise it is shut.")
+    ] = 0.0

@@ -36,9 +36,12 @@ class Awg70002aSection(AwgSection):
         Field(description='Its own, or locked to 10 MHz at Reference In: "reference".'),
     ] = "internal"
     trigger_high: Annotated[
-        Volts, Field(ge=0.5, le=10, description="Of the pulse at trigger input A, into an open end; from 50 ohm.")
+        Volts,
+        Field(ge=0.5, le=10, description="High level of the pulse at trigger input A: from 50 ohm, into an open end."),
     ] = 3.3
-    trigger_impedance: Annotated[Literal[50, 1000], Field(description="Of trigger input A, ohm.")] = 50
+    trigger_impedance: Annotated[
+        Literal[50, 1000], Field(description="Impedance of trigger input A, 50 or 1000 ohm.")
+    ] = 50
     timeout: Timeout = 5.0
 
 

@@ -67,7 +67,9 @@ class Dpo72504dxSection(ScopeSection):
     """The oscilloscope and what triggers it."""
 
     timeout: Timeout = 10.0
-    bandwidth: Annotated[Hertz, Field(gt=0, le=25e9, description="Of its inputs: what lies above is cut off.")] = 25e9
+    bandwidth: Annotated[
+        Hertz, Field(gt=0, le=25e9, description="Bandwidth of its inputs; higher frequencies are cut off.")
+    ] = 25e9
 
 
 DRIVER = Driver(

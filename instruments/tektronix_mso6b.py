@@ -53,7 +53,9 @@ class Mso6bSection(ScopeSection):
     """The oscilloscope and what triggers it."""
 
     timeout: Timeout = 10.0
-    bandwidth: Annotated[Hertz, Field(gt=0, le=10e9, description="Of its inputs: what lies above is cut off.")] = 10e9
+    bandwidth: Annotated[
+        Hertz, Field(gt=0, le=10e9, description="Bandwidth of its inputs; higher frequencies are cut off.")
+    ] = 10e9
 
 
 DRIVER = Driver(

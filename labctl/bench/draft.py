@@ -13,12 +13,15 @@ WRITTEN = {
     "amplitude": (1.0, "V"),
     "timeout": (1.0, "s"),
     "trigger_level": (1.0, "V"),
+    "trigger_high": (1.0, "V"),
+    "bandwidth": (1e-9, "GHz"),
     "power": (1e3, "mW"),
     "wavelength": (1.0, "nm"),
     "optical_power": (1e3, "mW"),
     "rf_amplitude": (1.0, "V"),
     "detector": (1.0, "V"),
-    "valid": (1 / 86400, "day"),
+    "amplified_power": (1e3, "mW"),
+    "valid": (1 / 86400, "days"),
 }
 """How quantities are written: so many of the unit to one of SI, or of the unit that the name carries."""
 

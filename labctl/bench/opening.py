@@ -159,8 +159,8 @@ def _reached(station: Station, transcript: Transcript, access: Access) -> Iterat
             station = redirected(station, wire.replay)
         if station.partly_simulated and not station.mixed:
             raise StationError(
-                f"{station.source}: simulated: {', '.join(station.simulations)}; the others are not, so that light and "
-                f"records have nothing to do with each other: write the address, or mixed = true"
+                f"{station.source}: {', '.join(station.simulations)} simulated, the other instruments real: "
+                f"records would not be of the bench's light: write the missing addresses, or mixed = true if you mean it"
             )
         station = with_laser_commands(station)
         simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None

@@ -98,10 +98,10 @@ class DurabilitySection(Section):
 class CalibrationSection(Section):
     """Where `labctl align` keeps what it finds, beside the station file, and how long that is valid."""
 
-    folder: Annotated[Path, Field(description="Folder of what `labctl align` finds, beside this file.")] = Path(
+    folder: Annotated[Path, Field(description="Folder for what `labctl align` finds, beside this file.")] = Path(
         "calibrations"
     )
-    valid: Annotated[Seconds, Field(gt=0, description="After so long runs say that it is old.")] = 7 * 86400.0
+    valid: Annotated[Seconds, Field(gt=0, description="Runs warn of a calibration that is older.")] = 7 * 86400.0
 
 
 class SimSection(Section):
@@ -142,7 +142,7 @@ class Station(Section):
 
     source: str = "built-in station"
     name: Text = "simulated bench"
-    mixed: Annotated[bool, Field(description="Some instruments are real and others simulated, as is meant.")] = False
+    mixed: Annotated[bool, Field(description="Real and simulated instruments on one bench are intended.")] = False
     awg: SerializeAsAny[AwgSection] = Field(default_factory=dict, validate_default=True)
     scope: SerializeAsAny[ScopeSection] = Field(default_factory=dict, validate_default=True)
     laser: SerializeAsAny[LaserSection] = Field(default_factory=dict, validate_default=True)

@@ -38,8 +38,8 @@ TITLES = {
 }
 EVERY_PORT = "0-9,11-14"
 BEFORE_QUESTIONS = f"""\
-Enter takes what is in brackets, or leaves open what is not there; '{SIMULATED}' stands in for it.
-An address is written as VISA does, such as {EXAMPLE}."""
+Enter takes the answer in brackets, or leaves the address empty; '{SIMULATED}' is a simulated instrument.
+Write an address as VISA does, such as {EXAMPLE}."""
 ABSENT = f'Not found: write its VISA address, such as "{EXAMPLE}".'
 
 
@@ -80,7 +80,8 @@ def init(
         answers, held = _who_is_at(heard)
     proposed = {answer.instrument: answer.address for answer in reversed(answers)}
     if asking:
-        tell(BEFORE_QUESTIONS)
+        for line in BEFORE_QUESTIONS.splitlines():
+            tell(line)
     places: dict[str, str] = {}
     for role, title in TITLES.items():
         default = proposed.get(role, "")

@@ -42,9 +42,9 @@ def live(
     window: Annotated[str, typer.Option("--window", help='Length of a trace, such as "2 ns".')] = "2 ns",
     averages: Annotated[int, typer.Option("--averages", min=1, max=1000, help="Triggers a trace is the mean of.")] = 1,
     wavelength: Annotated[
-        str | None, typer.Option("--wavelength", help="Of the light; without it the station's.")
+        str | None, typer.Option("--wavelength", help="Wavelength of the light; without it the station's.")
     ] = None,
-    rate: Annotated[float, typer.Option("--rate", min=0.1, max=50, help="Looks a second, at most.")] = 10.0,
+    rate: Annotated[float, typer.Option("--rate", min=0.1, max=50, help="Traces a second, at most.")] = 10.0,
     duration: Annotated[str | None, typer.Option("--for", help='End after a time, such as "10 min".')] = None,
     unwatched: Annotated[
         str | None,
@@ -87,8 +87,8 @@ def live(
             "peak_v": last.peak_v.tolist(),
             "likeness": [None if math.isnan(one) else one for one in last.likeness[-1]],
         }
-    why = "nobody has looked any more; " if viewed.unwatched else ""
-    show(result, as_json, lambda: say(f"{result['looks']} looks in {viewed.seconds:.0f} s; {why}the bench is dark"))
+    why = "nobody has watched it any more; " if viewed.unwatched else ""
+    show(result, as_json, lambda: say(f"{result['looks']} traces in {viewed.seconds:.0f} s; {why}the bench is dark"))
     return DONE
 
 
@@ -133,7 +133,7 @@ def _dark() -> Text:
 
 def _bars(sight: Sight) -> Group:
     table = Table(box=None, pad_edge=False)
-    for heading in ("port", "level", "peak", "", "repeats", "as at first", ""):
+    for heading in ("port", "level", "peak", "", "repeats", "like first", ""):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     volts = sight.repeated_volts
     low, high = sight.range_v
@@ -152,4 +152,4 @@ def _bars(sight: Sight) -> Group:
             Text("CLIPPED", style="bold red") if sight.clipped[row] else "",
         )
     scale = f"bars from {1e3 * low:.0f} to {1e3 * high:.0f} mV"
-    return Group(table, Text(f"look {sight.looks}, {sight.rate_hz:.1f}/s, {scale}; Ctrl-C ends, dark", style="dim"))
+    return Group(table, Text(f"trace {sight.looks}, {sight.rate_hz:.1f}/s, {scale}; Ctrl-C ends, dark", style="dim"))

@@ -115,7 +115,8 @@ def describe(outcome: Outcome, options: str) -> dict[str, Any]:
 def print_outcome(result: dict[str, Any]) -> None:
     """Print what `describe` says, for people."""
     resumed = f", {result['measured']} of them now" if result["measured"] < result["shots"] else ""
-    say(f"{result['run']}: {result['shots']} shots on ports {', '.join(map(str, result['ports']))}{resumed}")
+    ports = ", ".join(map(str, dict.fromkeys(result["ports"])))
+    say(f"{result['run']}: {result['shots']} shots on ports {ports}{resumed}")
     if not result["complete"]:
         say(f"{result['records']} of {result['records_planned']} records on disk; a shot is whole with its last pass")
     real = f"; a real bench needs about {result['bench_seconds']:.0f} s" if result["simulated"] else ""
@@ -123,7 +124,7 @@ def print_outcome(result: dict[str, Any]) -> None:
     if result["clipped"]:
         say(f"{result['clipped']} records touch the end of the vertical range")
     if result["recovered"]:
-        say(f"went on after a lost link {result['recovered']} times: see the lines with ! in commands.log")
+        say(f"lost links after which the run went on: {result['recovered']} (see the lines with ! in commands.log)")
     if not result["complete"]:
         say("interrupted: the finished shots are kept, the bench is in the safe state")
     say(f"next: {result['next']}")

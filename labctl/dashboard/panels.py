@@ -73,7 +73,7 @@ def levels(sight: Sight | None) -> str:
             f'<span class="volts">{1e3 * level:.2f} mV<small>{1e3 * peak:.2f}</small>{clipped}</span></div>'
         )
     tones = ",".join(f"{one:.1f}" for one in _tones(sight, axis))
-    seen = f"look {sight.looks}, {sight.rate_hz:.1f} a second" if sight.rate_hz else f"{sight.looks} shots looked at"
+    seen = f"trace {sight.looks}, {sight.rate_hz:.1f} a second" if sight.rate_hz else f"{sight.looks} shots"
     scale = f"{1e3 * axis.low:.0f} to {1e3 * axis.high:.0f} mV, {seen}"
     return f'<div class="levels" data-tones="{tones}">{"".join(rows)}</div><p class="caption">{scale}</p>'
 
@@ -140,7 +140,7 @@ def repeats(sight: Sight | None) -> str:
         f"<td>{1e3 * noise_v[row]:.2f} mV</td><td>{_correlation(sight, row)}</td></tr>"
         for row, port in enumerate(sight.ports)
     )
-    head = "<tr><th></th><th>signal to noise</th><th>noise, rms</th><th>as at first</th></tr>"
+    head = "<tr><th></th><th>signal to noise</th><th>noise, rms</th><th>like first</th></tr>"
     return f'<table class="repeats">{head}{rows}</table><p class="caption">of {len(volts)} traces of one picture</p>'
 
 

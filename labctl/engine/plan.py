@@ -79,7 +79,7 @@ def aliasing(sample_rate: float, bandwidth_hz: float | None) -> str | None:
         return None
     highest = f"{sample_rate / 2e9:g} GHz"
     return (
-        f"{sample_rate / 1e9:g} GS/s behind {bandwidth_hz / 1e9:g} GHz: what lies above {highest} comes back below it: "
+        f"{sample_rate / 1e9:g} GS/s, {bandwidth_hz / 1e9:g} GHz wide: frequencies above {highest} fold back below it: "
         f'set scope.bandwidth = "{highest}" in the station file, or put a low-pass filter before the oscilloscope'
     )
 

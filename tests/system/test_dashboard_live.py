@@ -55,7 +55,7 @@ def start(page: Page, station: Path) -> None:
     page.get_by_role("switch").click()
     page.get_by_role("button", name="Start", exact=True).click()
     says(page, ".emission-region", "LASER ON")
-    says(page, ".levels-region", "look [1-9]")
+    says(page, ".levels-region", "trace [1-9]")
     connected(page)
 
 
@@ -141,7 +141,7 @@ def test_a_run_that_measures_has_the_same_panels(page: Page, unarmed: Path, emit
     start_long_run(page, unarmed, "on a real bench", reference_every="5")
     says(page, ".progress-region", r"[1-9]\d* of \d+ records")
     page.get_by_text("Signals: levels").click()
-    says(page, ".levels-region", r"[1-9]\d* shots looked at")
+    says(page, ".levels-region", r"[1-9]\d* shots")
     says(page, ".repeats-region", r"port 5\s*\d+\.\d dB")
     expect(page.locator(".signals-region figure")).to_have_count(PORTS)
     expect(page.locator(".course-region polyline")).to_have_count(2 * PORTS)

@@ -82,10 +82,13 @@ def test_nobody_answers_and_nothing_is_asked(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_every_key_is_there_with_its_default(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every line that is a comment of a key is right when its # is taken away."""
+    """Every line that is a comment of a key is right when its # is taken away, quantities with their unit."""
     path = tmp_path / "bench.toml"
     labctl(capsys, "init", path, "--no-search", "--yes")
-    whole = tomllib.loads(re.sub(r"^# (?=\w+ = )", "", path.read_text("utf-8"), flags=re.MULTILINE))
+    text = re.sub(r"^# (?=\w+ = )", "", path.read_text("utf-8"), flags=re.MULTILINE)
+    path.write_text(re.sub(r'^\w+ = ""', "# \\g<0>", text, flags=re.MULTILINE), "utf-8")
+    assert read_station(path).limits == Station().limits
+    whole = tomllib.loads(text)
     assert (whole.pop("name"), whole.pop("mixed")) == ("bench", False)
     whole = {table: {key: value for key, value in keys.items() if value != ""} for table, keys in whole.items()}
     assert Station.model_validate(whole) == Station(name="simulated bench")
@@ -127,6 +130,7 @@ def test_a_person_is_asked_and_may_just_press_enter(
     monkeypatch.setattr("sys.stdin", Terminal("\n".join(typed) + "\n"))
     status, out, err = labctl(capsys, "init", path, "--no-search", "--address", addresses["awg"], "--json")
     assert (status, out.count("\n")) == (0, 1)
+    assert err.splitlines()[1].startswith("Write an address as VISA does, such as TCPIP0::")
     assert f"Address of the arbitrary waveform generator [{addresses['awg']}]:  TEKTRONIX AWG70002A SIM0001" in err
     assert "Address of the oscilloscope:  TEKTRONIX DPO72504DX" in err
     assert "Error: 'by hand' is no address: write one such as TCPIP0::192.0.2.10::inst0::INSTR, or simulated or" in err
@@ -221,7 +225,7 @@ def test_a_person_hears_at_once_who_is_at_an_address(
     monkeypatch.setattr("sys.stdin", Terminal("\n".join([SILENT, addresses["awg"], *[""] * 7]) + "\n"))
     status, out, err = labctl(capsys, "init", tmp_path / "bench.toml", "--no-search")
     assert status == 0
-    assert "An address is written as VISA does, such as TCPIP0::192.0.2.10::inst0::INSTR" in err
+    assert "Write an address as VISA does, such as TCPIP0::192.0.2.10::inst0::INSTR." in err.splitlines()[1]
     assert "generator:  nobody answers there now" in err
     assert "FV:6.1.0123: not what labctl knows as oscilloscope" in err
     assert "awg: nobody answers at its address" in out

@@ -256,7 +256,7 @@ class TestRun:
         self, capsys: pytest.CaptureFixture[str], tmp_path: Path
     ) -> None:
         _, plan = as_json(capsys, "run", "image-readout", *SMALL, "--dry-run")
-        assert plan["aliasing"].startswith("25 GS/s behind 25 GHz: what lies above 12.5 GHz comes back below it: set ")
+        assert plan["aliasing"].startswith("25 GS/s, 25 GHz wide: frequencies above 12.5 GHz fold back below it: set ")
         station = tmp_path / "station.toml"
         station.write_text('[scope]\nbandwidth = "12.5 GHz"\n', encoding="utf-8")
         _, plan = as_json(capsys, "run", "image-readout", *SMALL, "--dry-run", "--station", str(station))

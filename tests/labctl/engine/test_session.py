@@ -64,7 +64,7 @@ def test_what_the_sample_rate_folds_back_is_noted_once_when_a_run_starts(tmp_pat
         events = EventReader(tmp_path / name / "events.jsonl").read()
         noted[name] = [event.fields["text"] for event in events if event.name == "warning"]
     (line,) = noted["whole"]
-    assert line.startswith("25 GS/s behind 25 GHz: what lies above 12.5 GHz comes back below it: set scope.bandwidth")
+    assert line.startswith("25 GS/s, 25 GHz wide: frequencies above 12.5 GHz fold back below it: set scope.bandwidth")
     assert noted["filtered"] == []
 
 
