@@ -68,6 +68,8 @@ def bench(
 def live_trace(traces: Iterable[Traces]) -> Traces:
     """Show traces in a notebook as they come, each in the place of the one before; returns the last.
 
+    Those of a simulated bench are marked, as in every figure.
+
     Interrupt the kernel to end it: within `with labctl.bench()` the bench goes dark.
 
     Args:
@@ -79,7 +81,7 @@ def live_trace(traces: Iterable[Traces]) -> Traces:
     """
     view, last = LiveTrace(), None
     for last in traces:
-        view.show(last.time_s, last.volts, last.ports)
+        view.show(last.time_s, last.volts, last.ports, last.origin)
     if last is None:
         raise ValueError("no trace to show: give some, such as (bench.capture() for _ in range(50))")
     return last

@@ -29,10 +29,9 @@ class WatchedView:
 
     @property
     def origin(self) -> Origin:
-        """Whether its instruments are real or simulated, or some of each."""
-        if self.state.mixed:
-            return Origin.MIXED
-        return Origin.SIMULATED if self.state.simulated else Origin.REAL
+        """Whether its instruments are real or simulated, or some of each, by who they said they are."""
+        told = self.state.started.fields.get("origin") if self.state.started is not None else None
+        return next((one for one in Origin if one == told), Origin.REAL)
 
 
 def newest_view(folder: Path) -> Path | None:

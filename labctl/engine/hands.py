@@ -14,10 +14,12 @@ from instruments.bench import Bench, Observer, Observers
 from instruments.errors import NotConfigured, OutOfRange
 from instruments.units import quantity
 from instruments.values import Codes, Scaling, Timebase
+from labctl.bench.identity import who_they_are
 from labctl.bench.lock import held
 from labctl.bench.opening import Access, opened
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
+from labctl.runs.format.origin import Origin
 from labctl.runs.live.logs import CommandLog
 from protocols.base import Images, Shot, ShotKind
 from protocols.image_readout import LONGEST_WINDOW_S, SHORTEST_WINDOW_S, pseudorandom_drive
@@ -34,7 +36,7 @@ class Traces:
 
     volts: (ports, samples) V. time_s: (samples,) s after the trigger. ports: of each row. clipped: (ports,) whether a
     trace touches the end of its vertical range. codes: (ports, samples) as the oscilloscope gave them. scalings: what
-    a code of each port means.
+    a code of each port means. origin: whether the bench is a simulated one.
     """
 
     volts: NDArray[np.float64]
@@ -43,6 +45,7 @@ class Traces:
     clipped: NDArray[np.bool_]
     codes: Codes
     scalings: tuple[Scaling, ...]
+    origin: Origin
 
 
 class HandLaser:
@@ -95,11 +98,13 @@ class Hands:
 
     Attributes:
         laser: power and wavelength.
+        origin: whether its instruments are simulated ones.
     """
 
-    def __init__(self, bench: Bench, *, wavelength_nm: float, drive_seed: int) -> None:
+    def __init__(self, bench: Bench, *, origin: Origin, wavelength_nm: float, drive_seed: int) -> None:
         """Not for callers: `labctl.bench` opens one."""
         self.laser = HandLaser(bench, wavelength_nm)
+        self.origin = origin
         self._bench = bench
         self._drive = pseudorandom_drive(bench, drive_seed)
         self._plays = True
@@ -171,6 +176,7 @@ class Hands:
             frames.clipped[0],
             frames.codes[0],
             self._scalings,
+            self.origin,
         )
 
     def find_ranges(self) -> None:
@@ -236,15 +242,17 @@ def in_hands(
     drive_seed: int,
     observer: Observer | None = None,
     task: str = TASK,
-    directory: Callable[[], Path] | None = None,
+    directory: Callable[[Origin], Path] | None = None,
 ) -> Iterator[Hands]:
     """The bench of `station`, held for a `task` and supervised; dark when the block ends, however it does.
 
-    `directory` makes a folder for logs; it is asked for one when the bench is held and may be lit.
+    Every instrument is asked who it is before there is light. `directory` makes a folder for logs; it is asked for one
+    when the bench is held and may be lit.
 
     Raises:
         StationError, OutOfRange: the station is wrong.
         BenchInUse: another process has an instrument.
+        InstrumentError: an instrument does not answer, or is another than its driver is for.
         NotConfigured: with `directory`, the laser is not armed.
     """
     observers = Observers()
@@ -257,5 +265,12 @@ def in_hands(
         bench = stack.enter_context(opened(station, log, access, observer=observers)).bench
         if directory is not None:
             bench.require_arm()
-            observers.stored_in(directory())
-        yield stack.enter_context(Hands(bench, wavelength_nm=wavelength_nm, drive_seed=drive_seed))
+        origin = _origin(station, bench)
+        if directory is not None:
+            observers.stored_in(directory(origin))
+        yield stack.enter_context(Hands(bench, origin=origin, wavelength_nm=wavelength_nm, drive_seed=drive_seed))
+
+
+def _origin(station: Station, bench: Bench) -> Origin:
+    instruments = {name: {"identity": vars(identity)} for name, identity in who_they_are(station, bench).items()}
+    return Origin.of({"station": station.model_dump(mode="json"), "instruments": instruments})

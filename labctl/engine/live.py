@@ -29,6 +29,7 @@ from labctl.engine.hands import Hands, Traces, in_hands
 from labctl.engine.start import carried_out
 from labctl.errors import StationError, writing
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import owned, writer_of
@@ -94,13 +95,17 @@ def watch(view: View, interruption: Interruption, show: Show, observer: Observer
     with ExitStack() as stack:
         events = stack.enter_context(EventLog())
 
-        def make() -> Path:
+        def make(origin: Origin) -> Path:
             forget_ended(view.folder)
             with writing(directory, "name another --runs"):
                 directory.mkdir(parents=True)
                 stack.enter_context(owned(directory))
             events.event(
-                "live started", ports=list(view.ports), unwatched_s=view.unwatched_s, **carried_out(view.station)
+                "live started",
+                ports=list(view.ports),
+                unwatched_s=view.unwatched_s,
+                origin=str(origin),
+                **carried_out(view.station),
             )
             return directory
 

@@ -1,16 +1,19 @@
 """A figure in a notebook that shows the latest traces in the place of those before."""
 
 from collections.abc import Sequence
-from io import BytesIO
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labctl.errors import LabctlError
 from labctl.reports.canvas import look, place_legend, port_name, styled, volt_scale
+from labctl.reports.pictures import png_of
+from labctl.runs.format.origin import Origin
+
+WIDTH = 640
+"""On the screen, in pixels of a notebook: it has more, for screens that do."""
 
 
 class LiveTrace:
@@ -32,11 +35,12 @@ class LiveTrace:
         self._count = 0
         self._top = 0.0
 
-    def show(self, time_s: NDArray[Any], volts: NDArray[Any], ports: Sequence[int]) -> None:
-        """Draw traces (ports, samples) in V over those before."""
+    def show(self, time_s: NDArray[Any], volts: NDArray[Any], ports: Sequence[int], origin: Origin) -> None:
+        """Draw traces (ports, samples) in V over those before; what is simulated is marked as in any figure."""
         self._count += 1
         self._top = max(self._top, float(np.max(np.abs(volts))))
-        picture = self._image(data=_png(trace_figure(time_s, volts, ports, top_v=self._top, count=self._count)))
+        figure = trace_figure(time_s, volts, ports, top_v=self._top, count=self._count)
+        picture = self._image(data=png_of(figure, origin), width=WIDTH)
         if self._shown is None:
             self._shown = self._display(picture, display_id=True)
         else:
@@ -66,9 +70,3 @@ def trace_figure(
     axes.set_ylim(-0.1 * factor * top_v, 1.1 * factor * top_v)
     place_legend(figure, axes, inside="upper right")
     return figure
-
-
-def _png(figure: Figure) -> bytes:
-    data = BytesIO()
-    FigureCanvasAgg(figure).print_png(data)
-    return data.getvalue()

@@ -14,6 +14,7 @@ from labctl.bench.opening import Access
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.hands import Hands, in_hands
 from labctl.errors import LabctlError, RunError, StationError
+from labctl.runs.format.origin import Origin
 
 
 class Emission(Observer):
@@ -64,6 +65,7 @@ def test_a_bench_in_ones_hands_is_lit_by_the_first_trace_and_dark_at_its_end() -
         bright = bench.capture(window="1 ns", ports=[2, 3])
         assert (bright.volts.shape, bright.ports) == ((2, 25), (2, 3))
         assert not bright.clipped.any()
+        assert bright.origin is Origin.SIMULATED
         assert bright.time_s[-1] == pytest.approx(24 * 40e-12)
         bench.laser.power = "10 mW"
         dim = bench.capture(window="1 ns", ports=[2, 3])

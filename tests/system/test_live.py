@@ -16,6 +16,9 @@ from typing import Any
 
 import pytest
 
+import labctl as interface
+from labctl.dashboard.views import WatchedView
+from labctl.runs.format.origin import Origin
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.sight import LIVE, Sight, Wishes, ask_for, read_sight
@@ -214,6 +217,25 @@ def test_what_is_missing_is_refused_in_one_line(
         found, _, said = labctl(capsys, "live", "--runs", tmp_path, *options)
         assert (found, said.count("\n"), words in said) == (status, 1, True), said
         assert not emitting()
+
+
+def test_a_simulated_bench_behind_addresses_is_known_by_its_instruments(station: Path, tmp_path: Path) -> None:
+    with interface.bench(station) as bench:
+        assert bench.capture().origin is Origin.SIMULATED
+    with viewing(station, tmp_path) as (_, directory):
+        view = WatchedView(directory)
+        view.look()
+        assert view.origin is Origin.SIMULATED
+
+
+def test_one_of_another_maker_is_refused_in_the_dark(
+    station: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], emitting: Callable[[], bool]
+) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text(station.read_text("utf-8").replace("[scope]", '[scope]\nidentity = "KEYSIGHT"'), encoding="utf-8")
+    status, _, said = labctl(capsys, "live", "--runs", tmp_path, "--station", other)
+    assert (status, "which scope.identity = 'KEYSIGHT' is not for" in said, emitting()) == (1, True, False)
+    assert not (tmp_path / LIVE).exists()
 
 
 def test_without_a_station_it_is_the_simulated_bench(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

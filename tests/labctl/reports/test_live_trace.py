@@ -1,16 +1,21 @@
 import sys
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image, ImageColor
 
 import labctl
 from instruments.values import Scaling
 from labctl.engine.hands import Traces
 from labctl.errors import LabctlError
 from labctl.reports import live_trace
+from labctl.reports.canvas import PURPLE
 from labctl.reports.live_trace import LiveTrace, trace_figure
+from labctl.reports.pictures import png_of
+from labctl.runs.format.origin import Origin
 from tests.labctl.reports.figures.drawn import check_figure, legend
 
 TIME_S = np.linspace(0, 0.96e-9, 25)
@@ -35,12 +40,25 @@ def test_the_scale_never_shrinks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_trace, "trace_figure", remember)
     view = LiveTrace()
     for level in (0.2, 0.5, 0.1):
-        view.show(TIME_S, np.full((1, 25), level), (2,))
+        view.show(TIME_S, np.full((1, 25), level), (2,), Origin.REAL)
     assert tops == [(1, 0.2), (2, 0.5), (3, 0.5)]
 
 
+@pytest.mark.parametrize("origin", Origin)
+def test_what_is_simulated_is_marked_as_in_any_figure(origin: Origin, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Any] = []
+    monkeypatch.setattr("IPython.display.display", lambda picture, **_: shown.append(picture))
+    LiveTrace().show(TIME_S, np.ones((1, 25)), (2,), origin)
+    figure = trace_figure(TIME_S, np.ones((1, 25)), (2,), top_v=1, count=1)
+    assert shown[0].data == png_of(figure, origin)
+    with Image.open(BytesIO(shown[0].data)) as picture:
+        colours = {colour for _, colour in picture.convert("RGB").getcolors(1 << 20) or ()}
+    assert (ImageColor.getrgb(PURPLE) in colours) == (origin is not Origin.REAL)
+
+
 def test_the_last_trace_comes_back() -> None:
-    last = Traces(np.ones((1, 25)), TIME_S, (3,), np.zeros(1, np.bool_), np.zeros((1, 25), np.int8), (Scaling(1, 0),))
+    codes, scalings = np.zeros((1, 25), np.int8), (Scaling(1, 0),)
+    last = Traces(np.ones((1, 25)), TIME_S, (3,), np.zeros(1, np.bool_), codes, scalings, Origin.REAL)
     assert labctl.live_trace([last]) is last
     with pytest.raises(ValueError, match="no trace to show"):
         labctl.live_trace([])

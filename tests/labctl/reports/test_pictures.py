@@ -10,7 +10,7 @@ from PIL import Image
 from labctl.reports.canvas import Series
 from labctl.reports.figures.traces import traces_figure
 from labctl.reports.figures.window import accuracy_figure
-from labctl.reports.pictures import join_pictures, save_figure
+from labctl.reports.pictures import join_pictures, png_of, save_figure
 from labctl.runs.format.origin import Origin
 
 WINDOWS_S = [0.08e-9, 0.16e-9, 0.24e-9, 0.32e-9, 0.4e-9, 0.48e-9, 0.56e-9, 0.8e-9, 1e-9, 1.5e-9, 2e-9]
@@ -70,6 +70,11 @@ def test_a_figure_says_that_it_is_simulated_and_nothing_lies_on_that(
 
 def test_a_figure_of_a_bench_says_nothing(tmp_path: Path) -> None:
     assert "simulated" not in save_figure(panels(), tmp_path / "bench", Origin.REAL).svg.read_text("utf-8")
+
+
+@pytest.mark.parametrize("origin", Origin)
+def test_a_picture_for_the_moment_is_that_of_the_file(origin: Origin, tmp_path: Path) -> None:
+    assert png_of(panels(), origin) == save_figure(panels(), tmp_path / "figure", origin).png.read_bytes()
 
 
 def test_pictures_are_joined_below_each_other(tmp_path: Path) -> None:
