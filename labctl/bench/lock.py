@@ -88,10 +88,8 @@ class Hold(Observer):
         if key in self._locks:
             return
         lock = LockFile(key)
-        if not lock.lock() and not _let_go(lock):
-            holder = _holder(lock)
+        if told := _refused(lock, key):
             lock.close()
-            told = _left_behind(key) if holder is None else holder.in_words()
             raise BenchInUse(f"{name} is in use: {told}", told)
         self._locks[key] = lock
         self._sign(lock)
@@ -200,18 +198,23 @@ def _user() -> str:
         return "somebody"
 
 
-def _let_go(lock: LockFile) -> bool:
-    """Wait for a supervisor that makes dark what a process that is gone has left; not for one that is there."""
+def _refused(lock: LockFile, key: str) -> str:
+    """Why `lock` is not to be had; empty when it is locked now.
+
+    Waits for a supervisor that makes dark what a process that is gone has left; not for one that is there.
+    """
     give_up = time.monotonic() + DARK_WITHIN_S
-    while _holder(lock) is None and time.monotonic() < give_up:
-        if lock.lock():
-            return True
+    while not lock.lock():
+        if (holder := _holder(lock)) is not None:
+            return holder.in_words()
+        if time.monotonic() >= give_up:
+            return _left_behind(key)
         time.sleep(LOOK_EVERY_S)
-    return False
+    return ""
 
 
 def _holder(lock: LockFile) -> Holder | None:
-    """Who holds it; None for one that has ended."""
+    """Who holds it; None for one that has ended, or writes its note just now."""
     try:
         found = Holder.model_validate_json(lock.note)
     except (OSError, ValidationError):

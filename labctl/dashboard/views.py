@@ -29,7 +29,7 @@ class WatchedView:
 
     @property
     def origin(self) -> Origin:
-        """Whether its bench is simulated, by who its instruments say they are."""
+        """Whether its instruments are real or simulated, or some of each, by who they said they are."""
         told = self.state.started.fields.get("origin") if self.state.started is not None else None
         return next((one for one in Origin if one == told), Origin.REAL)
 

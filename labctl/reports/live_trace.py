@@ -12,6 +12,9 @@ from labctl.reports.canvas import look, place_legend, port_name, styled, volt_sc
 from labctl.reports.pictures import png_of
 from labctl.runs.format.origin import Origin
 
+WIDTH = 640
+"""On the screen, in pixels of a notebook: it has more, for screens that do."""
+
 
 class LiveTrace:
     """Traces of some ports as they come, with their count; scales only grow, so that what moves is the signal."""
@@ -37,7 +40,7 @@ class LiveTrace:
         self._count += 1
         self._top = max(self._top, float(np.max(np.abs(volts))))
         figure = trace_figure(time_s, volts, ports, top_v=self._top, count=self._count)
-        picture = self._image(data=png_of(figure, origin))
+        picture = self._image(data=png_of(figure, origin), width=WIDTH)
         if self._shown is None:
             self._shown = self._display(picture, display_id=True)
         else:

@@ -2,8 +2,10 @@
 
 import pytest
 
-from labctl.bench.lock import place_of
+from labctl.bench.lock import held, place_of
 from labctl.bench.lock_file import LockFile
+from labctl.bench.station import Station
+from labctl.errors import BenchInUse
 
 
 @pytest.mark.parametrize(
@@ -44,3 +46,14 @@ def test_a_lock_goes_from_one_to_the_next_and_leaves_no_file() -> None:
     assert path.exists()
     second.close()
     assert not path.exists()
+
+
+def test_who_holds_it_is_told_also_while_he_writes_which_run_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    station = Station.model_validate({"awg": {"address": "TCPIP::192.0.2.9::INSTR"}, "laser": {"armed": False}})
+    with held(station, "labctl align"):
+        lock = LockFile(place_of("TCPIP::192.0.2.9::INSTR"))
+        looks = [lock.note, b"", lock.note]
+        lock._file.close()
+        monkeypatch.setattr(LockFile, "note", property(lambda _lock: looks.pop(0)))
+        with pytest.raises(BenchInUse, match=r"^awg is in use: labctl align, process"), held(station, "labctl check"):
+            pass
