@@ -160,7 +160,7 @@ def _reached(station: Station, transcript: Transcript, access: Access) -> Iterat
         if station.partly_simulated and not station.mixed:
             raise StationError(
                 f"{station.source}: {', '.join(station.simulations)} simulated, the other instruments real: "
-                f"records would not be of the bench's light: write the missing addresses, or mixed = true if you mean it"
+                f"records would not be of the bench's light: write the missing addresses, or mixed = true"
             )
         station = with_laser_commands(station)
         simulation = stack.enter_context(simulated_bench(station)) if station.simulated else None
