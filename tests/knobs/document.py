@@ -38,8 +38,8 @@ _INTRODUCTION = f"""\
 # Changed settings and wrong data
 
 How a run reacts when another client, or a person at the front panel, changes a setting while it goes on, and when an
-instrument answers in order but gives wrong data (*a lie*). Each case is a small run on a simulated bench, over real sockets. The
-change comes at one moment of the run, and stays.
+instrument answers in order but gives wrong data (*a lie*). Each case is a small run on a simulated bench, over real
+sockets. The change comes at one moment of the run, and stays.
 
 | outcome | meaning |
 | --- | --- |
