@@ -28,9 +28,9 @@ _INTRODUCTION = """\
 
 Every command the virtual instruments understand. Capitals are the short form, `[...]` may be left out, `#` stands for
 a numeric suffix. *Accepted without effect*: the value is checked, kept and read back, and nothing else changes. Any
-other command gets the error that the model gives for an unknown one: -113, or 113 on the oscilloscope. Where the header
-is one that real instruments of the family have, the error says so: [not simulated](not-simulated.md). The
-DLPC900 has numbers for commands, and refuses others with its error 3.
+other command gets the error that the model gives for an unknown one: -113, or 113 on the oscilloscope. If real
+instruments of the family have the header, the error says so: [not simulated](not-simulated.md). The DLPC900 has
+numbers for commands, and refuses others with its error 3.
 
 This document is generated: `python -m sim_backends.virtual.catalogue`.
 """
@@ -38,9 +38,10 @@ This document is generated: `python -m sim_backends.virtual.catalogue`.
 _WHAT_IS_LACKING = """\
 # Not simulated
 
-Headers that instruments of these families have by their maker's own list, and that their virtual instruments lack. They
-get the error for an unknown header, -113 or 113, with a text of its own: `Undefined header; CURSor:FUNCtion is a real
-header that is not simulated`. The log of the simulated bench has a line too. Nonsense gets the plain error.
+Headers that instruments of these families have by their maker's own list, and that the virtual instruments lack. They
+get the error for an unknown header, -113 or 113, with a text of their own: `Undefined header; CURSor:FUNCtion is a real
+header that is not simulated`. The log of the simulated bench has a line too. A header that does not exist
+gets the plain error.
 
 The lists come from the command tree of the package [tm_devices](https://github.com/tektronix/tm_devices), which has the
 Apache License 2.0: only names, and whether there is a command and a query. `#` stands for a numeric suffix.

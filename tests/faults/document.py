@@ -36,27 +36,27 @@ NOTHING = "-"
 _INTRODUCTION = f"""\
 # Faults
 
-What a run makes of faults of its instruments. Each case is a small acquisition on a simulated bench, over real
-sockets, in which one fault befalls one instrument at a message of the phase named, once unless it says otherwise.
-`labctl sim serve --fault` lets [any client meet the same faults](../how-to/break-the-bench-on-purpose.md).
+How a run reacts to faults of its instruments. Each case is a small acquisition on a simulated bench, over real
+sockets, in which one fault strikes one instrument at a message of the phase named, once unless it says otherwise.
+With `labctl sim serve --fault` you can [try the same faults](../how-to/break-the-bench-on-purpose.md) on any client.
 
 | outcome | meaning |
 | --- | --- |
 | {NO_HARM} | The run ends well, and its frames are those of a run without the fault. |
-| {RECOVERED} | So it does, after all instruments were reached again and what was missing was measured anew. |
+| {RECOVERED} | The same, after all instruments were reached again and the missing shots were measured. |
 | {CLIPPED} | The run ends well and says how many records touch the end of the range. |
 | {ENDED} | Exit status 1, one line that names the instrument; acknowledged shots are kept, the safe state is reached. |
-| {UNCONFIRMED} | So it does, but the instrument does not confirm it, and the line says so. |
-| {LEFT} | As before, but the instrument hears nothing: it stays as it was, all others are safe. |
+| {UNCONFIRMED} | As *ends*, but the instrument does not confirm the safe state, and the line says so. |
+| {LEFT} | As *ends, unconfirmed*, but the instrument receives nothing: it stays as it was, all others are safe. |
 
 The safe state is looked up in the simulated world, not in a driver: laser dark, AWG off, DMD blank, oscilloscope
-stopped; attenuator shut and amplifier off, which the bench has, with a power meter, where a fault befalls one of the
-three. A laser or an amplifier that is left as it was still emits: the line says so and names its switch. Over each lost
-link an instrument gets its command once more through a new connection. After a lost link the bench is reached again at
+stopped. Cases of amplifier, attenuator and power meter have these three on the bench: attenuator shut, amplifier off. A
+laser or an amplifier that is left as it was still emits: the line says so and names its switch. After a lost link an
+instrument gets its command once more through a new connection, and the run tries to reach the bench again at
 most {ATTEMPTS} times in a row without a new record between, {PAUSE_S:g} s apart; `commands.log` has a line for each.
-Nothing is said to the patch panel at the end of a run.
+The patch panel gets no command at the end of a run.
 
-What an instrument says wrong without a word, and what somebody else changes, is in [a table of its
+Instruments that answer in order but give wrong data, and settings that somebody else changes, are in [a table of their
 own](wrong-data.md).
 
 This document is generated: `python -m tests.faults.document`.

@@ -35,26 +35,26 @@ NOTHING = "-"
 WHAT = "what happens"
 
 _INTRODUCTION = f"""\
-# Settings that somebody changes, instruments that lie
+# Changed settings and wrong data
 
-What a run makes of a setting that another client, or a person at the front panel, changes under it, and of an
-instrument that gives something wrong without a word. Each case is a small run on a simulated bench, over real sockets;
-the change comes at one moment of the run, and stays.
+How a run reacts when another client, or a person at the front panel, changes a setting while it goes on, and when an
+instrument answers in order but gives wrong data (*a lie*). Each case is a small run on a simulated bench, over real
+sockets. The change comes at one moment of the run, and stays.
 
 | outcome | meaning |
 | --- | --- |
 | {RIGHT} | The run ends well, and every record is that of a run without it. |
-| {MENDED} | So it does, after records were measured again. |
+| {MENDED} | The same, after records were measured again. |
 | {MARKED} | The run ends well, and every record that differs is marked `suspect`. |
 | {ENDED} | Exit status 1 and one line. The kept records are right or marked, also after `labctl resume`. |
-| {NAMED} | So it does, and the line names the setting. |
-| {REFUSED} | So it does before anything was measured. |
+| {NAMED} | As *ends*, and the line names the setting. |
+| {REFUSED} | As *ends*, before anything was measured. |
 
 The moments: {BEFORE}; *ranging*: at the first acquisition; *between records*: before an acquisition in the middle of
 the first pass, in a burst run before a burst; *before the picture*: when the oscilloscope waits and the DMD starts;
 *between channels*: before the points of the last channel are asked for; *next pass*: when the second pass is patched;
 *last record*: before the last acquisition. `{NOTHING}`: the setting does nothing then, or cannot be changed. A picture
-that another process puts into the DMD is no case: the vendor's library gives a device to one process alone.
+from another process cannot reach the DMD, since the vendor's library gives a device to one process alone.
 
 This document is generated: `python -m tests.knobs.document`.
 """
