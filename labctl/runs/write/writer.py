@@ -1,6 +1,8 @@
 """Writing a run: shots in, shards and journal out, data.h5 at the end."""
 
+import math
 import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -64,7 +66,8 @@ class RunWriter:
 
     Shots of one pass go into an open shard in memory. It is closed, that is written, fsynced, renamed and entered in
     the journal, when `Durability` requires it, when the pass changes, and when the next planned shot of the pass is on
-    disk already. The age limit is kept by a timer: it holds while the bench waits for an instrument or a person.
+    disk already. The age limit is kept by a timer: it holds while the bench waits for an instrument or a person, and
+    a shot that came alone is written while the next one is measured.
 
     As a context manager: at the end of the block the open shard is closed and data.h5 is made, however the block ends.
     """
@@ -79,6 +82,7 @@ class RunWriter:
         *,
         recovered: tuple[str, ...] = (),
         timer: TimerFactory,
+        clock: Callable[[], float],
     ) -> None:
         """Not for callers: `create` and `resume` open a run."""
         self.recovered = recovered
@@ -91,6 +95,8 @@ class RunWriter:
         self._stored = stored
         self._new_timer = timer
         self._timer: Timer | None = None
+        self._clock = clock
+        self._came = math.inf
         self._guard = threading.RLock()
         self._open: list[Frames] = []
         self._open_epochs: list[int] = []
@@ -115,6 +121,7 @@ class RunWriter:
         seconds_a_shot: float = 0.0,
         on_warning: Warn = _nobody,
         timer: TimerFactory = wall_timer,
+        clock: Callable[[], float] = time.monotonic,
     ) -> Self:
         """Begin a run in `directory`, which must be new or empty.
 
@@ -130,6 +137,7 @@ class RunWriter:
             seconds_a_shot: How long a shot is expected to take on one pass.
             on_warning: Called, from any thread, with one line when the disk is filling up.
             timer: What closes a shard that gets too old.
+            clock: When a shot came, s.
 
         Raises:
             RunExists: the directory holds something.
@@ -147,7 +155,7 @@ class RunWriter:
             raise not_written(directory, error) from error
         room = Room(directory, shape, drive, shots_a_shard(shape, durability, seconds_a_shot), on_warning)
         shards = Shards(paths, shape, plan, ())
-        return cls(checked, shards, drive, durability, StoredShards(shards, journal, room), timer=timer)
+        return cls(checked, shards, drive, durability, StoredShards(shards, journal, room), timer=timer, clock=clock)
 
     @classmethod
     def resume(
@@ -157,12 +165,13 @@ class RunWriter:
         *,
         on_warning: Warn = _nobody,
         timer: TimerFactory = wall_timer,
+        clock: Callable[[], float] = time.monotonic,
     ) -> Self:
         """Go on with an interrupted run: `missing` lists what is still to be measured.
 
         What a crash left behind is put in order first, and `recovered` describes what was found: a shard that did
-        not reach the journal is taken in, a damaged one is set aside and its shots are missing again. `on_warning` and
-        `timer` are as of `create`.
+        not reach the journal is taken in, a damaged one is set aside and its shots are missing again. `on_warning`,
+        `timer` and `clock` are as of `create`.
 
         Raises:
             RunError: no run, a run that another process is writing, a damaged manifest or plan, or too little room on
@@ -190,6 +199,7 @@ class RunWriter:
                 StoredShards(shards, journal, room, next_shard),
                 recovered=recovered,
                 timer=timer,
+                clock=clock,
             )
             require(directory, room.to_come(shards, data_file=not writer._has_data_file()))
             return writer
@@ -272,10 +282,12 @@ class RunWriter:
     ) -> None:
         """Take the shots of a pass from `first` on, `time_s` since the run began; the arrays are not copied.
 
-        A single shot is on disk after at most the configured shots or seconds. Several that come together are on disk
-        when this returns. Before a shard is closed here, `sure` is asked whether the settings are still those that all
-        its shots are to be measured with. Where it is not, or where a shard was closed because it got old, the shots
-        are entered as suspect until somebody is sure. What `sure` raises is passed on, and nothing is closed.
+        A single shot is on disk after at most the configured shots or seconds, and at once where the one before came
+        as many seconds ago: in a run that slow each has a shard of its own anyway, and somebody may look at it. Several
+        that come together are on disk when this returns. Before a shard is closed here, `sure` is asked whether the
+        settings are still those that all its shots are to be measured with. Where it is not, or where a shard was
+        closed by the timer, the shots are entered as suspect until somebody is sure. What `sure` raises is passed on,
+        and nothing is closed.
 
         Raises:
             RunError: the disk is full or refuses; from then on the writer takes nothing more.
@@ -286,6 +298,8 @@ class RunWriter:
         last, together = first + count, count > 1
         with self._guard:
             self._raise_failure()
+            came, self._came = self._came, self._clock()
+            alone = self._came - came >= self._durability.seconds
             follows = (pass_index, first) == (self._open_pass, self._open_first + len(self._open))
             full = bool(self._open) and (len(self._open) + 1) * frames.codes.nbytes > self._durability.shard_bytes
             if (together or not follows or full) and self._open:
@@ -304,7 +318,7 @@ class RunWriter:
             if self._stored.unsure and sure():
                 self._stored.trust()
             if self._timer is None:
-                self._timer = self._new_timer(self._durability.seconds, self._close_aged)
+                self._timer = self._new_timer(0.0 if alone else self._durability.seconds, self._close_aged)
                 self._timer.start()
 
     def sync(self) -> None:

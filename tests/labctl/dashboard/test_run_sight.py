@@ -1,6 +1,8 @@
 """The channels of a run, seen from what it has on disk."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +11,9 @@ from labctl.dashboard.run_sight import RunSight, spread
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.live.sight import RECENT
 from labctl.runs.read.run import open_run
+from labctl.runs.write.writer import RunWriter, Timer
 from protocols.image_readout import ImageReadout
+from tests.labctl.runs.conftest import SMALL, measure, plan_for
 from tests.observers import Follower
 
 
@@ -39,6 +43,56 @@ def test_a_run_is_seen_while_it_measures_and_its_references_tell_of_drift(tmp_pa
         assert np.allclose(last.peak_v, run.volts(lit).mean(axis=2).max(axis=0))
     assert last.elapsed_s[0] == 0
     assert (last.likeness > 0.8).all()
+
+
+class Wall:
+    """A clock that is put forward by hand, with what is due meanwhile."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+        self._due: dict[int, tuple[float, Callable[[], None]]] = {}
+
+    def clock(self) -> float:
+        return self._now_s
+
+    def timer(self, seconds: float, call: Callable[[], None]) -> Timer:
+        return Due(self._due, self._now_s + seconds, call)
+
+    def pass_by(self, seconds: float) -> None:
+        self._now_s += seconds
+        for key, (at_s, call) in list(self._due.items()):
+            if at_s <= self._now_s:
+                del self._due[key]
+                call()
+
+
+class Due:
+    """A timer of such a clock."""
+
+    def __init__(self, due: dict[int, tuple[float, Callable[[], None]]], at_s: float, call: Callable[[], None]) -> None:
+        self._due, self._at_s, self._call = due, at_s, call
+
+    def start(self) -> None:
+        self._due[id(self)] = self._at_s, self._call
+
+    def cancel(self) -> None:
+        self._due.pop(id(self), None)
+
+
+def test_the_newest_shot_of_a_slow_run_is_seen_long_before_the_next_one_comes(tmp_path: Path) -> None:
+    wall, plan = Wall(), plan_for(SMALL)
+    sight, seen = RunSight(tmp_path), list[Any]()
+    with RunWriter.create(tmp_path, {}, SMALL, plan, timer=wall.timer, clock=wall.clock) as writer:
+        writer.scales(0, 1e-3, 0)
+        for shot in range(SMALL.shots):
+            writer.append(0, shot, measure(SMALL, 0, shot))
+            wall.pass_by(0.1)
+            sight.look()
+            seen.append(None if sight.sight is None else sight.sight.recent[-1])
+            wall.pass_by(2.9)
+    assert seen[0] is None, "it may be the first of many that come fast"
+    lit = np.flatnonzero(plan["kind"] != b"dark")[1:]
+    assert all(np.array_equal(seen[shot], measure(SMALL, 0, shot).codes[0]) for shot in lit)
 
 
 def test_what_is_no_run_shows_nothing(tmp_path: Path) -> None:

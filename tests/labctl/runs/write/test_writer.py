@@ -171,6 +171,33 @@ def test_old_shots_reach_the_disk_though_no_new_one_comes(
         assert [(line["shard"], line["shots"]) for line in journal(tmp_path / "run")] == [(0, 0), (0, 0)]
 
 
+class HandClock:
+    """A clock that is set by hand, s."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_a_shot_that_would_be_alone_in_its_shard_does_not_wait_for_others(
+    tmp_path: Path, begin: Begin, measure: Measure, small: RunShape
+) -> None:
+    timers, clock = HandTimers(), HandClock()
+    with begin(tmp_path / "run", timer=timers, clock=clock) as writer:
+        writer.scales(0, 1e-3, 0)
+        waits = []
+        for shot, gap_s in enumerate((0, 3600, 7200, 3599, 1, 5000)):
+            clock.now += gap_s
+            writer.append(0, shot, measure(small, 0, shot), 1)
+            waits.append(timers[-1].seconds)
+            if shot != 3:  # no more shards than if each had waited
+                timers[-1].fire()
+        assert waits == [3600, 0, 0, 3600, 3600, 0]
+        assert dict.fromkeys(line["first"] for line in journal(tmp_path / "run")) == dict.fromkeys([0, 1, 2, 3, 5])
+
+
 def fails_from_now_on(folder: Path) -> None:
     folder.rmdir()
     folder.write_bytes(b"")
