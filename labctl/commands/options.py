@@ -9,7 +9,7 @@ from labctl.runs.format.store import here
 
 RunHereArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", parser=here)]
 StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
-DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, looked at first.")]
+DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, searched first.")]
 PortBaseOption = Annotated[
     int | None, typer.Option("--port-base", min=1024, max=65500, help="First TCP port; without it any free ones.")
 ]
