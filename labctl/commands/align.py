@@ -25,7 +25,7 @@ def align(
 ) -> int:
     """Measure dark levels, ranges, repeatability, contrast, trigger-to-light delay, drive depth and decorrelation.
 
-    Each step says what it found, how sure that is, and what to do where it is not good.
+    Each step prints what it found, with its uncertainty, and what to do if it is not good.
     """
 
     def show_finding(finding: Finding) -> None:

@@ -34,7 +34,7 @@ def check(
     armed: ArmOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Connect, identify and self-test every instrument; no light is switched on, but with --deep --arm."""
+    """Connect, identify and self-test every instrument; without light, except with --deep --arm."""
     if armed and not deep:
         raise UsageError("--arm: this check needs no light: leave it out, or ask for --deep too")
     described, access, asked = read_station(station), access_of(context, attended=attended, armed=armed), None

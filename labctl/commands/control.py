@@ -20,7 +20,7 @@ Run = Annotated[Path, typer.Argument(help="Directory of a running run, or of a s
 
 
 def pause(run: Run, as_json: JsonOption = False) -> int:
-    """Have a running run go dark after this record and wait."""
+    """Make a running run go dark after this record and wait."""
     return _ask(run, Word.PAUSE, "goes dark after this record and waits for labctl go-on", as_json)
 
 
@@ -41,15 +41,17 @@ def stop(
 def dark(
     run: Annotated[Path, typer.Argument(help="Directory of a run.", parser=here)], as_json: JsonOption = False
 ) -> int:
-    """Say that you have seen the laser dark, after a run that could not switch it off."""
+    """Confirm that you have seen the laser dark, after a run that could not switch it off."""
     require_own_files(run)
     if not may_emit(run):
-        raise UsageError(f"{run}: nothing says that its laser may still emit: nothing to confirm")
+        raise UsageError(f"{run}: its laser is not reported as emitting: there is nothing to confirm")
     try:
         say_dark(run)
     except OSError as error:
-        raise UsageError(f"{run}: cannot be written ({error.strerror}): say it as the user who runs it") from None
-    show({"run": str(run), "seen": "dark"}, as_json, lambda: say(f"{run}: the laser is taken for dark"))
+        raise UsageError(
+            f"{run}: cannot be written ({error.strerror}): repeat this as the user who started the run"
+        ) from None
+    show({"run": str(run), "seen": "dark"}, as_json, lambda: say(f"{run}: the laser is recorded as dark"))
     return DONE
 
 
@@ -64,6 +66,8 @@ def _ask(run: Path, word: Word, what: str, as_json: bool) -> int:
         else:
             tell(run, word)
     except OSError as error:
-        raise UsageError(f"{run}: cannot be asked ({error.strerror}): ask as the user who runs it") from None
+        raise UsageError(
+            f"{run}: cannot be asked ({error.strerror}): repeat this as the user who started the run"
+        ) from None
     show({"run": str(run), "asked": str(word), "process": writer.process}, as_json, lambda: say(f"{run}: {what}"))
     return DONE

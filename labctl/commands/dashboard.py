@@ -30,7 +30,7 @@ def dashboard(
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Show running and past runs in a browser: watch, pause, stop, compare; Ctrl-C ends it, and no run with it."""
+    """Show running and past runs in a browser: watch, pause, stop, compare. Ctrl-C ends it; runs go on."""
     if find_spec("nicegui") is None:
         raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
     from labctl.dashboard.guard import is_loopback

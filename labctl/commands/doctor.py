@@ -25,4 +25,4 @@ def _print(findings: Sequence[Finding], works: bool) -> None:
             for found in findings
         ),
     )
-    say("labctl works here; what is MISSING it does without" if works else "labctl cannot work here: mend the BROKEN")
+    say("labctl works here, without what is MISSING" if works else "labctl cannot work here: repair what is BROKEN")

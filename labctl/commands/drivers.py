@@ -9,7 +9,7 @@ from labctl.commands.output import JsonOption, say, show, table
 
 
 def drivers(as_json: JsonOption = False) -> int:
-    """List the installed drivers: role, interface, package, and who simulates their instruments."""
+    """List the installed drivers: role, interface, package, and the package that simulates the instrument."""
     found = listed(SIMULATED_DRIVERS)
     show({"drivers": [asdict(one) for one in found]}, as_json, lambda: _print(found))
     return DONE

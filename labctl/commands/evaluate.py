@@ -48,7 +48,7 @@ def evaluate(
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Say how good a result is.
+    """Test a readout, a sweep or a scan, and print how good the result is.
 
     MODEL RUN: tests a readout on shots it has not seen, and its kind on random and forward-in-time splits, with
     controls. SWEEP: a readout at each of its points, with a figure. RUN --online: test, then train, in the order it was
@@ -71,7 +71,7 @@ def evaluate(
         require_readout(run)
         return train.evaluate(subject, run, as_json)
     if subject.is_file():
-        raise UsageError(f"{subject}: a file is tested on a run: name the run directory behind it")
+        raise UsageError(f"{subject}: a model file is tested on a run: name the run directory after it")
     if protocol_of(subject)[1] is not Judgement.ITSELF:
         raise cannot_judge(subject)
     found = measure_fibre(subject)
@@ -105,7 +105,7 @@ def _print_sweep(found: dict[str, Any]) -> None:
         ),
     )
     if found["reference"]:
-        say(f"the first point, again and again: {', '.join(f'{one:.3f}' for one in found['reference'])}")
+        say(f"the reference point, each time it was measured: {', '.join(f'{one:.3f}' for one in found['reference'])}")
     say(f"figure: {found['figure']}")
 
 

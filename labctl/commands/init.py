@@ -64,10 +64,10 @@ def init(
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: options and defaults only.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Write a station file from what answers and what you say; no light is switched on.
+    """Write a station file from what the instruments and you answer; no light is switched on.
 
-    Every address is asked who is there (*IDN?), serial ports only where you name them. Without a terminal nothing is
-    asked of you.
+    Every address is asked who is there (*IDN?), serial ports only if you name them. Without a terminal there are no
+    questions.
     """
     if file.exists():
         raise StationError(f"{file}: exists: name a new file, or remove it")
@@ -249,7 +249,7 @@ def _print(result: dict[str, Any]) -> None:
     for role in result["absent"]:
         say(f"{role}: not found: write its address into the file")
     for role in result["silent"]:
-        say(f"{role}: nobody answers at its address: see that it is switched on, or correct the address in the file")
+        say(f"{role}: nobody answers at its address: check that it is switched on, or correct the address in the file")
     for place, holder in result["held"].items():
         say(f"{place}: held by {holder}; it was not asked who is there")
     for other in result["others"]:

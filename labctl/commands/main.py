@@ -37,7 +37,7 @@ def _tell_version(asked: bool) -> None:
 @app.callback()
 def labctl(
     version: Annotated[
-        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Say which labctl this is.")
+        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """What comes before a command."""

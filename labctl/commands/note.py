@@ -14,16 +14,16 @@ from labctl.runs.notes import Notes, read_notes, say_of
 
 def note(
     run: RunHereArgument,
-    text: Annotated[str, typer.Argument(help="What is to be known of it.")] = "",
+    text: Annotated[str, typer.Argument(help="The note.")] = "",
     tags: Annotated[list[str] | None, typer.Option("--tag", help="A word to find it by; may be repeated.")] = None,
     untagged: Annotated[list[str] | None, typer.Option("--untag", help="Take a tag away; may be repeated.")] = None,
-    star: Annotated[bool | None, typer.Option("--star/--no-star", help="Mark it, or take the mark away.")] = None,
+    star: Annotated[bool | None, typer.Option("--star/--no-star", help="Set the star, or take it away.")] = None,
     operator: Annotated[str | None, typer.Option("--operator", help="Who measured it.")] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Say something of a run, or read what was said: a note, tags, a star, the operator.
+    """Write a note, tags, a star or the operator of a run, or read them.
 
-    It is kept beside what was measured, never in it, and nothing that was said is lost.
+    They are kept beside the measured data, never in them, and no note is lost.
     """
     paths = RunPaths(run)
     if text or tags or untagged or star is not None or operator is not None:

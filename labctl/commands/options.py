@@ -9,10 +9,10 @@ from labctl.runs.format.store import here
 
 RunHereArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", parser=here)]
 StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
-DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, looked at first.")]
-NoteOption = Annotated[str, typer.Option("--note", help="What is to be known of it; kept beside the data.")]
+DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, searched first.")]
+NoteOption = Annotated[str, typer.Option("--note", help="A note on the run; kept beside the data.")]
 TagsOption = Annotated[list[str] | None, typer.Option("--tag", help="A word to find it by; may be repeated.")]
-StarOption = Annotated[bool, typer.Option("--star", help="Mark it.")]
+StarOption = Annotated[bool, typer.Option("--star", help="Mark the run with a star.")]
 OperatorOption = Annotated[str | None, typer.Option("--operator", help="Who measures it.")]
 PortBaseOption = Annotated[
     int | None, typer.Option("--port-base", min=1024, max=65500, help="First TCP port; without it any free ones.")

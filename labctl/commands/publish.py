@@ -30,7 +30,7 @@ def publish(
 ) -> int:
     """Copy a run to give it away: with checksums, and as RO-Crate or with DataCite metadata.
 
-    What is unfinished, damaged, in doubt or simulated is called so in title and description.
+    Title and description say if the run is unfinished, damaged, in doubt or simulated.
     """
     if to not in FORMATS:
         raise UsageError(f"--as {to}: choose one of {', '.join(FORMATS)}")

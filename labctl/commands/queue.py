@@ -1,6 +1,7 @@
 """The queue: runs and sweeps one after the other, through the night."""
 
 import getpass
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,9 +22,7 @@ RUNS = Path("runs")
 
 @app.command("add", context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
 def add(
-    words: Annotated[
-        list[str], typer.Argument(metavar="run|sweep ...", help="A command as it is typed behind labctl.")
-    ],
+    words: Annotated[list[str], typer.Argument(metavar="run|sweep ...", help="A command as it is typed after labctl.")],
     folder: FolderOption = RUNS,
     as_json: JsonOption = False,
 ) -> int:
@@ -41,7 +40,7 @@ def add(
 
 @app.command("list")
 def list_items(folder: FolderOption = RUNS, as_json: JsonOption = False) -> int:
-    """List what is done, runs and waits."""
+    """List the items: done, running, waiting."""
     items = Queue(folder).items()
     show(
         {"items": [_described(item) for item in items]},
@@ -58,7 +57,7 @@ def move(
     folder: FolderOption = RUNS,
     as_json: JsonOption = False,
 ) -> int:
-    """Give what waits another place."""
+    """Move a waiting item to another place."""
     Queue(folder).move(number, to)
     return list_items(folder, as_json)
 
@@ -73,12 +72,12 @@ def remove(number: Number, folder: FolderOption = RUNS, as_json: JsonOption = Fa
 @app.command("start")
 def start(
     on_failure: Annotated[
-        OnFailure, typer.Option("--on-failure", help="What becomes of the rest when an item fails.")
+        OnFailure, typer.Option("--on-failure", help="What to do with the rest when an item fails.")
     ] = OnFailure.STOP,
     folder: FolderOption = RUNS,
     as_json: JsonOption = False,
 ) -> int:
-    """Carry out what waits, one after the other; the bench is dark between them. Ctrl-C ends the item and the queue."""
+    """Carry out the waiting items, one after the other; the bench is dark between them. Ctrl-C ends item and queue."""
     with interruptible() as interruption:
         found = work(Queue(folder), on_failure, interruption, tell)
     show(vars(found), as_json, lambda: _print_worked(found))
@@ -93,7 +92,7 @@ def stop(
     folder: FolderOption = RUNS,
     as_json: JsonOption = False,
 ) -> int:
-    """Have the queue stop after the item that runs, or after its shot."""
+    """Stop the queue after the running item, or after its shot."""
     wish = Wish.STOP_NOW if now else Wish.STOP
     Queue(folder).ask(wish)
     show({"asked": wish}, as_json, lambda: say(f"{folder}: the queue ends after this {'shot' if now else 'item'}"))
@@ -122,7 +121,7 @@ def _described(item: Item) -> dict[str, Any]:
 
 
 def _what(item: Item) -> str:
-    return f"labctl {' '.join(item.words)}"
+    return f"labctl {shlex.join(item.words)}"
 
 
 def _time(item: Item) -> str:

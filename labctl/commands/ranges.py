@@ -22,7 +22,7 @@ def shots_of(text: str | None) -> tuple[int, int] | None:
         return None
     first, _, last = text.strip().partition("-")
     if not (first.isdecimal() and (last or first).isdecimal()) or int(last or first) < int(first):
-        raise UsageError(f"--shots {text}: is no range of shots: write it like 0-19 or 7")
+        raise UsageError(f"--shots {text}: is not a range of shots: write it like 0-19 or 7")
     return int(first), int(last or first)
 
 

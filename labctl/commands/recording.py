@@ -48,7 +48,7 @@ def record(
         tell(
             f"recorded in {', '.join(map(str, written))}"
             if written
-            else "no instrument was spoken to: nothing recorded"
+            else "no message went to an instrument: nothing was recorded"
         )
 
 
@@ -127,7 +127,7 @@ def _serve(served: Replay, resources: Mapping[str, str], as_json: bool) -> int:
 
 def _refuse_nesting(command: list[str]) -> None:
     if command[0] in ("record", "replay"):
-        raise UsageError(f"labctl {command[0]} cannot be recorded or played to: name the command inside it")
+        raise UsageError(f"labctl {command[0]} cannot be recorded or replayed: name the command inside it")
 
 
 def _carry_out(context: typer.Context, command: list[str], wire: Wire, as_json: bool) -> int:

@@ -36,7 +36,9 @@ def reproduce(
         list[str] | None, typer.Argument(help="Experiments; 'all' of the paper (the default), 'beyond' it.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer twins and splits, by the same path.")] = False,
-    seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="How many seeds, in place of the usual.")] = None,
+    seeds: Annotated[
+        int | None, typer.Option("--seeds", min=1, help="How many seeds, instead of the usual number.")
+    ] = None,
     first_seed: FirstSeedOption = 1,
     station: StationOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for runs and report; must be new or empty.")] = None,
@@ -187,7 +189,7 @@ def _print_fit(result: dict[str, Any]) -> None:
         ],
     )
     low, high = fit["interval"]
-    say(f"{fit['name']}: {fit['fitted']:g}, {low:g} to {high:g} not told from it")
+    say(f"{fit['name']}: {fit['fitted']:g}, {low:g} to {high:g} cannot be distinguished from it")
     if not fit["reached"]:
         say(f"No value reaches the paper's curve: below {fit['accuracy']:g} at the first time, above at the second.")
     say(f"{result['seconds']:.0f} s; report: {result['report']}")

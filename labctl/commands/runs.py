@@ -23,17 +23,17 @@ def runs(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Folder of run directories, or its URL.", parser=location)
     ] = Path("runs"),
-    where: Annotated[str, typer.Option("--where", help=f"Only runs of which this is so: {EXAMPLE}; or words.")] = "",
+    where: Annotated[str, typer.Option("--where", help=f"Only runs that fit: {EXAMPLE}; or words.")] = "",
     protocol: Annotated[str | None, typer.Option("--protocol", help="Only runs of this protocol.")] = None,
     since: Annotated[
         str | None, typer.Option("--since", help="Only runs begun since, in UTC: 2026-11-21 or 2026-11-21T09:15.")
     ] = None,
     state: Annotated[str | None, typer.Option("--state", help=f"Only runs that are {', '.join(STATES)}.")] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Only runs with this seed.")] = None,
-    limit: Annotated[int | None, typer.Option("--limit", min=1, help="Only the last so many.")] = None,
+    limit: Annotated[int | None, typer.Option("--limit", min=1, help="Only the last N.")] = None,
     sort: Annotated[str, typer.Option("--sort", help="By any key of --keys; the last is the largest.")] = "started",
     columns: Annotated[str, typer.Option("--columns", help='Keys to show as well, such as "images,accuracy".')] = "",
-    keys: Annotated[bool, typer.Option("--keys", help="Say what runs can be found and sorted by.")] = False,
+    keys: Annotated[bool, typer.Option("--keys", help="List the keys that runs can be found and sorted by.")] = False,
     as_json: JsonOption = False,
 ) -> int:
     """List the runs in a folder, the newest last."""
@@ -57,7 +57,7 @@ def _time(text: str) -> str:
     try:
         found = datetime.fromisoformat(text)
     except ValueError:
-        raise UsageError(f"--since {text}: is no date: write it like 2026-11-21 or 2026-11-21T09:15") from None
+        raise UsageError(f"--since {text}: is not a date: write it like 2026-11-21 or 2026-11-21T09:15") from None
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
 
 
@@ -86,7 +86,7 @@ def _listed(found: Found) -> dict[str, object]:
 
 def _print(folder: Path, found: list[Found], columns: list[str], *, asked: bool) -> None:
     if not found:
-        say(f"{folder}: none of its runs is of that kind" if asked else f"{folder}: no runs yet")
+        say(f"{folder}: no run in it matches" if asked else f"{folder}: no runs yet")
         return
     table(
         ("run", "protocol", "started", "seed", "twin", "shots", "tags", *columns, ""),

@@ -22,7 +22,7 @@ def schema(
 ) -> int:
     """Print the JSON Schema of station files or of a protocol's files, for editors."""
     if (name is None) == (write is None):
-        raise UsageError(f"name one of {', '.join(names())}, or a folder by --write")
+        raise UsageError(f"name one of {', '.join(names())}, or give a folder with --write")
     if write is None:
         indent = None if as_json else 2
         sys.stdout.write(json.dumps(schema_of(str(name)), indent=indent, ensure_ascii=False) + "\n")

@@ -41,9 +41,9 @@ def show(
         output(found, as_json, lambda: _print(found))
         return DONE
     if is_elsewhere(path):
-        raise UsageError(f"{path}: is no run: copy the file here to see what it holds")
+        raise UsageError(f"{path}: is not a run: copy the file here to see what it holds")
     if out or shots or ports:
-        raise UsageError(f"{path}: is no run: leave --out, --shots and --ports out")
+        raise UsageError(f"{path}: is not a run: leave --out, --shots and --ports out")
     summary = summary_of(path)
     output(summary, as_json, lambda: table(("what", "value"), _flat(summary)))
     return DONE

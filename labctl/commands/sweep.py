@@ -44,14 +44,14 @@ def sweep(
         list[str] | None,
         typer.Option("--over", help='An axis: "window=0.5 ns,1 ns" or "power=3:30:7 mW"; may be repeated.'),
     ] = None,
-    side_by_side: Annotated[bool, typer.Option("--zip", help="Axes side by side, not in every combination.")] = False,
+    side_by_side: Annotated[bool, typer.Option("--zip", help="Vary axes together, not in every combination.")] = False,
     order: Annotated[
-        Order | None, typer.Option("--order", help="In which order points are measured; else at random.")
+        Order | None, typer.Option("--order", help="Order in which points are measured; default random.")
     ] = None,
     reference_every: Annotated[
         int | None,
         typer.Option(
-            "--reference-every", min=0, help="The first point again after so many others; 10 if not said, 0: never."
+            "--reference-every", min=0, help="Measure the first point again after so many others; default 10, 0: never."
         ),
     ] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value; may be repeated.")] = None,

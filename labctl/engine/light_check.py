@@ -46,7 +46,7 @@ def refuse_changed_light(shot: Shot, first: NDArray[Any], stored: NDArray[Any], 
         raise InstrumentError(
             f"bench: {shot.kind} shot {shot.index} is not what it was: its traces differ by {difference:.1f} codes "
             f"rms, {difference / explained:.1f} times what noise and drift explain ({ALLOWED:g} are allowed): let the "
-            f"laser warm up, check fibres and mirrors and resume again, or begin a new run"
+            f"laser warm up, check fibres and mirrors then resume again, or begin a new run"
         )
 
 

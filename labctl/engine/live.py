@@ -39,7 +39,7 @@ TASK = "labctl live"
 COMPARED_EVERY = 50
 """Looks after which settings and powers are compared."""
 WIDENED_AFTER = 3
-"""Looks one after the other that touch the end of a range before the ranges are found anew."""
+"""Looks one after the other that touch the end of a range before the vertical ranges are found anew."""
 IDLE_S = 0.1
 PICTURE = np.ones((32, 32))
 """All mirrors towards the chip: the most light there is."""
@@ -245,12 +245,12 @@ class _Looking:
         self._clipped = self._clipped + 1 if traces.clipped.any() else 0
         if self._clipped == WIDENED_AFTER:
             self._clipped = 0
-            self.observer.warning("a trace touched the end of its range: the ranges are found anew")
+            self.observer.warning("a trace touched the end of its range: the vertical ranges are found anew")
             self.hands.find_ranges()
 
     def _compare(self) -> None:
         try:
             self.hands.require_unchanged()
         except SettingChanged as change:
-            self.observer.warning(f"{change}; the ranges are found anew")
+            self.observer.warning(f"{change}; the vertical ranges are found anew")
             self.hands.find_ranges()

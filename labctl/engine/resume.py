@@ -64,11 +64,11 @@ def protocol_of_manifest(directory: Path, manifest: Mapping[str, Any]) -> Measur
         protocol = with_settings(found, asked["settings"], origin=str(directory))
         digest = asked["digest"]
     except (KeyError, TypeError, AttributeError) as error:
-        raise RunError(f"{directory}: the manifest does not say what was asked for: begin a new run") from error
+        raise RunError(f"{directory}: the manifest has no protocol settings: begin a new run") from error
     if protocol.digest() != digest:
         raise RunError(
-            f"{directory}: this labctl takes the settings of the protocol otherwise: go on with the version in the "
-            f"manifest, or begin a new run"
+            f"{directory}: this version of labctl reads the protocol's settings differently: resume with the version "
+            f"that the manifest names, or begin a new run"
         )
     return protocol
 
@@ -83,11 +83,11 @@ def own_protocol(directory: Path, path: str, sha256: str, **_: object) -> type[M
     try:
         source = read_source(Path(path))
     except ProtocolError as error:
-        raise RunError(f"{directory}: its protocol is that file's: {error}") from None
+        raise RunError(f"{directory}: the file with its protocol: {error}") from None
     if source.sha256 != sha256 or not is_own(source.path, source.content):
         raise RunError(
-            f"{directory}: no run was begun here with the protocol {path!r} as it is now: put back what it said then, "
-            f"which stands in the manifest of the run, or begin a new one"
+            f"{directory}: no run was begun here with the protocol {path!r} as it is now: restore its text from the "
+            f"manifest of the run, or begin a new run"
         )
     return protocol_of(source)
 
@@ -146,7 +146,7 @@ def own_station(directory: Path, begun: Station) -> Station:
     found = read_station(file)
     if changed := _differences(begun, found, FILES):
         raise StationError(
-            f"{directory}: {begun.source} does not say what it said when the run was begun ({changed[0].setting} was "
+            f"{directory}: {begun.source} has changed since the run was begun ({changed[0].setting} was "
             f"{changed[0].then} and is {changed[0].now}): name the station of this bench by --station"
         )
     return found
@@ -179,8 +179,8 @@ def refuse_other_inputs(directory: Path, manifest: Mapping[str, Any], inputs: In
     """
     if inputs.digest != manifest.get("inputs_sha256"):
         raise RunError(
-            f"{directory}: the data set is not the one that the run was begun with: name its folder by --data, or "
-            f"begin a new run"
+            f"{directory}: the data set differs from the one that the run was begun with: name its folder by --data, "
+            f"or begin a new run"
         )
 
 
@@ -202,8 +202,8 @@ def refuse_other_plan(
     }
     if changed := [what for what, found in same.items() if not found]:
         raise RunError(
-            f"{paths.directory}: this labctl makes another {changed[0]} of the run's settings: go on with the version "
-            f"in the manifest, or begin a new run"
+            f"{paths.directory}: this version of labctl makes another {changed[0]} from the run's settings: resume "
+            f"with the version that the manifest names, or begin a new run"
         )
 
 

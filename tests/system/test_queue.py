@@ -14,6 +14,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
 from labctl.runs.notes import read_notes
 from labctl.runs.queue import Queue
+from tests.command_line import labctl
 from tests.system.waiting import until_stored
 
 LABCTL = [sys.executable, "-m", "labctl"]
@@ -51,6 +52,12 @@ def test_items_are_added_moved_and_removed(tmp_path: Path) -> None:
     assert [item["number"] for item in queue(tmp_path, "remove", 1)[1]["items"]] == [3, 2]
     assert queue(tmp_path, "remove", 7)[1]["error"] == "item 7: there is none: see 'labctl queue list'"
     assert queue(tmp_path, "move", 2, "--to", 5)[1]["error"] == "place 5: 2 wait: choose 1 to 2"
+
+
+def test_what_is_listed_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Queue(tmp_path).add(SMALL, tmp_path / "run", {}, "ada")
+    _, listed, _ = labctl(capsys, "queue", "list", "--folder", tmp_path)
+    assert "labctl run image-readout --set images=40 --set 'window=0.4 ns'" in listed
 
 
 @pytest.mark.parametrize(

@@ -115,8 +115,7 @@ def station_of(directory: Path, file: SweepFile, protocol: type[Measurement[Any]
         )
     if _digest(station) != file.station_sha256:
         raise StationError(
-            f"{directory}: {station.source} does not say what it said when the sweep was begun: put that back, or "
-            f"begin a new sweep"
+            f"{directory}: {station.source} has changed since the sweep was begun: restore it, or begin a new sweep"
         )
     return station
 

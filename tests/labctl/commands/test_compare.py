@@ -94,7 +94,7 @@ def test_runs_are_filtered(bench_run: Path, changed: Path, as_json: AsJson, type
     ):
         _, found = as_json("runs", changed.parent, *options)
         assert [Path(row["run"]).name for row in found["runs"]] == names
-    assert "none of its runs is of that kind" in typed("runs", changed.parent, "--seed", 9)[1]
+    assert "no run in it matches" in typed("runs", changed.parent, "--seed", 9)[1]
     for options, message in (
         (("--sort", "colour"), "colour: no run here has that: see `labctl runs --keys`"),
         (("--since", "yesterday"), "is no date"),

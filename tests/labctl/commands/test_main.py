@@ -68,11 +68,11 @@ def test_who_has_seen_the_laser_dark_says_so_once(
     with EventLog() as events:
         events.stored_in(directory)
         events.safe_state(UnsafeBench("the laser may still emit", ["laser"]))
-    assert labctl(capsys, "dark", directory)[:2] == (0, f"{directory}: the laser is taken for dark\n")
+    assert labctl(capsys, "dark", directory)[:2] == (0, f"{directory}: the laser is recorded as dark\n")
     status, _, told = labctl(capsys, "dark", directory)
     assert (status, told) == (
         2,
-        f"labctl: {directory}: nothing says that its laser may still emit: nothing to confirm\n",
+        f"labctl: {directory}: its laser is not reported as emitting: there is nothing to confirm\n",
     )
 
 
