@@ -97,7 +97,7 @@ def test_runs_are_filtered(bench_run: Path, changed: Path, as_json: AsJson, type
     assert "no run in it matches" in typed("runs", changed.parent, "--seed", 9)[1]
     for options, message in (
         (("--sort", "colour"), "colour: no run here has that: see `labctl runs --keys`"),
-        (("--since", "yesterday"), "is no date"),
+        (("--since", "yesterday"), "is not a date"),
         (("--state", "good"), "choose one of complete"),
     ):
         status, _, told = typed("runs", changed.parent, *options)

@@ -50,7 +50,7 @@ def test_some_shots_and_ports_in_one_picture(bench_run: Path, tmp_path: Path, ty
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--shots", "5-3"), "is no range of shots"),
+        (("--shots", "5-3"), "is not a range of shots"),
         (("--shots", "90"), "it has shots 0 to 27"),
         (("--ports", "4"), "port 4 was not measured: choose from 2, 3"),
         (("--ports", "two"), "is not a list of ports"),
@@ -95,4 +95,4 @@ def test_files_that_nobody_knows_are_refused(tmp_path: Path, typed: Typed) -> No
         assert (status, out, told.count("\n")) == (2, "", 1)
         assert message in told
     status, _, told = typed("show", tmp_path / "export.nc", "--shots", "3")
-    assert "is no run" in told
+    assert "is not a run" in told

@@ -143,7 +143,7 @@ def test_instruments_are_compared_but_for_what_every_run_sends(
 def test_other_images_are_refused() -> None:
     images = Images(np.zeros((1, 2, 2), np.bool_), np.zeros(1, np.int64), np.zeros(1, np.int64))
     refuse_other_inputs(HERE, {"inputs_sha256": images.digest}, images)
-    with pytest.raises(RunError, match="data set is not the one"):
+    with pytest.raises(RunError, match="data set differs from the one"):
         refuse_other_inputs(HERE, {"inputs_sha256": "0"}, images)
 
 

@@ -144,7 +144,7 @@ def test_neither_is_nested(nested: tuple[str, ...], tmp_path: Path, capsys: pyte
     for command in ("record", "replay"):
         status, _, err = labctl(capsys, command, tmp_path / "b.rec", "--", *nested)
         assert status == 2
-        assert "cannot be recorded or played to" in err
+        assert "cannot be recorded or replayed" in err
 
 
 def test_what_is_for_clients_of_your_own_is_refused_with_a_command(
@@ -172,7 +172,7 @@ def test_a_masked_recording_tells_no_serial_number_and_still_matches(
 def test_nothing_spoken_nothing_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, _, err = labctl(capsys, "record", tmp_path / "m.rec", "--", "data", "list")
     assert status == 0
-    assert "nothing recorded" in err
+    assert "nothing was recorded" in err
     assert not (tmp_path / "m.rec").exists()
 
 
