@@ -25,7 +25,7 @@ COMMANDS = {
     "train": "labctl.commands.train:train",
     "evaluate": "labctl.commands.evaluate:evaluate",
     "report": "labctl.commands.report:report",
-    "dashboard": "labctl.commands.dashboard:dashboard",
+    "dashboard": "labctl.commands.dashboard:app",
     "record": "labctl.commands.recording:record",
     "replay": "labctl.commands.recording:replay",
     "data": "labctl.commands.data:app",

@@ -1,4 +1,4 @@
-"""`labctl dashboard`: a local web page about running and past runs."""
+"""Show running and past runs in a browser: watch, pause, stop, compare. Ctrl-C ends it; runs go on."""
 
 import sys
 from collections.abc import Iterator
@@ -10,19 +10,40 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from labctl.commands.access import access_of
+from labctl.commands.command_group import PLAIN
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, warn
 from labctl.errors import UsageError
+from labctl.runs.format.store import is_elsewhere, location
 
 if TYPE_CHECKING:
     from labctl.dashboard.server import Served
 
 PORT = 8050
+app = typer.Typer(add_completion=False, **PLAIN)
 
 
+def _here(named: Path | str) -> Path:
+    """A folder of runs on this machine: pages look again and again, and offer what writes.
+
+    Raises:
+        UsageError: it is elsewhere.
+    """
+    place = location(named)
+    if is_elsewhere(place):
+        raise UsageError(
+            f"{place}: is elsewhere, and pages are made of runs on this machine: 'labctl runs {place}' lists these; or "
+            "mount or copy the folder, such as by rclone, and name that by --runs"
+        )
+    return place
+
+
+@app.command(help=__doc__, context_settings={"allow_extra_args": True})
 def dashboard(
     context: typer.Context,
-    runs: Annotated[Path, typer.Option("--runs", help="Folder of run directories.")] = Path("runs"),
+    runs: Annotated[
+        Path, typer.Option("--runs", metavar="FOLDER", help="Folder of run directories.", parser=_here)
+    ] = Path("runs"),
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="TCP port; 0 for any free one.")] = PORT,
     host: Annotated[
         str, typer.Option("--host", help="Address to listen at; default: this machine only.")
@@ -30,7 +51,9 @@ def dashboard(
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Show running and past runs in a browser: watch, pause, stop, compare. Ctrl-C ends it; runs go on."""
+    """`labctl dashboard`."""
+    for word in context.args:
+        raise UsageError(f"{_here(word)}: name the folder of runs by --runs")
     if find_spec("nicegui") is None:
         raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
     from labctl.dashboard.guard import is_loopback
@@ -67,8 +90,3 @@ def dashboard(
     except KeyboardInterrupt:
         pass
     return DONE
-
-
-def _print(url: str) -> None:
-    say(url)
-    say("Ctrl-C ends the dashboard; runs go on without it")

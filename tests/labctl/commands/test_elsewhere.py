@@ -172,6 +172,23 @@ def test_what_writes_or_needs_the_whole_run_refuses_a_url(words: tuple[str, ...]
     assert f"name it by its path, {tmp_path}/run" in err
 
 
+@pytest.mark.parametrize("url", ["s3://bucket/lab", "ssh://ada:secret@bench-pc/runs", "https://lab.example/runs"])
+@pytest.mark.parametrize("option", ["", "--runs="])
+def test_pages_of_runs_elsewhere_are_refused_with_what_to_do(url: str, option: str, typed: Typed) -> None:
+    status, out, told = typed("dashboard", f"{option}{url}")
+    shown = url.replace(":secret@", "@")
+    assert (status, out, told) == (
+        2,
+        "",
+        f"labctl: {shown}: is elsewhere, and pages are made of runs on this machine: 'labctl runs {shown}' lists "
+        "these; or mount or copy the folder, such as by rclone, and name that by --runs\n",
+    )
+
+
+def test_a_folder_of_the_dashboard_is_named_by_its_option(typed: Typed) -> None:
+    assert typed("dashboard", "runs") == (2, "", "labctl: runs: name the folder of runs by --runs\n")
+
+
 def test_a_file_url_is_the_folder(lab: Path, as_json: AsJson) -> None:
     assert as_json("runs", f"file://{lab}") == as_json("runs", lab)
     with open_run(f"file://{lab}/cut") as run:
