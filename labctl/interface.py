@@ -39,7 +39,7 @@ def bench(
     armed: bool = False,
     attended: bool = False,
 ) -> Iterator[Hands]:
-    """A bench in one's hands: show images, take traces, set the laser. Dark at its end, however that comes.
+    """A bench to use by hand: show images, take traces, set the laser. It is dark at the end, however that comes.
 
     Args:
         station: Station file; None for the simulated bench.
@@ -186,13 +186,13 @@ def sweep(
 def runs(
     where: str = "", *, folder: Path | str = "runs", sort: str = "started", limit: int | None = None
 ) -> list[Found]:
-    """The runs of a folder that some words ask for, the newest last: `labctl runs --where`.
+    """The runs of a folder that fit a search, the newest last: `labctl runs --where`.
 
     Args:
         where: Such as `"images >= 300 and tag = good"`; all if empty.
-        folder: Where the runs lie: a path, or a URL such as `s3://bucket/lab`.
+        folder: Folder of the runs: a path, or a URL such as `s3://bucket/lab`.
         sort: Any key.
-        limit: The last so many.
+        limit: Only the last so many.
 
     Raises:
         UsageError: the words are not understood, or no run has that key.
@@ -213,7 +213,7 @@ def train(
     Args:
         run: Run directory.
         window: Acquisition time T_N, s or text.
-        ports: Those that it sees; None for all.
+        ports: Ports that the readout uses; None for all.
         seed: Which images are kept apart.
         out: File to write; None for one in the run's folder `models`.
 

@@ -107,8 +107,8 @@ def require_light(
     while common.certainty < SURE and brightness.certainty < SURELY_BRIGHTER:
         if common.samples > MOST_SAMPLES or bench.now() - began_s > LONGEST_S:
             raise InstrumentError(
-                "bench: no light: probes have nothing in common but noise: see that the laser emits, its "
-                "shutter is open, the drive runs, the DMD shows images and all fibres are in"
+                "bench: no light: probes have nothing in common but noise: check that the laser emits, its "
+                "shutter is open, the drive runs, the DMD shows images and all fibres are plugged in"
             )
         probe = probes[pairs % len(probes)]
         pair = probe(), probe()

@@ -118,7 +118,7 @@ def _require_no_errors(name: str, finding: Finding) -> None:
     if finding.examination.errors:
         queue = "; ".join(dict.fromkeys(finding.examination.errors))
         raise InstrumentError(
-            f"{name}: its error queue held {queue}: it is emptied now, repeat the check to see whether they come again"
+            f"{name}: its error queue held {queue}: it is empty now, repeat the check to see whether they come again"
         )
 
 

@@ -224,8 +224,8 @@ def _holder(lock: LockFile) -> Holder | None:
 
 def _left_behind(key: str) -> str:
     return (
-        f"what used it ({key}) was ended with light on, and its supervisor still tries to make it dark: see that the "
-        f"laser is dark and put its cable in"
+        f"what used it ({key}) was ended with light on, and its supervisor still tries to switch the laser off: check "
+        f"that the laser is dark, and plug its cable in"
     )
 
 

@@ -217,7 +217,7 @@ class TestOtherRuns:
         with pytest.raises(UsageError, match="no such directory"):
             evaluate(tmp_path / "nowhere")
         (tmp_path / "model.h5").touch()
-        with pytest.raises(UsageError, match="name the run directory behind it"):
+        with pytest.raises(UsageError, match="name the run directory after it"):
             evaluate(tmp_path / "model.h5")
         with pytest.raises(RunError, match="not a run directory"):
             report(tmp_path)
