@@ -102,7 +102,7 @@ def test_a_view_that_no_page_shows_any_more_ends_dark_and_says_why(
             assert view.poll() is None
             page.wait_for_timeout(100)
         page.reload()
-        says(page, ".levels-region", r"look \d{3}")
+        says(page, ".levels-region", r"trace \d{3}")
         assert emitting(), "a hundred looks, ten a second at most, are longer than it waits"
         page.get_by_role("link", name="labctl").click()
         assert view.wait(60) == 0

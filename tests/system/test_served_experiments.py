@@ -180,8 +180,16 @@ def test_interrupted_before_its_first_shot_it_ends_there_and_begins_no_other_run
 
 def test_uploads_to_the_one_bench_are_told(station: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(STILL, encoding="utf-8")
-    told = interrupted(Plan(experiments(["mine"], folder=tmp_path), read_station(station), tmp_path / "out"))
-    assert [(what, done == total) for what, done, total in told] == [("waveform", True)]
+    plan = Plan(experiments(["mine"], folder=tmp_path), read_station(station), tmp_path / "out")
+    stopped, told = Interruption(), []
+
+    def tell(what: str, done: int, total: int) -> None:
+        told.append((what, done == total))
+        stopped.requested = True
+
+    with pytest.raises(Interrupted):
+        reproduce(plan, interruption=stopped, progress=lambda *_: None, uploading=tell)
+    assert told[-1] == ("waveform", True)
 
 
 def test_a_scene_on_a_served_bench_has_the_frames_of_its_twin(station: Path, tmp_path: Path, labctl: Any) -> None:
@@ -213,13 +221,10 @@ def test_a_served_bench_that_is_cabled_otherwise_is_refused(straight: Path, tmp_
     assert not (tmp_path / "out").exists()
 
 
-def interrupted(plan: Plan) -> list[tuple[str, int, int]]:
-    """Carry out `plan` and stop it before its first shot; what was told of uploads."""
-    told: list[tuple[str, int, int]] = []
-    stopped = Interruption(requested=True)
+def interrupted(plan: Plan) -> None:
+    """Carry out `plan` and stop it before its first shot."""
     with pytest.raises(Interrupted):
-        reproduce(plan, interruption=stopped, progress=lambda *_: None, uploading=lambda *upload: told.append(upload))
-    return told
+        reproduce(plan, interruption=Interruption(requested=True), progress=lambda *_: None)
 
 
 def twin_in_process(folder: Path, *, projector: bool = True) -> Path:
