@@ -7,12 +7,13 @@ while its termination character is on, which makes `query_binary_values` some fi
 import contextlib
 import select
 import socket
+import sys
 import time
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple, cast
 
 import pyvisa
+from isal import isal_zlib
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
@@ -36,18 +37,17 @@ LONGEST_TEXT = 1 << 26
 """Bytes of a reply: the time stamps of a million frames have 40 MB."""
 CLOSED = "the instrument closed the connection"
 PIECE = 1 << 18
-"""Bytes that go over a socket at once: while one piece is summed up in the cache, the wire carries the next."""
+"""Bytes that are taken from a socket at once: while one piece is summed up in the cache, the wire carries the next."""
+NEARLY = 0.9
+"""Of a wait, still that wait: it is a call of the system to set another one."""
 LEAST_RATE = 100_000
-"""Bytes per second, less than any network carries: a piece has the session's timeout and the time it takes at this."""
+"""Bytes per second, less than any network carries: what is long has the session's timeout and the time at this."""
 LONGEST_ANSWERS = 1 << 10
 """Bytes of answers before a block."""
 
-Take = Callable[[memoryview, "Digest | None"], None]
-"""Fills a buffer with the bytes that come next, by the shortest way there is, and adds them to a digest."""
-
 
 class Digest:
-    """Length and CRC-32 of a block: the checksum that keeps pace with the wire."""
+    """Length and CRC-32 of a block: the checksum that keeps pace with the wire, as ISA-L computes it."""
 
     def __init__(self) -> None:
         """Of nothing yet."""
@@ -57,7 +57,7 @@ class Digest:
     def add(self, piece: bytes | bytearray | memoryview) -> None:
         """Bytes that follow those before."""
         self._length += len(piece)
-        self._crc32 = zlib.crc32(piece, self._crc32)
+        self._crc32 = isal_zlib.crc32(piece, self._crc32)
 
     def __str__(self) -> str:
         """The block in a transcript."""
@@ -75,6 +75,13 @@ class Block(NamedTuple):
     data: memoryview
     tail: bytes
     digest: str
+
+
+class Head(NamedTuple):
+    """What of a message comes before a block's data: how many bytes, at least, and how many of them are its length."""
+
+    size: int
+    digits: int
 
 
 class OtherLength(Exception):
@@ -108,7 +115,6 @@ class Session:
         """
         self._timeout_s = timeout_s
         self._write_eol, self._read_eol = write_eol, read_eol
-        self._received = bytearray()  # behind the message that was read last
         opened = _resource_manager(resource).open_resource(
             resource,
             open_timeout=int(timeout_s * 1e3),
@@ -118,21 +124,18 @@ class Session:
         self._visa = cast(MessageBasedResource, opened)
         self._visa.timeout = timeout_s * 1e3
         self._visa.encoding = ENCODING
-        self._socket = _raw_socket(self._visa)
-        if self._socket is None:
+        link = _raw_socket(self._visa)
+        self._stream = None if link is None else _Stream(link, timeout_s)
+        if self._stream is None:
             self._prepare(alone)
-        else:
-            # Without it a write followed by a query waits for the delayed acknowledgement of the write: 40 ms.
-            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def write(self, message: str) -> None:
         """Send one message and its terminator."""
-        self._require_silence()
-        with self._raw() as link:
-            if link is None:
-                self._visa.write(message)
-            else:  # pyvisa-py would wait for ever where nobody reads
-                link.sendall(f"{message}{self._write_eol}".encode(ENCODING))
+        if self._stream is None:
+            self._visa.write(message)
+        else:  # pyvisa-py would wait for ever where nobody reads
+            self._stream.require_silence()
+            self._stream.send(f"{message}{self._write_eol}".encode(ENCODING))
 
     def ask(self, message: str, timeout_s: float | None = None) -> str:
         """`write` and `read`, within `timeout_s` in place of the session's own bound.
@@ -155,25 +158,22 @@ class Session:
             ValueError: it is longer than any instrument's, or was cut short.
         """
         deadline = time.monotonic() + (self._timeout_s if timeout_s is None else timeout_s)
-        with self._raw() as link, self._bounded(None if link else timeout_s):
-            message = self._line(link, deadline)
+        with self._bounded(timeout_s):
+            message = self._line(deadline)
             while message.count(b'"') % 2:
                 _left_s(deadline)  # lines that have come already are no waits
                 _require_bounded(message)
-                message += b"\n" + self._line(link, deadline)
+                message += b"\n" + self._line(deadline)
         return message.decode(ENCODING)
 
     def send_block(self, head: bytes, payload: memoryview, tail: bytes, digest: Digest) -> None:
         """Send `payload` between `head` and `tail`, whatever bytes it has; `digest` grows by each piece that went."""
-        self._require_silence()
-        with self._raw() as link:
-            if link is None:
-                digest.add(payload)
-                self._visa.write_raw(b"".join((head, payload, tail)))
-            else:
-                link.sendall(head)
-                self._send(link, payload, digest)
-                link.sendall(tail)
+        if self._stream is None:
+            digest.add(payload)
+            self._visa.write_raw(b"".join((head, payload, tail)))
+        else:
+            self._stream.require_silence()
+            self._stream.send_block(head, payload, tail, digest)
 
     def ask_block(self, message: str, room: memoryview, before: int = 0) -> Block:
         """`write`, then receive the definite-length block that answers into `room`, whose size it must have.
@@ -185,24 +185,24 @@ class Session:
             OtherLength: it has another size; the session has to be closed, since its data are still to come.
         """
         self.write(message)
-        digest = Digest()
-        with self._receiving() as take:
-            head = bytearray()
-            while missing := _at_least_missing(head, before):
-                piece = bytearray(missing)
-                take(memoryview(piece), None)
-                head += piece
-            length = bytearray(length_digits(head[-2:]))
-            take(memoryview(length), None)
-            count = int(length)
-            if count != len(room):
-                raise OtherLength(count)
-            take(room, digest)
-            tail = bytearray(len(self._read_eol))
-            take(memoryview(tail), None)
-        if tail != self._read_eol.encode(ENCODING):
-            raise ValueError(f"the block of {count} bytes goes on with {bytes(tail)!r}")
-        return Block(bytes(head), bytes(length), room, bytes(tail), str(digest))
+        digest, end = Digest(), self._read_eol.encode(ENCODING)
+        with self._without_terminator():
+            came = bytearray()
+            while len(came) < (head := _head(came, before)).size:
+                came += self._some(head.size - len(came))
+            length = bytes(came[head.size - head.digits : head.size])
+            if int(length) != len(room):
+                raise OtherLength(int(length))
+            with_it = min(len(came) - head.size, len(room))
+            room[:with_it] = came[head.size : head.size + with_it]
+            digest.add(room[:with_it])
+            self._fill(room[with_it:], digest)
+            tail = came[head.size + with_it :]
+            while len(tail) < len(end):
+                tail += self._some(len(end) - len(tail))
+        if tail != end:
+            raise ValueError(f"the block of {len(room)} bytes goes on with {excerpt(bytes(tail))}")
+        return Block(bytes(came[: head.size - head.digits]), length, room, bytes(tail), str(digest))
 
     def close(self) -> None:
         """Close it, as well as that can still be done."""
@@ -244,44 +244,15 @@ class Session:
             if error.error_code != StatusCode.error_nonsupported_operation:
                 raise
 
-    def _require_silence(self) -> None:
-        """Check that nothing has come that nobody asked for: it would be taken for the answer to what is asked next.
-
-        The other transports mark which reply belongs to which message.
-
-        Raises:
-            ValueError: something has.
-            OSError: the instrument has closed the connection.
-        """
-        if self._socket is None:
-            return
-        waiting = bytes(self._received)
-        if not waiting and select.select([self._socket], [], [], 0)[0]:
-            waiting = self._socket.recv(EXCERPT, socket.MSG_PEEK)
-            if not waiting:
-                raise ConnectionResetError(CLOSED)
-        if waiting:
-            raise ValueError(f"{excerpt(waiting)} came unasked")
-
-    def _line(self, link: socket.socket | None, deadline: float) -> bytes:
+    def _line(self, deadline: float) -> bytes:
         """The bytes before the next terminator."""
-        end, searched = self._read_eol.encode(ENCODING), 0
-        if link is None:
-            message = self._visa_line(deadline)
-            if not message.endswith(end):
-                raise ValueError(f"{excerpt(message.decode(ENCODING))} lacks its end")
-            return message.removesuffix(end)
-        while (length := self._received.find(end, searched)) < 0:
-            _require_bounded(self._received)
-            searched = max(0, len(self._received) - len(end) + 1)
-            link.settimeout(_left_s(deadline))
-            piece = link.recv(TEXT_CHUNK)
-            if not piece:
-                raise ConnectionResetError(CLOSED)
-            self._received += piece
-        line = bytes(self._received[:length])
-        del self._received[: length + len(end)]
-        return line
+        end = self._read_eol.encode(ENCODING)
+        if self._stream is not None:
+            return self._stream.line(end, deadline)
+        message = self._visa_line(deadline)
+        if not message.endswith(end):
+            raise ValueError(f"{excerpt(message.decode(ENCODING))} lacks its end")
+        return message.removesuffix(end)
 
     def _visa_line(self, deadline: float) -> bytes:
         """One message, piece by piece: pyvisa gives each of them a whole wait, and there may be no last one."""
@@ -295,66 +266,41 @@ class Session:
                 _require_bounded(line)
                 _left_s(deadline)
 
+    def _some(self, least: int) -> bytes:
+        """What comes next of a message: `least` bytes or, over a raw socket, any number of them."""
+        if self._stream is not None:
+            return self._stream.some(time.monotonic() + self._timeout_s)
+        # Without `break_on_termchar`, pyvisa would ask for ever for what a message that has ended does not have.
+        data = self._visa.read_bytes(least, chunk_size=VISA_CHUNK, break_on_termchar=True)
+        if len(data) < least:
+            raise ValueError(f"the message ends {least - len(data)} bytes too early")
+        return data
+
+    def _fill(self, room: memoryview, digest: Digest) -> None:
+        """What comes next into `room`, by the shortest way there is, and into `digest`."""
+        if self._stream is not None:
+            self._stream.fill(room, digest)
+        elif len(room):
+            room[:] = self._some(len(room))
+            digest.add(room)
+
     @contextlib.contextmanager
-    def _receiving(self) -> Iterator[Take]:
-        with self._raw() as link:
-            if link is not None:
-                yield lambda room, digest: self._receive(link, room, digest)
-                return
+    def _without_terminator(self) -> Iterator[None]:
+        """Let VISA take line feeds for what they are in a block."""
+        if self._stream is not None:
+            yield
+            return
         termination = self._visa.read_termination
         self._visa.read_termination = None
-
-        def take(room: memoryview, digest: Digest | None) -> None:
-            # Without `break_on_termchar`, pyvisa would ask for ever for what a message that has ended does not have.
-            data = self._visa.read_bytes(len(room), chunk_size=VISA_CHUNK, break_on_termchar=True)
-            if len(data) < len(room):
-                raise ValueError(f"the message ends {len(room) - len(data)} bytes too early")
-            room[:] = data
-            if digest is not None:
-                digest.add(room)
-
         try:
-            yield take
+            yield
         finally:
             self._visa.read_termination = termination
-
-    def _send(self, link: socket.socket, data: memoryview, digest: Digest) -> None:
-        """All of `data` into `link`, piece by piece.
-
-        Raises:
-            OSError: it cannot be sent, or a piece of it takes too long.
-        """
-        for start in range(0, len(data), PIECE):
-            piece = data[start : start + PIECE]
-            link.settimeout(self._patience_s(piece))
-            link.sendall(piece)  # which the timeout bounds as a whole
-            digest.add(piece)
-
-    def _receive(self, link: socket.socket, room: memoryview, digest: Digest | None) -> None:
-        """Fill `room` from `link`, however many packets that takes.
-
-        Raises:
-            OSError: the bytes do not come, or a piece of them takes too long.
-        """
-        while len(room):
-            piece, room = room[:PIECE], room[PIECE:]
-            deadline = time.monotonic() + self._patience_s(piece)
-            while len(piece):
-                link.settimeout(_left_s(deadline))
-                length = link.recv_into(piece)
-                if length == 0:
-                    raise ConnectionResetError(f"{CLOSED} in the middle of a block")
-                if digest is not None:
-                    digest.add(piece[:length])
-                piece = piece[length:]
-
-    def _patience_s(self, piece: memoryview) -> float:
-        return self._timeout_s + len(piece) / LEAST_RATE
 
     @contextlib.contextmanager
     def _bounded(self, timeout_s: float | None) -> Iterator[None]:
         """Another bound than the session's own on what VISA itself waits for; None is its own."""
-        if timeout_s is None:
+        if timeout_s is None or self._stream is not None:
             yield
             return
         self._visa.timeout = timeout_s * 1e3
@@ -363,17 +309,98 @@ class Session:
         finally:
             self._visa.timeout = self._timeout_s * 1e3
 
-    @contextlib.contextmanager
-    def _raw(self) -> Iterator[socket.socket | None]:
-        """The raw socket, if there is one, with a bounded wait."""
-        if self._socket is None:
-            yield None
-            return
-        self._socket.settimeout(self._timeout_s)
-        try:
-            yield self._socket
-        finally:
-            self._socket.settimeout(None)
+
+class _Stream:
+    """The TCP connection under a session: what goes over it, and every wait for that bounded.
+
+    The kernel is told of a wait only where it differs from the one before; so one that was begun with nearly all of its
+    time left may take all of it.
+    """
+
+    def __init__(self, link: socket.socket, timeout_s: float) -> None:
+        # Without it a write followed by a query waits for the delayed acknowledgement of the write: 40 ms.
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link.settimeout(timeout_s)
+        self._link = link
+        self._timeout_s = self._waits_s = timeout_s
+        self._behind = bytearray()  # what came behind the message that was read last
+
+    def require_silence(self) -> None:
+        """Check that nothing has come that nobody asked for: it would be taken for the answer to what is asked next.
+
+        The other transports mark which reply belongs to which message.
+
+        Raises:
+            ValueError: something has.
+            OSError: the instrument has closed the connection.
+        """
+        waiting = bytes(self._behind)
+        if not waiting and select.select((self._link,), (), (), 0)[0]:
+            waiting = self._link.recv(EXCERPT, socket.MSG_PEEK)
+            if not waiting:
+                raise ConnectionResetError(CLOSED)
+        if waiting:
+            raise ValueError(f"{excerpt(waiting)} came unasked")
+
+    def send(self, message: bytes) -> None:
+        """All of a text."""
+        self._wait(self._timeout_s)
+        self._link.sendall(message)  # which the wait bounds as a whole
+
+    def send_block(self, head: bytes, payload: memoryview, tail: bytes, digest: Digest) -> None:
+        """`payload` between `head` and `tail`; `digest` grows by what went.
+
+        They go as one, without a copy, so that an instrument is woken once for a block that is short.
+        """
+        left, sent = [memoryview(head), payload, memoryview(tail)], -len(head)  # of the payload
+        deadline = time.monotonic() + self._timeout_s + len(payload) / LEAST_RATE
+        while left:
+            self._wait(min(_left_s(deadline), self._timeout_s + PIECE / LEAST_RATE))
+            # Windows cannot send from several places at once.
+            count = self._link.send(left[0]) if sys.platform == "win32" else self._link.sendmsg(left)
+            digest.add(payload[max(sent, 0) : max(sent + count, 0)])
+            sent += count
+            while left and count >= len(left[0]):
+                count -= len(left.pop(0))
+            if left:
+                left[0] = left[0][count:]
+
+    def line(self, end: bytes, deadline: float) -> bytes:
+        """The bytes before the next `end`."""
+        text, searched = self._behind, 0
+        while (length := text.find(end, searched)) < 0:
+            _require_bounded(text)
+            searched = max(0, len(text) - len(end) + 1)
+            text += self.some(deadline)
+        line = bytes(text[:length])
+        del text[: length + len(end)]
+        return line
+
+    def some(self, deadline: float) -> bytes:
+        """What comes next, one byte or more."""
+        self._wait(_left_s(deadline))
+        piece = self._link.recv(TEXT_CHUNK)
+        if not piece:
+            raise ConnectionResetError(CLOSED)
+        return piece
+
+    def fill(self, room: memoryview, digest: Digest) -> None:
+        """Fill `room`, however many packets that takes."""
+        while len(room):
+            piece, room = room[:PIECE], room[PIECE:]
+            deadline = time.monotonic() + self._timeout_s + len(piece) / LEAST_RATE
+            while len(piece):
+                self._wait(_left_s(deadline))
+                length = self._link.recv_into(piece)
+                if length == 0:
+                    raise ConnectionResetError(f"{CLOSED} in the middle of a block")
+                digest.add(piece[:length])
+                piece = piece[length:]
+
+    def _wait(self, seconds: float) -> None:
+        if not NEARLY * self._waits_s <= seconds <= self._waits_s:
+            self._link.settimeout(seconds)
+            self._waits_s = seconds
 
 
 def came_late(error: BaseException) -> bool:
@@ -392,18 +419,23 @@ def length_digits(head: bytes | bytearray) -> int:
     return int(head[1:], 16)
 
 
-def _at_least_missing(head: bytearray, before: int) -> int:
-    """How many bytes must still come before the length of a block: of answers, each one byte or more, and of `#N`.
+def _head(came: bytearray, before: int) -> Head:
+    """Of a message that has so many answers before its block, as far as it came.
 
     Raises:
-        ValueError: the answers are longer than any.
+        ValueError: the answers are longer than any, or none is a block.
     """
-    if len(head) > LONGEST_ANSWERS:
-        raise ValueError(f"{excerpt(head)} goes on without a block")
-    *answers, begun = head.split(b";")
-    if (outstanding := before - len(answers)) == 0:
-        return 2 - len(begun)
-    return 2 * outstanding - bool(begun) + 2
+    begin = 0
+    for answered in range(before):
+        if (end := came.find(b";", begin)) < 0:
+            if len(came) > LONGEST_ANSWERS:
+                raise ValueError(f"{excerpt(bytes(came))} goes on without a block")
+            missing = before - answered  # answers, each of a byte or more
+            return Head(len(came) + 2 * missing - (len(came) > begin) + 2, 0)
+        begin = end + 1
+    start = came[begin : begin + 2]
+    digits = length_digits(start) if len(start) == 2 else 0
+    return Head(begin + 2 + digits, digits)
 
 
 def _left_s(deadline: float) -> float:
