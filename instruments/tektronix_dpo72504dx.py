@@ -60,7 +60,7 @@ from instruments.values import (
     Timebase,
     Vertical,
 )
-from instruments.visa import NoAnswer, VisaLink, number_in, tektronix_event_queue
+from instruments.visa import NoAnswer, VisaLink, number_in, room_for_blocks, tektronix_event_queue
 
 
 class Dpo72504dxSection(ScopeSection):
@@ -222,7 +222,7 @@ class Dpo72504dx(Oscilloscope):
         """Wait for the last frame; one `CURVe?`, one list of trigger offsets and of time stamps for each channel."""
         await_frames(self._link, self._frames)
         await_completion(self._link, BURST_WAIT_S)
-        codes = np.empty((len(self.channels), self._frames, self._timebase.samples), np.int8)
+        codes = room_for_blocks((len(self.channels), self._frames, self._timebase.samples), np.int8)
         places = enumerate(self.channels)
         offsets = [self._framed_curve(channel, codes[place]) for place, channel in places]
         header = f"HORizontal:FASTframe:TIMEStamp:ALL:CH{self.channels[0]}?"
@@ -258,7 +258,7 @@ class Dpo72504dx(Oscilloscope):
         """The mean of all frames, channel by channel, so that no more than one channel's are in memory."""
         shape = (1, len(self.channels), self._timebase.samples)
         codes, offsets, at_an_end = np.empty(shape, np.int16), np.empty(shape[:2]), np.empty(shape[:2], np.bool_)
-        frames = np.empty((self._averages, self._timebase.samples), np.int8)
+        (frames,) = room_for_blocks((1, self._averages, self._timebase.samples), np.int8)
         for place, channel in enumerate(self.channels):
             offsets[0, place] = self._framed_curve(channel, frames).mean()
             codes[0, place], at_an_end[0, place] = mean(frames, FINER), clipped(frames, CLIP_LOW, CLIP_HIGH).any()

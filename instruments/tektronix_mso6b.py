@@ -46,7 +46,7 @@ from instruments.tektronix_mso6b_settings import (
 )
 from instruments.units import Hertz
 from instruments.values import Change, EdgeTrigger, Examination, Frames, Identity, Range, Scaling, Timebase, Vertical
-from instruments.visa import VisaLink, tektronix_event_queue
+from instruments.visa import VisaLink, room_for_blocks, tektronix_event_queue
 
 
 class Mso6bSection(ScopeSection):
@@ -198,7 +198,7 @@ class Mso6b(Oscilloscope):
         """Wait for the last frame; one `CURVe?` and one list of trigger offsets a channel, one of time stamps."""
         await_frames(self._link, self._frames)
         await_completion(self._link, BURST_WAIT_S)
-        codes = np.empty((len(self.channels), self._frames, self._timebase.samples), np.dtype("<i2"))
+        codes = room_for_blocks((len(self.channels), self._frames, self._timebase.samples), "<i2")
         offsets = [self._framed_curve(channel, codes[place]) for place, channel in self._places()]
         header = "HORizontal:FASTframe:TIMEStamp:ALL?"
         stamps = of_each_frame(self._link, header, "", self._frames, frame_times)
@@ -237,7 +237,7 @@ class Mso6b(Oscilloscope):
         """The mean of all frames, channel by channel, so that no more than one channel's are in memory."""
         shape = (1, len(self.channels), self._timebase.samples)
         codes, offsets, at_an_end = np.empty(shape, np.int16), np.empty(shape[:2]), np.empty(shape[:2], np.bool_)
-        frames = np.empty((self._averages, self._timebase.samples), np.dtype("<i2"))
+        (frames,) = room_for_blocks((1, self._averages, self._timebase.samples), "<i2")
         for place, channel in self._places():
             offsets[0, place] = self._framed_curve(channel, frames).mean()
             codes[0, place], at_an_end[0, place] = mean(frames, 1), clipped(frames, CLIP_LOW, CLIP_HIGH).any()
