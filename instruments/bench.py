@@ -46,6 +46,9 @@ class Observer:
         """One step of a shot is taken inside the block; see `labctl.engine.profile` for the names."""
         return nullcontext()
 
+    def acquired(self) -> None:
+        """The oscilloscope has given the records of one acquisition."""
+
     def powers(self, found: Mapping[str, float]) -> None:
         """What `OpticalTrain.check_powers` has found, again and again while there is light."""
 
@@ -125,6 +128,11 @@ class Observers(Observer):
         for observer in self._timers:
             stack.enter_context(observer.step(name))
         return stack
+
+    def acquired(self) -> None:
+        """As of each."""
+        for observer in self._observers:
+            observer.acquired()
 
     def powers(self, found: Mapping[str, float]) -> None:
         """As of each."""
@@ -411,7 +419,9 @@ class Bench:
         with self.observer.step("trigger"):
             self.scope.wait()
         with self.observer.step("transfer"):
-            return self.scope.read()
+            frames = self.scope.read()
+        self.observer.acquired()
+        return frames
 
     def capture_burst(self, frames: int, play: Callable[[], None]) -> Frames:
         """One frame at each of the next `frames` triggers, which `play` sets off once the oscilloscope is ready."""
@@ -420,7 +430,9 @@ class Bench:
         with self.observer.step("dmd"):
             play()
         with self.observer.step("transfer"):
-            return self.scope.read_burst()
+            burst = self.scope.read_burst()
+        self.observer.acquired()
+        return burst
 
     def close(self) -> None:
         """Release every connection, each one even if another fails.

@@ -15,6 +15,8 @@ from labctl.runs.live.messages import last_messages
 
 MOST_INSTRUMENTS, MOST_SETTINGS, MOST_MESSAGES = 20, 200, 40
 LONGEST = 300
+OF_ALL = "run"
+"""Whose lines say that what was said before was said again, or what went wrong."""
 
 
 def show_instruments(watched: WatchedRun) -> list[Region]:
@@ -39,7 +41,8 @@ def panel(watched: WatchedRun, name: str) -> str:
     """An instrument by manifest and log."""
     manifest = watched.manifest
     instrument = _table(_table(manifest, "instruments"), name)
-    messages = [one for one in last_messages(RunPaths(watched.directory).commands) if one.instrument == name]
+    log = last_messages(RunPaths(watched.directory).commands)
+    messages = [one for one in log if one.instrument in (name, OF_ALL)]
     said = "".join(
         f"<li><time>{escape(one.time_s)}</time>{escape(one.sign)} {escape(one.text[:LONGEST])}</li>"
         for one in reversed(messages[-MOST_MESSAGES:])

@@ -1,7 +1,8 @@
 """The two logs of a run, lines of text that are only ever appended to.
 
-commands.log has every message to and from every instrument: `seconds direction instrument message`, the seconds counted
-from the opening of the bench. events.jsonl has what the run is doing, for whoever watches it, one JSON object a line:
+commands.log has what went to and from the instruments, `seconds direction instrument message`, the seconds counted from
+the opening of the bench; what is said at every shot is there once, and then referred to (`Rounds`). events.jsonl has
+what the run is doing, for whoever watches it, one JSON object a line:
 
     {"time": "2026-11-21T09:15:00.125Z", "event": "progress", "done": 40, "total": 2200, "rate_per_s": 612.4, ...}
 
@@ -13,14 +14,17 @@ import io
 import json
 import logging
 import os
+import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, NamedTuple, Self
 
 from instruments.bench import Observer
 from instruments.safe_state import UnsafeBench
@@ -30,6 +34,17 @@ from labctl.runs.live.events import EVENTS
 
 COMMANDS = "commands.log"
 """Name of the file in a run directory."""
+LONGEST_REPLY, BEGINNING = 2048, 64
+"""Characters; a longer reply, such as the time stamps of a burst, is its beginning and a digest."""
+DIGEST = 9
+"""Characters at the end of a message with a block: `#<50 bytes, crc32 e51a3452>`."""
+MOST_OTHER = 4
+"""Messages of a round that may be other ones than in the round before that it is like."""
+MOST_IN_A_LINE, LONGEST_S = 50, 1.0
+"""Rounds, and from the first to the last of them, s."""
+MOST_KNOWN, MOST_PENDING = 64, 10_000
+"""Rounds that others are compared with, and messages of one: then the one is begun anew, and the other written."""
+NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 PROGRESS_EVERY_S = 0.5
 LARGE = 64_000_000
 """Bytes of events.jsonl from which on progress is written seldom: a week's run does not fill the disk with it."""
@@ -45,8 +60,8 @@ class _Lines:
     A disk that is full ends it and nothing else: the messages that switch the light off must still go out.
     """
 
-    def __init__(self, name: str, buffering: int) -> None:
-        self._name, self._buffering = name, buffering
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._file: IO[bytes] = io.BytesIO()
         self._ended = False
         self._guard = threading.RLock()  # a warning of the disk may come from the thread that stores a burst
@@ -62,8 +77,7 @@ class _Lines:
         Raises:
             OSError: it cannot be opened.
         """
-        raw = io.FileIO(path, "ab+", opener=opened)
-        file: IO[bytes] = io.BufferedRandom(raw, self._buffering) if self._buffering else raw
+        file = io.FileIO(path, "ab+", opener=opened)
         torn = file.seek(0, os.SEEK_END) and file.seek(-1, os.SEEK_END) >= 0 and file.read(1) != b"\n"
         so_far = self._file.getvalue() if isinstance(self._file, io.BytesIO) else b""
         self._file.close()
@@ -74,7 +88,8 @@ class _Lines:
         """Whole lines."""
         if not self._ended:
             with self._guard, self._ending_if_full():
-                self._file.write(lines)
+                while lines:
+                    lines = lines[self._file.write(lines) :]
 
     def end(self, error: OSError) -> None:
         """Nothing more is written, because of `error`."""
@@ -94,11 +109,154 @@ class _Lines:
             self.end(error)
 
 
+class Message(NamedTuple):
+    """One message: when, s; its line without that; apart from the line, the digest that a block at its end has."""
+
+    at_s: float
+    text: str
+    digest: str
+
+    @property
+    def line(self) -> str:
+        """As it is in the log."""
+        return f"{self.at_s:.6f} {self.text}{self.digest and self.digest + '>'}\n"
+
+
+def message_of(at_s: float, instrument: str, direction: str, text: str) -> Message:
+    """A message as it is logged: line ends inside it are escaped, so that it is one line."""
+    if len(text) > LONGEST_REPLY and direction == "<":
+        text = f"{text[:BEGINNING]}#<{len(text)} bytes, crc32 {zlib.crc32(text.encode()):08x}>"
+    line = f"{direction} {instrument} {text}".replace("\r", "\\r").replace("\n", "\\n")
+    has_block = line.endswith(">") and "#<" in line
+    return Message(at_s, line[:-DIGEST], line[-DIGEST:-1]) if has_block else Message(at_s, line, "")
+
+
+class Rounds:
+    """Makes lines of messages, and of rounds of messages that are like an earlier one.
+
+    A round is what is said from one acquisition to the next. Where one is in the log that it is like, its messages are
+    not written again, but for the few that are other ones. Then a line says
+
+        17.204311 = run 49 times since 15.021764 the 14 messages of 3.151234: 9b32eafb e51a3452; 03c1d2e4 77a90f13; ...
+
+    in which the blocks of each round are named by their digests, in the order in which they stand behind 3.151234; in
+    front of one is whatever else was answered otherwise in the same message. A question that was repeated counts once,
+    with its last answer.
+    """
+
+    def __init__(self, write: Callable[[bytes], object]) -> None:
+        """Give whole lines to `write`."""
+        self._write = write
+        self._pending: list[Message] = []
+        self._known: dict[tuple[str, ...], list[Sequence[Message]]] = {}  # rounds of one form
+        self._like: Sequence[Message] = ()  # of the line that is being made
+        self._since_s = self._until_s = 0.0
+        self._blocks: list[str] = []  # of each round of it
+
+    def add(self, message: Message) -> None:
+        """One more message of a round."""
+        self._pending.append(message)
+        if len(self._pending) > MOST_PENDING:
+            self.write_out()
+
+    def acquired(self) -> None:
+        """A round is over."""
+        messages, self._pending = self._pending, []
+        if not (round_ := _asked_once(messages)):
+            return
+        like: Sequence[Message] = self._like
+        other: Sequence[Message] = ()
+        if [one.text for one in round_] != [one.text for one in like]:
+            form = tuple(_form(one.text) for one in round_)
+            like, other = _nearest(round_, self._known.get(form, ()))
+            if not like or len(other) > MOST_OTHER:
+                self._write_lines(messages)
+                if sum(map(len, self._known.values())) >= MOST_KNOWN:
+                    self._known.clear()
+                self._known.setdefault(form, []).append(round_)
+                return
+        if other or like is not self._like:
+            self._write_lines(other)
+            self._like, self._since_s = like, round_[0].at_s
+        self._blocks.append(" ".join(_block(one, then) for one, then in zip(round_, like, strict=True) if one.digest))
+        self._until_s = round_[-1].at_s
+        if len(self._blocks) >= MOST_IN_A_LINE or self._until_s - self._since_s > LONGEST_S:
+            self._write_lines(())
+
+    def write_out(self) -> None:
+        """Whatever came since the last line."""
+        messages, self._pending = self._pending, []
+        self._write_lines(messages)
+
+    def _write_lines(self, messages: Sequence[Message]) -> None:
+        """The line that was being made, if any, and some messages behind it."""
+        line = ""
+        if self._blocks:
+            line = (
+                f"{self._until_s:.6f} = run {len(self._blocks)} times since {self._since_s:.6f} the {len(self._like)} "
+                f"messages of {self._like[0].at_s:.6f}: {'; '.join(self._blocks)}\n"
+            )
+        self._like, self._blocks = (), []
+        if text := line + "".join(one.line for one in messages):
+            self._write(text.encode())
+
+
+def _asked_once(messages: Sequence[Message]) -> Sequence[Message]:
+    """Without questions, and their answers, that were asked again at once and answered in the same form."""
+    found: list[Message] = []
+    for message in messages:
+        found.append(message)
+        question, answer = found[-4:-2], found[-2:]
+        if (
+            len(question) == 2
+            and question[0].text == answer[0].text
+            and answer[0].text[0] == ">" != answer[1].text[0]
+            and not answer[0].digest
+            and not answer[1].digest
+            and _form(question[1].text) == _form(answer[1].text)
+        ):
+            del found[-4:-2]
+    return found
+
+
+@lru_cache(maxsize=512)
+def _form(text: str) -> str:
+    """A message without its numbers; the length of a block is none of them."""
+    said, mark, length = text.partition("#<")
+    return NUMBER.sub("", said) + mark + length
+
+
+def _nearest(
+    round_: Sequence[Message], known: Sequence[Sequence[Message]]
+) -> tuple[Sequence[Message], Sequence[Message]]:
+    """The round, among those of the same form, that differs in the fewest messages, and which of `round_` do.
+
+    A reply with a block may differ in what is answered before.
+    """
+    others = [
+        [
+            one
+            for one, then in zip(round_, like, strict=True)
+            if one.text != then.text and not (one.digest and one.text[0] == "<")
+        ]
+        for like in known
+    ]
+    return min(zip(known, others, strict=True), key=lambda pair: len(pair[1]), default=((), ()))
+
+
+def _block(message: Message, then: Message) -> str:
+    """The digest of its block behind whatever else it says that the other one does not."""
+    if message.text == then.text:
+        return message.digest
+    parts = zip(message.text.split(";"), then.text.split(";"), strict=True)
+    return ";".join([part for part, before in parts if part != before] + [message.digest])
+
+
 class CommandLog(Observer):
     """A transcript that a `VisaLink` can write to; a context manager that closes its file.
 
-    As an observer of a run it also has a line for whatever goes wrong. `started` is when its seconds began, by its
-    clock; `path` is its file, once there is one.
+    As an observer of a run it hears when a round of messages is over, and has a line for whatever goes wrong. `started`
+    is when its seconds began, by its clock; `path` is its file, once there is one.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic, *, started: float | None = None) -> None:
@@ -106,21 +264,30 @@ class CommandLog(Observer):
         self.started = clock() if started is None else started
         self.path: Path | None = None
         self._clock = clock
-        self._lines = _Lines(COMMANDS, io.DEFAULT_BUFFER_SIZE)
+        self._lines = _Lines(COMMANDS)
+        self._rounds = Rounds(self._lines.append)
+        self._guard = threading.RLock()  # a warning of the disk may come from the thread that stores a burst
 
     def __call__(self, instrument: str, direction: str, message: str) -> None:
-        """Log one message; line ends inside it are escaped, so that one message is one line."""
-        text = message.replace("\r", "\\r").replace("\n", "\\n")
-        self._lines.append(f"{self._clock() - self.started:.6f} {direction} {instrument} {text}\n".encode())
+        """Log one message."""
+        with self._guard:
+            self._rounds.add(message_of(self._clock() - self.started, instrument, direction, message))
+
+    def acquired(self) -> None:
+        """A round is over."""
+        with self._guard:
+            self._rounds.acquired()
 
     def event(self, name: str, **fields: Any) -> None:
         """A line for an event that has a text."""
         if "text" in fields:
-            self("run", "!", str(fields["text"]))
+            self.warning(str(fields["text"]))
 
     def warning(self, text: str) -> None:
-        """A line."""
-        self("run", "!", text)
+        """A line, at once."""
+        with self._guard:
+            self("run", "!", text)
+            self._rounds.write_out()
 
     def stored_in(self, directory: Path) -> None:
         """Go on in the file of the run.
@@ -140,8 +307,10 @@ class CommandLog(Observer):
         Raises:
             OSError: it cannot be opened.
         """
-        self._lines.keep_in(path)
-        self.path = path
+        with self._guard:
+            self._rounds.write_out()
+            self._lines.keep_in(path)
+            self.path = path
 
     def __enter__(self) -> Self:
         return self
@@ -149,6 +318,8 @@ class CommandLog(Observer):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        with self._guard:
+            self._rounds.write_out()
         self._lines.close()
 
 
@@ -163,7 +334,7 @@ class EventLog(Observer):
         """`clock` paces what is reported again and again, in s; `now` stamps every line."""
         self._clock = clock
         self._now = now
-        self._lines = _Lines(EVENTS, 0)
+        self._lines = _Lines(EVENTS)
         self._due = {"progress": 0.0, "uploading": 0.0, "powers read": 0.0}
         self._measured: tuple[float, int] | None = None
         self._rate: float | None = None

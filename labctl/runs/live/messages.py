@@ -11,7 +11,10 @@ TAIL_BYTES = 1 << 16
 
 @dataclass(frozen=True)
 class Message:
-    """What was said: when (s since the log began, as text), `>` to or `<` from which instrument, and what."""
+    """What was said: when (s since the log began, as text), `>` to or `<` from which instrument, and what.
+
+    `=` and `!` of "run" are no messages: that earlier ones were said again, and that something went wrong.
+    """
 
     time_s: str
     sign: str

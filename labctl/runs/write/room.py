@@ -35,8 +35,8 @@ MANIFEST = 1 << 16
 """Bytes allowed for the manifest, as a file and in data.h5: ten times what one has."""
 LOG_OF_A_PASS = 1 << 17
 """Bytes of commands.log for the settings, uploads and probe shots of a pass: twice what they are with four channels."""
-LOG_OF_A_SHOT = 1 << 11
-"""Bytes of commands.log for one shot on one pass: one and a half times what they are with four channels."""
+LOG_OF_A_SHOT = 1 << 9
+"""Bytes of commands.log for one shot on one pass: twice what four channels take whose trigger offsets all differ."""
 
 _logger = logging.getLogger(__name__)
 

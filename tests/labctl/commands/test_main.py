@@ -307,10 +307,13 @@ class TestRun:
             lit = file["frames"][:][kinds == b"image"]
             assert dark.std() < lit.std() / 3
 
-    def test_every_message_is_in_the_command_log(self, run: Path) -> None:
+    def test_every_message_is_in_the_command_log_once_and_every_block(self, run: Path) -> None:
         lines = (run / "commands.log").read_text().splitlines()
         assert any("> awg WLISt:WAVeform:DATA" in line and "crc32" in line for line in lines)
-        assert sum("> scope DATa:SOUrce" in line and line.endswith("CURVe?") for line in lines) > 88 * 5
+        assert sum("> scope DATa:SOUrce" in line and line.endswith("CURVe?") for line in lines) < 88 * 5 / 2
+        referred_to = [line.split(": ")[-1].split("; ") for line in lines if " = run " in line]
+        digests = sum(len(blocks.split()) for rounds in referred_to for blocks in rounds)
+        assert digests + sum("crc32" in line for line in lines) > 88 * (5 + 2), "curves, and a picture on each pass"
         last = [line.split(" ", 3)[2:] for line in lines if " > " in line]
         assert ["laser", "OUTPUT OFF"] in last[-40:]
 

@@ -43,7 +43,7 @@ def test_a_full_disk_ends_the_log_and_nothing_else(tmp_path: Path, caplog: pytes
         resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, limits[1]))
         try:
             for _ in range(2):
-                log("laser", ">", "x" * 100_000)
+                log.warning("x" * 100_000)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert caplog.messages == ["commands.log cannot be written (File too large): it ends here"]
