@@ -171,7 +171,7 @@ def _see_to_it(
     by_hand = "laser" in task.station.by_hand
 
     def report(what: str, disobeyed: Iterable[str] = (), *, reached: bool = False) -> None:
-        log("run", "!", f"{what} ({time.monotonic() - began:.2f} s)")
+        log.warning(f"{what} ({time.monotonic() - began:.2f} s)")
         text = f"the run {what}"
         events.event("safe state", reached=reached, disobeyed=sorted(disobeyed), by="supervisor", text=text)
         _tell(text, alarming=by_hand or not MAY_EMIT.keys().isdisjoint(disobeyed))
@@ -198,7 +198,7 @@ def _see_to_it(
                     report(f"{end}, {AT_LAST}: {done}", left - lit.keys(), reached=left == lit.keys())
                     return
                 if path is not None and word_in(path.parent) is Word.DARK:
-                    log("run", "!", SEEN)
+                    log.warning(SEEN)
                     return
                 if attempt % TELL_EVERY == 0:
                     report(f"{end}: {may_emit}; tried again {attempt} times", left)
