@@ -1,67 +1,96 @@
-"""How fast VisaLink moves blocks, beside a raw socket in the same run; how fast the simulated bench answers anybody.
+"""How fast blocks go through VisaLink, and pictures to a DMD, beside a bare socket; how fast the twin answers anybody.
 
-    python benchmarks/blocks.py
-
-Serves 10 MB blocks of random bytes on loopback, and takes 4 MB ones, from a thread that does nothing else. The
-simulated generator is asked by plain PyVISA: a setting and a query in two messages, on each transport.
+Blocks of 10 MB are read and of 4 MB written, and 250 pictures are loaded as before a burst, from and to another
+process that does nothing else; the bare socket sends and receives the very same bytes. The simulated generator is asked
+by plain PyVISA: a setting and a query in two messages, on each transport.
 """
 
-import json
-import socket
-import sys
-import threading
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import cast
 
 import numpy as np
 import pyvisa
 from pyvisa.resources import MessageBasedResource
 
-from instruments.visa import VisaLink
+from benchmarks.peer import HEADER, connected, peer
+from benchmarks.rows import Goal, Row, interleaved
+from instruments.alp_library import AlpOverVisa
+from instruments.vialux_alp import VialuxAlp
+from instruments.visa import VisaLink, room_for_blocks
+from protocols.bursts import UPLOAD_BLOCK
 from sim_backends.bench import SimulatedBench
 
 READ_BYTES, WRITE_BYTES = 10_000_000, 4_000_000
+PICTURE = (1000, 125)
+"""Rows, and bytes of a row, of a DMD that gives its sides as 1000."""
 REPETITIONS = 15
 QUERIES = 500
-HEADER = b"#8%08d"
+SHARE = Goal(least=0.9)
+AGAINST = "bare socket"
 
 
-def serve(listener: socket.socket, reply: bytes) -> None:
-    """Answer `CURVe?` with `reply`, take a written block, answer `*OPC?`; one client."""
-    client, _ = listener.accept()
-    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    buffer = bytearray(1 << 20)
-    while received := client.recv_into(buffer):
-        if buffer[received - 7 : received] == b"CURVe?\n":
-            client.sendall(reply)
-        elif buffer[received - 6 : received] == b"*OPC?\n":
-            client.sendall(b"1\n")
+def link_to(address: tuple[str, int]) -> VisaLink:
+    """A link that nobody listens to."""
+    host, port = address
+    return VisaLink(f"TCPIP0::{host}::{port}::SOCKET", name="peer", timeout_s=10, transcript=lambda *_: None)
 
 
-def medians_s(*actions: Callable[[], object], repetitions: int = REPETITIONS) -> list[float]:
-    """Median duration of each of `actions`, taken in turn so that whatever else the machine does meets all of them."""
-    durations = np.empty((repetitions, len(actions)))
-    for row in durations:
-        for place, action in enumerate(actions):
-            started = time.perf_counter()
-            action()
-            row[place] = time.perf_counter() - started
-    return [float(median) for median in np.median(durations, axis=0)]
+def moved(what: str, size: int, ours_s: float, bare_s: float) -> Row:
+    """A row of so many bytes."""
+    return Row(what, size / ours_s / 1e6, "MB/s", against=AGAINST, reference=size / bare_s / 1e6, goal=SHARE)
 
 
-def connect(reply: bytes) -> tuple[str, int]:
-    """Start a server and return its address."""
-    listener = socket.create_server(("127.0.0.1", 0))
-    threading.Thread(target=serve, args=(listener, reply), daemon=True).start()
-    address: tuple[str, int] = listener.getsockname()
-    return address
+def blocks() -> Iterator[Row]:
+    """Read and written."""
+    trace = np.random.default_rng(0).integers(0, 256, READ_BYTES, dtype=np.uint8).tobytes()
+    block = np.random.default_rng(1).random(WRITE_BYTES // 4, dtype=np.float32)
+    with peer(trace) as address, connected(address) as bare:
+        link = link_to(address)
+        (codes,), room = room_for_blocks((1, READ_BYTES), np.uint8), bytearray(len(HEADER % 0) + READ_BYTES + 1)
+
+        def read_bare() -> None:
+            bare.sendall(b"CURVe?\n")
+            view = memoryview(room)
+            while view:
+                view = view[bare.recv_into(view) :]
+
+        def write_bare() -> None:
+            bare.sendall(b"DATA " + HEADER % WRITE_BYTES)
+            bare.sendall(block.data.cast("B"))
+            bare.sendall(b"\n")
+            bare.recv(2)
+
+        for what, size, ours, other in (
+            ("a block read", READ_BYTES, lambda: link.read_block("CURVe?", codes), read_bare),
+            ("a block written", WRITE_BYTES, lambda: link.query_block("DATA ", block), write_bare),
+        ):
+            of_link, of_bare = interleaved(ours, other, repetitions=REPETITIONS)
+            yield moved(what, size, of_link.wall_s, of_bare.wall_s)
+        (asked,) = interleaved(lambda: link.query("*OPC?"), repetitions=QUERIES)
+        yield Row("a query through VisaLink", asked.wall_s * 1e6, "us", processor=asked.processor_s * 1e6)
+        link.close()
 
 
-def stock_client_s() -> dict[str, float]:
-    """Median time of a setting and a query by plain PyVISA, by transport."""
+def uploads() -> Iterator[Row]:
+    """The pictures of a burst, as they are drawn, block by block."""
+    pictures = np.random.default_rng(0).integers(0, 256, (UPLOAD_BLOCK, *PICTURE), dtype=np.uint8)
+    with peer() as address, connected(address) as bare:
+        dmd = VialuxAlp(AlpOverVisa(link_to(address)))
+
+        def load_bare() -> None:
+            bare.sendall(b"ALP:SEQPUT 1,0,250," + HEADER % pictures.nbytes)
+            bare.sendall(pictures.data.cast("B"))
+            bare.sendall(b"\n")
+            bare.recv(2)
+
+        of_dmd, of_bare = interleaved(lambda: dmd.load([pictures], UPLOAD_BLOCK), load_bare, repetitions=REPETITIONS)
+        yield moved("pictures loaded into a DMD", pictures.nbytes, of_dmd.wall_s, of_bare.wall_s)
+        dmd.close()
+
+
+def stock_clients() -> Iterator[Row]:
+    """A setting and a query by plain PyVISA, by transport."""
     manager = pyvisa.ResourceManager("@py")
-    found = {}
     with SimulatedBench() as bench:
         for transport, address in bench.resources["awg"].items():
             opened = manager.open_resource(address, read_termination="\n", write_termination="\n")
@@ -71,54 +100,13 @@ def stock_client_s() -> dict[str, float]:
                 awg.write("SOURce1:VOLTage 0.3")
                 awg.query("SOURce1:VOLTage?")
 
-            (found[transport],) = medians_s(set_and_query, repetitions=QUERIES)
+            (found,) = interleaved(set_and_query, repetitions=QUERIES)
+            yield Row(f"set and query by plain PyVISA, {transport}", found.wall_s * 1e6, "us")
             awg.close()
-    return found
 
 
-def main() -> None:
-    """Measure and print one JSON object."""
-    trace = np.random.default_rng(0).integers(0, 256, READ_BYTES, dtype=np.uint8)
-    block = np.random.default_rng(1).random(WRITE_BYTES // 4, dtype=np.float32)
-    reply = HEADER % READ_BYTES + trace.tobytes() + b"\n"
-
-    raw = socket.create_connection(connect(reply))
-    raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    room = bytearray(len(reply))
-
-    def read_raw() -> None:
-        raw.sendall(b"CURVe?\n")
-        view = memoryview(room)
-        while view:
-            view = view[raw.recv_into(view) :]
-
-    def write_raw() -> None:
-        raw.sendall(b"DATA " + HEADER % WRITE_BYTES)
-        raw.sendall(block.data.cast("B"))
-        raw.sendall(b"\n")
-        raw.sendall(b"*OPC?\n")
-        raw.recv(2)
-
-    host, port = connect(reply)
-    link = VisaLink(f"TCPIP0::{host}::{port}::SOCKET", name="benchmark", timeout_s=10, transcript=lambda *_: None)
-
-    def write_link() -> None:
-        link.write_block("DATA ", block)
-        link.query("*OPC?")
-
-    raw_read_s, read_s = medians_s(read_raw, lambda: link.read_block("CURVe?", np.empty(READ_BYTES, np.uint8)))
-    raw_write_s, write_s = medians_s(write_raw, write_link)
-    (query_s,) = medians_s(lambda: link.query("*OPC?"), repetitions=QUERIES)
-    result = {
-        "read_mb_per_s": READ_BYTES / read_s / 1e6,
-        "read_share_of_raw_socket": raw_read_s / read_s,
-        "write_mb_per_s": WRITE_BYTES / write_s / 1e6,
-        "write_share_of_raw_socket": raw_write_s / write_s,
-        "query_us": query_s * 1e6,
-        **{f"stock_pyvisa_{name}_set_and_query_us": seconds * 1e6 for name, seconds in stock_client_s().items()},
-    }
-    sys.stdout.write(json.dumps({key: round(value, 3) for key, value in result.items()}) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+def rows() -> Iterator[Row]:
+    """All of them."""
+    yield from blocks()
+    yield from uploads()
+    yield from stock_clients()
