@@ -158,13 +158,13 @@ class Session:
             ValueError: it is longer than any instrument's, or was cut short.
         """
         deadline = time.monotonic() + (self._timeout_s if timeout_s is None else timeout_s)
-        with self._bounded(timeout_s):
-            message = self._line(deadline)
-            while message.count(b'"') % 2:
-                _left_s(deadline)  # lines that have come already are no waits
-                _require_bounded(message)
-                message += b"\n" + self._line(deadline)
-        return message.decode(ENCODING)
+        if self._stream is not None or timeout_s is None:
+            return self._message(deadline)
+        self._visa.timeout = timeout_s * 1e3
+        try:
+            return self._message(deadline)
+        finally:
+            self._visa.timeout = self._timeout_s * 1e3
 
     def send_block(self, head: bytes, payload: memoryview, tail: bytes, digest: Digest) -> None:
         """Send `payload` between `head` and `tail`, whatever bytes it has; `digest` grows by each piece that went."""
@@ -244,6 +244,14 @@ class Session:
             if error.error_code != StatusCode.error_nonsupported_operation:
                 raise
 
+    def _message(self, deadline: float) -> str:
+        message = self._line(deadline)
+        while message.count(b'"') % 2:
+            _left_s(deadline)  # lines that have come already are no waits
+            _require_bounded(message)
+            message += b"\n" + self._line(deadline)
+        return message.decode(ENCODING)
+
     def _line(self, deadline: float) -> bytes:
         """The bytes before the next terminator."""
         end = self._read_eol.encode(ENCODING)
@@ -296,18 +304,6 @@ class Session:
             yield
         finally:
             self._visa.read_termination = termination
-
-    @contextlib.contextmanager
-    def _bounded(self, timeout_s: float | None) -> Iterator[None]:
-        """Another bound than the session's own on what VISA itself waits for; None is its own."""
-        if timeout_s is None or self._stream is not None:
-            yield
-            return
-        self._visa.timeout = timeout_s * 1e3
-        try:
-            yield
-        finally:
-            self._visa.timeout = self._timeout_s * 1e3
 
 
 class _Stream:

@@ -4,6 +4,7 @@ Software only loads and collects, so the DMD's own rate is the limit.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -77,8 +78,16 @@ class PictureMemory:
             self._loaded = part
 
     def _blocks(self, part: range) -> Iterator[NDArray[np.uint8]]:
-        for first in range(part.start, part.stop, UPLOAD_BLOCK):
-            yield self._patterns.block(self._shots[first : min(first + UPLOAD_BLOCK, part.stop)])
+        """Each is drawn while the one before goes to the DMD."""
+        blocks = (
+            self._patterns.block(self._shots[first : min(first + UPLOAD_BLOCK, part.stop)])
+            for first in range(part.start, part.stop, UPLOAD_BLOCK)
+        )
+        with ThreadPoolExecutor(1, thread_name_prefix="drawing") as beside:
+            drawn = beside.submit(next, blocks, None)
+            while (block := drawn.result()) is not None:
+                drawn = beside.submit(next, blocks, None)
+                yield block
 
 
 def measure_bursts(

@@ -49,5 +49,6 @@ class Patterns:
         image = self._images[self._place[shot.dataset_index]]
         lines = np.zeros((image.shape[0], self._shape[1]), bool)
         lines[:, self._column : self._column + image.shape[1] * self._pitch] = np.repeat(image, self._pitch, axis=1)
-        packed = np.repeat(np.packbits(lines, axis=1), self._pitch, axis=0)
-        mirrors[self._row : self._row + len(packed)] = packed
+        packed = np.packbits(lines, axis=1)
+        rows = mirrors[self._row : self._row + len(packed) * self._pitch]
+        rows.reshape(len(packed), self._pitch, -1)[:] = packed[:, np.newaxis]
