@@ -187,7 +187,7 @@ class Session:
         self.write(message)
         digest, end = Digest(), self._read_eol.encode(ENCODING)
         with self._without_terminator():
-            came = bytearray()
+            came = bytearray(self._some(2 * before + 2))
             while len(came) < (head := _head(came, before)).size:
                 came += self._some(head.size - len(came))
             length = bytes(came[head.size - head.digits : head.size])
@@ -421,16 +421,13 @@ def _head(came: bytearray, before: int) -> Head:
     Raises:
         ValueError: the answers are longer than any, or none is a block.
     """
-    begin = 0
-    for answered in range(before):
-        if (end := came.find(b";", begin)) < 0:
-            if len(came) > LONGEST_ANSWERS:
-                raise ValueError(f"{excerpt(bytes(came))} goes on without a block")
-            missing = before - answered  # answers, each of a byte or more
-            return Head(len(came) + 2 * missing - (len(came) > begin) + 2, 0)
-        begin = end + 1
-    start = came[begin : begin + 2]
-    digits = length_digits(start) if len(start) == 2 else 0
+    *answers, begun = came.split(b";", before)
+    if missing := before - len(answers):  # each of a byte or more, and a semicolon
+        if len(came) > LONGEST_ANSWERS:
+            raise ValueError(f"{excerpt(bytes(came))} goes on without a block")
+        return Head(len(came) + 2 * missing - bool(begun) + 2, 0)
+    begin = len(came) - len(begun)
+    digits = length_digits(begun[:2]) if len(begun) >= 2 else 0
     return Head(begin + 2 + digits, digits)
 
 

@@ -126,7 +126,9 @@ def message_of(at_s: float, instrument: str, direction: str, text: str) -> Messa
     """A message as it is logged: line ends inside it are escaped, so that it is one line."""
     if len(text) > LONGEST_REPLY and direction == "<":
         text = f"{text[:BEGINNING]}#<{len(text)} bytes, crc32 {zlib.crc32(text.encode()):08x}>"
-    line = f"{direction} {instrument} {text}".replace("\r", "\\r").replace("\n", "\\n")
+    line = f"{direction} {instrument} {text}"
+    if "\n" in line or "\r" in line:
+        line = line.replace("\r", "\\r").replace("\n", "\\n")
     has_block = line.endswith(">") and "#<" in line
     return Message(at_s, line[:-DIGEST], line[-DIGEST:-1]) if has_block else Message(at_s, line, "")
 
@@ -203,6 +205,10 @@ class Rounds:
 
 def _asked_once(messages: Sequence[Message]) -> Sequence[Message]:
     """Without questions, and their answers, that were asked again at once and answered in the same form."""
+    if not any(
+        one.text == later.text and one.text[0] == ">" for one, later in zip(messages, messages[2:], strict=False)
+    ):
+        return messages
     found: list[Message] = []
     for message in messages:
         found.append(message)
