@@ -13,12 +13,14 @@ reading it back. It carries no times of writing: the same shots give the same by
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+from h5py import h5a
 from numpy.typing import ArrayLike, NDArray
 
 from instruments.values import Frames
@@ -29,6 +31,9 @@ from labctl.runs.format.shape import RunShape
 from labctl.runs.format.version import FORMAT_VERSION, check_version
 
 MOST_BYTES = 1 << 30  # of one shard, as a file and unpacked: a burst of 1000 shots, 14 ports, 2500 samples has 35 MB
+
+MOST_KEPT = 1 << 20
+"""Bytes of codes of a shard that an empty one is kept for."""
 
 
 def encode(
@@ -51,24 +56,46 @@ def encode(
     rows["time_s"] = np.concatenate([part.time_s for part in parts])
     rows["epoch"] = epoch
     rows["flags"] = np.where(clipped.any(axis=1), int(ShotFlag.CLIPPED), 0)
-    image = BytesIO()
+    codes = rows.size * len(ports) * shape.samples * shape.dtype.itemsize
+    empty, places = (_kept_empty if codes <= MOST_KEPT else _empty)(shape, pass_index, rows.size)
+    image = BytesIO(empty)
+    with h5py.File(image, "r+", libver=LIBVER) as file:
+        h5a.open(file.id, b"first").write(np.array(first, np.int64))
+    content = image.getbuffer()
+    np.concatenate([part.codes for part in parts], out=_codes(content, places["frames"], rows.size, len(ports), shape))
+    for name, values in {
+        "trigger_offset_s": np.concatenate([part.trigger_offset_s for part in parts], dtype="<f8"),
+        "clipped": clipped,
+        "rows": rows,
+        "scale": np.asarray(scale, "<f8"),
+        "offset": np.asarray(offset, "<f8"),
+    }.items():
+        content[places[name] : places[name] + values.nbytes] = values.tobytes()
+    return content
+
+
+def _empty(shape: RunShape, pass_index: int, shots: int) -> tuple[bytes, dict[str, int]]:
+    """A shard whose arrays are still zero, and where in its bytes each of them begins."""
+    ports, image = shape.passes[pass_index], BytesIO()
     with h5py.File(image, "w", libver=LIBVER) as file:
-        frames = file.create_dataset("frames", (rows.size, len(ports), shape.samples), shape.dtype, dcpl=_in_place())
-        place = frames.id.get_offset()
-        trigger_offset_s = np.concatenate([part.trigger_offset_s for part in parts], dtype="<f8")
-        file.create_dataset("trigger_offset_s", data=trigger_offset_s)
-        file.create_dataset("clipped", data=clipped)
-        file.create_dataset("rows", data=rows)
-        file.create_dataset("scale", data=scale)
-        file.create_dataset("offset", data=offset)
+        size = shots, len(ports)
+        file.create_dataset("frames", (*size, shape.samples), shape.dtype, dcpl=_in_place())
+        file.create_dataset("trigger_offset_s", data=np.zeros(size, "<f8"))
+        file.create_dataset("clipped", data=np.zeros(size, np.bool_))
+        file.create_dataset("rows", data=np.zeros(shots, ROWS_DTYPE))
+        file.create_dataset("scale", data=np.zeros(len(ports), "<f8"))
+        file.create_dataset("offset", data=np.zeros(len(ports), "<f8"))
+        places = {name: data.id.get_offset() for name, data in file.items()}
         set_text(file, "format_version", FORMAT_VERSION)
         attributes = file.attrs  # making it costs as much as an attribute
         attributes["pass"] = np.int64(pass_index)
-        attributes["first"] = np.int64(first)
+        attributes["first"] = np.int64(0)
         attributes["ports"] = np.asarray(ports, "<i8")
-    content = image.getbuffer()
-    np.concatenate([part.codes for part in parts], out=_codes(content, place, rows.size, len(ports), shape))
-    return content
+    return image.getvalue(), places
+
+
+_kept_empty = lru_cache(maxsize=16)(_empty)
+"""Making one takes HDF5 milliseconds, and the next shard of the run is the same but for its numbers."""
 
 
 @dataclass(frozen=True)
