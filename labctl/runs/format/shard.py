@@ -57,8 +57,7 @@ def encode(
     rows["epoch"] = epoch
     rows["flags"] = np.where(clipped.any(axis=1), int(ShotFlag.CLIPPED), 0)
     codes = rows.size * len(ports) * shape.samples * shape.dtype.itemsize
-    empty, places = (_kept_empty if codes <= MOST_KEPT else _empty)(shape, pass_index, rows.size)
-    image = BytesIO(empty)
+    image, places = (_from_kept if codes <= MOST_KEPT else _empty)(shape, pass_index, rows.size)
     with h5py.File(image, "r+", libver=LIBVER) as file:
         h5a.open(file.id, b"first").write(np.array(first, np.int64))
     content = image.getbuffer()
@@ -74,7 +73,7 @@ def encode(
     return content
 
 
-def _empty(shape: RunShape, pass_index: int, shots: int) -> tuple[bytes, dict[str, int]]:
+def _empty(shape: RunShape, pass_index: int, shots: int) -> tuple[BytesIO, dict[str, int]]:
     """A shard whose arrays are still zero, and where in its bytes each of them begins."""
     ports, image = shape.passes[pass_index], BytesIO()
     with h5py.File(image, "w", libver=LIBVER) as file:
@@ -91,11 +90,19 @@ def _empty(shape: RunShape, pass_index: int, shots: int) -> tuple[bytes, dict[st
         attributes["pass"] = np.int64(pass_index)
         attributes["first"] = np.int64(0)
         attributes["ports"] = np.asarray(ports, "<i8")
+    return image, places
+
+
+@lru_cache(maxsize=16)
+def _kept(shape: RunShape, pass_index: int, shots: int) -> tuple[bytes, dict[str, int]]:
+    """`_empty`, which takes HDF5 milliseconds: the next shard of the run is the same but for its numbers."""
+    image, places = _empty(shape, pass_index, shots)
     return image.getvalue(), places
 
 
-_kept_empty = lru_cache(maxsize=16)(_empty)
-"""Making one takes HDF5 milliseconds, and the next shard of the run is the same but for its numbers."""
+def _from_kept(shape: RunShape, pass_index: int, shots: int) -> tuple[BytesIO, dict[str, int]]:
+    image, places = _kept(shape, pass_index, shots)
+    return BytesIO(image), places
 
 
 @dataclass(frozen=True)
