@@ -183,6 +183,10 @@ class _Folder:
         """How a place is called in messages."""
         return f"{self.shown}/{inner}" if inner else self.shown
 
+    def url_of(self, inner: str) -> str:
+        """Where a place is, with whatever password there is in it: never to be shown."""
+        return f"{self._url}/{inner}" if inner else self._url
+
     def size(self, inner: str) -> int:
         """Bytes of a file; asked for where the listing does not say."""
         system, _ = self._opened
@@ -248,6 +252,14 @@ class StorePath:
 
     def __str__(self) -> str:
         return self._folder.name_of(self._inner)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For another process, which lists the place itself."""
+        return location, (self._folder.url_of(self._inner),)
+
+    def anew(self) -> "StorePath":
+        """The same place, to be listed again."""
+        return StorePath(_Folder(self._folder.url_of(self._inner)))
 
     def __truediv__(self, name: str) -> "StorePath":
         return StorePath(self._folder, f"{self._inner}/{name}" if self._inner else name)
