@@ -69,6 +69,18 @@ def s3() -> Iterator[tuple[str, Traffic]]:
         yield address, traffic
 
 
+def account(address: str) -> dict[str, str]:
+    """The variables by which programs find that S3, and nobody else's."""
+    return {
+        "AWS_ACCESS_KEY_ID": "one",
+        "AWS_SECRET_ACCESS_KEY": "two",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": address,
+        "AWS_MAX_ATTEMPTS": "1",
+        "AWS_EC2_METADATA_DISABLED": "true",
+    }
+
+
 @contextmanager
 def web(folder: Path) -> Iterator[tuple[str, Traffic]]:
     """The files of a folder by HTTP, with ranges and an index page for each folder, as any web server has it."""

@@ -15,7 +15,7 @@ from labctl.errors import RunError
 from labctl.runs.format.store import BLOCK_BYTES, Unreachable, location
 from labctl.runs.read.run import open_run
 from tests.labctl.commands.conftest import AsJson, Typed
-from tests.stores import PASSWORD, Traffic, s3, ssh, web
+from tests.stores import PASSWORD, Traffic, account, s3, ssh, web
 
 BUCKET = "s3://bucket/lab"
 
@@ -42,14 +42,7 @@ def files_of(folder: Path) -> list[Path]:
 def bucket(lab: Path) -> Iterator[Traffic]:
     """The same on an S3 of its own."""
     with pytest.MonkeyPatch.context() as patch, s3() as (address, traffic):
-        for name, value in {
-            "AWS_ACCESS_KEY_ID": "one",
-            "AWS_SECRET_ACCESS_KEY": "two",
-            "AWS_DEFAULT_REGION": "us-east-1",
-            "AWS_ENDPOINT_URL": address,
-            "AWS_MAX_ATTEMPTS": "1",
-            "AWS_EC2_METADATA_DISABLED": "true",
-        }.items():
+        for name, value in account(address).items():
             patch.setenv(name, value)
         system = fsspec.filesystem("s3")
         system.mkdir("bucket")
