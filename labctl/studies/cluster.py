@@ -26,6 +26,8 @@ CONNECT_S = 10.0
 """To wait for an answer of the scheduler."""
 TELL_S = 0.5
 """Records are told the scheduler no oftener."""
+COUNT_S = 1.0
+"""The scheduler is asked for its workers no oftener."""
 _stopped: set[str] = set()
 """On a worker: whose tasks should come to their end."""
 
@@ -71,6 +73,7 @@ class _Connection:
         self._address = address
         self._tell = tell
         self._lost = False
+        self._workers, self._counted = 0, -COUNT_S
         self._name = uuid4().hex
         try:
             self._client = self._connect()
@@ -95,13 +98,14 @@ class _Connection:
                 self._client = self._connect()
             elif self._client.status != "running":
                 return self._wait()
-            threads = self._client.nthreads()
+            if time.monotonic() - self._counted >= COUNT_S:
+                self._workers, self._counted = len(self._client.nthreads()), time.monotonic()
         except OSError:
             return self._wait()
         if self._lost:
             self._lost = False
             self._tell(f"{self._address}: the scheduler is there again; what it had begins anew")
-        return max(len(threads), 1) - running
+        return max(self._workers, 1) - running
 
     def _wait(self) -> int:
         if not self._lost:
@@ -158,6 +162,8 @@ class _Client:
 
     def tell(self) -> None:
         """Tell what was not told yet."""
+        if not self._records:
+            return
         self._worker.log_event(self._name, self._records)
         self._records, self._told = 0, time.monotonic()
 
