@@ -8,6 +8,7 @@ judged where it lies; bytes and requests are those that its server counted, seco
 """
 
 import os
+import pickle
 import sys
 import tempfile
 import time
@@ -18,9 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import cloudpickle
 import fsspec
-import psutil
 from distributed import Client
 
 from benchmarks.rows import Row, Timing, timed
@@ -68,13 +67,12 @@ def tasks() -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as place, ExitStack() as stack:
         there = Cluster(Path(place), stack)
         there.until_there(2)
-        scheduler = psutil.Process(there.scheduler.pid)
-        spent = [sum(scheduler.cpu_times()[:2])]
-        by_cluster = each(cluster(there.address, sys.stderr.write))
-        spent.append(sum(scheduler.cpu_times()[:2]))
-        with Client(there.address, set_as_default=False) as client:  # type: ignore[no-untyped-call]
-            alone = timed(lambda: client.gather(client.map(lambda _: 0, range(TASKS), pure=False)))
-        spent.append(sum(scheduler.cpu_times()[:2]))
+        client = stack.enter_context(Client(there.address, set_as_default=False))  # type: ignore[no-untyped-call]
+        spent = [client.run_on_scheduler(time.process_time)]
+        by_cluster = each(cluster(there.address, partial(print, file=sys.stderr)))
+        spent.append(client.run_on_scheduler(time.process_time))
+        alone = timed(lambda: client.gather(client.map(lambda _: 0, range(TASKS), pure=False)))
+        spent.append(client.run_on_scheduler(time.process_time))
     here = each(processes)
     reference = 1e3 * alone.wall_s / TASKS
     for what, found in (("processes of this machine", here), ("two workers of a cluster", by_cluster)):
@@ -121,8 +119,8 @@ def twin() -> Iterator[Row]:
         yield Row("its files", len(files), "files")
         yield Row("bytes that came to judge it", traffic.bytes / 1e6, "MB", None, "of its files", sum(files) / 1e6)
         sent = partial(acquire_run, acquisition)
-        yield Row("its task, as the scheduler gets it", len(cloudpickle.dumps(sent)) / 1e3, "kB")
-        yield Row("its result, as the scheduler gives it", len(cloudpickle.dumps(outcomes[0])) / 1e3, "kB")
+        yield Row("its task, as the scheduler gets it", len(pickle.dumps(sent)) / 1e3, "kB")
+        yield Row("its result, as the scheduler gives it", len(pickle.dumps(outcomes[0])) / 1e3, "kB")
 
 
 def rows() -> Iterator[Row]:

@@ -47,6 +47,8 @@ def train(
     require_readout(run)
     if over:
         axes = dict(parse_axis(one, "--search") for one in over)
+        if len(axes) < len(over):
+            raise UsageError("--search: an axis is there twice: give each once, with all its values")
         carried_out = carrying(scheduler, "search")
         found = search_readout(
             run,

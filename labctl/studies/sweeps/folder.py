@@ -286,14 +286,14 @@ def _is_complete(run: Path) -> bool:
 
 
 def forecasts(every: list[Point], *, data: Path | None, access: Access) -> Iterator[dict[str, Any]]:
-    """What each run of a sweep will do; those of equal protocol and bench are asked for once.
+    """What each run of a sweep will do; those of equal protocol and bench, whichever twin, are asked for once.
 
     Raises:
         LabctlError: as `forecast`: what was asked for is wrong, or this bench cannot do it.
     """
     known: dict[str, dict[str, Any]] = {}
     for point in every:
-        key = f"{point.protocol.digest()} {_digest(point.station)}"
+        key = f"{point.protocol.digest()} {_digest(point.station.twin(0))}"
         if key not in known:
             known[key] = forecast(Acquisition(point.protocol, point.station, None, data, access))
         yield known[key]
