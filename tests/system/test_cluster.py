@@ -154,7 +154,6 @@ def test_interrupted_runs_end_and_none_is_in_place(dask: Cluster, tmp_path: Path
 
     with pytest.raises(Interrupted):
         reproduce(plan, interruption=interruption, measured=interrupt)
-    assert list(tmp_path.glob("there/*")) == []
     with Client(dask.address, set_as_default=False) as client, suppress(OSError):  # type: ignore[no-untyped-call]
         assert client.run(len, ()) is not None, "the workers are there for the next"
 
