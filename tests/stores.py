@@ -71,18 +71,23 @@ def s3() -> Iterator[tuple[str, Traffic]]:
         yield address, traffic
 
 
+def account(address: str) -> dict[str, str]:
+    """The variables by which programs find that S3, and nobody else's."""
+    return {
+        "AWS_ACCESS_KEY_ID": "one",
+        "AWS_SECRET_ACCESS_KEY": "two",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": address,
+        "AWS_MAX_ATTEMPTS": "1",
+        "AWS_EC2_METADATA_DISABLED": "true",
+    }
+
+
 @contextmanager
 def bucket_of(folder: Path, url: str) -> Iterator[Traffic]:
     """The files of a folder on an S3 of one's own, at `url`; this process and those it starts have its credentials."""
     with pytest.MonkeyPatch.context() as patch, s3() as (address, traffic):
-        for name, value in {
-            "AWS_ACCESS_KEY_ID": "one",
-            "AWS_SECRET_ACCESS_KEY": "two",
-            "AWS_DEFAULT_REGION": "us-east-1",
-            "AWS_ENDPOINT_URL": address,
-            "AWS_MAX_ATTEMPTS": "1",
-            "AWS_EC2_METADATA_DISABLED": "true",
-        }.items():
+        for name, value in account(address).items():
             patch.setenv(name, value)
         system = fsspec.filesystem("s3")
         system.mkdir(url.removeprefix("s3://").partition("/")[0])
