@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.request import Request, urlopen
 
 import flask
 import fsspec
@@ -66,8 +67,11 @@ def served(application: Any) -> Iterator[tuple[str, Traffic]]:
 
 @contextmanager
 def s3() -> Iterator[tuple[str, Traffic]]:
-    """An S3 of one's own."""
+    """An S3 of one's own, with nothing of what another one in this process has held."""
     with served(DomainDispatcherApplication(create_backend_app)) as (address, traffic):
+        urlopen(Request(f"{address}/moto-api/reset", method="POST")).close()  # noqa: S310
+        traffic.forget()
+        fsspec.get_filesystem_class("s3").clear_instance_cache()  # of one at another address
         yield address, traffic
 
 
@@ -96,7 +100,6 @@ def bucket_of(folder: Path, url: str) -> Iterator[Traffic]:
                 system.put(str(path), f"{url}/{path.relative_to(folder)}")
         traffic.forget()
         yield traffic
-        system.clear_instance_cache()  # another bucket has another address
 
 
 @contextmanager
