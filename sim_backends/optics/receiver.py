@@ -54,13 +54,14 @@ def impulse_response(
     return h, (gauss - h) / tau
 
 
-def fast_volts(field: NDArray[np.float32]) -> NDArray[np.float32]:
+def fast_volts(field: NDArray[np.complex64]) -> NDArray[np.float32]:
     """Volts behind an infinitely fast detector: |E|^2, collected modes added as powers.
 
-    Root volts (..., modes, real and imaginary, channels, K) -> (..., channels, K).
+    Root volts (..., modes, channels, K) complex -> (..., channels, K).
     """
-    squared = field * field
-    return np.asarray(squared.sum(axis=(-4, -3)))
+    volts = np.square(field.real)
+    volts += np.square(field.imag)
+    return volts[..., 0, :, :] if volts.shape[-3] == 1 else volts.sum(axis=-3)
 
 
 @dataclass(frozen=True, eq=False)
