@@ -38,18 +38,18 @@ noise_colour = lru_cache(maxsize=16)(receiver.noise_colour)
 class Light(NamedTuple):
     """What triggers have in common that one computation serves: all but the pattern.
 
-    step, segment, repeats, lit: of their `Setting`. phase_s: in the drive's period, or time from the segment's start to
-    the trigger. shift_s: samples are taken this much later than the acquisition says. scene: of the mirrors. age_s:
-    from the mirrors' last change to the trigger; None: they stand still.
+    step, segment (-1: none), repeats, lit: of their `Setting`. phase_s: in the drive's period, or time from the
+    segment's start to the trigger. shift_s: samples are taken this much later than the acquisition says. scene: of the
+    mirrors. age_s: from the mirrors' last change to the trigger; infinite: they stand still.
     """
 
     step: int
-    segment: int | None
+    segment: int
     repeats: int
     phase_s: float
     shift_s: float
     scene: int
-    age_s: float | None
+    age_s: float
     lit: bool
 
 
@@ -94,28 +94,29 @@ class LightPath:
         optics = self.optics(setting)
         laws, colour = optics.laws, self._colour(acquisition)
         amplitudes = sight.scenes[light.scene].amplitudes
-        seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if light.age_s is not None else 0)
+        moving = math.isfinite(light.age_s)
+        seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if moving else 0)
         pairs, which = np.unique(seen, return_inverse=True)
-        after, before = amplitudes[pairs // len(amplitudes)], amplitudes[pairs % len(amplitudes)]
-        points = acquisition.samples / (acquisition.sample_rate * self._parameters.record_step_s) + 100
-        block = max(1, int(_BLOCK_BYTES / (8 * len(acquisition.channels) * points * IMAGE_BLOCK)))
-        block *= IMAGE_BLOCK
         order = np.argsort(which, kind="stable")
+        after, before = np.divmod(pairs, len(amplitudes))
+        points = acquisition.samples / (acquisition.sample_rate * self._parameters.record_step_s) + 100
+        block = max(1, int(_BLOCK_BYTES / (16 * len(acquisition.channels) * points * IMAGE_BLOCK))) * IMAGE_BLOCK
         at_once = max(1, _BLOCK_BYTES // volts[0].nbytes)
+        high = 0
         for begin in range(0, len(pairs), block):
             clean, slope = self.sampled(
                 optics,
                 acquisition,
-                after[begin : begin + block],
+                amplitudes[after[begin : begin + block]],
                 phase_s=light.phase_s,
                 shift_s=light.shift_s,
-                before=None if light.age_s is None else before[begin : begin + block],
-                moving_since_s=light.age_s or 0.0,
+                before=amplitudes[before[begin : begin + block]] if moving else None,
+                moving_since_s=light.age_s,
             )
             signal = np.maximum(clean, 0)
             shared = np.sqrt(laws.quadratic) * signal
             clean = clean + laws.offset_v
-            low, high = np.searchsorted(which[order], [begin, begin + len(clean)])
+            low, high = high, int(np.searchsorted(which[order], begin + len(clean)))
             for first in range(low, high, at_once):
                 places = order[first : min(first + at_once, high)]
                 own, image = rows[places], which[places] - begin
