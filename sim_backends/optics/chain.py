@@ -155,7 +155,7 @@ def delayed(
         step_s: grid step (s).
 
     Returns:
-        (depth, channels * K) complex64: `through_delays` as a matrix, for times that are not on a grid.
+        (depth, channels * K) complex64: with it the light is a matrix product, for times that are not on a grid.
     """
     channels, points = fields.shape
     index, weight = interpolation(light_times / step_s, points)
@@ -170,7 +170,7 @@ def delayed(
 def window_spectrum(
     fields: NDArray[np.complex64], depth: int, *, start: float, points: int, every: int
 ) -> NDArray[np.complex64]:
-    """Transform of the ports' light around some light times, for `through_delays`.
+    """Transform of the ports' light around some light times, for `light_path.through_delays`.
 
     Args:
         fields: (channels, n) one period.
@@ -192,29 +192,6 @@ def window_spectrum(
         light[:, earlier] += fields[:, (index[corner] + earlier) % period] * weight[corner]
     spectrum = fft.fft(light, axis=-1) / np.float32(every)
     return np.asarray(spectrum, np.complex64).reshape(len(fields), every, frequencies)
-
-
-def through_delays(sent: NDArray[np.complex64], spectrum: NDArray[np.complex64], points: int) -> NDArray[np.complex64]:
-    """What arrives behind the ports, sum_d a_d g_m(t - d dt), at the `points` light times of a `window_spectrum`.
-
-    A convolution by its Fourier transform; of the result only every so-manyth point is wanted, so that its spectrum is
-    folded before it is transformed back.
-
-    Args:
-        sent: (images, modes, delays) a, what pictures send through each delay: amplitudes times taps.
-        spectrum: (channels, every, F).
-        points: how many.
-
-    Returns:
-        (images, modes, channels, points) complex64.
-    """
-    _, every, frequencies = spectrum.shape
-    each = fft.fft(sent, every * frequencies, axis=-1).reshape(*sent.shape[:2], 1, every, frequencies)
-    folded = each[..., 0, :] * spectrum[:, 0]
-    for part in range(1, every):
-        folded += each[..., part, :] * spectrum[:, part]
-    field: NDArray[np.complex64] = fft.ifft(folded, axis=-1, overwrite_x=True)[..., :points]
-    return field
 
 
 def mean_volts(

@@ -109,9 +109,10 @@ def apply_filter(
     """
     blocks = -(-samples // sampling.samples)
     advance = sampling.samples * sampling.decimation
-    missing = (blocks - 1) * advance + sampling.points - intensities.shape[-1]
-    if missing > 0:
-        intensities = np.pad(intensities, [(0, 0)] * (intensities.ndim - 1) + [(0, missing)])
+    wanted = (blocks - 1) * advance + sampling.points
+    if wanted > intensities.shape[-1]:
+        given, intensities = intensities, np.zeros((*intensities.shape[:-1], wanted), np.float32)
+        intensities[..., : given.shape[-1]] = given
     both = np.empty((2, *intensities.shape[:-1], blocks * sampling.samples), np.float32)
     for block in range(blocks):
         window = intensities[..., block * advance : block * advance + sampling.points]

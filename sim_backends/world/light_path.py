@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from sim_backends.optics import chain, mirrors, receiver
 from sim_backends.parameters import Parameters
@@ -27,7 +28,7 @@ _KEPT_SETTINGS = 12
 _KEPT_BYTES = 50_000_000  # of pages: spectra, or matrices
 _PAGE_POINTS = 2**14
 _OFF_GRID = 1e-4  # grid steps: light times that are no further beside the grid are on it
-_BLOCK_SAMPLES = 64
+_BLOCK_SAMPLES = 16
 _PHASE_STEP_S = 1.25e-12
 _SAME_PHASE_S = 15e-12
 
@@ -265,7 +266,7 @@ class LightPath:
             count = min(points - begin, _PAGE_POINTS)
             page = self._page(optics, start_s + begin * step, step, count, round(every) if on_grid else None)
             if on_grid:
-                pages.append(chain.through_delays(sent, page, count))
+                pages.append(through_delays(sent, page, count))
             else:
                 shape = (*sent.shape[:2], len(optics.fields), count)
                 pages.append(in_blocks(sent.reshape(-1, sent.shape[-1]), page).reshape(shape))
@@ -313,6 +314,29 @@ def _sent(optics: Optics, amplitudes: NDArray[np.float32]) -> NDArray[np.complex
     """What pictures (n, superpixels) send through each delay of each mode, (n, modes, delays)."""
     sent = in_blocks(amplitudes, optics.sending).view(np.complex64)
     return sent.reshape(len(amplitudes), optics.taps.shape[0], -1)
+
+
+def through_delays(sent: NDArray[np.complex64], spectrum: NDArray[np.complex64], points: int) -> NDArray[np.complex64]:
+    """What arrives behind the ports, sum_d a_d g_m(t - d dt), at equidistant light times.
+
+    A convolution by its Fourier transform; of the result only every so-manyth point is wanted, so that its spectrum is
+    folded before it is transformed back.
+
+    Args:
+        sent: (images, modes, delays) a, what pictures send through each delay: amplitudes times taps.
+        spectrum: (channels, every, F), of `chain.window_spectrum`.
+        points: how many.
+
+    Returns:
+        (images, modes, channels, points) complex64.
+    """
+    _, every, frequencies = spectrum.shape
+    each = fft.fft(sent, every * frequencies, axis=-1).reshape(*sent.shape[:2], 1, every, frequencies)
+    folded = each[..., 0, :] * spectrum[:, 0]
+    for part in range(1, every):
+        folded += each[..., part, :] * spectrum[:, part]
+    field: NDArray[np.complex64] = fft.ifft(folded, axis=-1, overwrite_x=True)[..., :points]
+    return field
 
 
 Numbers = TypeVar("Numbers", np.float32, np.complex64)

@@ -104,7 +104,7 @@ class Scene:
             latched = np.where(times < self.start_s - _SLACK_S, -1.0, 0.0)
         else:
             latched = np.floor((times - self.start_s + _SLACK_S) / self.picture_time_s)
-        picture = np.minimum(np.maximum(latched, -1.0), self.shown - 1).astype(np.int64)
+        picture = np.asarray(np.minimum(np.maximum(latched, -1.0), self.shown - 1), np.int64)
         if math.isinf(self.lit_s):
             return picture
         dark = (picture >= 0) & (times - self._picture_s(picture) >= self.lit_s - _SLACK_S)

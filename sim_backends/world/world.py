@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sim_backends.optics.launch import Launch
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world.keyed_random import Rekeyed, digest, generator, unit_noise
+from sim_backends.world.keyed_random import Rekeyed, digest, encoded, generator, named
 from sim_backends.world.light_path import Light, LightPath, snapped
 from sim_backends.world.pictures import Pictures, Sight
 from sim_backends.world.segments import DEFAULT_LEVEL_V, SegmentStarts
@@ -229,6 +229,10 @@ class World:
         """Counter-based generator keyed by the twin's seed and `purpose`."""
         return generator(digest(self.twin_seed, *purpose))
 
+    def unit_noise(self, keys: Sequence[bytes], shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """White noise of unit variance, an array of `shape` for each of `keys`."""
+        return self._rekeyed.unit_noise(keys, shape)
+
     def next_triggers(
         self, condition: TriggerCondition, count: int, holdoff_s: float = 0.0, *, after_s: float | None = None
     ) -> NDArray[np.float64] | None:
@@ -320,7 +324,7 @@ class World:
         """Volts of other points behind the same triggers, with noise of their own."""
         began = perf_counter()
         own = [digest(key, "further", float(part.start_s)) for key in keys]
-        volts = detected(part, unit_noise(own, self._light_path.white_noise_shape(part)))
+        volts = detected(part, self.unit_noise(own, self._light_path.white_noise_shape(part)))
         self.physics_seconds += perf_counter() - began
         return volts
 
@@ -354,12 +358,11 @@ class World:
         if self._state is None:
             patched = (f"{channel}:{port}" for channel, port in sorted(self._patching.items()))
             self._state = digest(self._setting(CHANNELS, 0, None, 1, lit=True).key, *patched)
-        frames: dict[bytes, bytes] = {}
+        before, behind = encoded(self.twin_seed, self._state), encoded(acquisition.digest, setting)
+        frames = {name: encoded(named(before + encoded(name) + behind)) for name in dict.fromkeys(shown)}
         keys = []
         for name in shown:
-            if name not in frames:
-                frames[name] = digest(self.twin_seed, self._state, name, acquisition.digest, setting)
-            keys.append(digest(frames[name], self._recorded[name] if self._by_state else self._triggers))
+            keys.append(named(frames[name] + encoded(self._recorded[name] if self._by_state else self._triggers)))
             self._recorded[name] += 1
             self._triggers += 1
         return tuple(keys)
@@ -393,10 +396,10 @@ class World:
         steps = np.floor(times / self._drift_step_s).astype(np.int64)
         lit = times >= self._lit_from_s
         columns = (steps, segments, repeats, phases, coarse, sight.scene, sight.age_s, lit)
-        groups: dict[Light, list[int]] = {}
+        groups: dict[tuple[Any, ...], list[int]] = {}
         for row, seen in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
-            groups.setdefault(Light(*seen), []).append(row)
-        return groups
+            groups.setdefault(seen, []).append(row)
+        return {Light(*seen): rows for seen, rows in groups.items()}
 
     def _phases(
         self, times: NDArray[np.float64], acquisition: Acquisition
