@@ -143,10 +143,9 @@ def _judged(
 
 def _standardised(features: NDArray[Any]) -> NDArray[np.floating]:
     """Features of mean 0 and deviation 1 over all shots, for the sake of the arithmetic: no readout depends on it."""
-    try:
-        standard: NDArray[np.floating] = StandardScaler().fit_transform(as_float(features))
-    except ValueError as error:
-        raise AnalysisError(f"features cannot be standardised ({error}): leave the broken shots out") from None
+    if not np.isfinite(features).all():
+        raise AnalysisError("features hold values that are not finite: leave the broken shots out")
+    standard: NDArray[np.floating] = StandardScaler().fit_transform(as_float(features))
     return standard
 
 
