@@ -89,6 +89,7 @@ def seconds(text: str) -> float:
 
 def _print_training(trained: dict[str, Any]) -> None:
     say(f"{trained['model']}: softmax on {trained['features']} features, {trained['training_shots']} training shots")
+    _say_left_out(trained)
     say(f"accuracy on the {trained['test_shots']} shots kept apart: {with_interval(trained)}, 95 % interval")
 
 
@@ -107,6 +108,11 @@ def _print_search(found: dict[str, Any], axes: list[str]) -> None:
     )
     say("by splits of the training shots alone")
     _print_training(found)
+
+
+def _say_left_out(found: dict[str, Any]) -> None:
+    if found["left_out"]:
+        say(f"{found['left_out']} more images of the run, evenly spread, are left out: memory is bounded")
 
 
 def with_interval(found: dict[str, Any]) -> str:
@@ -134,4 +140,5 @@ def _print_evaluation(found: dict[str, Any]) -> None:
         verdict = "at chance" if control["at_chance"] else "NOT at chance"
         rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))
     table(("what", "accuracy", ""), rows)
+    _say_left_out(found)
     say(f"report: {found['report']}")
