@@ -1,4 +1,4 @@
-"""Supervisors that are forked from a process which has loaded all that they need: to load it takes half a second of each.
+"""Supervisors that are forked from a process which has loaded all that they need: each would take half a second for it.
 
 What a test of supervisors is about starts as it does for a user; this is for tests that make hundreds of runs.
 
@@ -72,7 +72,7 @@ def serve(address: str) -> None:
 
 
 def stand_by(link: socket.socket) -> None:
-    """Let a supervisor work with the files that come over `link`, tell its status there, and kill it if nobody waits."""
+    """Let a supervisor work with the files that come over `link`; tell its status there, kill it if nobody waits."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     numbers, files, _, _ = socket.recv_fds(link, MOST_FILES, MOST_FILES)
     process = os.fork()
