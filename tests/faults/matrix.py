@@ -51,7 +51,7 @@ RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=6"
 """Port 6 of this bench has light that one pair of probes shows: more would move the moments, which are counts."""
 TIMEOUT_S = 0.4
 PATIENCE_S = 120.0
-"""The same where every instrument answers: nobody waits for it, and a busy machine decides nothing."""
+"""The same of instruments that answer: nobody waits so long, and a busy machine decides nothing."""
 WAITS = (
     "instruments.tektronix_awg70002a.SLOW_S",
     "instruments.tektronix_awg70002a.Awg70002a.self_test_s",
@@ -66,6 +66,8 @@ NO_HARM, RECOVERED, CLIPPED = "no harm", "goes on", "clipped"
 ENDED, UNCONFIRMED, LEFT = "ends", "ends, unconfirmed", "ends, left as it was"
 TRANSPORTS = {"hislip": "HiSLIP", "vxi11": "VXI-11"}
 PHASES = ("connecting", "preparing", "acquiring", "finishing")
+MAKE_OTHERS_WAIT = ("awg", "dmd", "scope")
+"""Without them no trigger comes."""
 WITHOUT_QUEUE = ("dmd",)
 ANSWERS_FIRST = ("dmd",)
 """Instruments that must answer before they can be made safe; the others are told blindly."""
@@ -240,7 +242,7 @@ class Ended:
 
 @contextlib.contextmanager
 def short_waits(bound_s: float = TIMEOUT_S) -> Iterator[None]:
-    """Bounds of waits that no station sets are short inside the block, and attempts to go on are fewer, without a pause."""
+    """Inside the block waits that no station sets are short, and attempts to go on are fewer, without a pause."""
     with pytest.MonkeyPatch.context() as settings:
         for name in WAITS:
             settings.setattr(name, bound_s)
@@ -250,10 +252,13 @@ def short_waits(bound_s: float = TIMEOUT_S) -> Iterator[None]:
 
 
 def carried_out(case: Case, folder: Path, timeout_s: float = TIMEOUT_S) -> Ended:
-    """Run a small acquisition on a bench with this fault; files go into `folder`."""
+    """Run a small acquisition on a bench with this fault; files go into `folder`.
+
+    `timeout_s` bounds waits for the instrument that the fault befalls, and for what it makes others wait for.
+    """
     table = default_table()
-    table["transport"]["timeout_s"] = timeout_s
-    table["commands"]["is_settled"] |= {"timeout_s": timeout_s, "poll_s": 0.01}
+    table["transport"]["timeout_s"] = _patience_s(case, "laser", timeout_s)
+    table["commands"]["is_settled"] |= {"timeout_s": _patience_s(case, "laser", timeout_s), "poll_s": 0.01}
     written, errors = io.StringIO(), io.StringIO()
     bench = FaultyBench(
         [Befalling(case.role, case.fault, case.moment)],
@@ -262,7 +267,8 @@ def carried_out(case: Case, folder: Path, timeout_s: float = TIMEOUT_S) -> Ended
         laser_table=table,
         plugged_in=BEHIND_THE_LASER if case.role in BEHIND else {},
     )
-    with bench, short_waits(timeout_s), contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
+    waits = short_waits(timeout_s if case.role in MAKE_OTHERS_WAIT else PATIENCE_S)
+    with bench, waits, contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
         try:
             labctl(
                 (
@@ -279,6 +285,10 @@ def carried_out(case: Case, folder: Path, timeout_s: float = TIMEOUT_S) -> Ended
     # The loop has ended: what was sent has been executed.
     lit = tuple(name for name, is_safe in SAFE.items() if not is_safe(bench))
     return Ended(status, json.loads(written.getvalue()), errors.getvalue(), _kept(folder / "run"), lit, bench.struck)
+
+
+def _patience_s(case: Case, role: str, timeout_s: float) -> float:
+    return timeout_s if role == case.role else PATIENCE_S
 
 
 def undisturbed(folder: Path, case: Case) -> Ended:
@@ -332,15 +342,16 @@ def _station(bench: FaultyBench, case: Case, table: Mapping[str, object], folder
     commands, station = folder / "laser.toml", folder / "station.toml"
     commands.write_text(_toml(table))
     sections: dict[str, dict[str, object]] = {
-        name: {"timeout": f"{timeout_s} s"} for name in ("awg", "scope", "dmd", "patch_panel")
+        name: {"timeout": f"{_patience_s(case, name, timeout_s)} s"} for name in ("awg", "scope", "dmd", "patch_panel")
     }
     sections["laser"] = {"commands": str(commands)}
     if case.role in BEHIND:
         sections |= BEHIND
-        sections["power_meter"] = sections["power_meter"] | {"timeout": timeout_s}
+        sections["power_meter"] = sections["power_meter"] | {"timeout": _patience_s(case, "power_meter", timeout_s)}
         for role, file in TABLES.items():
             own = folder / f"{role}.toml"
-            own.write_text(_toml(read_toml(file) | {"transport": {"timeout_s": timeout_s}}))
+            transport = {"timeout_s": _patience_s(case, role, timeout_s)}
+            own.write_text(_toml(read_toml(file) | {"transport": transport}))
             sections[role] = sections[role] | {"commands": str(own)}
     hasty = Station.model_validate(SIMULATED_STATION.model_dump(exclude_defaults=True) | sections)
     addresses = {role: found["socket"] for role, found in bench.resources.items()}
