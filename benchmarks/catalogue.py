@@ -1,7 +1,5 @@
 """How long it takes to list and to search ten thousand runs.
 
-    python benchmarks/catalogue.py
-
 Seconds to make the catalogue from the runs, once, and then to find all of them, and few. The references, in the same
 run: the same rows by `sqlite3` alone from a table that holds them already, and asking the file system about the files
 of each run, without which nobody knows whether they have changed.
@@ -9,14 +7,12 @@ of each run, without which nobody knows whether they have changed.
 
 import json
 import sqlite3
-import statistics
-import sys
 import tempfile
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+from benchmarks.rows import Goal, Row, interleaved, timed
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.catalogue import FILE, Catalogue
@@ -25,7 +21,6 @@ from labctl.runs.index import run_directories
 from protocols.image_readout import ImageReadout
 
 RUNS = 10_000
-TIMES = 5
 
 
 def generate(folder: Path, template: Path) -> None:
@@ -37,16 +32,6 @@ def generate(folder: Path, template: Path) -> None:
         manifest["seeds"]["seed"] = manifest["protocol"]["settings"]["seed"] = seed
         (directory / "manifest.json").write_text(json.dumps(manifest), "utf-8")
         (directory / "journal.jsonl").hardlink_to(template / "journal.jsonl")
-
-
-def seconds(what: Callable[[], object]) -> float:
-    """Of the median of several times."""
-    found = []
-    for _ in range(TIMES):
-        began = time.perf_counter()
-        what()
-        found.append(time.perf_counter() - began)
-    return round(statistics.median(found), 3)
 
 
 def by_sqlite_alone(path: Path) -> None:
@@ -65,26 +50,26 @@ def by_files_alone(folder: Path) -> None:
             path.exists()
 
 
-def main() -> None:
-    """Measure and print one JSON object."""
+def rows() -> Iterator[Row]:
+    """The catalogue made, then all runs, few by a comparison, few by words."""
     with tempfile.TemporaryDirectory() as place:
         template, folder = Path(place) / "run", Path(place) / "runs"
         acquire(Acquisition(ImageReadout(images=4), SIMULATED_STATION, template))
         generate(folder, template)
         catalogue = Catalogue(folder)
-        began = time.perf_counter()
-        catalogue.find(limit=1)
-        result = {
-            "runs": RUNS,
-            "made_s": round(time.perf_counter() - began, 2),
-            "all_s": seconds(catalogue.find),
-            "few_s": seconds(lambda: catalogue.find("seed >= 9990 and protocol = image-readout")),
-            "words_s": seconds(lambda: catalogue.find("mnist 9990")),
-            "sqlite_alone_s": seconds(lambda: by_sqlite_alone(folder / FILE)),
-            "files_alone_s": seconds(lambda: by_files_alone(folder)),
-        }
-    sys.stdout.write(json.dumps(result) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+        made = timed(lambda: catalogue.find(limit=1))
+        *found, alone, files = interleaved(
+            catalogue.find,
+            lambda: catalogue.find("seed >= 9990 and protocol = image-readout"),
+            lambda: catalogue.find("mnist 9990"),
+            lambda: by_sqlite_alone(folder / FILE),
+            lambda: by_files_alone(folder),
+        )
+    yield Row(
+        f"catalogue of {RUNS} runs made once", made.wall_s, "s", made.processor_s, "files asked for", files.wall_s
+    )
+    for what, one in zip(("all listed", "few found by a comparison", "few found by words"), found, strict=True):
+        goal = Goal(most=1.0, of="figure")
+        yield Row(
+            f"{RUNS} runs: {what}", one.wall_s, "s", one.processor_s, "the rows by sqlite3 alone", alone.wall_s, goal
+        )

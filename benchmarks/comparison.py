@@ -1,26 +1,23 @@
 """What it costs to know that settings and records are what they should be: part of the time of a whole run.
 
-    python benchmarks/comparison.py
-
 The reference is the same run: the seconds of all its other steps. Software-timed, in bursts and with averages, each
 several times; a part is the median.
 """
 
-import json
 import statistics
-import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
+from benchmarks.rows import REPETITIONS, Row
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from protocols.image_readout import ImageReadout
 
-TIMES = 3
 RUNS = {
-    "software": ImageReadout(images=1000),
-    "burst": ImageReadout(images=4000, timing="burst"),
-    "averages": ImageReadout(images=500, averages=16),
+    "software-timed": ImageReadout(images=1000),
+    "bursts": ImageReadout(images=4000, timing="burst"),
+    "mean of 16": ImageReadout(images=500, averages=16),
 }
 
 
@@ -32,15 +29,8 @@ def part_of_time(protocol: ImageReadout) -> float:
     return acquired.budget["comparison"] * 1e-3 * outcome.shots / outcome.seconds
 
 
-def main() -> None:
-    """Measure and print one JSON object."""
-    parts = {name: [part_of_time(protocol) for _ in range(TIMES)] for name, protocol in RUNS.items()}
-    result = {
-        name: {"part": round(statistics.median(found), 4), "largest": round(max(found), 4)}
-        for name, found in parts.items()
-    }
-    sys.stdout.write(json.dumps(result) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+def rows() -> Iterator[Row]:
+    """A row for each timing."""
+    for name, protocol in RUNS.items():
+        parts = [part_of_time(protocol) for _ in range(REPETITIONS)]
+        yield Row(f"settings and records compared, {name}", 100 * statistics.median(parts), "% of the run")

@@ -1,14 +1,12 @@
 """What it costs an acquisition that somebody watches it: its rate with the dashboard open in a browser, and without.
 
-    python benchmarks/dashboard.py [rounds] [seconds]
-
 One run of `labctl run` in a process of its own, whose events have its rate. While it measures, stretches with the page
 of this run open in Chromium, its signals unfolded, and stretches without a dashboard follow each other as closed, open,
-open, closed, so that a slow drift of the machine counts for both alike; 3 rounds of 10 s stretches unless an argument
-says otherwise. The reference is the same run in the same minutes. What it takes to start dashboard and browser is not
-counted. Asked for: at least 0.95, with the signals drawn five times a second.
+open, closed, so that a slow drift of the machine counts for both alike. The reference is the same run in the same
+minutes. What it takes to start dashboard and browser is not counted.
 """
 
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -17,13 +15,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
+from typing import NamedTuple, Self
 
 import numpy as np
 
+from benchmarks.rows import Goal, Row
 from labctl.runs.live.events import EventReader
 from tests.dashboard.browser import LABCTL, browser, chromium, dashboard, enter, opened
 
-REQUIRED = 0.95
 SETTINGS = ("images=4000", "ports=2-5", "wavelengths=" + ", ".join(f"{1540 + n} nm" for n in range(20)))
 """A pass on four ports, again at every wavelength: as long as is needed, and each pass as fast as the one before."""
 SETTLE_S = 3.0
@@ -75,32 +74,39 @@ def require_running(process: subprocess.Popen[bytes]) -> None:
         sys.exit("the run ended before the measurement did: give it more images")
 
 
-def stretch(directory: Path, seconds: float, *, watched: bool) -> tuple[float, float]:
-    """Begin and end of some seconds in which the run is watched, or is not."""
-    with ExitStack() as stack:
-        if watched:
-            served = stack.enter_context(dashboard(directory.parent))
-            page = opened(stack.enter_context(browser()))
-            page.goto(f"{enter(page, served)}run/{directory.name}")
-            page.wait_for_selector(".ports-region figure")
-            page.get_by_text("Signals: levels").click()
-            page.wait_for_selector(".levels-region .level")
-            page.evaluate(COUNT)
-        time.sleep(SETTLE_S)
-        begin = time.time()
-        before = page.evaluate("window.drawn") if watched else 0
-        time.sleep(seconds)
-        end = time.time()
-        if watched:
-            print(f"signals drawn {(page.evaluate('window.drawn') - before) / (end - begin):.1f} times a second")  # noqa: T201
-        return begin, end
+class Stretch(NamedTuple):
+    """Some seconds of the run: whether it was watched, begin and end (s since 1970), drawings a second."""
+
+    watched: bool
+    begin: float
+    end: float
+    drawn_per_s: float
+
+    @classmethod
+    def of(cls, directory: Path, seconds: float, *, watched: bool) -> Self:
+        """Let some seconds go by in which the run is watched, or is not."""
+        with ExitStack() as stack:
+            if watched:
+                served = stack.enter_context(dashboard(directory.parent))
+                page = opened(stack.enter_context(browser()))
+                page.goto(f"{enter(page, served)}run/{directory.name}")
+                page.wait_for_selector(".ports-region figure")
+                page.get_by_text("Signals: levels").click()
+                page.wait_for_selector(".levels-region .level")
+                page.evaluate(COUNT)
+            time.sleep(SETTLE_S)
+            begin = time.time()
+            before = page.evaluate("window.drawn") if watched else 0
+            time.sleep(seconds)
+            end = time.time()
+            drawn = page.evaluate("window.drawn") - before if watched else 0
+            return cls(watched, begin, end, drawn / (end - begin))
 
 
-def main(rounds: int, seconds: float) -> int:
-    """Measure and print; 1 if watching costs more than it may."""
+def rows(rounds: int = 3, seconds: float = 10.0) -> Iterator[Row]:
+    """The rate with the dashboard open beside that without, and how often its signals are drawn."""
     if chromium() is None:
-        print("Chromium is not installed: nothing measured")  # noqa: T201
-        return 1
+        raise SystemExit("Chromium is not installed: nothing measured")
     with tempfile.TemporaryDirectory() as folder:
         directory = Path(folder) / "run"
         with running(directory) as process:
@@ -109,19 +115,14 @@ def main(rounds: int, seconds: float) -> int:
                 require_running(process)
                 time.sleep(0.2)
             order = [False, True, True, False] * rounds
-            spans = [(watched, *stretch(directory, seconds, watched=watched)) for watched in order]
+            stretches = [Stretch.of(directory, seconds, watched=watched) for watched in order]
             time.sleep(SETTLE_S)
             rate.read()
             require_running(process)
-    rates = {kind: [rate.between(b, e) for watched, b, e in spans if watched is kind] for kind in (False, True)}
-    for kind, name in ((False, "closed"), (True, "open")):
-        found = np.array(rates[kind])
-        print(f"{name:6} {found.mean():7.1f} records/s  ({', '.join(f'{one:.0f}' for one in found)})")  # noqa: T201
-    ratio = float(np.mean(rates[True]) / np.mean(rates[False]))
-    print(f"open / closed = {ratio:.3f}, at least {REQUIRED} asked for")  # noqa: T201
-    return 0 if ratio >= REQUIRED else 1
-
-
-if __name__ == "__main__":
-    given = [float(word) for word in sys.argv[1:]]
-    sys.exit(main(int(given[0]) if given else 3, given[1] if len(given) > 1 else 10.0))
+    watched, alone = (
+        statistics.mean(rate.between(one.begin, one.end) for one in stretches if one.watched is kind)
+        for kind in (True, False)
+    )
+    yield Row("run watched on the dashboard", watched, "records/s", None, "not watched", alone, Goal(least=0.95))
+    drawn = statistics.median(one.drawn_per_s for one in stretches if one.watched)
+    yield Row("signals drawn meanwhile", drawn, "1/s", goal=Goal(least=5.0, of="figure"))

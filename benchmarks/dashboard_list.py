@@ -1,27 +1,24 @@
 """How long the dashboard's page takes to list and to search ten thousand runs, in a browser.
 
-    python benchmarks/dashboard_list.py
-
 Seconds until the rows are drawn: of the first page ever, which makes the catalogue, of the next ones, and after words
 were typed. The reference, in the same run: the same page of a folder that holds no run.
 """
 
-import json
 import statistics
-import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from playwright.sync_api import Browser, Page
 
 from benchmarks.catalogue import RUNS, generate
+from benchmarks.rows import REPETITIONS, Goal, Row
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from protocols.image_readout import ImageReadout
 from tests.dashboard.browser import browser, chromium, connected, dashboard, enter, opened
 
-TIMES = 5
 WORDS = {"few": "seed >= 9990 and protocol = image-readout", "words": "mnist 9990", "many": "images >= 1"}
 COUNTS = {"few": 10, "words": 1, "many": RUNS}
 
@@ -42,7 +39,7 @@ def measured(window: Browser, folder: Path) -> dict[str, float]:
         base = enter(page, served)
         page.wait_for_selector(".all-region .runs, .all-region .nothing")
         found = {"first_s": time.perf_counter() - began}
-        found["next_s"] = statistics.median(seconds_of(page, base) for _ in range(TIMES))
+        found["next_s"] = statistics.median(seconds_of(page, base) for _ in range(REPETITIONS))
         if page.locator("a.run").count():
             connected(page)
             for name, words in WORDS.items():
@@ -51,21 +48,21 @@ def measured(window: Browser, folder: Path) -> dict[str, float]:
                 page.wait_for_function(f"document.querySelector('.count').innerText.endsWith('of {COUNTS[name]}')")
                 found[f"{name}_s"] = time.perf_counter() - began
         page.context.close()
-    return {name: round(value, 2) for name, value in found.items()}
+    return found
 
 
-def main() -> None:
-    """Measure and print one JSON object."""
+def rows() -> Iterator[Row]:
+    """The first page, the next one, and searches."""
     if chromium() is None:
-        raise SystemExit("Chromium is not installed")
+        raise SystemExit("Chromium is not installed: nothing measured")
     with tempfile.TemporaryDirectory() as place, browser() as window:
         template, folder, empty = (Path(place) / name for name in ("run", "runs", "empty"))
         acquire(Acquisition(ImageReadout(images=4), SIMULATED_STATION, template))
         generate(folder, template)
         empty.mkdir()
-        result = {"runs": RUNS, **measured(window, folder), "empty": measured(window, empty)}
-    sys.stdout.write(json.dumps(result) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+        found, reference = measured(window, folder), measured(window, empty)
+    against = "the same page of no runs"
+    yield Row(f"page of {RUNS} runs, the first", found["first_s"], "s", against=against, reference=reference["first_s"])
+    for name, what in (("next", "the next"), *((word, f"searched for {word}") for word in WORDS)):
+        goal = Goal(most=1.0, of="figure")
+        yield Row(f"page of {RUNS} runs, {what}", found[f"{name}_s"], "s", None, against, reference["next_s"], goal)

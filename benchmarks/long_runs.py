@@ -1,22 +1,19 @@
 """What a long run costs that is kept in many small shards: files, and the time to open, check and end it.
 
-    python benchmarks/long_runs.py [shots ...]
-
-40,000 and 200,000 shots unless an argument says otherwise, on five ports in one pass with ten samples each, twenty
-shots a shard. Nothing is synced while the run is made, since that is not what is measured. Times are of the processor
-and by the wall.
+Five ports in one pass with ten samples each, twenty shots a shard. Nothing is synced while the run is made, since that
+is not what is measured. The reference is a run of a fifth of the shots: a cost that grows with the run shows in the
+ratio.
 """
 
 import os
-import sys
 import tempfile
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
 
+from benchmarks.rows import Row, Timing, timed
 from instruments.values import Frames
 from labctl.runs.format.columns import shot_table
 from labctl.runs.format.shape import RunShape
@@ -28,7 +25,7 @@ from labctl.runs.write.writer import RunWriter
 SHARD_SHOTS = 20
 PORTS = (2, 3, 4, 5, 6)
 SAMPLES = 10
-HEADINGS = ("step", "processor (s)", "wall (s)", "processor, ms a shard")
+LONG, SHORT = 100_000, 20_000
 
 
 def make(directory: Path, shots: int) -> RunWriter:
@@ -53,45 +50,34 @@ def make(directory: Path, shots: int) -> RunWriter:
     return writer
 
 
-def say(*columns: object) -> None:
-    """Print one row."""
-    sys.stdout.write("".join(f"{column!s:>24}" if place else f"{column!s:34}" for place, column in enumerate(columns)))
-    sys.stdout.write("\n")
-    sys.stdout.flush()
-
-
-def timed(name: str, shards: int, action: Callable[[], object]) -> None:
-    """Carry out `action` and print what it took."""
-    wall, processor = time.perf_counter(), time.process_time()
-    action()
-    wall, processor = time.perf_counter() - wall, time.process_time() - processor
-    say(name, f"{processor:.2f}", f"{wall:.2f}", f"{1e3 * processor / shards:.3f}")
-
-
-def measure(directory: Path, shots: int) -> None:
-    """Make a run and print what can be done with it."""
-    shards = -(-shots // SHARD_SHOTS)
-    say(f"{shots} shots, {shards} shards", *HEADINGS[1:])
-    with mock.patch.object(os, "fsync", return_value=None):
-        timed("make", shards, lambda: make(directory, shots).abandon())
-    sizes = [path.stat().st_size for path in (directory / "shards").iterdir()]
-    say("files, and their size in MB", len(sizes), f"{sum(sizes) / 1e6:.1f}")
-    timed("open", shards, lambda: open_run(directory).done)
-    timed("open and read 1000 frames", shards, lambda: open_run(directory).frames[:1000])
+def steps(directory: Path) -> Iterator[tuple[str, Timing]]:
+    """What can be done with a run in `directory` that is stored and has no data.h5, and what each takes."""
+    yield "open", timed(lambda: open_run(directory).done)
+    yield "open and read 1000 frames", timed(lambda: open_run(directory).frames[:1000])
     resumed: list[RunWriter] = []
-    timed("open to resume", shards, lambda: resumed.append(RunWriter.resume(directory)))
-    timed("what is missing", shards, lambda: resumed[0].missing(0))
-    timed("make data.h5", shards, resumed[0].finish)
-    timed("open, with data.h5", shards, lambda: open_run(directory).done)
-    timed("verify", shards, lambda: verify_run(directory))
+    yield "open to resume", timed(lambda: resumed.append(RunWriter.resume(directory)))
+    yield "what is missing", timed(lambda: resumed[0].missing(0))
+    yield "make data.h5", timed(resumed[0].finish)
+    yield "open, with data.h5", timed(lambda: open_run(directory).done)
+    yield "verify", timed(lambda: verify_run(directory))
 
 
-def main() -> None:
-    """Measure and print a table for each length."""
-    for shots in [int(text) for text in sys.argv[1:]] or [40_000, 200_000]:
-        with tempfile.TemporaryDirectory() as folder:
-            measure(Path(folder) / "run", shots)
+def measured(shots: int) -> dict[str, float]:
+    """Milliseconds of the processor a shard, by step."""
+    shards = -(-shots // SHARD_SHOTS)
+    with tempfile.TemporaryDirectory() as folder:
+        directory = Path(folder) / "run"
+        with mock.patch.object(os, "fsync", return_value=None):
+            found = {"make": timed(lambda: make(directory, shots).abandon())}
+        found |= dict(steps(directory))
+    return {step: 1e3 * timing.processor_s / shards for step, timing in found.items()}
 
 
-if __name__ == "__main__":
-    main()
+def rows() -> Iterator[Row]:
+    """What a shard costs in a long run, beside what it costs in a short one."""
+    long, short = measured(LONG), measured(SHORT)
+    for step, figure in long.items():
+        against = f"{SHORT} shots"
+        yield Row(
+            f"{step}, {LONG} shots in shards of {SHARD_SHOTS}", figure, "ms a shard", figure, against, short[step]
+        )

@@ -1,23 +1,18 @@
 """What `open_run` costs beside plain h5py: a data.h5 of 100 MB read whole, at once and block by block.
 
-    python benchmarks/reading.py [folder]
-
-The file is made in `folder`, or where temporary files go, and is in the page cache when it is read. Opening it counts,
-and so does what `open_run` looks at before it trusts a file. Both are read in turns; a ratio is that of the medians.
-Exit 1 if one of them is above 1.1.
+The file is made where temporary files go, and is in the page cache when it is read. Opening it counts, and so does what
+`open_run` looks at before it trusts a file.
 """
 
-import json
-import statistics
-import sys
 import tempfile
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from benchmarks.rows import Goal, Row, interleaved
 from instruments.values import Drive, Frames
 from labctl.runs.format.columns import shot_table
 from labctl.runs.format.shape import RunShape
@@ -29,8 +24,7 @@ SHAPE = RunShape(20_000, ((2, 3, 4, 5, 6),), 1000, 40e-12)
 ROWS = (1 << 20) // SHAPE.shot_bytes
 """Shots of a chunk."""
 BURST = 1000
-TURNS = 41
-ALLOWED = 1.1
+TURNS = 40
 
 
 def make(directory: Path) -> Path:
@@ -81,36 +75,19 @@ def blocks(path: Path) -> None:
             run.frames[start : start + ROWS]
 
 
-def taken(read: Callable[[Path], None], path: Path) -> float:
-    """Seconds by the clock."""
-    began = time.perf_counter()
-    read(path)
-    return time.perf_counter() - began
-
-
-def compare(path: Path, read: Callable[[Path], None], plain: Callable[[Path], None]) -> dict[str, float]:
-    """Both ways in turns; the first turn warms up and does not count."""
-    times = [(taken(read, path), taken(plain, path)) for _ in range(TURNS)][1:]
-    ours, reference = (statistics.median(column) for column in zip(*times, strict=True))
-    return {
-        "open_run_ms": round(1e3 * ours, 2),
-        "h5py_ms": round(1e3 * reference, 2),
-        "ratio": round(ours / reference, 3),
-    }
-
-
-def main() -> int:
-    """Measure and print one JSON object."""
-    with tempfile.TemporaryDirectory(dir=sys.argv[1] if len(sys.argv) > 1 else None) as folder:
+def rows() -> Iterator[Row]:
+    """Both ways of reading beside plain h5py."""
+    with tempfile.TemporaryDirectory() as folder:
         path = make(Path(folder) / "run")
-        megabytes = round(path.stat().st_size / 1e6, 1)
-        found = {
-            "at_once": compare(path, at_once, plain_at_once),
-            "block_by_block": compare(path, blocks, plain_blocks),
-        }
-    sys.stdout.write(json.dumps({"megabytes": megabytes} | found, indent=2) + "\n")
-    return 0 if all(one["ratio"] <= ALLOWED for one in found.values()) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        megabytes = path.stat().st_size / 1e6
+        for how, read, plain in (("at once", at_once, plain_at_once), ("block by block", blocks, plain_blocks)):
+            ours, reference = interleaved(partial(read, path), partial(plain, path), repetitions=TURNS)
+            yield Row(
+                f"data.h5 of {megabytes:.0f} MB read {how}, opening included",
+                1e3 * ours.wall_s,
+                "ms",
+                1e3 * ours.processor_s,
+                "h5py alone",
+                1e3 * reference.wall_s,
+                Goal(most=1.1),
+            )

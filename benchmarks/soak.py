@@ -1,11 +1,8 @@
 """What a long run takes of the machine: memory, files and threads of client, supervisor and simulated bench on the way.
 
-    python benchmarks/soak.py [records] [software|burst]
-
-One `labctl run` on two ports, in one pass, against `labctl sim serve`, each a process of its own; 100,000 records,
-software-timed, unless arguments say otherwise. A row for every tenth of them, and at the end what a record of the
-second half has added to the memory of each process. Flat is asked for: 1 if one has grown by more than 50 B a record.
-Linux only: the figures are those of /proc.
+One `labctl run` on two ports, in one pass, against `labctl sim serve`, each a process of its own; 100,000 records in
+either timing. A line for every tenth of them goes to standard error; the figure is what a record of the second half has
+added to the memory of each process. Linux only: the figures are those of /proc.
 """
 
 import json
@@ -21,12 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.rows import Goal, Row
 from labctl.runs.live.events import EventReader
 
 LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 SETTINGS = ("ports=2,3", "window=0.4 ns", "reference_every=50")
 PIXELS = 28
 POINTS = 10
+RECORDS = 100_000
 LOOK_S = 0.1
 FLAT = 50.0
 """Bytes a record: what an allocator leaves between its blocks; a kept object of any kind is larger."""
@@ -99,35 +98,33 @@ def measured(client: subprocess.Popen[bytes], bench: int, directory: Path, recor
 
 def say(*cells: object) -> None:
     """Print a row."""
-    sys.stdout.write("".join(f"{cell!s:>34}" if place else f"{cell!s:>8}" for place, cell in enumerate(cells)) + "\n")
-    sys.stdout.flush()
+    sys.stderr.write("".join(f"{cell!s:>34}" if place else f"{cell!s:>8}" for place, cell in enumerate(cells)) + "\n")
 
 
-def main(records: int, timing: str) -> int:
-    """Run, print, and judge."""
+def grown(records: int, timing: str) -> list[float]:
+    """What a record of the second half has added to the memory of client, supervisor and bench (B)."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         settings = (f"dataset={image_set(folder, records)}", f"images={records}", f"timing={timing}", *SETTINGS)
         with served(folder / "station.toml") as bench:
             command = [*LABCTL, "run", "image-readout", *(word for one in settings for word in ("--set", one))]
-            began = time.perf_counter()
             with subprocess.Popen(  # noqa: S603
                 [*command, "--station", str(folder / "station.toml"), "--out", str(folder / "run")],
                 stdout=subprocess.DEVNULL,
             ) as client:
                 found = measured(client, bench, folder / "run", records)
-            say("seconds", f"{time.perf_counter() - began:.0f}", "exit", client.returncode)
     if client.returncode or len(found) < POINTS - 1:
-        return 1
+        raise RuntimeError(f"the run ended with {client.returncode} after {len(found)} of {POINTS - 1} points")
     half = found[POINTS // 2 - 1]
-    grown = [
+    return [
         (last.memory - before.memory) / (records * (POINTS - 1 - POINTS // 2) / POINTS)
         for before, last in zip(half, found[-1], strict=True)
     ]
-    say("growth", *(f"{one:.1f} B a record" for one in grown))
-    return int(max(grown) > FLAT)
 
 
-if __name__ == "__main__":
-    records, timing = (*sys.argv[1:], *("100000", "software")[len(sys.argv) - 1 :])
-    sys.exit(main(int(records), timing))
+def rows() -> Iterator[Row]:
+    """A row for each process in either timing."""
+    for timing in ("software", "burst"):
+        for process, growth in zip(("client", "supervisor", "bench"), grown(RECORDS, timing), strict=True):
+            what = f"growth of the {process} over the last half of {RECORDS} records, {timing}"
+            yield Row(what, growth, "B a record", goal=Goal(most=FLAT, of="figure"))

@@ -1,22 +1,19 @@
 """How many requests and bytes it costs to look at runs in a store.
 
-    python -m benchmarks.store
-
 A hundred runs of 200 images on an S3 on this machine: listed, listed again, one opened, its frames of ten shots read,
 and shown. The reference is what lies there.
 """
 
-import json
 import os
 import sys
 import tempfile
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
 
 import fsspec
 
+from benchmarks.rows import Row
 from labctl.bench.station import SIMULATED_STATION
 from labctl.commands.main import main as labctl
 from labctl.engine.session import Acquisition, acquire
@@ -24,23 +21,11 @@ from labctl.runs.catalogue import Catalogue
 from labctl.runs.format.store import location
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
-from tests.stores import Traffic, s3
+from tests.stores import account, s3
 
 RUNS = 100
 LAB = "s3://bucket/lab"
 RUN = f"{LAB}/run-000"
-
-
-def cost(traffic: Traffic, what: Callable[[], object]) -> dict[str, Any]:
-    """Of one thing that is done: requests, bytes that came, s."""
-    traffic.forget()
-    began = time.perf_counter()
-    what()
-    return {
-        "requests": len(traffic.requests),
-        "bytes": traffic.bytes,
-        "s": round(time.perf_counter() - began, 2),
-    }
 
 
 def ten_shots() -> None:
@@ -58,16 +43,10 @@ def shown() -> None:
             raise
 
 
-def main() -> None:
-    """Measure and print one JSON object."""
+def rows() -> Iterator[Row]:
+    """Two rows for each thing that is done: requests, and bytes that came."""
     with tempfile.TemporaryDirectory() as place, s3() as (address, traffic):
-        os.environ |= {
-            "AWS_ACCESS_KEY_ID": "one",
-            "AWS_SECRET_ACCESS_KEY": "two",
-            "AWS_DEFAULT_REGION": "us-east-1",
-            "AWS_ENDPOINT_URL": address,
-            "XDG_CACHE_HOME": place,
-        }
+        os.environ |= account(address) | {"XDG_CACHE_HOME": place}
         template = Path(place) / "run"
         acquire(Acquisition(ImageReadout(images=200), SIMULATED_STATION, template))
         os.chdir(place)
@@ -75,19 +54,18 @@ def main() -> None:
         system.mkdir("bucket")
         files = {path.relative_to(template): path.read_bytes() for path in template.rglob("*") if path.is_file()}
         system.pipe({f"bucket/lab/run-{n:03d}/{name}": data for n in range(RUNS) for name, data in files.items()})
-        result = {
-            "runs": RUNS,
-            "files": RUNS * len(files),
-            "bytes_there": RUNS * sum(map(len, files.values())),
-            "bytes_of_one": sum(map(len, files.values())),
-            "listed": cost(traffic, lambda: Catalogue(location(LAB)).find()),
-            "listed_again": cost(traffic, lambda: Catalogue(location(LAB)).find()),
-            "opened": cost(traffic, lambda: open_run(RUN).close()),
-            "ten_shots": cost(traffic, ten_shots),
-            "shown": cost(traffic, shown),
+        of_one = sum(map(len, files.values()))
+        done: dict[str, tuple[Callable[[], object], int]] = {
+            f"{RUNS} runs listed": (lambda: Catalogue(location(LAB)).find(), RUNS),
+            f"{RUNS} runs listed again": (lambda: Catalogue(location(LAB)).find(), RUNS),
+            "one run opened": (lambda: open_run(RUN).close(), 1),
+            "ten shots of it read": (ten_shots, 1),
+            "one run shown": (shown, 1),
         }
-    sys.stderr.write(json.dumps(result) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+        for what, (action, runs) in done.items():
+            traffic.forget()
+            with redirect_stdout(sys.stderr):
+                action()
+            there = f"of {'them' if runs > 1 else 'it'} in the store"
+            yield Row(what, len(traffic.requests), "requests", against=f"files {there}", reference=runs * len(files))
+            yield Row(what, traffic.bytes / 1e6, "MB", against=there, reference=runs * of_one / 1e6)

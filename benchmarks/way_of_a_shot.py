@@ -1,24 +1,22 @@
 """How far a stranger reads to follow one software-timed shot: files that take part in it, and moves between them.
 
-    python -m benchmarks.way_of_a_shot
-
 Every call of a function is traced from the end of the second shot to the end of the third, on four ports of the
 simulated bench in this process. A file takes part if one of its functions is called. A move is a call of a function in
 another file than that of the call before it, in the thread that measures; the moves of the simulated bench, which
 stands for the hardware, are counted by themselves.
 """
 
-import json
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from benchmarks.rows import Goal, Row
 from instruments.bench import Observer
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
@@ -75,20 +73,14 @@ def trace() -> Way:
     return way
 
 
-def main() -> None:
-    """Trace and print one JSON object."""
+def rows() -> Iterator[Row]:
+    """Files and moves of either side."""
     way = trace()
-    client, simulator = way.files(CLIENT), way.files(SIMULATOR)
-    result = {
-        "client_files": len(client),
-        "simulator_files": len(simulator),
-        "moves": way.moves(CLIENT),
-        "moves_of_the_simulator": way.moves(SIMULATOR),
-        "client": client,
-        "simulator": simulator,
-    }
-    sys.stdout.write(json.dumps(result, indent=2) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+    for side, packages, most in (("client", CLIENT, 12), ("simulation", SIMULATOR, 16)):
+        yield Row(
+            f"files of the {side} that a shot goes through",
+            len(way.files(packages)),
+            "files",
+            goal=Goal(most=most, of="figure"),
+        )
+        yield Row(f"moves between files of the {side}", way.moves(packages), "moves")

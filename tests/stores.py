@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import flask
+import fsspec
 import paramiko
+import pytest
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
 from werkzeug.serving import make_server
 
@@ -67,6 +69,34 @@ def s3() -> Iterator[tuple[str, Traffic]]:
     """An S3 of one's own."""
     with served(DomainDispatcherApplication(create_backend_app)) as (address, traffic):
         yield address, traffic
+
+
+def account(address: str) -> dict[str, str]:
+    """The variables by which programs find that S3, and nobody else's."""
+    return {
+        "AWS_ACCESS_KEY_ID": "one",
+        "AWS_SECRET_ACCESS_KEY": "two",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": address,
+        "AWS_MAX_ATTEMPTS": "1",
+        "AWS_EC2_METADATA_DISABLED": "true",
+    }
+
+
+@contextmanager
+def bucket_of(folder: Path, url: str) -> Iterator[Traffic]:
+    """The files of a folder on an S3 of one's own, at `url`; this process and those it starts have its credentials."""
+    with pytest.MonkeyPatch.context() as patch, s3() as (address, traffic):
+        for name, value in account(address).items():
+            patch.setenv(name, value)
+        system = fsspec.filesystem("s3")
+        system.mkdir(url.removeprefix("s3://").partition("/")[0])
+        for path in folder.rglob("*"):
+            if path.is_file():
+                system.put(str(path), f"{url}/{path.relative_to(folder)}")
+        traffic.forget()
+        yield traffic
+        system.clear_instance_cache()  # another bucket has another address
 
 
 @contextmanager

@@ -62,9 +62,18 @@ class _Trained(BaseModel):
 
 
 def train_readout(
-    directory: Path, *, window_s: float, ports: tuple[int, ...] | None, seed: int, out: Path | None
+    directory: Path,
+    *,
+    window_s: float,
+    ports: tuple[int, ...] | None,
+    seed: int,
+    out: Path | None,
+    tau_s: float | None = None,
+    inverse_penalty: float = 1.0,
 ) -> dict[str, Any]:
     """Train a softmax readout on nine tenths of the images of a run and save it.
+
+    tau_s: interval of the features, s; None: every sample. inverse_penalty: C of `SoftmaxRegression`.
 
     Raises:
         AnalysisError: a port or window that the run does not have, or too few images.
@@ -77,15 +86,19 @@ def train_readout(
         ports=ports,
         window_s=window_s,
         sample_interval_s=records.sample_interval_s,
+        tau_s=tau_s,
         recorded_ports=records.ports if ports else None,
-    )
-    train, test = next(iter(random_splits(records.labels, records.groups, splits=1, seed=seed)))
+    ).set_params(softmaxregression__C=inverse_penalty)
+    train, test = kept_apart(records, seed)
     if np.unique(records.labels[train]).size < 2:
         raise AnalysisError(f"{directory}: all images are of one class: there is nothing to tell apart")
     with threadpool_limits(1):
         pipeline.fit(records.traces[train], records.labels[train])
     right = pipeline.predict(records.traces[test]) == records.labels[test]
-    path = out or RunPaths(directory).models / f"softmax-{window_key(window_s)}ns-ports-{'-'.join(map(str, chosen))}.h5"
+    special = "" if tau_s is None else f"-every-{tau_s * 1e12:g}ps"
+    special += "" if inverse_penalty == 1 else f"-C-{inverse_penalty:g}"
+    name = f"softmax-{window_key(window_s)}ns{special}-ports-{'-'.join(map(str, chosen))}.h5"
+    path = out or RunPaths(directory).models / name
     metadata = {
         "readout": "softmax",
         "run": str(directory),
@@ -93,7 +106,9 @@ def train_readout(
         "masks": masks.model_dump(mode="json"),
         "window_s": window_s,
         "ports": list(chosen),
-        "features": int(len(chosen) * round(window_s / records.sample_interval_s)),
+        "tau_s": tau_s or records.sample_interval_s,
+        "inverse_penalty": inverse_penalty,
+        "features": int(pipeline[0].rows_.size * pipeline[0].samples_.size),
         "seed": seed,
         "training_shots": int(train.size),
         "test_shots": int(test.size),
@@ -106,6 +121,15 @@ def train_readout(
     save_model(path, pipeline, metadata)
     kept = metadata.keys() - {"test_groups", "masks"}
     return {"model": str(path)} | {key: value for key, value in metadata.items() if key in kept}
+
+
+def kept_apart(records: Records, seed: int) -> Split:
+    """The shots that a readout is trained on, and those that it never sees: a tenth of the images.
+
+    Raises:
+        AnalysisError: there are too few images.
+    """
+    return next(iter(random_splits(records.labels, records.groups, splits=1, seed=seed)))
 
 
 def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
