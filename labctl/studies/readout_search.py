@@ -13,10 +13,9 @@ from labctl.analysis.evaluation import mean_and_sd, validate
 from labctl.analysis.readouts import softmax_readout
 from labctl.analysis.splits import enough_splits, random_splits
 from labctl.errors import UsageError
-from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep_axes import points_of
-from labctl.studies.readouts import kept_apart, train_readout
+from labctl.studies.readouts import bounded_records, kept_apart, train_readout
 from labctl.studies.tasks import one_by_one
 
 AXES = {"window": "s", "tau": "s", "C": ""}
@@ -91,7 +90,7 @@ def _choice(point: Mapping[str, str], window_s: float) -> Choice:
 
 def _judged(directory: Path, choice: Choice, ports: tuple[int, ...] | None, seed: int) -> Accuracy:
     with open_run(directory) as run:
-        records = read_records(run)
+        records, _ = bounded_records(run)
     train, _ = kept_apart(records, seed)
     traces, labels, groups = records.traces[train], records.labels[train], records.groups[train]
     readout = softmax_readout(

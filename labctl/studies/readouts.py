@@ -84,7 +84,7 @@ def train_readout(
         RunError: no such run.
     """
     with open_run(directory) as run:
-        records, left_out = _bounded(run)
+        records, left_out = bounded_records(run)
         digest, masks = run.digest(), Masks.of(run)
     chosen = ports or records.ports
     pipeline = softmax_readout(
@@ -154,7 +154,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     with open_run(directory) as run:
         if trained.masks is not None and (why := trained.masks.unlike(Masks.of(run))) is not None:
             raise AnalysisError(f"{model}: cannot work on {directory}: {why}")
-        records, left_out = _bounded(run)
+        records, left_out = bounded_records(run)
         test = _unseen(records, trained, run.digest())
         splits = enough_splits(np.unique(records.groups).size)
         with _used(model, directory):
@@ -243,7 +243,7 @@ def _used(model: Path, directory: Path) -> Iterator[None]:
         raise AnalysisError(f"{model}: is of no use on {directory} ({reason}): train it again") from None
 
 
-def _bounded(run: Run) -> tuple[Records, int]:
+def bounded_records(run: Run) -> tuple[Records, int]:
     """The image shots of a run, as many as `MOST_NUMBERS` allows, evenly spread; and how many are left out."""
     records = read_records(run, most=max(1, MOST_NUMBERS // max(1, math.prod(run.frames.shape[1:]))))
     return records, int(np.count_nonzero(run.shots["kind"] == "image")) - records.labels.size
