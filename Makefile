@@ -21,13 +21,17 @@ ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: demo test test-full test-kill test-light docs picture interop truth fuzz audit check format lock clean
+.PHONY: demo test tested test-full test-kill test-light docs picture interop truth fuzz audit check format lock clean
 
 demo: $(INSTALLED)
 	$(BIN)/labctl demo
 
+# What is checked has one process, and the tests begin with one core: side by side.
+test: $(TESTED) $(IMAGING)
+	$(MAKE) --jobs 2 --output-sync=line check tested
+
 # Three at once on two cores: many tests wait for an instrument that does not answer.
-test: check
+tested: $(TESTED) $(IMAGING)
 	$(BIN)/pytest -m "not full" --numprocesses 3 --dist worksteal
 
 # The whole of every test matrix, and what of the code no test runs.

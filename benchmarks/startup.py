@@ -1,20 +1,23 @@
-"""How long `labctl --help` takes, beside a Python that does nothing.
+"""How long commands take that only look, beside a Python that does nothing.
 
-    python benchmarks/startup.py
+    python -m benchmarks startup
 
-Each figure is the median over processes of their own, the two in turns; `cpu` is what the processor worked on it.
+Each figure is the median over processes of their own, in turns.
 """
 
-import json
 import os
 import statistics
 import sys
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from subprocess import DEVNULL, Popen
 
+from benchmarks.rows import Goal, Row
+
 TIMES = 10
-COMMANDS = {"python -c pass": ("-c", "pass"), "labctl --help": ("-m", "labctl", "--help")}
+SETTINGS = ("images=40", "window=0.4 ns")
 
 
 def taken(words: Sequence[str]) -> tuple[float, float]:
@@ -29,21 +32,23 @@ def taken(words: Sequence[str]) -> tuple[float, float]:
     return wall, used.ru_utime + used.ru_stime
 
 
-def main() -> None:
-    """Measure and print one JSON object."""
-    found: dict[str, list[tuple[float, float]]] = {name: [] for name in COMMANDS}
-    for _ in range(TIMES):
-        for name, words in COMMANDS.items():
-            found[name].append(taken(words))
-    result = {
-        name: {
-            "median_s": round(statistics.median(wall for wall, _ in times), 3),
-            "median_cpu_s": round(statistics.median(cpu for _, cpu in times), 3),
+def rows() -> Iterator[Row]:
+    """Help, the list of a folder with one run, and that run in numbers and pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = str(Path(folder) / "run")
+        settings = (word for one in SETTINGS for word in ("--set", one))
+        taken(("-m", "labctl", "run", "image-readout", *settings, "--out", run))
+        commands = {
+            "--help": (("--help",), Goal(most=0.1, of="figure")),
+            "runs": (("runs", folder), Goal(most=1.0, of="figure")),
+            "show": (("show", run), Goal(most=1.0, of="figure")),
         }
-        for name, times in found.items()
-    }
-    sys.stdout.write(json.dumps(result | {"processes": TIMES}) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+        everything = {"": ("-c", "pass")} | {name: ("-m", "labctl", *words) for name, (words, _) in commands.items()}
+        times: dict[str, list[tuple[float, float]]] = {name: [] for name in everything}
+        for _ in range(TIMES):
+            for name, words in everything.items():
+                times[name].append(taken(words))
+    medians = {name: [statistics.median(column) for column in zip(*one, strict=True)] for name, one in times.items()}
+    for name, (_, goal) in commands.items():
+        wall, processor = medians[name]
+        yield Row(f"labctl {name}", wall, "s", processor, "python -c pass", medians[""][0], goal)

@@ -21,7 +21,7 @@ from labctl.runs.catalogue import Catalogue
 from labctl.runs.format.store import location
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
-from tests.stores import s3
+from tests.stores import account, s3
 
 RUNS = 100
 LAB = "s3://bucket/lab"
@@ -46,13 +46,7 @@ def shown() -> None:
 def rows() -> Iterator[Row]:
     """Two rows for each thing that is done: requests, and bytes that came."""
     with tempfile.TemporaryDirectory() as place, s3() as (address, traffic):
-        os.environ |= {
-            "AWS_ACCESS_KEY_ID": "one",
-            "AWS_SECRET_ACCESS_KEY": "two",
-            "AWS_DEFAULT_REGION": "us-east-1",
-            "AWS_ENDPOINT_URL": address,
-            "XDG_CACHE_HOME": place,
-        }
+        os.environ |= account(address) | {"XDG_CACHE_HOME": place}
         template = Path(place) / "run"
         acquire(Acquisition(ImageReadout(images=200), SIMULATED_STATION, template))
         os.chdir(place)

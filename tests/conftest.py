@@ -7,6 +7,8 @@ from collections.abc import Iterator
 # Tests run side by side and have one core each; BLAS threads without a core of their own wait for each other, busily.
 # Processes that tests start inherit it.
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+# Hundreds of processes begin in tests: not each is to compile all modules anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 import hypothesis
 import pytest
@@ -16,6 +18,7 @@ from instruments.bench import Bench
 from labctl.bench.opening import OpenBench, opened
 from labctl.bench.station import Station
 from sim_backends.bench import SimulatedBench
+from tests.forked_supervisors import forked
 from tests.supervisors import none_left
 
 threadpool_limits(1)  # of a library that a plugin has loaded before
@@ -59,6 +62,13 @@ def nobodys_own_stations(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
 @pytest.fixture(autouse=True)
 def no_supervisor_outlives_its_test() -> Iterator[None]:
     with none_left():
+        yield
+
+
+@pytest.fixture(scope="module")
+def forked_supervisors() -> Iterator[None]:
+    """For modules of many runs, none of which is about its supervisor."""
+    with forked():
         yield
 
 

@@ -8,9 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.request import Request, urlopen
 
 import flask
+import fsspec
 import paramiko
+import pytest
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
 from werkzeug.serving import make_server
 
@@ -64,9 +67,39 @@ def served(application: Any) -> Iterator[tuple[str, Traffic]]:
 
 @contextmanager
 def s3() -> Iterator[tuple[str, Traffic]]:
-    """An S3 of one's own."""
+    """An S3 of one's own, with nothing of what another one in this process has held."""
     with served(DomainDispatcherApplication(create_backend_app)) as (address, traffic):
+        urlopen(Request(f"{address}/moto-api/reset", method="POST")).close()  # noqa: S310
+        traffic.forget()
+        fsspec.get_filesystem_class("s3").clear_instance_cache()  # of one at another address
         yield address, traffic
+
+
+def account(address: str) -> dict[str, str]:
+    """The variables by which programs find that S3, and nobody else's."""
+    return {
+        "AWS_ACCESS_KEY_ID": "one",
+        "AWS_SECRET_ACCESS_KEY": "two",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": address,
+        "AWS_MAX_ATTEMPTS": "1",
+        "AWS_EC2_METADATA_DISABLED": "true",
+    }
+
+
+@contextmanager
+def bucket_of(folder: Path, url: str) -> Iterator[Traffic]:
+    """The files of a folder on an S3 of one's own, at `url`; this process and those it starts have its credentials."""
+    with pytest.MonkeyPatch.context() as patch, s3() as (address, traffic):
+        for name, value in account(address).items():
+            patch.setenv(name, value)
+        system = fsspec.filesystem("s3")
+        system.mkdir(url.removeprefix("s3://").partition("/")[0])
+        for path in folder.rglob("*"):
+            if path.is_file():
+                system.put(str(path), f"{url}/{path.relative_to(folder)}")
+        traffic.forget()
+        yield traffic
 
 
 @contextmanager

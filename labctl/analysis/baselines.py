@@ -1,6 +1,6 @@
 """What the bench is compared with: the same tasks solved on the images and series themselves, without any light."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -13,10 +13,9 @@ from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
 from labctl.analysis.anomaly import Roc, roc
-from labctl.analysis.evaluation import CrossValidation, validate
+from labctl.analysis.evaluation import CrossValidation, validate, validate_softmax
 from labctl.analysis.kernel import KernelClassifier
 from labctl.analysis.regression import nmse, ridge_readout, rmse
-from labctl.analysis.softmax import SoftmaxRegression
 from labctl.analysis.splits import Split
 from labctl.errors import AnalysisError
 
@@ -82,7 +81,7 @@ def raw_pixel_accuracy(images: NDArray[Any], labels: NDArray[Any], splits: Itera
     The pixels are not standardised: all have one scale, and a pixel that is hardly ever lit would be blown up, which
     costs about a point.
     """
-    return validate(_pixels(images), labels, splits, readout=SoftmaxRegression()).scores
+    return validate_softmax(_pixels(images), labels, splits, spreads=_unit).scores
 
 
 def kernel_of_pixels_accuracy(
@@ -93,19 +92,24 @@ def kernel_of_pixels_accuracy(
     return validate(_pixels(images), labels, splits, readout=readout).scores
 
 
-def dark_pixels(images: NDArray[Any], abnormal: ArrayLike, *, normal: NDArray[Any] | None = None) -> Roc:
+def dark_share(images: NDArray[Any]) -> NDArray[np.float64]:
+    """Share (n,) of the pixels of each image (n, ...) that are dark: 0 of pixels 0..1 or bool."""
+    pixels = np.asarray(images)
+    if pixels.dtype != np.bool_:
+        pixels = _pixels(pixels)
+    return 1 - pixels.reshape(len(pixels), -1).mean(axis=1, dtype=np.float64)
+
+
+def dark_pixels(dark: NDArray[np.float64], abnormal: ArrayLike, *, normal: NDArray[np.float64] | None = None) -> Roc:
     """Cracks found by counting dark pixels, what one detector and no fibre could do.
 
     Args:
-        images: (n, ...) pixels as shown, 0..1 or bool: 0 is dark.
+        dark: (n,) `dark_share` of each image.
         abnormal: (n,) True where the image shows a crack.
-        normal: (m, ...) normal training images: the score is then how far the count is from their mean, either way,
-            for binarisation rules that make cracks bright. None = the count itself, more is more abnormal.
+        normal: (m,) of normal training images: the score is then how far a share is from their mean, either way,
+            for binarisation rules that make cracks bright. None = the share itself, more is more abnormal.
     """
-    dark = 1 - _pixels(images).mean(axis=1)
-    if normal is not None:
-        dark = np.abs(dark - (1 - _pixels(normal).mean()))
-    return roc(dark, abnormal)
+    return roc(dark if normal is None else np.abs(dark - normal.mean()), abnormal)
 
 
 def mean_image_rmse(images: NDArray[Any], splits: Iterable[Split]) -> NDArray[np.float64]:
@@ -206,6 +210,11 @@ def _pixels(images: NDArray[Any]) -> NDArray[np.float32]:
     if not pixels.size or pixels.min() < 0 or pixels.max() > 1:
         raise AnalysisError("pixels are not 0 to 1: binarise the images as they are shown, or divide by the full scale")
     return pixels
+
+
+def _unit(features: NDArray[np.floating], splits: Sequence[Split]) -> NDArray[np.float64]:
+    """What is not standardised is in the penalty as it is."""
+    return np.ones((len(splits), features.shape[1]))
 
 
 def _series(series: ArrayLike, train: int, test: int) -> NDArray[np.float64]:

@@ -1,18 +1,18 @@
 """How good a readout is: accuracy over many splits, confusion, accuracy against acquisition time, controls."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
-from sklearn.metrics import confusion_matrix
+from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
-from labctl.analysis.readouts import softmax_classifier
+from labctl.analysis.softmax import deviations, held_out_answers
 from labctl.analysis.splits import Split, random_splits
-from labctl.analysis.windows import WindowFeatures, compressive_ratio
+from labctl.analysis.windows import WindowFeatures, as_float, compressive_ratio
 from labctl.errors import AnalysisError
 
 STANDARD_ERRORS = 4.0
@@ -80,23 +80,73 @@ def validate(
         features: (shots, features), or records (shots, ports, samples) for a readout that starts with `WindowFeatures`.
         labels: (shots,) class of each shot.
         splits: Training and test positions.
-        readout: Unfitted estimator; None = `softmax_classifier()`.
+        readout: Unfitted estimator; None = `softmax_classifier()`, of all splits at once.
+
+    Raises:
+        AnalysisError: All shots of a training part are of one class, or a feature is not finite.
+    """
+    if readout is None:
+        standard = _standardised(features)
+        return validate_softmax(standard, labels, splits, spreads=deviations)
+
+    def answers(members: NDArray[np.intp], ways: Sequence[Split]) -> list[NDArray[np.intp]]:
+        return [clone(readout).fit(features[train], members[train]).predict(features[test]) for train, test in ways]
+
+    return _judged(labels, splits, answers)
+
+
+def validate_softmax(
+    features: NDArray[np.floating],
+    labels: NDArray[Any],
+    splits: Iterable[Split],
+    *,
+    spreads: Callable[[NDArray[np.floating], Sequence[Split]], NDArray[np.float64]],
+) -> CrossValidation:
+    """Train and test `SoftmaxRegression` on all splits at once, on one thread.
+
+    Args:
+        features: (shots, features), float32 or float64.
+        labels: (shots,) class of each shot.
+        splits: Training and test positions.
+        spreads: Unit of each feature in the penalty, for the features and the splits, as in `held_out_answers`.
 
     Raises:
         AnalysisError: All shots of a training part are of one class.
     """
-    estimator = softmax_classifier() if readout is None else readout
-    classes = np.unique(labels)
+
+    def answers(members: NDArray[np.intp], ways: Sequence[Split]) -> list[NDArray[np.intp]]:
+        return held_out_answers(features, members, ways, spreads(features, ways))
+
+    return _judged(labels, splits, answers)
+
+
+def _judged(
+    labels: NDArray[Any],
+    splits: Iterable[Split],
+    answers: Callable[[NDArray[np.intp], Sequence[Split]], Sequence[NDArray[np.intp]]],
+) -> CrossValidation:
+    """What comes of a readout's answers to the test part of each split; labels are places of the classes for it."""
+    ways = list(splits)
+    classes, members = np.unique(labels, return_inverse=True)
+    for train, _ in ways:
+        if not np.ptp(members[train]):
+            raise AnalysisError(f"all {train.size} shots to train on are of one class: acquire more images")
+    with threadpool_limits(1):  # small matrices: threads cost more than they give, and sums change with their number
+        answered = answers(members, ways)
     confusion = np.zeros((classes.size, classes.size), np.int64)
     scores = []
-    with threadpool_limits(1):  # small matrices: threads cost more than they give, and sums change with their number
-        for train, test in splits:
-            if np.unique(labels[train]).size < 2:
-                raise AnalysisError(f"all {train.size} shots to train on are of one class: acquire more images")
-            predicted = clone(estimator).fit(features[train], labels[train]).predict(features[test])
-            scores.append(float(np.mean(predicted == labels[test])))
-            confusion += confusion_matrix(labels[test], predicted, labels=classes)
+    for (_, test), answer in zip(ways, answered, strict=True):
+        np.add.at(confusion, (members[test], answer), 1)
+        scores.append(float(np.mean(answer == members[test])))
     return CrossValidation(np.array(scores), classes, confusion)
+
+
+def _standardised(features: NDArray[Any]) -> NDArray[np.floating]:
+    """Features of mean 0 and deviation 1 over all shots, for the sake of the arithmetic: no readout depends on it."""
+    if not np.isfinite(features).all():
+        raise AnalysisError("features hold values that are not finite: leave the broken shots out")
+    standard: NDArray[np.floating] = StandardScaler().fit_transform(as_float(features))
+    return standard
 
 
 def cross_validated_accuracy(

@@ -21,7 +21,7 @@ GAMMAS = (0.03, 0.1, 0.3, 1.0)
 SHARES = tuple(10.0 ** (exponent / 2) for exponent in range(-12, 5))
 """Penalties to choose from, as shares of the kernel's mean variance: 1e-6 to 100 in half decades."""
 NEGLIGIBLE = 1e-10
-"""Directions that hold less than this share of the kernel's variance are rounding."""
+"""Directions that hold less than this share of the kernel's variance, or of the images' spread, are rounding."""
 
 
 class LinearReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no types there
@@ -82,7 +82,7 @@ class KernelReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
 
     Attributes:
         gamma_: The width chosen.
-        alphas_: (components,) the penalty of each principal component of the images, strongest component first.
+        alphas_: (components,) the penalty of each principal component that the images have, strongest component first.
         dual_coef_: (shots, pixels) weight of each training shot.
         mean_: (pixels,) mean training image.
         range_: Least and greatest value in the training images.
@@ -107,8 +107,9 @@ class KernelReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
             self._shots = self._scaler.transform(features)
             targets = images.reshape(len(images), -1)
             self.mean_ = targets.mean(axis=0)
-            components = np.linalg.svd(targets - self.mean_, full_matrices=False)[2]
-            scores = (targets - self.mean_) @ components.T
+            turned, spreads, components = np.linalg.svd(targets - self.mean_, full_matrices=False)
+            some = spreads > NEGLIGIBLE * spreads[0]  # pixels that no training image lights leave many without any
+            scores, components = turned[:, some] * spreads[some], components[some]
             distances = _distances(self._shots, self._shots)
             fits = [_chosen(np.exp(-gamma * distances), scores, np.asarray(self.alphas)) for gamma in self.gammas]
             best = min(range(len(fits)), key=lambda position: fits[position].error)
@@ -154,13 +155,18 @@ def _chosen(kernel: NDArray[np.float64], scores: NDArray[np.float64], alphas: ND
         return _Fit(float(np.sum(scores**2)), np.full(scores.shape[1], alphas.max()), np.zeros_like(scores))
     penalties = alphas * values.sum() / shots
     coordinates = vectors.T @ scores
-    squared = vectors**2
     errors = np.empty((alphas.size, scores.shape[1]))
+    narrow_vectors, narrow_coordinates, narrow_scores = (  # a choice needs no more than single precision
+        one.astype(np.float32) for one in (vectors, coordinates, scores)
+    )
+    squared = vectors**2
     for position, penalty in enumerate(penalties):
         kept_share = values / (values + penalty)
-        residual = scores - vectors @ (kept_share[:, np.newaxis] * coordinates)
         left = 1 - 1 / shots - squared @ kept_share
-        errors[position] = np.mean((residual / left[:, np.newaxis]) ** 2, axis=0)
+        residual = narrow_vectors @ (kept_share.astype(np.float32)[:, np.newaxis] * narrow_coordinates)
+        residual -= narrow_scores
+        residual /= left.astype(np.float32)[:, np.newaxis]
+        errors[position] = np.einsum("nc,nc->c", residual, residual) / shots
     best = errors.argmin(axis=0)
     weights = vectors @ (coordinates / (values[:, np.newaxis] + penalties[best]))
     return _Fit(float(errors.min(axis=0).sum()), alphas[best], weights - weights.mean(axis=0))

@@ -154,7 +154,7 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
                 f"{self.ports_in_} x {self.samples_in_}: cut the records alike"
             )
         chosen = records[:, self.rows_[:, np.newaxis], self.samples_]
-        features = _as_float(chosen.reshape(shots, -1))
+        features = as_float(chosen.reshape(shots, -1))
         if not np.isfinite(features).all():
             raise AnalysisError("the records hold values that are not finite: leave the broken shots out")
         return features
@@ -208,7 +208,7 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
         return start + step * np.arange(count)
 
 
-def _as_float(values: NDArray[Any]) -> NDArray[np.floating]:
+def as_float(values: NDArray[Any]) -> NDArray[np.floating]:
     """float64 stays, all else becomes float32, which holds every 8- and 16-bit code exactly."""
     return values.astype(np.float64 if values.dtype == np.float64 else np.float32, copy=False)
 

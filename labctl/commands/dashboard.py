@@ -14,7 +14,7 @@ from labctl.commands.command_group import PLAIN
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, warn
 from labctl.errors import UsageError
-from labctl.runs.format.store import is_elsewhere, location
+from labctl.runs.format.store import location
 
 if TYPE_CHECKING:
     from labctl.dashboard.server import Served
@@ -23,27 +23,15 @@ PORT = 8050
 app = typer.Typer(add_completion=False, **PLAIN)
 
 
-def _here(named: Path | str) -> Path:
-    """A folder of runs on this machine: pages look again and again, and offer what writes.
-
-    Raises:
-        UsageError: it is elsewhere.
-    """
-    place = location(named)
-    if is_elsewhere(place):
-        raise UsageError(
-            f"{place}: is elsewhere, and pages are made of runs on this machine: 'labctl runs {place}' lists these; or "
-            "mount or copy the folder, such as by rclone, and name that by --runs"
-        )
-    return place
-
-
-@app.command(help=__doc__, context_settings={"allow_extra_args": True})
+@app.command(help=__doc__)
 def dashboard(
     context: typer.Context,
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="FOLDER", help="Folder of run directories, or its URL.", parser=location)
+    ] = None,
     runs: Annotated[
-        Path, typer.Option("--runs", metavar="FOLDER", help="Folder of run directories.", parser=_here)
-    ] = Path("runs"),
+        Path | None, typer.Option("--runs", metavar="FOLDER", help="The same, by an option.", parser=location)
+    ] = None,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="TCP port; 0 for any free one.")] = PORT,
     host: Annotated[
         str, typer.Option("--host", help="Address to listen at; default: this machine only.")
@@ -52,8 +40,9 @@ def dashboard(
     as_json: JsonOption = False,
 ) -> int:
     """`labctl dashboard`."""
-    for word in context.args:
-        raise UsageError(f"{_here(word)}: name the folder of runs by --runs")
+    if folder is not None and runs is not None:
+        raise UsageError(f"{folder} and --runs {runs}: two folders: name one")
+    shown = folder or runs or Path("runs")
     if find_spec("nicegui") is None:
         raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
     from labctl.dashboard.guard import is_loopback
@@ -72,7 +61,7 @@ def dashboard(
             sys.stderr.write(f"labctl: a browser was let in; a link for another one: {served.link(show_next)}\n")
 
         link = served.link(show_next)
-        served_at = {"url": link, "host": served.host, "port": served.port, "runs": str(runs)}
+        served_at = {"url": link, "host": served.host, "port": served.port, "runs": str(shown)}
         show(served_at, as_json, lambda: say(f"{link}\nCtrl-C ends the dashboard; runs go on without it"))
         sys.stdout.flush()
         with ExitStack() as while_served:
@@ -84,7 +73,7 @@ def dashboard(
             yield
 
     try:
-        serve(runs, host, port, access_of(context).wire.environment(), ready)
+        serve(shown, host, port, access_of(context).wire.environment(), ready)
     except PortTaken as error:
         raise UsageError(f"{error}: name another --port, or the --host of this machine") from None
     except KeyboardInterrupt:

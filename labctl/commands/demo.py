@@ -11,7 +11,7 @@ from labctl.commands.access import access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.options import FirstSeedOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
-from labctl.commands.scheduler import LOCAL, SchedulerOption, engine_of
+from labctl.commands.scheduler import LOCAL, SchedulerOption, StoreOption, engine_of
 from labctl.studies.demonstration import SEVERAL, SINGLE, demonstrate, paper_says
 from labctl.studies.paper.experiments import experiments
 from labctl.studies.paper.reproduction import Plan
@@ -22,6 +22,7 @@ def demo(
     first_seed: FirstSeedOption = 1,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the runs; default runs/.")] = None,
     scheduler: SchedulerOption = LOCAL,
+    store: StoreOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
@@ -34,12 +35,13 @@ def demo(
             first_seed=first_seed,
             access=access_of(context),
             engine=engine_of(scheduler),
+            store=store,
         )
         result = demonstrate(plan, interruption=interruption, progress=progress.progress)
     if result is None:
         tell(
-            f"interrupted: the bench is in the safe state; next: labctl demo begins again, labctl runs {plan.folder} "
-            f"lists what was measured"
+            f"interrupted: the bench is in the safe state; next: labctl demo begins again, "
+            f"labctl runs {store or plan.folder} lists what was measured"
         )
         return INTERRUPTED
     show(result, as_json, lambda: _print_demo(result))

@@ -11,6 +11,7 @@ from labctl.commands.exit_status import DONE
 from labctl.commands.next_steps import cannot_judge, protocol_of, require_readout
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.commands.ranges import ports_of
+from labctl.commands.scheduler import SideBySideOption, carrying
 from labctl.errors import UsageError
 from labctl.runs.format.store import here, location
 from labctl.runs.sweep import is_sweep
@@ -46,6 +47,7 @@ def evaluate(
     ports: Annotated[
         str | None, typer.Option("--ports", help='With --online or of a sweep: ports, such as "2-5"; without it all.')
     ] = None,
+    scheduler: SideBySideOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Test a readout, a sweep or a scan, and print how good the result is.
@@ -56,11 +58,14 @@ def evaluate(
     """
     if is_sweep(subject) and not online and run is None:
         here(str(subject))  # its figure is written into it
+        window_s = None if window is None else train.seconds(window)
         swept = evaluate_sweep(
-            subject, window_s=None if window is None else train.seconds(window), ports=ports_of(ports)
+            subject, window_s=window_s, ports=ports_of(ports), carried_out=carrying(scheduler, "evaluate")
         )
         show(swept, as_json, lambda: _print_sweep(swept))
         return DONE
+    if scheduler is not None:
+        raise UsageError("--scheduler is for sweeps: leave it out")
     if online:
         return _online(subject, run, window, ports, as_json)
     if window is not None or ports is not None:

@@ -34,9 +34,11 @@ def resume_command(directory: Path, options: str = "") -> str:
     return f"labctl resume {shlex.quote(str(directory))}{options}"
 
 
-def options_again(*, attended: bool, armed: bool, data: Path | None, station: Path | None = None) -> str:
+def options_again(
+    *, attended: bool, armed: bool, data: Path | None, station: Path | None = None, scheduler: str | None = None
+) -> str:
     """The options of a run that its manifest does not keep, as they are typed once more to go on with it."""
-    places = {"--station": station, "--data": data}
+    places = {"--station": station, "--data": data, "--scheduler": scheduler}
     said = {"--attended": attended, "--arm": armed}
     named = [f" {option} {shlex.quote(str(place))}" for option, place in places.items() if place is not None]
     return "".join([*named, *(f" {option}" for option, given in said.items() if given)])

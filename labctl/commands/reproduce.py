@@ -17,7 +17,7 @@ from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import DataOption, FirstSeedOption, StationOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
-from labctl.commands.scheduler import LOCAL, SchedulerOption, engine_of
+from labctl.commands.scheduler import LOCAL, SchedulerOption, StoreOption, engine_of
 from labctl.errors import UsageError, one_line
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import run_name
@@ -52,6 +52,7 @@ def reproduce(
         bool, typer.Option("--fit", help="Instead, fit the simulated bench's one fitted number, on seeds of its own.")
     ] = False,
     scheduler: SchedulerOption = LOCAL,
+    store: StoreOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Run experiments of the paper, or beyond it, and compare with what must be reached.
@@ -67,7 +68,7 @@ def reproduce(
     folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(wanted))
     access = access_of(context, attended=attended, armed=armed)
     engine = engine_of(scheduler)
-    plan = Plan(chosen, read_station(station), folder, quick, seeds, first_seed, data, access, engine)
+    plan = Plan(chosen, read_station(station), folder, quick, seeds, first_seed, data, access, engine, store=store)
     problems = check(plan)
     if problems and (by_name or len(problems) == len(chosen)):
         raise next(iter(problems.values()))
@@ -82,7 +83,7 @@ def reproduce(
             return _fit(plan, as_json)
         return _reproduce(plan, skipped, as_json, alone=by_name and len(wanted) == 1)
     except Interrupted:
-        tell(f"interrupted: the finished runs are in {folder}, the bench is in the safe state")
+        tell(f"interrupted: the finished runs are in {store or folder}, the bench is in the safe state")
         return INTERRUPTED
 
 

@@ -14,9 +14,11 @@ from labctl.commands.next_steps import options_again
 from labctl.commands.options import DataOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
 from labctl.commands.run import describe, print_outcome
+from labctl.commands.scheduler import SideBySideOption
 from labctl.engine import session
 from labctl.engine.resume import SettingsChanged
 from labctl.engine.session import Resumption
+from labctl.errors import UsageError
 from labctl.runs.format.store import here
 from labctl.runs.sweep import is_sweep
 
@@ -30,14 +32,17 @@ def resume(
     data: DataOption = None,
     attended: AttendedOption = False,
     armed: ArmOption = False,
+    scheduler: SideBySideOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Go on with a run at its first missing shot, with the settings and seeds it was begun with; or with a sweep."""
     access = access_of(context, attended=attended, armed=armed)
     named = None if station is None else read_station(station)
-    options = options_again(attended=attended, armed=armed, data=data, station=station)
+    options = options_again(attended=attended, armed=armed, data=data, station=station, scheduler=scheduler)
     if is_sweep(run):
-        return sweep.go_on(run, named, options=options, access=access, data=data, as_json=as_json)
+        return sweep.go_on(run, named, options=options, access=access, data=data, scheduler=scheduler, as_json=as_json)
+    if scheduler is not None:
+        raise UsageError("--scheduler is for sweeps: a run is measured by one machine: leave it out")
     resumption = Resumption(run, named, data, access)
     try:
         with interruptible() as interruption, progress_bar("resume") as progress:

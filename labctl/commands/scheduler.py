@@ -1,21 +1,45 @@
 """Who carries out what can be done side by side."""
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from labctl.commands.output import tell
+from labctl.bench.signals import interruptible
+from labctl.commands.output import progress_bar, tell
+from labctl.runs.format.store import location
 
 if TYPE_CHECKING:
     from labctl.studies.tasks import Engine
 
+Name = TypeVar("Name")
+Found = TypeVar("Found")
+
 LOCAL = "local"
+SideBySideOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Side by side: by the workers of a dask scheduler, or by the cores here (local).",
+    ),
+]
 SchedulerOption = Annotated[
     str,
     typer.Option(
         "--scheduler",
         metavar="ADDRESS",
         help="Of a dask scheduler, such as tcp://host:8786, whose workers do it; local: the cores of this machine.",
+    ),
+]
+StoreOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--store",
+        metavar="FOLDER|URL",
+        help="Where whoever measures a run puts it, whole: a folder that all see, or a URL such as s3://bucket/runs.",
+        parser=location,
     ),
 ]
 
@@ -30,3 +54,31 @@ def engine_of(scheduler: str) -> "Engine":
     from labctl.studies.processes import processes
 
     return processes if scheduler == LOCAL else cluster(scheduler, tell)
+
+
+def carrying(scheduler: str | None, title: str) -> Callable[[Mapping[Name, Callable[[], Found]]], dict[Name, Found]]:
+    """What carries out tasks under a bar called so: what `--scheduler` names, or this process one after the other.
+
+    Raises:
+        UsageError: dask is not installed.
+    """
+    from labctl.studies.tasks import Interrupted, in_parallel, one_by_one
+
+    if scheduler is None:
+        return one_by_one
+    engine = engine_of(scheduler)
+
+    def carried_out(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:
+        with interruptible() as interruption, progress_bar(title) as bar:
+            try:
+                found = in_parallel(
+                    tasks,
+                    engine=engine,
+                    interruption=interruption,
+                    progress=lambda done, _records: bar.progress(done, len(tasks)),
+                )
+            except Interrupted:
+                raise KeyboardInterrupt from None
+        return {name: result for name, (result, _) in found.items()}
+
+    return carried_out

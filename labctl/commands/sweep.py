@@ -18,7 +18,7 @@ from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.next_steps import options_again, resume_command
 from labctl.commands.options import DataOption, NoteOption, OperatorOption, StarOption, StationOption, TagsOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
-from labctl.commands.scheduler import engine_of
+from labctl.commands.scheduler import LOCAL, SideBySideOption, StoreOption, engine_of
 from labctl.errors import UsageError
 from labctl.runs.said import Said
 from labctl.runs.sweep import Sweep, read
@@ -64,14 +64,8 @@ def sweep(
     tags: TagsOption = None,
     star: StarOption = False,
     operator: OperatorOption = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            "--scheduler",
-            metavar="ADDRESS",
-            help="Simulated benches side by side: by the workers of a dask scheduler, or by the cores here (local).",
-        ),
-    ] = None,
+    scheduler: SideBySideOption = None,
+    store: StoreOption = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done; open nothing.")] = False,
     as_json: JsonOption = False,
 ) -> int:
@@ -84,17 +78,19 @@ def sweep(
     said = Said(note=note, tags=tuple(tags or ()), star=star, operator=operator)
     directory = out or folder.new_directory(every[0].protocol, datetime.now(UTC))
     access = access_of(context, attended=attended, armed=armed)
+    if store is not None:
+        scheduler = scheduler or LOCAL
     engine = None if scheduler is None else engine_of(scheduler)
     plan = _plan(every, directory, data, access)
     if dry_run:
         show(plan, as_json, lambda: _print_plan(plan))
         return DONE
-    folder.begin(directory, asked, protocol, bench, said)
+    folder.begin(directory, asked, protocol, bench, said, store)
     tell(_in_words(plan))
     return measure(
         directory,
         every,
-        options=options_again(attended=attended, armed=armed, data=data),
+        options=options_again(attended=attended, armed=armed, data=data, scheduler=scheduler),
         access=access,
         data=data,
         engine=engine,
@@ -103,13 +99,23 @@ def sweep(
 
 
 def go_on(
-    directory: Path, station: Station | None, *, options: str, access: Access, data: Path | None, as_json: bool
+    directory: Path,
+    station: Station | None,
+    *,
+    options: str,
+    access: Access,
+    data: Path | None,
+    scheduler: str | None,
+    as_json: bool,
 ) -> int:
     """Go on with a sweep where it ended: `labctl resume`."""
     file = read(directory)
+    if file.store:
+        scheduler = scheduler or LOCAL
     protocol = folder.protocol_of(directory, file)
     every = points(file.sweep, protocol, folder.station_of(directory, file, protocol, station))
-    return measure(directory, every, options=options, access=access, data=data, as_json=as_json)
+    engine = None if scheduler is None else engine_of(scheduler)
+    return measure(directory, every, options=options, access=access, data=data, engine=engine, as_json=as_json)
 
 
 def measure(

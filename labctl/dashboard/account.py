@@ -5,8 +5,9 @@ from pathlib import Path
 
 from labctl.dashboard.state import RunState, advanced
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.store import is_elsewhere
 from labctl.runs.live.events import EventReader
-from labctl.runs.live.owner import is_elsewhere, writer_named
+from labctl.runs.live.owner import of_another_machine, writer_named
 
 MOST_REPORTED = 8
 """Shots that were reported and may not be on disk yet: two a second, each there after a second by default."""
@@ -31,5 +32,6 @@ class Account:
                 if self._told.has_shot and event.name == "progress":
                     self.reported.append(self._told)
         started = self._told.started
-        gone = started is not None and not is_elsewhere(started) and writer_named(started, self._paths) is None
+        unknown = started is None or of_another_machine(started) or is_elsewhere(self._paths.directory)
+        gone = started is not None and not unknown and writer_named(started, self._paths) is None
         self.state = self._told.without_writer() if gone else self._told

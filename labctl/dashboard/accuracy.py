@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labctl.errors import AnalysisError, RunError
+from labctl.errors import AnalysisError, LabctlError
 from labctl.runs.read.follower import Follower
 
 LEAST = 40
@@ -52,7 +52,7 @@ def curve(directory: Path, known: Curve) -> Curve:
             pass
         run = following.measured(LEAST, MOST_SHOTS)
         records = None if run is None else read_records(run)
-    except (RunError, AnalysisError, KeyError):
+    except (LabctlError, KeyError):
         return known
     if records is None or np.unique(records.labels).size < 2:
         return known

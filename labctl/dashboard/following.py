@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.dashboard.accuracy import LEAST, MOST_SHOTS, WINDOW_S
-from labctl.errors import AnalysisError, RunError
+from labctl.errors import LabctlError
 from labctl.runs.read.follower import Follower
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def follow(directory: Path, known: Following) -> Following:
             pass
         while (further := _followed(following, known)) is not known:
             known = further
-    except (RunError, AnalysisError, KeyError, ValueError):
+    except (LabctlError, KeyError, ValueError):
         pass
     return known
 

@@ -76,6 +76,25 @@ def _next_colours() -> None:
     )
 
 
+def say_elsewhere(folder: Path, what: str) -> None:
+    """In place of what can only be done where the runs are."""
+    ui.html(f'<p class="nothing elsewhere">{escape(f"{folder} is elsewhere: {what}")}</p>', sanitize=False)
+
+
+def show_elsewhere(title: str, folder: Path) -> None:
+    """In place of a page that makes runs, of a folder in which none can be made."""
+    frame(title)
+    with ui.element("main"), ui.element("section").classes("wide"):
+        say_elsewhere(folder, "it is only read; open a dashboard on the machine that measures")
+
+
+def show_unread(folder: Path, problem: str) -> None:
+    """In place of a page of what cannot be read now."""
+    frame(f"Runs in {folder}")
+    with ui.element("main"), ui.element("section").classes("wide"):
+        ui.html(f'<p class="problem">{escape(problem)}</p>', sanitize=False)
+
+
 def show_missing(folder: Path, name: str) -> None:
     """There is no such run."""
     frame("No such run")

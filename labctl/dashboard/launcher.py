@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from importlib.metadata import entry_points
 from pathlib import Path
 from secrets import token_hex
+from threading import Thread
 from typing import IO
 
 from labctl.runs.format.layout import run_name
@@ -103,4 +104,5 @@ def start(words: Sequence[str], environment: Mapping[str, str]) -> Started:
         stderr=printed,
         start_new_session=True,
     )
+    Thread(target=process.wait, daemon=True).start()  # or its entry stays when it has ended and no page asks for it
     return Started(process, printed)

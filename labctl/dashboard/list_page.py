@@ -6,10 +6,11 @@ from dataclasses import replace
 from nicegui import ui
 
 from labctl.dashboard import wording
-from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, refresh
+from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, refresh, say_elsewhere
 from labctl.dashboard.list_wording import run_list
 from labctl.dashboard.listing import MOST_COLUMNS, SHOWN, Wanted
 from labctl.dashboard.monitor import Watching
+from labctl.runs.format.store import is_elsewhere
 
 EXAMPLE = "words, or: images >= 300 and tag = good"
 
@@ -25,10 +26,17 @@ def show_list(watching: Watching, wanted: Wanted) -> None:
         return wording.live(found)
 
     with ui.element("main").classes("list"):
-        regions = [Region("alarms", lambda: wording.alarms(watching.alarms()))]
-        with ui.element("section"):
-            heading("Running")
-            regions.append(Region("live", live))
+        regions = []
+        if is_elsewhere(watching.folder):
+            with ui.element("section"):
+                say_elsewhere(
+                    watching.folder, f"it is shown as it was at {watching.listed:%H:%M:%S} UTC; reload for news"
+                )
+        else:
+            regions.append(Region("alarms", lambda: wording.alarms(watching.alarms())))
+            with ui.element("section"):
+                heading("Running")
+                regions.append(Region("live", live))
         with ui.element("section"):
             heading("Runs")
             regions.append(_show_search(watching, wanted))

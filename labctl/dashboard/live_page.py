@@ -141,8 +141,8 @@ def _keep(directory: Path, text: str, sight: Sight, origin: Callable[[], Origin]
     say_of(RunPaths(directory), text, picture=signals_png(sight, title, origin()))
 
 
-def show_signals(directory: Path, origin: Origin) -> None:
-    """The panels of a run on a bench of `origin`; nothing is read while they are folded."""
+def show_signals(directory: Path, origin: Origin, noted: Sequence[Path]) -> None:
+    """The panels of a run on a bench of `origin`, for the notes of the runs `noted`; read while they are unfolded."""
     unfolded = ui.expansion("Signals: levels, codes, spectrum, repeatability, drift").classes("signals")
     seen: list[tuple[RunSight, Panels]] = []
 
@@ -152,7 +152,7 @@ def show_signals(directory: Path, origin: Origin) -> None:
         if not seen:
             sight = RunSight(directory)
             with unfolded, ui.element("div").classes("live"):
-                seen.append((sight, Panels(lambda: sight.sight, [directory], lambda: origin)))
+                seen.append((sight, Panels(lambda: sight.sight, noted, lambda: origin)))
         sight, shown = seen[0]
         sight.look()
         shown.refresh()

@@ -5,6 +5,7 @@ All pages share what was read. A run is known by its name in the folder and by n
 
 import time
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,13 +14,17 @@ from labctl.dashboard.account import Account
 from labctl.dashboard.accuracy import Curve
 from labctl.dashboard.following import Following
 from labctl.dashboard.learning import Learning
-from labctl.dashboard.listing import Listing
+from labctl.dashboard.listing import RESTS, Listing, Wanted
 from labctl.dashboard.state import RunState
 from labctl.dashboard.sweeps import Sweeps
-from labctl.errors import RunError
+from labctl.errors import LabctlError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.store import StorePath
 from labctl.runs.read.follower import Follower, Latest
 
 LOOK_EVERY_S = 0.25
+LIST_EVERY_S = 10.0
+"""A folder elsewhere is listed again when a page is opened, but not sooner than this after the last time."""
 MOST_WATCHED = 20
 """Runs that are kept in memory; those that were not looked at for longest are forgotten."""
 
@@ -56,7 +61,7 @@ class WatchedRun:
                 pass
             self._see(self._following)
             self.problem = ""
-        except (RunError, KeyError) as error:
+        except (LabctlError, KeyError) as error:
             self.problem = str(error)
 
     def _see(self, following: Follower) -> None:
@@ -76,6 +81,11 @@ class WatchedRun:
     def manifest(self) -> dict[str, Any]:
         """What was asked; empty while it cannot be read."""
         return {} if self._following is None else dict(self._following.manifest.values)
+
+    @property
+    def report(self) -> Path:
+        """Where its report lies, if it has one."""
+        return self.directory / RunPaths(self.directory).report.name
 
     @property
     def sample_interval_s(self) -> float:
@@ -98,7 +108,7 @@ class WatchedRun:
         """What one shot measured; nothing where it cannot be read, and `problem` says why."""
         try:
             return [] if self._following is None else self._following.shot(shot)
-        except RunError as error:
+        except LabctlError as error:
             self.problem = str(error)
             return []
 
@@ -116,7 +126,7 @@ class WatchedRun:
 
 
 class Watching:
-    """The runs in `folder`."""
+    """The runs in `folder`; one elsewhere is known as it was when it was `listed`."""
 
     def __init__(
         self,
@@ -132,6 +142,32 @@ class Watching:
         self.sweeps = Sweeps(folder, clock)
         self._clock = clock
         self._watched: dict[str, WatchedRun] = {}
+        self._old = clock()
+        self.listed = datetime.now(UTC)
+
+    def look_elsewhere(self, *names: str) -> None:
+        """List a folder elsewhere anew, if that is due, and read these runs of it; nothing where the folder is here.
+
+        It takes as long as its store does, so pages wait for it in a thread, and ask for nothing more by themselves.
+
+        Raises:
+            LabctlError: the store does not answer.
+        """
+        if not isinstance(self.folder, StorePath):
+            return
+        began = self._clock()
+        if began >= self._old:
+            folder = self.folder.anew()
+            listing, sweeps = Listing(folder, self._clock), Sweeps(folder, self._clock)
+            listing.runs(Wanted())
+            sweeps.all()
+            self.folder, self.listing, self.sweeps, self._watched = folder, listing, sweeps, {}
+            self.listed = datetime.now(UTC)
+            took = self._clock() - began
+            self._old = began + took + max(LIST_EVERY_S, RESTS * took)
+        for name in names:
+            if (watched := self.run(name)) is not None:
+                watched.look()
 
     def running(self) -> list[str]:
         """Names of the runs that a process writes now, the latest first; those of sweeps as sweep/run."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nicegui import ui
 
-from labctl.dashboard.frame import Region, heading
+from labctl.dashboard.frame import Region
 from labctl.dashboard.sketches import escape
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
@@ -16,7 +16,6 @@ def show_notes(directory: Path, said: Callable[[], None]) -> Region:
     """Star, operator, tags and notes of a run; `said` is called when something was."""
     paths = RunPaths(directory)
     now = _read(paths)
-    heading("Notes")
     message = ui.label().classes("message")
 
     def say(**what: object) -> None:
@@ -56,6 +55,14 @@ def show_notes(directory: Path, said: Callable[[], None]) -> Region:
         ui.button("Add note", on_click=noted, color=None).classes("add-note")
     notes = Region("notes", lambda: _notes(_read(paths)))
     return notes
+
+
+def notes_of(directory: Path) -> str:
+    """All that is said of a run, as HTML; empty where nothing is."""
+    found = _read(RunPaths(directory))
+    said = (_star(found) if found.star else "", found.operator and f"by {found.operator}", *found.tags)
+    about = " · ".join(filter(None, said))
+    return (f"<p>{escape(about)}</p>" if about else "") + _notes(found)
 
 
 def _star(found: Notes) -> str:

@@ -8,18 +8,19 @@ from urllib.parse import quote
 from nicegui import ui
 
 from labctl.dashboard import wording
-from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, show_missing
+from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, say_elsewhere, show_missing
 from labctl.dashboard.frame import refresh as refresh_all
 from labctl.dashboard.instruments_panel import show_instruments
 from labctl.dashboard.listing import Wanted
 from labctl.dashboard.live_page import show_signals
 from labctl.dashboard.monitor import WatchedRun, Watching
-from labctl.dashboard.notes_panel import show_notes
+from labctl.dashboard.notes_panel import notes_of, show_notes
 from labctl.dashboard.resume_panel import ResumePanel
 from labctl.dashboard.state import Phase
 from labctl.runs.asking import stop_at_once, tell
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
+from labctl.runs.format.store import is_elsewhere
 from labctl.runs.index import origin_of
 from labctl.runs.live.alarm import say_dark
 from labctl.runs.live.control_file import Word
@@ -40,9 +41,12 @@ def show_run(watching: Watching, name: str) -> None:
                 Region("emission", lambda: wording.emission(watched.state)),
                 Region("progress", lambda: wording.progress(watched.state, watched.records)),
             ]
-            seen = SeenDark(watched)
-            buttons = Buttons(watched)
-            resume = ResumePanel(watching, watched.directory, lambda: _is_cut_short(watched))
+            controls: list[SeenDark | Buttons | ResumePanel] = []
+            if is_elsewhere(watched.directory):
+                say_elsewhere(watched.directory, "stop it, resume it or write notes on it where it was measured")
+            else:
+                controls += [SeenDark(watched), Buttons(watched)]
+                controls += [ResumePanel(watching, watched.directory, lambda: _is_cut_short(watched))]
         with ui.element("section").classes("traces"):
             heading("Last shot with light")
             regions.append(Region("ports", lambda: wording.traces(watched.latest, watched.sample_interval_s)))
@@ -59,7 +63,8 @@ def show_run(watching: Watching, name: str) -> None:
             heading("Readout that follows: each image predicted, then learnt")
             regions.append(Region("following", lambda: wording.following(watched.following(), watched.curve().chance)))
         with ui.element("section").classes("wide"):
-            show_signals(watched.directory, Origin.of(watched.manifest))
+            noted = [] if is_elsewhere(watched.directory) else [watched.directory]
+            show_signals(watched.directory, Origin.of(watched.manifest), noted)
         with ui.element("section").classes("wide"):
             heading("Log, UTC")
             regions.append(Region("log", lambda: wording.log(watched.state, watched.problem)))
@@ -67,16 +72,19 @@ def show_run(watching: Watching, name: str) -> None:
             heading("Instrument by instrument: set, read back, said")
             regions += show_instruments(watched)
         with ui.element("section").classes("wide notes"):
-            regions.append(show_notes(watched.directory, watching.listing.look_again))
+            heading("Notes")
+            if is_elsewhere(watched.directory):
+                ui.html(notes_of(watched.directory) or wording.nothing("none"), sanitize=False)
+            else:
+                regions.append(show_notes(watched.directory, watching.listing.look_again))
         with ui.element("section").classes("wide"):
             _show_next(watching, name, watched)
 
     def refresh() -> None:
         watched.look()
         refresh_all(regions)
-        seen.refresh()
-        buttons.refresh()
-        resume.refresh()
+        for control in controls:
+            control.refresh()
 
     ui.timer(REFRESH_S, refresh)
 
@@ -157,8 +165,7 @@ def _to_signal(writer: Writer | None) -> int | None:
 
 def _show_next(watching: Watching, name: str, watched: WatchedRun) -> None:
     """What can be done with a run: its report, and comparing it with another run."""
-    report = RunPaths(watched.directory).report
-    if report.is_file():
+    if watched.report.is_file():
         ui.link("Open the report", f"/report/{quote(name, safe='')}", new_tab=True).classes("report")
     latest = (one.row.name for one in watching.listing.runs(Wanted()).found)
     others = [one for one in latest if one != name and one.isprintable()]

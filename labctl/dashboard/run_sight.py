@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from labctl.analysis.course import Course, begun
-from labctl.errors import RunError
+from labctl.errors import LabctlError
 from labctl.runs.live.sight import RECENT, Sight
 from labctl.runs.read.follower import Follower, Stretch
 
@@ -40,7 +40,7 @@ class RunSight:
             for number in spread(new, MOST_AT_FIRST if self._read < 0 else MOST_AT_ONCE):
                 self._take(self._following.stretch(number), self._following.shape.sample_interval_s)
                 self._read = number
-        except (RunError, KeyError):
+        except (LabctlError, KeyError):
             return
 
     def _begin(self, pass_index: int) -> None:

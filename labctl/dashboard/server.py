@@ -15,9 +15,11 @@ import uvicorn
 from fastapi import FastAPI, HTTPException, Request
 from fastapi.responses import HTMLResponse
 from nicegui import ui
+from nicegui.run import io_bound as in_a_thread
 
 from labctl.dashboard import live_page, pages
 from labctl.dashboard.comparison_page import show_comparison
+from labctl.dashboard.frame import show_elsewhere, show_unread
 from labctl.dashboard.guard import Guard
 from labctl.dashboard.list_page import show_list
 from labctl.dashboard.listing import Wanted
@@ -27,12 +29,15 @@ from labctl.dashboard.sessions import Sessions
 from labctl.dashboard.start_page import show_start
 from labctl.dashboard.strangers import Strangers, recognising
 from labctl.dashboard.sweep_pages import show_sweep, show_sweeps
-from labctl.runs.format.layout import RunPaths
+from labctl.errors import LabctlError
 from labctl.runs.format.own_files import read_own
+from labctl.runs.format.store import is_elsewhere
 
 REPORT_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; sandbox; frame-ancestors 'none'"
 """A report is a picture book; that of a stranger's run may try to be more."""
 MOST_OF_A_REPORT = 1 << 27
+MOST_PATIENT_S = 600.0
+"""A page of runs elsewhere is shown when they were read, and thousands are read when they are listed first."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,7 @@ def serve(
 
     Raises:
         PortTaken: the port is not free, or the address is not one of this machine.
+        LabctlError: the folder is elsewhere and does not answer.
     """
     try:
         listener = socket.create_server(
@@ -77,6 +83,7 @@ def serve(
         bound = listener.getsockname()[1]
         sessions = Sessions()
         watching = Watching(folder, environment)
+        watching.look_elsewhere()
         app = _application(watching)
         names = (socket.gethostname(), socket.getfqdn())
         guard = Guard(recognising(app), host=host, names=names, port=bound, sessions=sessions)
@@ -105,48 +112,68 @@ def serve(
 def _application(watching: Watching) -> FastAPI:
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 
+    one_at_a_time = asyncio.Lock()
+
+    async def looked(show: Callable[[], None], *names: str) -> None:
+        """Show a page of these runs, once they were read if they are elsewhere; or why they cannot be."""
+        if is_elsewhere(watching.folder):
+            try:
+                async with one_at_a_time:
+                    await in_a_thread(watching.look_elsewhere, *names)
+            except LabctlError as error:
+                show_unread(watching.folder, str(error))
+                return
+        show()
+
+    def only_here(title: str, show: Callable[[], None]) -> None:
+        """Show a page that makes runs, which is done in a folder on this machine."""
+        if is_elsewhere(watching.folder):
+            show_elsewhere(title, watching.folder)
+        else:
+            show()
+
     @app.get("/report/{name:path}")
     def report(name: str) -> HTMLResponse:
         watched = watching.run(name)
         if watched is None:
             raise HTTPException(404)
         try:
-            content = read_own(RunPaths(watched.directory).report, MOST_OF_A_REPORT)
-        except OSError:
+            content = read_own(watched.report, MOST_OF_A_REPORT)
+        except (OSError, LabctlError):
             raise HTTPException(404) from None
         return HTMLResponse(content, headers={"content-security-policy": REPORT_POLICY})
 
-    @ui.page("/")
-    def runs(request: Request) -> None:
-        show_list(watching, Wanted.of(request.query_params))
+    @ui.page("/", response_timeout=MOST_PATIENT_S)
+    async def runs(request: Request) -> None:
+        await looked(lambda: show_list(watching, Wanted.of(request.query_params)))
 
     @ui.page("/start")
     def start() -> None:
-        show_start(watching)
+        only_here("Start a run", lambda: show_start(watching))
 
     @ui.page("/queue")
     def queue() -> None:
-        show_queue(watching)
+        only_here("Queue", lambda: show_queue(watching))
 
-    @ui.page("/sweeps")
-    def sweeps() -> None:
-        show_sweeps(watching)
+    @ui.page("/sweeps", response_timeout=MOST_PATIENT_S)
+    async def sweeps() -> None:
+        await looked(lambda: show_sweeps(watching))
 
-    @ui.page("/sweep/{name}")
-    def sweep(name: str) -> None:
-        show_sweep(watching, name)
+    @ui.page("/sweep/{name}", response_timeout=MOST_PATIENT_S)
+    async def sweep(name: str) -> None:
+        await looked(lambda: show_sweep(watching, name))
 
-    @ui.page("/run/{name:path}")
-    def run(name: str) -> None:
-        pages.show_run(watching, name)
+    @ui.page("/run/{name:path}", response_timeout=MOST_PATIENT_S)
+    async def run(name: str) -> None:
+        await looked(lambda: pages.show_run(watching, name), name)
 
     @ui.page("/live")
     def live() -> None:
-        live_page.show_live(watching.folder, watching.environment)
+        only_here("Live", lambda: live_page.show_live(watching.folder, watching.environment))
 
-    @ui.page("/compare/{one}/{other}")
-    def compare(one: str, other: str) -> None:
-        show_comparison(watching, one, other)
+    @ui.page("/compare/{one}/{other}", response_timeout=MOST_PATIENT_S)
+    async def compare(one: str, other: str) -> None:
+        await looked(lambda: show_comparison(watching, one, other), one, other)
 
     ui.run_with(
         app, title="labctl", dark=None, tailwind=False, binding_refresh_interval=0.2, show_welcome_message=False

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from labctl.errors import AnalysisError, RunError
+from labctl.errors import LabctlError
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,6 @@ def recognised(directory: Path, known: Recognition | None) -> Recognition | None
         with open_run(directory) as opened:
             records = read_records(opened)
         found = recognition(records.traces, records.labels, records.groups, sample_interval_s=records.sample_interval_s)
-    except (RunError, AnalysisError, KeyError, ValueError):
+    except (LabctlError, KeyError, ValueError):
         return known
     return Recognition(found.accuracy, *found.interval, found.chance)

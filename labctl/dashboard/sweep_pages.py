@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
@@ -15,6 +16,7 @@ from labctl.dashboard.sketches import Axes, Line, escape, plot
 from labctl.dashboard.sweep_accuracy import Recognition
 from labctl.dashboard.sweeps import Point, SweepState
 from labctl.dashboard.wording import nothing
+from labctl.runs.format.store import is_elsewhere
 
 STYLES = "abcdef"
 """Of curves; more begin again."""
@@ -59,15 +61,18 @@ def show_sweep(watching: Watching, name: str) -> None:
         with ui.element("section").classes("wide"):
             heading("Runs, in the order they are measured")
             regions.append(Region("points", lambda: _points(now(), known())))
-            resume = ResumePanel(
-                watching, watching.folder / name, lambda: not now().running and now().complete < len(now().points)
-            )
+            resume = ResumePanel(watching, watching.folder / name, lambda: _is_cut_short(watching.folder, now()))
 
     def look() -> None:
         refresh(regions)
         resume.refresh()
 
     ui.timer(REFRESH_S, look)
+
+
+def _is_cut_short(folder: Path, state: SweepState) -> bool:
+    """Whether runs are missing that nobody measures, and could be measured from here."""
+    return not is_elsewhere(folder) and not state.running and state.complete < len(state.points)
 
 
 def _sweeps(states: Sequence[SweepState]) -> str:

@@ -1,6 +1,6 @@
 """The sweeps in a folder: which there are, and how far each of their runs is. Looked at when a page asks."""
 
-import os
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,7 +9,8 @@ from pathlib import Path
 from labctl.dashboard.listing import EVERY_S, RESTS
 from labctl.errors import LabctlError
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.index import RunRow, run_row
+from labctl.runs.format.store import is_elsewhere
+from labctl.runs.index import RunRow, is_there, run_row
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.sweep import FILE, Sweep, places, read
 
@@ -56,7 +57,7 @@ class Sweeps:
     """The sweeps in a folder."""
 
     def __init__(self, folder: Path, clock: Callable[[], float] = time.monotonic) -> None:
-        """Of `folder`, which need not exist yet."""
+        """Of `folder`, which need not exist yet; one elsewhere is looked at once, as it was listed."""
         self._folder = folder
         self._clock = clock
         self._due = clock()
@@ -66,10 +67,11 @@ class Sweeps:
         """All of them, the last by name first, which is the latest where no other names were given."""
         began = self._clock()
         if began >= self._due:
-            names = sorted(os.listdir(self._folder), reverse=True) if self._folder.is_dir() else []
-            there = [name for name in names if os.path.lexists(self._folder / name / FILE)]
-            self._states = {name: self._look(name, self._states.get(name)) for name in there}
-            self._due = self._clock() + max(EVERY_S, RESTS * (self._clock() - began))
+            inside = (one.name for one in self._folder.iterdir()) if self._folder.is_dir() else ()
+            names = sorted((name for name in inside if is_there(self._folder / name / FILE)), reverse=True)
+            self._states = {name: self._look(name, self._states.get(name)) for name in names}
+            rests = math.inf if is_elsewhere(self._folder) else max(EVERY_S, RESTS * (self._clock() - began))
+            self._due = self._clock() + rests
         return list(self._states.values())
 
     def named(self, name: str) -> SweepState | None:
@@ -109,6 +111,6 @@ class Sweeps:
 
 def _point(directory: Path, values: Mapping[str, str]) -> Point:
     paths = RunPaths(directory)
-    if not os.path.lexists(paths.manifest):
+    if not is_there(paths.manifest):
         return Point(directory.name, values, None)
     return Point(directory.name, values, run_row(paths), alarm=may_emit(directory))

@@ -24,7 +24,7 @@ from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.origin import Origin
-from labctl.runs.format.store import StorePath, is_elsewhere
+from labctl.runs.format.store import StorePath
 from labctl.runs.index import RunRow, is_running, run_directories, run_row
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.notes import Notes, read_notes
@@ -69,7 +69,8 @@ class Catalogue:
     def __init__(self, folder: Path, rests: float = 0.0) -> None:
         """Of the runs in `folder`, which need not exist yet.
 
-        rests: it looks at the runs again only after so many times as long as looking took.
+        rests: it looks at the runs again only after so many times as long as looking took. Of a folder elsewhere it
+        looks once: what is known of that is how it was listed.
         """
         self._folder = folder
         self._rests = rests
@@ -146,7 +147,8 @@ class Catalogue:
                 began = time.monotonic()
                 if began >= self._due:
                     self._refresh(database)
-                    self._due = time.monotonic() + self._rests * (time.monotonic() - began)
+                    took = time.monotonic() - began
+                    self._due = math.inf if isinstance(self._folder, StorePath) else began + (1 + self._rests) * took
             yield database
 
     def _connected(self) -> AbstractContextManager[sqlite3.Connection]:
@@ -161,7 +163,7 @@ class Catalogue:
         if not self._rests:
             return closing(_with_tables(sqlite3.connect(":memory:")))
         if self._in_memory is None:
-            self._in_memory, self._due = sqlite3.connect(":memory:"), 0.0
+            self._in_memory, self._due = sqlite3.connect(":memory:", check_same_thread=False), 0.0
         return nullcontext(_with_tables(self._in_memory))
 
     def _refresh(self, database: sqlite3.Connection) -> None:
@@ -309,7 +311,7 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
         notes = Notes()
     found["tag"], found["note"] = _values(notes.tags), _values([one.text for one in notes.notes])
     found["star"], found["operator"] = [float(notes.star)], _values(notes.operator)
-    found["alarm"] = [float(not is_elsewhere(paths.directory) and may_emit(paths.directory))]
+    found["alarm"] = [float(may_emit(paths.directory))]
     return {key: values for key, values in found.items() if values}
 
 

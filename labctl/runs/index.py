@@ -3,6 +3,7 @@
 Read from manifests and journals alone, so it is quick; of a run that lacks shots also who writes it.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,8 +79,12 @@ def run_directories(folder: Path) -> list[Path]:
         if is_elsewhere(folder):
             raise RunError(f"{folder}: nothing is there: name a folder with runs in it")
         return []
-    manifests = ((path, RunPaths(path).manifest) for path in sorted(folder.iterdir()))
-    return [path for path, manifest in manifests if manifest.exists() or manifest.is_symlink()]
+    return [path for path in sorted(folder.iterdir()) if is_there(RunPaths(path).manifest)]
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is something of that name, were it a link that leads nowhere."""
+    return path.exists() if is_elsewhere(path) else os.path.lexists(path)
 
 
 def run_row(paths: RunPaths) -> RunRow:

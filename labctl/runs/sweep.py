@@ -40,19 +40,21 @@ class Sweep(BaseModel):
 class SweepFile(BaseModel):
     """What sweep.json holds.
 
-    The sweep; by file and content its station, and its protocol if a file defines it; `said` of each of its runs.
+    The sweep; by file and content its station, and its protocol if a file defines it; `said` of each of its runs; where
+    its runs are, if not beside it.
     """
 
     model_config = ConfigDict(frozen=True)
 
     format: str = Field("labctl-sweep", pattern="^labctl-sweep$")
-    format_version: str = "1.1"
+    format_version: str = "1.2"
     sweep: Sweep
     station: str
     station_sha256: str
     protocol_file: str = ""
     protocol_sha256: str = ""
     said: Said = Said()
+    store: str = ""
 
 
 def is_sweep(directory: Path) -> bool:

@@ -22,7 +22,7 @@ class Order(StrEnum):
     AS_GIVEN = "as-given"
 
 
-def parse_axis(text: str) -> tuple[str, tuple[str, ...]]:
+def parse_axis(text: str, option: str = "--over") -> tuple[str, tuple[str, ...]]:
     """Name and values of "window=0.5 ns,1 ns" or "power=3:30:7 mW", which is 7 values from 3 to 30 mW.
 
     Raises:
@@ -35,7 +35,7 @@ def parse_axis(text: str) -> tuple[str, tuple[str, ...]]:
     """
     name, equals, values = (part.strip() for part in text.partition("="))
     if not (name and equals and values):
-        raise UsageError(f'--over {text!r}: write it as "key=value,value" or "key=first:last:number unit"')
+        raise UsageError(f'{option} {text!r}: write it as "key=value,value" or "key=first:last:number unit"')
     return name, values_of(name, values)
 
 

@@ -1,11 +1,11 @@
 """Workers of a dask cluster that carry out tasks; the extra `cluster`.
 
 A worker that dies has its task carried out by another one: dask sees to that. A scheduler that dies forgets everything:
-when there is one again at its address, what it had is submitted again. Whatever a task writes appears in its place when
-it is whole, so that to be carried out twice costs time and nothing else.
+when there is one again at its address, what it had is submitted again. A run appears in its place when it is whole, and
+is not measured again if it is there, so that to be carried out twice costs time and nothing else.
 """
 
-import shutil
+import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -26,6 +26,8 @@ CONNECT_S = 10.0
 """To wait for an answer of the scheduler."""
 TELL_S = 0.5
 """Records are told the scheduler no oftener."""
+COUNT_S = 1.0
+"""The scheduler is asked for its workers no oftener."""
 _stopped: set[str] = set()
 """On a worker: whose tasks should come to their end."""
 
@@ -71,6 +73,7 @@ class _Connection:
         self._address = address
         self._tell = tell
         self._lost = False
+        self._workers, self._counted = 0, -COUNT_S
         self._name = uuid4().hex
         try:
             self._client = self._connect()
@@ -95,13 +98,14 @@ class _Connection:
                 self._client = self._connect()
             elif self._client.status != "running":
                 return self._wait()
-            threads = self._client.nthreads()
+            if time.monotonic() - self._counted >= COUNT_S:
+                self._workers, self._counted = len(self._client.nthreads()), time.monotonic()
         except OSError:
             return self._wait()
         if self._lost:
             self._lost = False
             self._tell(f"{self._address}: the scheduler is there again; what it had begins anew")
-        return max(len(threads), 1) - running
+        return max(self._workers, 1) - running
 
     def _wait(self) -> int:
         if not self._lost:
@@ -111,7 +115,9 @@ class _Connection:
 
     def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
         """Begin a task on some worker."""
-        future: Future[tuple[Found, float]] = self._executor.submit(_carry_out, task, self._name, versions())
+        future: Future[tuple[Found, float]] = self._executor.submit(
+            _carry_out, task, self._name, versions(), os.getcwd()
+        )
         return future
 
     def failure(self, error: Exception) -> Exception:
@@ -149,20 +155,15 @@ class _Client:
         if time.monotonic() - self._told >= TELL_S:
             self.tell()
 
-    @contextmanager
-    def placed(self, directory: Path) -> Iterator[Path]:
-        """Beside it: what another worker has put there meanwhile stays, and has the same digits."""
-        beside = directory.with_name(f"{directory.name}.{uuid4().hex[:8]}.part")
-        yield beside
-        try:
-            beside.rename(directory)
-        except OSError:
-            if not directory.exists():
-                raise
-            shutil.rmtree(beside)
+    @property
+    def scratch(self) -> Path:
+        """The folder of the worker, which another worker clears when this one has died."""
+        return Path(self._worker.local_directory)
 
     def tell(self) -> None:
         """Tell what was not told yet."""
+        if not self._records:
+            return
         self._worker.log_event(self._name, self._records)
         self._records, self._told = 0, time.monotonic()
 
@@ -172,14 +173,16 @@ def _stop(name: str) -> None:
     _stopped.add(name)
 
 
-def _carry_out(task: Callable[[], Found], name: str, wanted: dict[str, str]) -> tuple[Found, float]:
-    """On a worker."""
+def _carry_out(task: Callable[[], Found], name: str, wanted: dict[str, str], folder: str) -> tuple[Found, float]:
+    """On a worker, in the folder in which the command was typed, if it is there: paths may be relative to it."""
     worker = _dask().get_worker()
     if worker.state.nthreads != 1:
         raise ClusterError(f"{worker.address}: has {worker.state.nthreads} threads: start it with --nthreads 1")
     if (own := versions()) != wanted:
         differ = ", ".join(f"{one} {own.get(one)}, not {wanted[one]}" for one in wanted if own.get(one) != wanted[one])
         raise ClusterError(f"{worker.address}: has {differ}: install there what is installed here")
+    if os.path.isdir(folder):
+        os.chdir(folder)
     caller = _Client(worker, name)
     token = CALLER.set(caller)
     try:

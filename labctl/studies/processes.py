@@ -5,11 +5,10 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
-from pathlib import Path
 from typing import TypeVar
 
 from labctl.printable import log_printably
@@ -34,9 +33,9 @@ class _Shared:
         with self.made.get_lock():
             self.made.value += records
 
-    def placed(self, directory: Path) -> AbstractContextManager[Path]:
-        """There: nobody else carries out the same task."""
-        return nullcontext(directory)
+    @property
+    def scratch(self) -> None:
+        """Nobody else carries out the same task: where a run will be, it can be watched."""
 
 
 @dataclass(frozen=True)

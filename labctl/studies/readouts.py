@@ -1,5 +1,6 @@
 """Readouts from run to model file and back: training on a part of a run, testing on what was kept apart."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from sklearn.base import clone
+from sklearn.pipeline import Pipeline
 from threadpoolctl import threadpool_limits
 
 from instruments.toml_files import describe
@@ -22,7 +24,7 @@ from labctl.analysis.evaluation import (
     windows_to_try,
 )
 from labctl.analysis.intervals import Verdict, interval
-from labctl.analysis.readouts import softmax_readout
+from labctl.analysis.readouts import softmax_classifier, softmax_readout
 from labctl.analysis.splits import SEEDS, Split, enough_splits, forward_in_time_split, own_split, random_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.datasets import catalogue
@@ -36,6 +38,8 @@ from labctl.runs.read.run import Run, open_run
 from labctl.studies.masks import Masks
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 
+MOST_NUMBERS = 1 << 25
+"""Samples of all records that are judged at once, 134 MB; of a run with more of them evenly spread ones are."""
 LONGEST_REASON = 200
 """Characters of what other people's code says that a message shows."""
 
@@ -62,30 +66,44 @@ class _Trained(BaseModel):
 
 
 def train_readout(
-    directory: Path, *, window_s: float, ports: tuple[int, ...] | None, seed: int, out: Path | None
+    directory: Path,
+    *,
+    window_s: float,
+    ports: tuple[int, ...] | None,
+    seed: int,
+    out: Path | None,
+    tau_s: float | None = None,
+    inverse_penalty: float = 1.0,
 ) -> dict[str, Any]:
     """Train a softmax readout on nine tenths of the images of a run and save it.
+
+    tau_s: interval of the features, s; None: every sample. inverse_penalty: C of `SoftmaxRegression`.
 
     Raises:
         AnalysisError: a port or window that the run does not have, or too few images.
         RunError: no such run.
     """
     with open_run(directory) as run:
-        records, digest, masks = read_records(run), run.digest(), Masks.of(run)
+        records, left_out = bounded_records(run)
+        digest, masks = run.digest(), Masks.of(run)
     chosen = ports or records.ports
     pipeline = softmax_readout(
         ports=ports,
         window_s=window_s,
         sample_interval_s=records.sample_interval_s,
+        tau_s=tau_s,
         recorded_ports=records.ports if ports else None,
-    )
-    train, test = next(iter(random_splits(records.labels, records.groups, splits=1, seed=seed)))
+    ).set_params(softmaxregression__C=inverse_penalty)
+    train, test = kept_apart(records, seed)
     if np.unique(records.labels[train]).size < 2:
         raise AnalysisError(f"{directory}: all images are of one class: there is nothing to tell apart")
     with threadpool_limits(1):
         pipeline.fit(records.traces[train], records.labels[train])
     right = pipeline.predict(records.traces[test]) == records.labels[test]
-    path = out or RunPaths(directory).models / f"softmax-{window_key(window_s)}ns-ports-{'-'.join(map(str, chosen))}.h5"
+    special = "" if tau_s is None else f"-every-{tau_s * 1e12:g}ps"
+    special += "" if inverse_penalty == 1 else f"-C-{inverse_penalty:g}"
+    name = f"softmax-{window_key(window_s)}ns{special}-ports-{'-'.join(map(str, chosen))}.h5"
+    path = out or RunPaths(directory).models / name
     metadata = {
         "readout": "softmax",
         "run": str(directory),
@@ -93,10 +111,13 @@ def train_readout(
         "masks": masks.model_dump(mode="json"),
         "window_s": window_s,
         "ports": list(chosen),
-        "features": int(len(chosen) * round(window_s / records.sample_interval_s)),
+        "tau_s": tau_s or records.sample_interval_s,
+        "inverse_penalty": inverse_penalty,
+        "features": int(pipeline[0].rows_.size * pipeline[0].samples_.size),
         "seed": seed,
         "training_shots": int(train.size),
         "test_shots": int(test.size),
+        "left_out": left_out,
         "test_groups": np.unique(records.groups[test]).tolist(),
         "accuracy": float(np.mean(right)),
         "interval": interval(int(right.sum()), right.size),
@@ -106,6 +127,15 @@ def train_readout(
     save_model(path, pipeline, metadata)
     kept = metadata.keys() - {"test_groups", "masks"}
     return {"model": str(path)} | {key: value for key, value in metadata.items() if key in kept}
+
+
+def kept_apart(records: Records, seed: int) -> Split:
+    """The shots that a readout is trained on, and those that it never sees: a tenth of the images.
+
+    Raises:
+        AnalysisError: there are too few images.
+    """
+    return next(iter(random_splits(records.labels, records.groups, splits=1, seed=seed)))
 
 
 def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
@@ -124,23 +154,19 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     with open_run(directory) as run:
         if trained.masks is not None and (why := trained.masks.unlike(Masks.of(run))) is not None:
             raise AnalysisError(f"{model}: cannot work on {directory}: {why}")
-        records = read_records(run)
+        records, left_out = bounded_records(run)
         test = _unseen(records, trained, run.digest())
         splits = enough_splits(np.unique(records.groups).size)
         with _used(model, directory):
             controls = _controls(run, records, readout[0], splits=splits, seed=trained.seed)
         own = _own_split(run, records)
     with _used(model, directory):
-        unfitted = clone(readout)
-        right = readout.predict(records.traces[test]) == records.labels[test]
-        random = validate(
-            records.traces,
-            records.labels,
-            random_splits(records.labels, records.groups, splits=splits, seed=trained.seed),
-            readout=unfitted,
-        )
-        forward = validate(records.traces, records.labels, [forward_in_time_split(records.groups)], readout=unfitted)
-        by_set = None if own is None else validate(records.traces, records.labels, [own], readout=unfitted)
+        features, learner = readout[0].transform(records.traces), _learner(readout[1:])
+        right = readout[1:].predict(features[test]) == records.labels[test]
+        ways = random_splits(records.labels, records.groups, splits=splits, seed=trained.seed)
+        random = validate(features, records.labels, ways, readout=learner)
+        forward = validate(features, records.labels, [forward_in_time_split(records.groups)], readout=learner)
+        by_set = None if own is None else validate(features, records.labels, [own], readout=learner)
         windows = accuracy_against_window(
             records.traces,
             records.labels,
@@ -156,6 +182,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "test_shots": int(test.size),
         "accuracy": float(np.mean(right)),
         "interval": interval(int(right.sum()), right.size),
+        "left_out": left_out,
         "splits": splits,
         "random_splits": mean_and_sd(random.scores),
         "forward_in_time": float(forward.scores[0]),
@@ -169,7 +196,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         title=f"Image recognition: {directory.name}",
         summary=(
             f"{records.labels.size} images on ports {', '.join(map(str, trained.ports))}; softmax readout, "
-            f"{splits} random splits with a tenth of the images to test."
+            f"{splits} random splits with a tenth of the images to test{_without(left_out)}."
         ),
         accuracies={"softmax readout": {window_key(row.window_s): mean_and_sd(row.scores) for row in windows}},
         results=[
@@ -214,6 +241,27 @@ def _used(model: Path, directory: Path) -> Iterator[None]:
     except HDF5_ERRORS as error:
         reason = one_line(error)[:LONGEST_REASON]
         raise AnalysisError(f"{model}: is of no use on {directory} ({reason}): train it again") from None
+
+
+def bounded_records(run: Run) -> tuple[Records, int]:
+    """The image shots of a run, as many as `MOST_NUMBERS` allows, evenly spread; and how many are left out."""
+    records = read_records(run, most=max(1, MOST_NUMBERS // max(1, math.prod(run.frames.shape[1:]))))
+    return records, int(np.count_nonzero(run.shots["kind"] == "image")) - records.labels.size
+
+
+def _without(left_out: int) -> str:
+    """What a report says of images that were left out."""
+    return f"; {left_out} more images of the run, evenly spread, are left out" if left_out else ""
+
+
+def _learner(readout: Pipeline) -> Pipeline | None:
+    """The unfitted estimator to train anew; None, which is faster, where it is `softmax_classifier()`."""
+    unfitted: Pipeline = clone(readout)
+    usual = softmax_classifier()
+    alike = [type(step) for _, step in unfitted.steps] == [type(step) for _, step in usual.steps] and all(
+        own.get_params() == other.get_params() for (_, own), (_, other) in zip(unfitted.steps, usual.steps, strict=True)
+    )
+    return None if alike else unfitted
 
 
 def _unseen(records: Records, trained: _Trained, digest: str) -> NDArray[np.intp]:

@@ -1,14 +1,33 @@
 """A run as one task among others."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from instruments.bench import Observer, Observers
 from labctl.bench.signals import Interruption
 from labctl.engine.engine import Outcome
+from labctl.engine.inputs import inputs_for
+from labctl.engine.resume import MAY_CHANGE, refuse_other_inputs
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
+from labctl.errors import RunError
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.provenance import versions
+from labctl.runs.format.store import alone, is_elsewhere
+from labctl.runs.index import run_row
+from labctl.runs.read.differences import differences
+from labctl.runs.write.placing import put_whole
 from labctl.studies.tasks import CALLER, Interrupted
+
+OWN_BUSINESS = (
+    *(f"station.{key}" for key in MAY_CHANGE),
+    *(f"protocol.{key}" for key in ("digest", "judgement", "file.path", "file.text")),
+)
+"""In a manifest: what may be another of the same run, and what follows from the rest."""
 
 
 class TaskObserver(Observer):
@@ -28,16 +47,19 @@ class TaskObserver(Observer):
 
 
 def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
-    """Carry out one run in this process, where the caller wants it meanwhile; `others` follow it.
+    """Carry out one run in this process, unless it is in its place already; `others` follow it.
 
     Raises:
         Interrupted: the caller said so; the bench is in the safe state.
+        RunError: another run is in its place, or it cannot be put there.
     """
     if run.directory is None:
         raise ValueError("a run among others needs a place")
+    if (known := _in_place(run, run.directory)) is not None:
+        return known
     interruption = Interruption()
     following = Observers(TaskObserver(interruption), *others)
-    with CALLER.get().placed(run.directory) as directory:
+    with _placed(run.directory) as directory:
         meanwhile = replace(run, directory=directory)
         outcome = _whole(acquire(meanwhile, observer=following, interruption=interruption).outcome)
     return replace(outcome, directory=run.directory)
@@ -54,3 +76,50 @@ def _whole(outcome: Outcome) -> Outcome:
     if not outcome.complete:
         raise Interrupted
     return outcome
+
+
+@contextmanager
+def _placed(directory: Path) -> Iterator[Path]:
+    """Where to measure what is to be in `directory` at the end of the block, if that is no failure."""
+    scratch = CALLER.get().scratch
+    if scratch is None and not is_elsewhere(directory):
+        yield directory
+        return
+    with TemporaryDirectory(dir=scratch) as meanwhile:
+        yield Path(meanwhile) / directory.name
+        put_whole(Path(meanwhile) / directory.name, directory)
+
+
+def _in_place(run: Acquisition, directory: Path) -> Outcome | None:
+    """How the run went that is in `directory` and lacks nothing; None if there is none.
+
+    Raises:
+        RunError: it is not this run: protocol, seeds, bench, packages or inputs are others.
+    """
+    paths = RunPaths(alone(directory))
+    if not paths.manifest.exists() or not (row := run_row(paths)).complete:
+        return None
+    then = Manifest.read(paths).values
+    own_file = {} if (file := run.protocol.source_file) is None else {"file": {"sha256": file.sha256}}
+    now: dict[str, Any] = {
+        "protocol": {"name": run.protocol.name, "settings": run.protocol.model_dump(mode="json"), **own_file},
+        "station": run.station.model_dump(mode="json"),
+        "versions": versions(),
+    }
+    if changed := differences({key: then.get(key) for key in now}, now, ignored=OWN_BUSINESS):
+        first = changed[0]
+        raise RunError(
+            f"{directory}: another run is there ({first.setting} is {first.then}, not {first.now}): name another place"
+        )
+    refuse_other_inputs(directory, then, inputs_for(run.protocol, run.data))
+    return Outcome(
+        directory=directory,
+        shots=row.shots,
+        measured=0,
+        complete=True,
+        clipped=0,
+        recovered=0,
+        seconds=0.0,
+        bench_seconds=0.0,
+        simulated=run.station.simulated,
+    )

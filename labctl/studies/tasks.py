@@ -52,8 +52,9 @@ class Caller(Protocol):
     def measured(self, records: int) -> None:
         """So many records more."""
 
-    def placed(self, directory: Path) -> AbstractContextManager[Path]:
-        """Where to write meanwhile what is to be in `directory` at the end of the block, if that is no failure."""
+    @property
+    def scratch(self) -> Path | None:
+        """A folder in which a run is measured until it is whole and put into its place; None: it is measured there."""
 
 
 CALLER: ContextVar[Caller] = ContextVar("CALLER")
@@ -82,17 +83,18 @@ def in_parallel(
     """
     found: dict[Name, tuple[Found, float]] = {}
     running: dict[Future[tuple[Found, float]], Name] = {}
+    waiting = dict(tasks)
     with engine(len(tasks)) as workers:
         while len(found) < len(tasks):
-            begun = found.keys() | set(running.values())
-            ready = (name for name in tasks if name not in begun and found.keys() >= set(needs.get(name, ())))
-            for name in islice(ready, max(0, workers.room(len(running)))):
-                running[workers.submit(tasks[name])] = name
+            ready = (name for name in waiting if found.keys() >= set(needs.get(name, ())))
+            for name in tuple(islice(ready, max(0, workers.room(len(running))))):
+                running[workers.submit(waiting.pop(name))] = name
             if not running:
                 interruption.wait(POLL_S)
             for future in wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED).done:
                 name = running.pop(future)
                 if future.cancelled():
+                    waiting[name] = tasks[name]
                     continue
                 if isinstance(error := future.exception(), Exception):
                     raise workers.failure(error)
@@ -101,6 +103,11 @@ def in_parallel(
             if interruption.requested:
                 raise Interrupted
     return found
+
+
+def one_by_one(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:
+    """Result of every task, carried out in this process one after the other."""
+    return {name: task() for name, task in tasks.items()}
 
 
 def timed(task: Callable[[], Found]) -> tuple[Found, float]:

@@ -6,7 +6,8 @@ fibre commute and fold into one set of masks. At channel m and light time t
     V_m(t) = | sum_p v_p C_pm(t) |^2   (volts behind an infinitely fast detector),
 
 C_pm(t) = sum_d T_pd g_m(t - d dt): T the fibre's taps, g_m the modulated light behind port m of the chip. Setting the
-instruments fixes C; an image then costs one real matrix product, or two where C is left as its factors T and g.
+instruments fixes both; an image then costs one real matrix product, v T, and a convolution with g: the masks C
+themselves, as large as a picture times a record, are never made.
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from sim_backends.optics import cavity, drive, fibre, receiver
 from sim_backends.parameters import Parameters, power_ratio
@@ -153,7 +155,7 @@ def delayed(
         step_s: grid step (s).
 
     Returns:
-        (depth, channels * K) complex64.
+        (depth, channels * K) complex64: with it the light is a matrix product, for times that are not on a grid.
     """
     channels, points = fields.shape
     index, weight = interpolation(light_times / step_s, points)
@@ -165,34 +167,31 @@ def delayed(
     return light.reshape(depth, -1)
 
 
-def masks(taps: NDArray[np.complex64], light: NDArray[np.complex64]) -> NDArray[np.float32]:
-    """The mask coefficients C: `taps` (modes, superpixels, D) times `delayed` light (D, channels * K).
+def window_spectrum(
+    fields: NDArray[np.complex64], depth: int, *, start: float, points: int, every: int
+) -> NDArray[np.complex64]:
+    """Transform of the ports' light around some light times, for `light_path.through_delays`.
+
+    Args:
+        fields: (channels, n) one period.
+        depth: how many delays, of the fibre's taps.
+        start: the first light time, in grid steps.
+        points: how many light times.
+        every: from one to the next, in grid steps.
 
     Returns:
-        (superpixels, modes * 2 * channels * K) float32, ordered [mode, real or imaginary, channel, time].
+        (channels, every, F) complex64.
     """
-    modes, superpixels, depth = taps.shape
-    product = (taps.reshape(-1, depth) @ light).reshape(modes, superpixels, -1)
-    return _split(product.swapaxes(0, 1)).reshape(superpixels, -1)
-
-
-def tap_factors(taps: NDArray[np.complex64], light: NDArray[np.complex64]) -> tuple[NDArray[np.float32], ...]:
-    """The masks as two factors, for pictures (n, superpixels) one after the other: no mask is made.
-
-    Returns:
-        (superpixels, modes * 2 * D) float32, pictures to what they send through each delay of each mode; and
-        (2 * D, 2 * channels * K), that to real and imaginary parts behind the ports, mode by mode.
-    """
-    first = _split(taps.swapaxes(0, 1))
-    second = np.concatenate([_split(light), _split(1j * light)])
-    return first.reshape(taps.shape[1], -1), second.reshape(2 * len(light), -1)
-
-
-def _split(complex_: NDArray[np.complex64]) -> NDArray[np.float32]:
-    """Real and imaginary parts, (..., n) -> (..., 2, n)."""
-    parts = np.empty((*complex_.shape[:-1], 2, complex_.shape[-1]), np.float32)
-    parts[..., 0, :], parts[..., 1, :] = complex_.real, complex_.imag
-    return parts
+    period = fields.shape[1]
+    index, weight = interpolation(np.array([start]), period)
+    earlier, later = np.arange(1 - depth, 0), np.arange(every * (points - 1) + 1)
+    frequencies = fft.next_fast_len(-(-(depth - 1 + later.size) // every))
+    light = np.zeros((len(fields), every * frequencies), np.complex64)
+    for corner in np.flatnonzero(weight[:, 0]):
+        light[:, later] += fields[:, (index[corner] + later) % period] * weight[corner]
+        light[:, earlier] += fields[:, (index[corner] + earlier) % period] * weight[corner]
+    spectrum = fft.fft(light, axis=-1) / np.float32(every)
+    return np.asarray(spectrum, np.complex64).reshape(len(fields), every, frequencies)
 
 
 def mean_volts(

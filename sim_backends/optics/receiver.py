@@ -12,7 +12,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
 from scipy.special import erfc, ndtr
 from scipy.stats import poisson
 
@@ -22,6 +21,7 @@ DIVISIONS = 10.24
 COUNTED_PHOTONS = 100.0
 """Below so many photoelectrons in a receiver's resolution time light comes in grains that a Gaussian does not show."""
 _HIDDEN_GRAINS = 10.0  # photoelectrons, rms, of other noise, in which no single one is seen
+_UNLIMITED = 2**-4  # of a limit: less is what it is, the law's denominator rounds to 1
 _NOISE_REACH_S = 0.3e-9  # the receiver's noise is correlated over less
 
 
@@ -54,13 +54,14 @@ def impulse_response(
     return h, (gauss - h) / tau
 
 
-def fast_volts(field: NDArray[np.float32]) -> NDArray[np.float32]:
+def fast_volts(field: NDArray[np.complex64]) -> NDArray[np.float32]:
     """Volts behind an infinitely fast detector: |E|^2, collected modes added as powers.
 
-    Root volts (..., modes, real and imaginary, channels, K) -> (..., channels, K).
+    Root volts (..., modes, channels, K) complex -> (..., channels, K).
     """
-    squared = field * field
-    return np.asarray(squared.sum(axis=(-4, -3)))
+    volts = np.square(field.real)
+    volts += np.square(field.imag)
+    return volts[..., 0, :, :] if volts.shape[-3] == 1 else volts.sum(axis=-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +95,7 @@ def sampling_filter(
     total = h.sum(axis=0)
     slope = slope - h * (slope.sum(axis=0) / total)  # a constant has no slope
     matrix = np.concatenate([h / total, slope / total], axis=1).astype(np.float32)
+    matrix[np.abs(matrix) < np.finfo(np.float32).tiny] = 0  # far from a sample; processors are slow with such numbers
     return SamplingFilter(matrix, points, samples, decimation, before)
 
 
@@ -108,16 +110,19 @@ def apply_filter(
     blocks = -(-samples // sampling.samples)
     advance = sampling.samples * sampling.decimation
     wanted = (blocks - 1) * advance + sampling.points
-    missing = wanted - intensities.shape[-1]
-    if missing > 0:
-        intensities = np.pad(intensities, [(0, 0)] * (intensities.ndim - 1) + [(0, missing)])
-    windows = np.lib.stride_tricks.sliding_window_view(intensities, sampling.points, axis=-1)[..., ::advance, :]
-    windows = windows[..., :blocks, :]
-    # One product a block: BLAS sums in another order for other numbers of rows.
-    out = np.matmul(windows.swapaxes(-2, -3), sampling.matrix).swapaxes(-2, -3)
-    out = out.reshape(*windows.shape[:-1], 2, sampling.samples)
-    shape = (*windows.shape[:-2], blocks * sampling.samples)
-    return (out[..., 0, :].reshape(shape)[..., :samples], out[..., 1, :].reshape(shape)[..., :samples])
+    if wanted > intensities.shape[-1]:
+        given, intensities = intensities, np.zeros((*intensities.shape[:-1], wanted), np.float32)
+        intensities[..., : given.shape[-1]] = given
+    both = np.empty((2, *intensities.shape[:-1], blocks * sampling.samples), np.float32)
+    for block in range(blocks):
+        window = intensities[..., block * advance : block * advance + sampling.points]
+        # One product a picture: BLAS sums in another order for other numbers of rows.
+        filtered = np.matmul(window, sampling.matrix)
+        samples_of_block = slice(block * sampling.samples, (block + 1) * sampling.samples)
+        both[0, ..., samples_of_block] = filtered[..., : sampling.samples]
+        both[1, ..., samples_of_block] = filtered[..., sampling.samples :]
+    volts, slope = both[..., :samples]
+    return volts, slope
 
 
 @dataclass(frozen=True)
@@ -238,8 +243,13 @@ def coloured(white: NDArray[np.float32], colour: NDArray[np.float32]) -> NDArray
     reach = colour.size // 2
     if reach == 0:
         return white
-    filtered: NDArray[np.float32] = convolve1d(white, colour, axis=-1, mode="constant")
-    return filtered[..., reach : filtered.shape[-1] - reach]
+    samples = white.shape[-1] - 2 * reach
+    filtered: NDArray[np.float32] = white[..., reach : reach + samples] * colour[reach]
+    for away in range(1, reach + 1):
+        pair = white[..., reach - away : reach - away + samples] + white[..., reach + away : reach + away + samples]
+        pair *= colour[reach + away]
+        filtered += pair
+    return filtered
 
 
 def saturated_gain(power_w: NDArray[np.float32], saturation_w: float) -> NDArray[np.float32]:
@@ -256,9 +266,12 @@ def limited(volts: NDArray[np.float32], limit_v: float) -> NDArray[np.float32]:
 
     It is 1 dB short of linear at the limit, and flat beyond.
     """
-    cubed = volts / np.float32(limit_v)
+    out = np.array(volts, np.float32)
+    strong = np.abs(out) > np.float32(_UNLIMITED * limit_v)
+    cubed = out[strong] / np.float32(limit_v)
     cubed *= cubed * cubed
-    return np.asarray(volts / np.cbrt(np.sqrt(1 + np.square(cubed))))
+    out[strong] /= np.cbrt(np.sqrt(1 + np.square(cubed)))
+    return out
 
 
 def digitiser_noise_codes(enob: float, bits: int = 8) -> float:

@@ -1,16 +1,18 @@
 """What the detectors put out under a setting of the instruments: the light of every picture, and its noise.
 
-Keeps small caches of what a setting fixes: fields behind the ports, masks at the sampled times, sampling filters. A
-picture then costs a real matrix product and the detector's filter. Knows no mirrors' history and no triggers.
+Keeps small caches of what a setting fixes: fields behind the ports, their spectra around the sampled times, sampling
+filters. A picture then costs a real matrix product, a convolution and the detector's filter. Knows no mirrors' history
+and no triggers.
 """
 
 import math
 from collections import OrderedDict
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from sim_backends.optics import chain, mirrors, receiver
 from sim_backends.parameters import Parameters
@@ -19,14 +21,14 @@ from sim_backends.world.signals import Acquisition
 from sim_backends.world.triggers import level_crossings
 from sim_backends.world.twin import Optics, Setting, Twin
 
-IMAGE_BLOCK = 8
-COLUMN_BLOCK = 128
-_BLOCK_BYTES = 32_000_000  # of fields computed together; bounds the memory, not the result
+IMAGE_BLOCK = 4
+COLUMN_BLOCK = 256
+_BLOCK_BYTES = 2_000_000  # of fields computed together, which then stay in the cache
 _KEPT_SETTINGS = 12
-_KEPT_BYTES = 200_000_000  # of masks and their factors
-_FOLDED_POINTS = 512  # of all channels: longer, and two products cost less than one
-_PAGE_POINTS = 2048
-_BLOCK_SAMPLES = 64
+_KEPT_BYTES = 50_000_000  # of pages: spectra, or matrices
+_PAGE_POINTS = 2**14
+_OFF_GRID = 1e-4  # grid steps: light times that are no further beside the grid are on it
+_BLOCK_SAMPLES = 16
 _PHASE_STEP_S = 1.25e-12
 _SAME_PHASE_S = 15e-12
 
@@ -37,18 +39,18 @@ noise_colour = lru_cache(maxsize=16)(receiver.noise_colour)
 class Light(NamedTuple):
     """What triggers have in common that one computation serves: all but the pattern.
 
-    step, segment, repeats, lit: of their `Setting`. phase_s: in the drive's period, or time from the segment's start to
-    the trigger. shift_s: samples are taken this much later than the acquisition says. scene: of the mirrors. age_s:
-    from the mirrors' last change to the trigger; None: they stand still.
+    step, segment (-1: none), repeats, lit: of their `Setting`. phase_s: in the drive's period, or time from the
+    segment's start to the trigger. shift_s: samples are taken this much later than the acquisition says. scene: of the
+    mirrors. age_s: from the mirrors' last change to the trigger; infinite: they stand still.
     """
 
     step: int
-    segment: int | None
+    segment: int
     repeats: int
     phase_s: float
     shift_s: float
     scene: int
-    age_s: float | None
+    age_s: float
     lit: bool
 
 
@@ -63,7 +65,7 @@ class LightPath:
         twin = Twin(parameters, twin_seed)
         self.optics = lru_cache(_KEPT_SETTINGS)(twin.optics)
         self._parameters = parameters
-        self._pages: OrderedDict[tuple[bytes, float, float, int], tuple[NDArray[np.float32], ...]] = OrderedDict()
+        self._pages: OrderedDict[tuple[bytes, float, float, int], NDArray[np.complex64]] = OrderedDict()
 
     def amplitudes(self, on: NDArray[np.float32]) -> NDArray[np.float32]:
         """What superpixels reflect, (images, 784), with these parts of their mirrors on; direct: all, (images, 1)."""
@@ -93,28 +95,29 @@ class LightPath:
         optics = self.optics(setting)
         laws, colour = optics.laws, self._colour(acquisition)
         amplitudes = sight.scenes[light.scene].amplitudes
-        seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if light.age_s is not None else 0)
+        moving = math.isfinite(light.age_s)
+        seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if moving else 0)
         pairs, which = np.unique(seen, return_inverse=True)
-        after, before = amplitudes[pairs // len(amplitudes)], amplitudes[pairs % len(amplitudes)]
-        points = acquisition.samples / (acquisition.sample_rate * self._parameters.record_step_s) + 100
-        block = max(1, int(_BLOCK_BYTES / (8 * len(acquisition.channels) * points * IMAGE_BLOCK)))
-        block *= IMAGE_BLOCK
         order = np.argsort(which, kind="stable")
+        after, before = np.divmod(pairs, len(amplitudes))
+        points = acquisition.samples / (acquisition.sample_rate * self._parameters.record_step_s) + 100
+        block = max(1, int(_BLOCK_BYTES / (16 * len(acquisition.channels) * points * IMAGE_BLOCK))) * IMAGE_BLOCK
         at_once = max(1, _BLOCK_BYTES // volts[0].nbytes)
+        high = 0
         for begin in range(0, len(pairs), block):
             clean, slope = self.sampled(
                 optics,
                 acquisition,
-                after[begin : begin + block],
+                amplitudes[after[begin : begin + block]],
                 phase_s=light.phase_s,
                 shift_s=light.shift_s,
-                before=None if light.age_s is None else before[begin : begin + block],
-                moving_since_s=light.age_s or 0.0,
+                before=amplitudes[before[begin : begin + block]] if moving else None,
+                moving_since_s=light.age_s,
             )
             signal = np.maximum(clean, 0)
             shared = np.sqrt(laws.quadratic) * signal
             clean = clean + laws.offset_v
-            low, high = np.searchsorted(which[order], [begin, begin + len(clean)])
+            low, high = high, int(np.searchsorted(which[order], begin + len(clean)))
             for first in range(low, high, at_once):
                 places = order[first : min(first + at_once, high)]
                 own, image = rows[places], which[places] - begin
@@ -164,18 +167,19 @@ class LightPath:
         points = sampling.points + (acquisition.samples - sampling.samples) * decimation
         first = acquisition.start_s - sampling.before * step
         light_time = phase_s + first - optics.delay_s
-        field = self._field(optics, amplitudes, light_time, step, points)
+        sent = _sent(optics, amplitudes)
+        field = self._field(optics, sent, light_time, step, points)
         if before is not None:
             moved = mirrors.moved_fraction(
                 moving_since_s + first + step * np.arange(points, dtype=np.float64),
                 leaves=constants.mirror_leaves_s,
                 arrives=constants.mirror_arrives_s,
             ).astype(np.float32)
-            old = self._field(optics, before, light_time, step, points)
+            old = self._field(optics, _sent(optics, before), light_time, step, points)
             field = old + moved * (field - old)
         clean, slope = receiver.apply_filter(sampling, receiver.fast_volts(field), acquisition.samples)
         if constants.detector_coupling == "ac":
-            clean = clean - self._mean_volts(optics, amplitudes)
+            clean = clean - self._mean_volts(optics, amplitudes, sent)
         if optics.power_factors is not None:
             watts = np.square(in_blocks(amplitudes, optics.power_factors)).sum(axis=1)
             gain = receiver.saturated_gain(watts, constants.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
@@ -202,17 +206,19 @@ class LightPath:
             scope_hz=self._parameters.scope_bandwidth_hz,
         )
 
-    def _mean_volts(self, optics: Optics, amplitudes: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _mean_volts(
+        self, optics: Optics, amplitudes: NDArray[np.float32], sent: NDArray[np.complex64]
+    ) -> NDArray[np.float32]:
         """What an AC-coupled detector takes away, (images, channels, 1): behind a triggered drive, the idle light."""
         if optics.idle_s is not None:
-            return receiver.fast_volts(self._inside(optics, amplitudes, 0.0, optics.step_s, 1))
+            return receiver.fast_volts(self._inside(optics, sent, 0.0, optics.step_s, 1))
         means = [chain.mean_volts(row, optics.fields, optics.taps) for row in amplitudes]
         return np.array(means, np.float32)[:, :, None]
 
     def _field(
-        self, optics: Optics, amplitudes: NDArray[np.float32], start_s: float, step: float, points: int
-    ) -> NDArray[np.float32]:
-        """Root volts (images, collected modes, real and imaginary, channels, points) at equidistant light times.
+        self, optics: Optics, sent: NDArray[np.complex64], start_s: float, step: float, points: int
+    ) -> NDArray[np.complex64]:
+        """Root volts (images, collected modes, channels, points) at equidistant light times.
 
         A record longer than the drive's period is interpolated from one period. Before and after a triggered segment
         the light does not change.
@@ -223,8 +229,10 @@ class LightPath:
             begin = min(max(0, math.ceil(-start_s / step)), points - 1)
             end = max(begin + 1, min(points, math.ceil((period - start_s) / step)))
             inside = min(max(start_s + begin * step, 0.0), period)  # all of it outside: the idle light of either end
-            moving = self._inside(optics, amplitudes, inside, step, end - begin)
-            idle = self._inside(optics, amplitudes, 0.0, optics.step_s, 1)
+            moving = self._inside(optics, sent, inside, step, end - begin)
+            if end - begin == points:
+                return moving
+            idle = self._inside(optics, sent, 0.0, optics.step_s, 1)
             shape = moving.shape[:-1]
             return np.concatenate(
                 [
@@ -238,44 +246,53 @@ class LightPath:
         if optics.fields.shape[1] == 1:
             in_period = 1
         if points <= in_period:
-            return self._inside(optics, amplitudes, start_s, step, points)
-        table = self._inside(optics, amplitudes, start_s, period / in_period, in_period)
+            return self._inside(optics, sent, start_s, step, points)
+        table = self._inside(optics, sent, start_s, period / in_period, in_period)
         index, weight = chain.interpolation(np.arange(points) * (step * in_period / period), in_period)
-        field: NDArray[np.float32] = table[..., index[1]] * weight[1]
+        field: NDArray[np.complex64] = table[..., index[1]] * weight[1]
         if np.any(weight[[0, 2, 3]]):
             for corner in (0, 2, 3):
                 field += table[..., index[corner]] * weight[corner]
         return field
 
     def _inside(
-        self, optics: Optics, amplitudes: NDArray[np.float32], start_s: float, step: float, points: int
-    ) -> NDArray[np.float32]:
+        self, optics: Optics, sent: NDArray[np.complex64], start_s: float, step: float, points: int
+    ) -> NDArray[np.complex64]:
         """Root volts at light times within one period, page by page."""
-        shape = (len(amplitudes), optics.taps.shape[0], 2, len(optics.fields), -1)
+        every = step / optics.step_s
+        on_grid = every > 0.5 and abs(every - round(every)) * points < _OFF_GRID
         pages = []
         for begin in range(0, points, _PAGE_POINTS):
-            factors = self._page(optics, start_s + begin * step, step, min(points - begin, _PAGE_POINTS))
-            pages.append(_through(amplitudes, factors).reshape(shape))
+            count = min(points - begin, _PAGE_POINTS)
+            page = self._page(optics, start_s + begin * step, step, count, round(every) if on_grid else None)
+            if on_grid:
+                pages.append(through_delays(sent, page, count))
+            else:
+                shape = (*sent.shape[:2], len(optics.fields), count)
+                pages.append(in_blocks(sent.reshape(-1, sent.shape[-1]), page).reshape(shape))
         return pages[0] if len(pages) == 1 else np.concatenate(pages, axis=-1)
 
-    def _page(self, optics: Optics, start_s: float, step: float, points: int) -> tuple[NDArray[np.float32], ...]:
-        """Factors of the masks at `points` light times from `start_s`, kept while there is room.
+    def _page(
+        self, optics: Optics, start_s: float, step: float, points: int, every: int | None
+    ) -> NDArray[np.complex64]:
+        """The ports' light at `points` light times from `start_s` and delays before them, kept while there is room.
 
-        Masks are worth their making where records are short and many pictures see them.
+        Its spectrum where times are on the grid of the fields, each so many of its steps after the one before;
+        otherwise a matrix.
         """
         key = (optics.key, start_s, step, points)
         if key in self._pages:
             self._pages.move_to_end(key)
             return self._pages[key]
-        times = start_s + step * np.arange(points, dtype=np.float64)
-        light = chain.delayed(optics.fields, optics.taps.shape[-1], times, optics.step_s)
-        short = light.shape[1] <= _FOLDED_POINTS and self._parameters.fibre_drift_correlation == 1
-        page = (chain.masks(optics.taps, light),) if short else chain.tap_factors(optics.taps, light)
+        depth = optics.taps.shape[-1]
+        if every is None:
+            times = start_s + step * np.arange(points, dtype=np.float64)
+            page = chain.delayed(optics.fields, depth, times, optics.step_s)
+        else:
+            start = start_s / optics.step_s
+            page = chain.window_spectrum(optics.fields, depth, start=start, points=points, every=every)
         self._pages[key] = page
-        while (
-            sum(factor.nbytes for kept in self._pages.values() for factor in kept) > _KEPT_BYTES
-            and len(self._pages) > 1
-        ):
+        while sum(kept.nbytes for kept in self._pages.values()) > _KEPT_BYTES and len(self._pages) > 1:
             self._pages.popitem(last=False)
         return page
 
@@ -293,25 +310,55 @@ def snapped(phases: NDArray[np.float64], period: float, marks: NDArray[np.float6
     return np.where(close, marks[nearest], on_grid)
 
 
-def _through(amplitudes: NDArray[np.float32], factors: tuple[NDArray[np.float32], ...]) -> NDArray[np.float32]:
-    """Pictures (n, superpixels) through one factor of the masks after the other; a second one takes mode by mode."""
-    out = amplitudes
-    for factor in factors:
-        out = in_blocks(out.reshape(-1, factor.shape[0]), factor)
-    return out
+def _sent(optics: Optics, amplitudes: NDArray[np.float32]) -> NDArray[np.complex64]:
+    """What pictures (n, superpixels) send through each delay of each mode, (n, modes, delays)."""
+    sent = in_blocks(amplitudes, optics.sending).view(np.complex64)
+    return sent.reshape(len(amplitudes), optics.taps.shape[0], -1)
 
 
-def in_blocks(rows: NDArray[np.float32], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Product rows @ matrix in blocks of `IMAGE_BLOCK` rows, zero-padded, by `COLUMN_BLOCK` columns, for the cache.
+def through_delays(sent: NDArray[np.complex64], spectrum: NDArray[np.complex64], points: int) -> NDArray[np.complex64]:
+    """What arrives behind the ports, sum_d a_d g_m(t - d dt), at equidistant light times.
 
-    Every block has the same shape, so how many rows there are cannot change a byte of one.
+    A convolution by its Fourier transform; of the result only every so-manyth point is wanted, so that its spectrum is
+    folded before it is transformed back.
+
+    Args:
+        sent: (images, modes, delays) a, what pictures send through each delay: amplitudes times taps.
+        spectrum: (channels, every, F), of `chain.window_spectrum`.
+        points: how many.
+
+    Returns:
+        (images, modes, channels, points) complex64.
     """
-    missing = -rows.shape[0] % IMAGE_BLOCK
-    padded = np.pad(rows, ((0, missing), (0, 0))) if missing else rows
-    out = np.empty((padded.shape[0], matrix.shape[1]), np.float32)
+    _, every, frequencies = spectrum.shape
+    each = fft.fft(sent, every * frequencies, axis=-1).reshape(*sent.shape[:2], 1, every, frequencies)
+    folded = each[..., 0, :] * spectrum[:, 0]
+    for part in range(1, every):
+        folded += each[..., part, :] * spectrum[:, part]
+    field: NDArray[np.complex64] = fft.ifft(folded, axis=-1, overwrite_x=True)[..., :points]
+    return field
+
+
+Numbers = TypeVar("Numbers", np.float32, np.complex64)
+
+
+def in_blocks(rows: NDArray[Numbers], matrix: NDArray[Numbers]) -> NDArray[Numbers]:
+    """Product rows @ matrix in blocks of `IMAGE_BLOCK` rows, zero-padded, by `COLUMN_BLOCK` columns.
+
+    Every block has the same shape, so how many rows there are cannot change a byte of one. It is of a size that BLAS
+    multiplies where it stands: a single picture does not wait until the masks are copied.
+    """
+    images, whole = len(rows), len(rows) // IMAGE_BLOCK * IMAGE_BLOCK
+    out = np.empty((images, matrix.shape[1]), rows.dtype)
+    tail = np.zeros((IMAGE_BLOCK, rows.shape[1]), rows.dtype)
+    products = np.empty((IMAGE_BLOCK, matrix.shape[1]), rows.dtype)
+    tail[: images - whole] = rows[whole:]
     for left in range(0, matrix.shape[1], COLUMN_BLOCK):
-        columns = matrix[:, left : left + COLUMN_BLOCK]
-        for top in range(0, padded.shape[0], IMAGE_BLOCK):
-            block = slice(top, top + IMAGE_BLOCK)
-            np.matmul(padded[block], columns, out=out[block, left : left + COLUMN_BLOCK])
-    return out[: rows.shape[0]]
+        block = slice(left, left + COLUMN_BLOCK)
+        columns = matrix[:, block]
+        for top in range(0, whole, IMAGE_BLOCK):
+            np.matmul(rows[top : top + IMAGE_BLOCK], columns, out=out[top : top + IMAGE_BLOCK, block])
+        if whole < images:
+            np.matmul(tail, columns, out=products[:, block])
+    out[whole:] = products[: images - whole]
+    return out

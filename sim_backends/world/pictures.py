@@ -4,6 +4,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ class Sight:
 
     scenes: the scenes there are. scene: of each trigger. shown: latched when the trigger comes: what the record is
     named by. after: seen at the record's end. before: seen until the mirrors move. age_s: from the latch of `after` to
-    the trigger (s), NaN where they stand still throughout.
+    the trigger (s), infinite where they stand still throughout.
     """
 
     scenes: tuple["Scene", ...]
@@ -42,7 +43,9 @@ class Sight:
     @property
     def names(self) -> list[bytes]:
         """Digest of the pattern that is latched when each trigger comes."""
-        return [self.scenes[scene].names[row] for scene, row in zip(self.scene, self.shown, strict=True)]
+        return [
+            self.scenes[scene].names[row] for scene, row in zip(self.scene.tolist(), self.shown.tolist(), strict=True)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,7 @@ class Scene:
     trigger_delay_s: float = 0.0
     lit_s: float = math.inf
 
-    @property
+    @cached_property
     def still(self) -> bool:
         """Whether it is one picture that stays."""
         return len(self.names) == 2 and self.latched_s is None
@@ -76,6 +79,10 @@ class Scene:
         """Rows latched at `times` (s), rows before them, and when they were latched (s)."""
         number = self.number(times)
         return self._row(number), self._row(number - 1), self._latch_s(number)
+
+    def shown_at(self, times: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Rows latched at `times` (s)."""
+        return self._row(self.number(times))
 
     def advance(self, time_s: float) -> None:
         """An edge at the trigger input: in slave mode it latches the next picture, if the last one is old enough."""
@@ -97,7 +104,7 @@ class Scene:
             latched = np.where(times < self.start_s - _SLACK_S, -1.0, 0.0)
         else:
             latched = np.floor((times - self.start_s + _SLACK_S) / self.picture_time_s)
-        picture = np.asarray(np.clip(latched, -1.0, self.shown - 1), np.int64)
+        picture = np.asarray(np.minimum(np.maximum(latched, -1.0), self.shown - 1), np.int64)
         if math.isinf(self.lit_s):
             return picture
         dark = (picture >= 0) & (times - self._picture_s(picture) >= self.lit_s - _SLACK_S)
@@ -210,7 +217,7 @@ class Pictures:
     def latched(self, time_s: float) -> NDArray[np.float32]:
         """Amplitudes (r,) of the picture latched at `time_s`."""
         scene = self._scenes[-1]
-        amplitudes: NDArray[np.float32] = scene.amplitudes[scene.row(np.array([time_s]))[0][0]]
+        amplitudes: NDArray[np.float32] = scene.amplitudes[scene.shown_at(np.array([time_s]))[0]]
         return amplitudes
 
     def sight(self, times: NDArray[np.float64], *, begins_s: float, ends_s: float) -> Sight:
@@ -221,15 +228,15 @@ class Pictures:
         scenes = tuple(self._scenes)
         begin = np.array([scene.from_s for scene in scenes[1:]])
         number = np.searchsorted(begin, times + _SLACK_S, side="right").astype(np.int64)
-        shown, after, before = (np.zeros(times.size, np.int64) for _ in range(3))
+        shown, after, before = np.zeros((3, times.size), np.int64)
         age = np.zeros(times.size)
-        for scene in np.unique(number):
-            rows = np.flatnonzero(number == scene)
-            shown[rows], _, _ = scenes[scene].row(times[rows])
+        for scene in set(number.tolist()):
+            rows = number == scene
+            shown[rows] = scenes[scene].shown_at(times[rows])
             after[rows], before[rows], latch = scenes[scene].row(times[rows] + max(0.0, ends_s) - self._leaves_s)
             age[rows] = np.rint((times[rows] - latch) / _AGE_STEP_S) * _AGE_STEP_S
         moving = (after != before) & (age + min(0.0, begins_s) < self._arrives_s)
-        return Sight(scenes, number, shown, after, before, np.where(moving, age, np.nan))
+        return Sight(scenes, number, shown, after, before, np.where(moving, age, math.inf))
 
     def _keep(self, scene: Scene) -> None:
         """From now on it is the latest; the oldest ones are forgotten."""

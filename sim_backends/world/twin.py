@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,12 @@ class Optics:
     lit: bool
     idle_s: float | None
     delay_s: float
+
+    @cached_property
+    def sending(self) -> NDArray[np.float32]:
+        """The taps as (superpixels, modes * delays * real and imaginary): amplitudes times this are sent."""
+        superpixels = self.taps.shape[1]
+        return np.ascontiguousarray(self.taps.swapaxes(0, 1)).reshape(superpixels, -1).view(np.float32)
 
     def of_one(self, amplitudes: NDArray[np.float32]) -> "Optics":
         """The same for a single picture, mirrors of `amplitudes` (superpixels,) as one: cheap for a whole period."""

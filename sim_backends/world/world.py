@@ -11,10 +11,11 @@ that the number of triggers in a record changes nothing.
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from sim_backends.optics.launch import Launch
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world.keyed_random import Rekeyed, digest, generator, unit_noise
+from sim_backends.world.keyed_random import Rekeyed, digest, encoded, generator, named
 from sim_backends.world.light_path import Light, LightPath, snapped
 from sim_backends.world.pictures import Pictures, Sight
 from sim_backends.world.segments import DEFAULT_LEVEL_V, SegmentStarts
@@ -98,6 +99,7 @@ class World:
         self._recorded: Counter[bytes] = Counter()  # of every pattern, in this state
         self._triggers = 0  # recorded since the world began
         self._marker_phases = self._light_phases = np.empty(0)
+        self._rekeyed = Rekeyed()
         self.physics_seconds = perf_counter() - began
 
     def emit(self, emission: Emission | None, *, lit_from_s: float = 0.0) -> None:
@@ -227,6 +229,10 @@ class World:
         """Counter-based generator keyed by the twin's seed and `purpose`."""
         return generator(digest(self.twin_seed, *purpose))
 
+    def unit_noise(self, keys: Sequence[bytes], shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """White noise of unit variance, an array of `shape` for each of `keys`."""
+        return self._rekeyed.unit_noise(keys, shape)
+
     def next_triggers(
         self, condition: TriggerCondition, count: int, holdoff_s: float = 0.0, *, after_s: float | None = None
     ) -> NDArray[np.float64] | None:
@@ -263,48 +269,64 @@ class World:
         """
         began = perf_counter()
         times = np.asarray(trigger_times, np.float64)
-        shape = (len(times), len(acquisition.channels), acquisition.samples)
         sight = self._pictures.sight(
             times,
             begins_s=acquisition.start_s,
             ends_s=acquisition.start_s + acquisition.samples / acquisition.sample_rate,
         )
         keys = self._keys(sight.names, acquisition, setting)
-        offsets, lateness = np.zeros(shape[0]), np.empty(shape[0])
-        volts = np.empty(shape, np.float32)
-        white = np.empty((shape[0], *self._light_path.white_noise_shape(acquisition)), np.float32)
-        jitter_s = math.hypot(self.parameters.trigger_jitter_s, self.parameters.awg_jitter_s)
-        rekeyed = Rekeyed()
-        for number, key in enumerate(keys):
-            source = rekeyed.generator(key)
-            source.standard_normal(out=white[number], dtype=np.float32)
-            lateness[number] = jitter_s * source.standard_normal()
-            if not self.parameters.shared_reference:
-                offsets[number] = (source.random() - 0.5) / acquisition.sample_rate
+        white, lateness, offsets = self._drawn(keys, acquisition)
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse
         lights = [
-            (light, np.array(rows), self._setting(acquisition.channels, *light[:3], lit=light.lit))
+            (light, np.array(rows), self._under(light, acquisition.channels))
             for light, rows in self._alike(times, coarse, acquisition, sight).items()
         ]
-
-        def detect(noise: NDArray[np.float32], part: Acquisition, detected: NDArray[np.float32]) -> None:
-            for light, rows, light_setting in lights:
-                self._light_path.detect(noise, rows, lateness, part, light_setting, light, sight, detected)
-
-        def further(part: Acquisition) -> NDArray[np.float32]:
-            began = perf_counter()
-            others = np.empty((*shape[:2], part.samples), np.float32)
-            noise = unit_noise(
-                [digest(key, "further", float(part.start_s)) for key in keys], self._light_path.white_noise_shape(part)
-            )
-            detect(noise, part, others)
-            self.physics_seconds += perf_counter() - began
-            return others
-
-        detect(white, acquisition, volts)
+        detected = partial(self._detected, lights, sight, lateness)
+        volts = detected(acquisition, white)
         self.physics_seconds += perf_counter() - began
-        return Record(volts, offsets, tuple(keys), further)
+        return Record(volts, offsets, keys, partial(self._further, keys, detected))
+
+    def _drawn(
+        self, keys: Sequence[bytes], acquisition: Acquisition
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
+        """White noise of every trigger, how late it is and how far from the sampling grid (s): all from its key."""
+        white = np.empty((len(keys), *self._light_path.white_noise_shape(acquisition)), np.float32)
+        lateness, offsets = np.zeros((2, len(keys)))
+        for number, (key, noise) in enumerate(zip(keys, white, strict=True)):
+            source = self._rekeyed.generator(key)
+            source.standard_normal(out=noise, dtype=np.float32)
+            lateness[number] = source.standard_normal()
+            if not self.parameters.shared_reference:
+                offsets[number] = (source.random() - 0.5) / acquisition.sample_rate
+        return white, lateness * math.hypot(self.parameters.trigger_jitter_s, self.parameters.awg_jitter_s), offsets
+
+    def _detected(
+        self,
+        lights: Sequence[tuple[Light, NDArray[np.intp], Setting]],
+        sight: Sight,
+        lateness: NDArray[np.float64],
+        acquisition: Acquisition,
+        white: NDArray[np.float32],
+    ) -> NDArray[np.float32]:
+        """Volts of all triggers, group by group of those that see the same light."""
+        volts = np.empty((len(white), len(acquisition.channels), acquisition.samples), np.float32)
+        for light, rows, light_setting in lights:
+            self._light_path.detect(white, rows, lateness, acquisition, light_setting, light, sight, volts)
+        return volts
+
+    def _further(
+        self,
+        keys: Sequence[bytes],
+        detected: Callable[[Acquisition, NDArray[np.float32]], NDArray[np.float32]],
+        part: Acquisition,
+    ) -> NDArray[np.float32]:
+        """Volts of other points behind the same triggers, with noise of their own."""
+        began = perf_counter()
+        own = [digest(key, "further", float(part.start_s)) for key in keys]
+        volts = detected(part, self.unit_noise(own, self._light_path.white_noise_shape(part)))
+        self.physics_seconds += perf_counter() - began
+        return volts
 
     def _latch(self, counts: NDArray[np.uint16] | None, projection: Projection | None) -> None:
         if self._pictures.latch(counts, projection, self.clock.now):
@@ -331,26 +353,30 @@ class World:
         self._recorded.clear()
         self._light_phases = np.empty(0)
 
-    def _keys(self, shown: list[bytes], acquisition: Acquisition, setting: bytes) -> list[bytes]:
+    def _keys(self, shown: list[bytes], acquisition: Acquisition, setting: bytes) -> tuple[bytes, ...]:
         """Noise keys of triggers that come while the patterns named `shown` are latched; counts them."""
         if self._state is None:
             patched = (f"{channel}:{port}" for channel, port in sorted(self._patching.items()))
             self._state = digest(self._setting(CHANNELS, 0, None, 1, lit=True).key, *patched)
-        frames: dict[bytes, bytes] = {}
+        before, behind = encoded(self.twin_seed, self._state), encoded(acquisition.digest, setting)
+        frames = {name: encoded(named(before + encoded(name) + behind)) for name in dict.fromkeys(shown)}
         keys = []
         for name in shown:
-            if name not in frames:
-                frames[name] = digest(self.twin_seed, self._state, name, acquisition.digest, setting)
-            keys.append(digest(frames[name], self._recorded[name] if self._by_state else self._triggers))
+            keys.append(named(frames[name] + encoded(self._recorded[name] if self._by_state else self._triggers)))
             self._recorded[name] += 1
             self._triggers += 1
-        return keys
+        return tuple(keys)
 
     def _setting(
         self, channels: tuple[int, ...], step: int, segment: int | None, repeats: int, *, lit: bool
     ) -> Setting:
         ports = tuple(map(self._ports.get, channels))
         return Setting(self._emission if lit else None, self._playback, ports, step, segment, repeats)
+
+    def _under(self, light: Light, channels: tuple[int, ...]) -> Setting:
+        """What the instruments fix for triggers that see this light."""
+        segment = light.segment if light.segment >= 0 else None
+        return self._setting(channels, light.step, segment, light.repeats, lit=light.lit)
 
     def _crossings(self, condition: TriggerCondition) -> NDArray[np.float64]:
         """Phases (s) at which the light on a channel triggers."""
@@ -366,24 +392,14 @@ class World:
         self, times: NDArray[np.float64], coarse: NDArray[np.float64], acquisition: Acquisition, sight: Sight
     ) -> dict[Light, list[int]]:
         """Triggers that see the same light, on whatever patterns of one scene."""
-        groups: dict[Light, list[int]] = {}
         phases, segments, repeats = self._phases(times, acquisition)
-        columns = (times, segments, repeats, phases, coarse, sight.scene, sight.age_s)
-        for row, (time, segment, repeat, phase, shift, scene, age) in enumerate(
-            zip(*(column.tolist() for column in columns), strict=True)
-        ):
-            light = Light(
-                self._drift_step(time),
-                segment if segment >= 0 else None,
-                repeat,
-                phase,
-                shift,
-                scene,
-                None if math.isnan(age) else age,
-                time >= self._lit_from_s,
-            )
-            groups.setdefault(light, []).append(row)
-        return groups
+        steps = np.floor(times / self._drift_step_s).astype(np.int64)
+        lit = times >= self._lit_from_s
+        columns = (steps, segments, repeats, phases, coarse, sight.scene, sight.age_s, lit)
+        groups: dict[tuple[Any, ...], list[int]] = {}
+        for row, seen in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
+            groups.setdefault(seen, []).append(row)
+        return {Light(*seen): rows for seen, rows in groups.items()}
 
     def _phases(
         self, times: NDArray[np.float64], acquisition: Acquisition

@@ -57,16 +57,17 @@ class Dashboard:
 
 
 @contextmanager
-def dashboard(runs: Path, opening: Mapping[str, str] | None = None) -> Iterator[Dashboard]:
-    """`labctl dashboard` for the runs in a folder; the environment `opening` tells which browser it opens, if any."""
+def dashboard(runs: Path | str, opening: Mapping[str, str] | None = None) -> Iterator[Dashboard]:
+    """`labctl dashboard` for the runs in a folder or at a URL; `opening` tells which browser it opens, if any."""
     no_open = ["--no-open"] if opening is None else []
-    command = [*LABCTL, "dashboard", "--runs", runs.name, "--port", "0", "--json", *no_open]
+    named = ["--runs", runs.name] if isinstance(runs, Path) else [runs]
+    command = [*LABCTL, "dashboard", *named, "--port", "0", "--json", *no_open]
     with subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        cwd=runs.parent,
+        cwd=runs.parent if isinstance(runs, Path) else None,
         env=os.environ | (opening or {}),
     ) as process:
         assert process.stdout is not None

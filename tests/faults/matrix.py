@@ -50,22 +50,24 @@ SMALL = Parameters(chip_modes=50)
 RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=6", "--set", "window=0.4 ns")
 """Port 6 of this bench has light that one pair of probes shows: more would move the moments, which are counts."""
 TIMEOUT_S = 0.4
-BOUNDS = {
-    "instruments.tektronix_awg70002a.SLOW_S": TIMEOUT_S,
-    "instruments.tektronix_awg70002a.Awg70002a.self_test_s": TIMEOUT_S,
-    "instruments.tektronix_dpo72504dx.SELF_TEST_S": TIMEOUT_S,
-    "instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S": TIMEOUT_S,
-    "instruments.tektronix_dpo72504dx.BURST_WAIT_S": TIMEOUT_S,
-    "instruments.tektronix_dpo72504dx.STALLED_S": TIMEOUT_S,
-    "labctl.engine.recovery.PAUSE_S": 0.0,
-    "labctl.engine.recovery.ATTEMPTS": 2,
-}
-"""Waits that no station file sets, made short, and fewer attempts."""
+PATIENCE_S = 120.0
+"""The same of instruments that answer: nobody waits so long, and a busy machine decides nothing."""
+WAITS = (
+    "instruments.tektronix_awg70002a.SLOW_S",
+    "instruments.tektronix_awg70002a.Awg70002a.self_test_s",
+    "instruments.tektronix_dpo72504dx.SELF_TEST_S",
+    "instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S",
+    "instruments.tektronix_dpo72504dx.BURST_WAIT_S",
+    "instruments.tektronix_dpo72504dx.STALLED_S",
+)
+"""Bounds of waits that no station file sets."""
 
 NO_HARM, RECOVERED, CLIPPED = "no harm", "goes on", "clipped"
 ENDED, UNCONFIRMED, LEFT = "ends", "ends, unconfirmed", "ends, left as it was"
 TRANSPORTS = {"hislip": "HiSLIP", "vxi11": "VXI-11"}
 PHASES = ("connecting", "preparing", "acquiring", "finishing")
+MAKE_OTHERS_WAIT = ("awg", "dmd", "scope")
+"""Without them no trigger comes."""
 WITHOUT_QUEUE = ("dmd",)
 ANSWERS_FIRST = ("dmd",)
 """Instruments that must answer before they can be made safe; the others are told blindly."""
@@ -123,7 +125,7 @@ MOMENTS: dict[str, dict[str, Moment]] = {
 BEHIND_THE_LASER = {"power_meter": VirtualPm100, "amplifier": VirtualAmplifier, "attenuator": VirtualAttenuator}
 """Instruments that a bench need not have: all of them, where a fault befalls one."""
 BEHIND: dict[str, dict[str, object]] = {
-    "power_meter": {"driver": "thorlabs-pm100", "tap": 0.01, "timeout": TIMEOUT_S},
+    "power_meter": {"driver": "thorlabs-pm100", "tap": 0.01},
     "amplifier": {"driver": "table-amplifier", "power": "100 mW"},
     "attenuator": {"driver": "table-attenuator", "attenuation_db": 9.0},
 }
@@ -239,19 +241,24 @@ class Ended:
 
 
 @contextlib.contextmanager
-def short_waits() -> Iterator[None]:
-    """Bounds of waits that no station sets are short inside the block."""
+def short_waits(bound_s: float = TIMEOUT_S) -> Iterator[None]:
+    """Inside the block waits that no station sets are short, and attempts to go on are fewer, without a pause."""
     with pytest.MonkeyPatch.context() as settings:
-        for name, seconds in BOUNDS.items():
-            settings.setattr(name, seconds)
+        for name in WAITS:
+            settings.setattr(name, bound_s)
+        settings.setattr("labctl.engine.recovery.PAUSE_S", 0.0)
+        settings.setattr("labctl.engine.recovery.ATTEMPTS", 2)
         yield
 
 
-def carried_out(case: Case, folder: Path) -> Ended:
-    """Run a small acquisition on a bench with this fault; files go into `folder`."""
+def carried_out(case: Case, folder: Path, timeout_s: float = TIMEOUT_S) -> Ended:
+    """Run a small acquisition on a bench with this fault; files go into `folder`.
+
+    `timeout_s` bounds waits for the instrument that the fault befalls, and for what it makes others wait for.
+    """
     table = default_table()
-    table["transport"]["timeout_s"] = TIMEOUT_S
-    table["commands"]["is_settled"] |= {"timeout_s": TIMEOUT_S, "poll_s": 0.01}
+    table["transport"]["timeout_s"] = _patience_s(case, "laser", timeout_s)
+    table["commands"]["is_settled"] |= {"timeout_s": _patience_s(case, "laser", timeout_s), "poll_s": 0.01}
     written, errors = io.StringIO(), io.StringIO()
     bench = FaultyBench(
         [Befalling(case.role, case.fault, case.moment)],
@@ -260,14 +267,15 @@ def carried_out(case: Case, folder: Path) -> Ended:
         laser_table=table,
         plugged_in=BEHIND_THE_LASER if case.role in BEHIND else {},
     )
-    with bench, short_waits(), contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
+    waits = short_waits(timeout_s if case.role in MAKE_OTHERS_WAIT else PATIENCE_S)
+    with bench, waits, contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
         try:
             labctl(
                 (
                     *RUN,
                     *case.options,
                     "--station",
-                    str(_station(bench, case, table, folder)),
+                    str(_station(bench, case, table, folder, timeout_s)),
                     "--out",
                     str(folder / "run"),
                 )
@@ -279,9 +287,14 @@ def carried_out(case: Case, folder: Path) -> Ended:
     return Ended(status, json.loads(written.getvalue()), errors.getvalue(), _kept(folder / "run"), lit, bench.struck)
 
 
+def _patience_s(case: Case, role: str, timeout_s: float) -> float:
+    return timeout_s if role == case.role else PATIENCE_S
+
+
 def undisturbed(folder: Path, case: Case) -> Ended:
     """The same run without a fault."""
-    return carried_out(case._replace(fault=Fault("nothing"), moment=Moment("*IDN?"), transport="socket"), folder)
+    nothing = case._replace(fault=Fault("nothing"), moment=Moment("*IDN?"), transport="socket")
+    return carried_out(nothing, folder, PATIENCE_S)
 
 
 def outcome(case: Case, ended: Ended, expected: Ended) -> str:
@@ -324,19 +337,21 @@ def _kept(run: Path) -> NDArray[np.int8]:
         return np.asarray(stored.frames[: stored.done[0]])
 
 
-def _station(bench: FaultyBench, case: Case, table: Mapping[str, object], folder: Path) -> Path:
+def _station(bench: FaultyBench, case: Case, table: Mapping[str, object], folder: Path, timeout_s: float) -> Path:
     """A station file of `bench` with short timeouts."""
     commands, station = folder / "laser.toml", folder / "station.toml"
     commands.write_text(_toml(table))
     sections: dict[str, dict[str, object]] = {
-        name: {"timeout": f"{TIMEOUT_S} s"} for name in ("awg", "scope", "dmd", "patch_panel")
+        name: {"timeout": f"{_patience_s(case, name, timeout_s)} s"} for name in ("awg", "scope", "dmd", "patch_panel")
     }
     sections["laser"] = {"commands": str(commands)}
     if case.role in BEHIND:
         sections |= BEHIND
+        sections["power_meter"] = sections["power_meter"] | {"timeout": _patience_s(case, "power_meter", timeout_s)}
         for role, file in TABLES.items():
             own = folder / f"{role}.toml"
-            own.write_text(_toml(read_toml(file) | {"transport": {"timeout_s": TIMEOUT_S}}))
+            transport = {"timeout_s": _patience_s(case, role, timeout_s)}
+            own.write_text(_toml(read_toml(file) | {"transport": transport}))
             sections[role] = sections[role] | {"commands": str(own)}
     hasty = Station.model_validate(SIMULATED_STATION.model_dump(exclude_defaults=True) | sections)
     addresses = {role: found["socket"] for role, found in bench.resources.items()}

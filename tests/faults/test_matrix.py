@@ -9,6 +9,8 @@ from sim_backends.faults.catalogue import FRAMES, HISLIP, VXI11
 from tests.faults.document import DOCUMENT, document, documented
 from tests.faults.matrix import BEHIND, MOMENTS, Case, Ended, Way, carried_out, cases, outcome, undisturbed
 
+pytestmark = pytest.mark.usefixtures("forked_supervisors")
+
 WRITTEN = (Path(__file__).parents[2] / DOCUMENT).read_text(encoding="utf-8")
 DOCUMENTED = documented(WRITTEN)
 FRAMED_ONCE = (*FRAMES, *HISLIP, *VXI11, "refused", "lost inside", "no end", "empty", "lost inside a block")
@@ -40,7 +42,7 @@ def _chosen() -> list[object]:
 
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[Way, Ended]:
+def expected(tmp_path_factory: pytest.TempPathFactory, forked_supervisors: None) -> dict[Way, Ended]:
     ways = {case.way: case for case in cases()}
     return {way: undisturbed(tmp_path_factory.mktemp("undisturbed"), case) for way, case in ways.items()}
 

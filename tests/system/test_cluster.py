@@ -21,48 +21,11 @@ from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.report import as_json
 from labctl.studies.paper.reproduction import Plan, reproduce
 from labctl.studies.processes import processes
+from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.tasks import Engine, Interrupted
+from tests.clusters import Cluster
 
-DASK = (sys.executable, "-m", "dask")
 SEEDS = 3
-
-
-class Cluster:
-    """A scheduler and its workers, processes of this machine."""
-
-    def __init__(self, folder: Path, stack: ExitStack) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = free.getsockname()[1]
-        self.address = f"tcp://127.0.0.1:{port}"
-        self._port = port
-        self._folder = folder
-        self._stack = stack
-        self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
-        self.workers = [self.worker(), self.worker()]
-
-    def worker(self, threads: int = 1) -> subprocess.Popen[bytes]:
-        """One more."""
-        words = ("worker", self.address, "--nthreads", str(threads), "--no-nanny", "--no-dashboard")
-        return self._begun(*words, "--local-directory", str(self._folder))
-
-    def lose_all(self) -> None:
-        """The scheduler is killed, and its workers; others come to its place."""
-        for process in (self.scheduler, *self.workers):
-            process.kill()
-            process.wait()
-        self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard")
-        self.workers = [self.worker()]
-
-    def until_there(self, workers: int) -> None:
-        """Return when so many workers have come."""
-        with Client(self.address, timeout=60, set_as_default=False) as client:  # type: ignore[no-untyped-call]
-            client.wait_for_workers(workers, timeout=60)
-
-    def _begun(self, *words: str) -> subprocess.Popen[bytes]:
-        process = subprocess.Popen([*DASK, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        self._stack.callback(process.wait)
-        self._stack.callback(process.kill)
-        return process
 
 
 @pytest.fixture
@@ -152,14 +115,25 @@ def test_a_scheduler_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, he
     ]
 
 
-def test_the_points_of_a_sweep_are_its_workers_tasks(dask: Cluster, tmp_path: Path) -> None:
-    words = ("sweep", "image-readout", "--set", "images=20", "--set", "ports=2-3", "--over", "window=0.4 ns,1 ns,2 ns")
-    status, found = labctl_json(*words, "--scheduler", dask.address, "--out", str(tmp_path / "swept"))
-    assert (status, found["runs"], found["complete"], found["measured"]) == (0, 4, 4, 4)
-    assert labctl_json("sweep", *words[1:], "--out", str(tmp_path / "here"))[0] == 0
-    for run in sorted(tmp_path.glob("swept/0*")):
-        with h5py.File(run / "data.h5") as there, h5py.File(tmp_path / "here" / run.name / "data.h5") as here:
-            assert there["frames"][:].tobytes() == here["frames"][:].tobytes()
+def test_the_twins_of_a_sweep_are_tasks_of_four_workers(dask: Cluster, tmp_path: Path) -> None:
+    dask.workers += [dask.worker(), dask.worker()]
+    dask.until_there(4)
+    settings = ("--set", "images=20", "--set", "ports=2-3", "--set", "window=0.4 ns")
+    words = ("sweep", "image-readout", *settings, "--over", "sim.twin_seed=1:4:4", "--order", "as-given")
+    there = ("--scheduler", dask.address, "--store", str(tmp_path / "store"))
+    status, found = labctl_json(*words, *there, "--out", str(tmp_path / "swept"))
+    assert (status, found["runs"], found["complete"], found["measured"]) == (0, 5, 5, 5)
+    assert labctl_json(*words, "--scheduler", "local", "--out", str(tmp_path / "here"))[0] == 0
+    runs = sorted(path.name for path in (tmp_path / "store").iterdir())
+    assert len(runs) == 5
+    for run in runs:
+        with (
+            h5py.File(tmp_path / "store" / run / "data.h5") as one,
+            h5py.File(tmp_path / "here" / run / "data.h5") as other,
+        ):
+            assert one["frames"][:].tobytes() == other["frames"][:].tobytes()
+    _, judged = labctl_json("evaluate", str(tmp_path / "swept"), "--scheduler", dask.address)
+    assert judged["points"] == evaluate_sweep(tmp_path / "here")["points"]
 
 
 def labctl_json(*words: str) -> tuple[int, dict[str, Any]]:

@@ -1,8 +1,9 @@
-"""Runs that lie elsewhere, on S3, behind SSH or HTTP, wherever fsspec reaches: to look at, never to write to.
+"""Runs that lie elsewhere, on S3, behind SSH or HTTP, wherever fsspec reaches: to look at, and to put whole.
 
 A folder elsewhere is listed once and then known as it was at that time: what is there, how large, of what kind. What is
 requested after that is bytes, in blocks that are kept for a while. A `StorePath` is what readers take it for, a path,
-and has what they ask of one; `location` makes it of a URL and is the only one who does. The extra `store`.
+and has what they ask of one; `location` makes it of a URL and is the only one who does. Nothing there is changed; a run
+is put where none is. The extra `store`.
 """
 
 import errno
@@ -10,7 +11,7 @@ import io
 import re
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib import import_module
 from pathlib import Path, PurePosixPath
@@ -80,6 +81,11 @@ def is_elsewhere(path: Path) -> bool:
     return isinstance(path, StorePath)
 
 
+def alone(path: Path) -> Path:
+    """The same place by itself: of what lies in a store nothing is known yet, and nothing beside it is ever listed."""
+    return cast(Path, path.alone()) if isinstance(path, StorePath) else path
+
+
 @dataclass(frozen=True)
 class _Entry:
     """What a listing says of a file: its size, if it does, and a text that changes with it, empty for none."""
@@ -96,6 +102,14 @@ class _Folder:
         self._url = url
         self.block = lru_cache(BLOCKS_KEPT)(self._block)
         self._turn = Lock()
+
+    def __reduce__(self) -> "tuple[type[_Folder], tuple[str]]":
+        """Another process lists it anew."""
+        return _Folder, (self._url,)
+
+    def within(self, inner: str) -> "_Folder":
+        """A place in it as a folder of its own."""
+        return _Folder(f"{self._url}/{inner}" if inner else self._url)
 
     @cached_property
     def _opened(self) -> tuple[Any, str]:
@@ -183,6 +197,10 @@ class _Folder:
         """How a place is called in messages."""
         return f"{self.shown}/{inner}" if inner else self.shown
 
+    def url_of(self, inner: str) -> str:
+        """Where a place is, with whatever password there is in it: never to be shown."""
+        return f"{self._url}/{inner}" if inner else self._url
+
     def size(self, inner: str) -> int:
         """Bytes of a file; asked for where the listing does not say."""
         system, _ = self._opened
@@ -228,26 +246,51 @@ class _Folder:
             )
         return found
 
+    def put(self, files: Mapping[Path, str]) -> None:
+        """Put files, and folders, of this machine at places under the URL."""
+        system, _ = self._opened
+        try:
+            system.put([str(path) for path in files], [self._full(inner) for inner in files.values()])
+        except Exception as error:
+            raise self._unreachable(self.shown, error, "written") from error
+
     def _full(self, inner: str) -> str:
         root = self._opened[1].rstrip("/")
         return f"{root}/{inner}" if inner else root
 
-    def _unreachable(self, where: str, error: Exception) -> Unreachable:
+    def _unreachable(self, where: str, error: Exception, what: str = "read") -> Unreachable:
         why = _PASSWORD.sub(r"\1@", one_line(error) or type(error).__name__)[:LONGEST_REASON]
         return Unreachable(
-            f"{where}: cannot be read ({why}): see to the connection, the name and your credentials, and try again"
+            f"{where}: cannot be {what} ({why}): see to the connection, the name and your credentials, and try again"
         )
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True, eq=False)
 class StorePath:
     """A place in a store, with those of the methods of `pathlib.Path` that readers of runs call."""
 
-    _folder: _Folder = field(compare=False)
+    _folder: _Folder
     _inner: str = ""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, StorePath) and str(self) == str(other)
+
+    def __hash__(self) -> int:
+        return hash(str(self))
+
+    def __lt__(self, other: "StorePath") -> bool:
+        return str(self) < str(other)
 
     def __str__(self) -> str:
         return self._folder.name_of(self._inner)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For another process, which lists the place itself."""
+        return location, (self._folder.url_of(self._inner),)
+
+    def anew(self) -> "StorePath":
+        """The same place, to be listed again."""
+        return StorePath(_Folder(self._folder.url_of(self._inner)))
 
     def __truediv__(self, name: str) -> "StorePath":
         return StorePath(self._folder, f"{self._inner}/{name}" if self._inner else name)
@@ -312,6 +355,21 @@ class StorePath:
         strange = self._folder.strange
         if strange and (not self._inner or strange.startswith(f"{self._inner}/")):
             raise RunError(f"{self._folder.name_of(strange)}: is a link or a device, which no run has: remove it")
+
+    def alone(self) -> "StorePath":
+        """The same place, of which nothing is known yet."""
+        return StorePath(self._folder.within(self._inner))
+
+    def put(self, folder: Path, last: str) -> None:
+        """Put there what is in a folder of this machine, the file called `last` after all others.
+
+        Raises:
+            UsageError, RunError, Unreachable: there is no such store, its package is missing, or it refuses.
+        """
+        there = self._folder.within(self._inner)
+        inside = {path: path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*"))}
+        there.put({folder: ""} | {path: inner for path, inner in inside.items() if inner != last})
+        there.put({folder / last: last})
 
     def own_file(self, largest: int) -> "StoredFile":
         """It, to read, of at most `largest` bytes; they are requested as they are read.

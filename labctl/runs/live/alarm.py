@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from instruments.safe_state import MAY_EMIT
+from labctl.runs.format.store import is_elsewhere
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.events import EVENTS, Event, EventReader
 from labctl.runs.live.logs import EventLog
@@ -21,7 +22,12 @@ def disobeys(event: Event) -> bool:
 
 
 def may_emit(directory: Path) -> bool:
-    """Whether the last word about the laser of the run in `directory` is that it did not go dark."""
+    """Whether the last word about the laser of the run in `directory` is that it did not go dark.
+
+    Of a run elsewhere it says no: people are warned where that laser is.
+    """
+    if is_elsewhere(directory):
+        return False
     events = EventReader(directory / EVENTS, last_bytes=TAIL_BYTES)
     said = [event for event in events.read() if event.name in ABOUT_LIGHT]
     return bool(said) and disobeys(said[-1])

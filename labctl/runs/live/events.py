@@ -49,7 +49,7 @@ class EventReader:
         """
         try:
             with own_file(self._path) as file:
-                if os.fstat(file.fileno()).st_size < self._offset:
+                if file.seek(0, os.SEEK_END) < self._offset:
                     self._offset, self._torn = 0, b""
                 file.seek(self._offset)
                 found = file.read(min(READ_AT_ONCE, max(0, LARGEST - self._offset)))

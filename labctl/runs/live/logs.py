@@ -137,7 +137,8 @@ class Rounds:
     """Makes lines of messages, and of rounds of messages that are like an earlier one.
 
     A round is what is said from one acquisition to the next. Where one is in the log that it is like, its messages are
-    not written again, but for the few that are other ones. Then a line says
+    not written again, but for the few that are other ones, and for a setting whose last line in the log has another
+    value: what an instrument was set to last is always the last line of that setting. Then a line says
 
         17.204311 = run 49 times since 15.021764 the 14 messages of 3.151234: 9b32eafb e51a3452; 03c1d2e4 77a90f13; ...
 
@@ -154,6 +155,7 @@ class Rounds:
         self._like: Sequence[Message] = ()  # of the line that is being made
         self._since_s = self._until_s = 0.0
         self._blocks: list[str] = []  # of each round of it
+        self._set: dict[str, str] = {}  # the last line of each setting
 
     def add(self, message: Message) -> None:
         """One more message of a round."""
@@ -177,6 +179,7 @@ class Rounds:
                     self._known.clear()
                 self._known.setdefault(form, []).append(round_)
                 return
+        other = [one for one in round_ if one in other or self._is_set_otherwise(one)]
         if other or like is not self._like:
             self._write_lines(other)
             self._like, self._since_s = like, round_[0].at_s
@@ -190,8 +193,14 @@ class Rounds:
         messages, self._pending = self._pending, []
         self._write_lines(messages)
 
+    def _is_set_otherwise(self, message: Message) -> bool:
+        """Whether it is a setting, and the last line of that setting in the log has another value."""
+        what = _what_is_set(message.text)
+        return what is not None and self._set.get(what) != message.text
+
     def _write_lines(self, messages: Sequence[Message]) -> None:
         """The line that was being made, if any, and some messages behind it."""
+        self._set |= {what: one.text for one in messages if (what := _what_is_set(one.text)) is not None}
         line = ""
         if self._blocks:
             line = (
@@ -223,6 +232,14 @@ def _asked_once(messages: Sequence[Message]) -> Sequence[Message]:
         ):
             del found[-4:-2]
     return found
+
+
+@lru_cache(maxsize=512)
+def _what_is_set(text: str) -> str | None:
+    """The instrument and the name of a setting; None of a message that is none, or that has a block."""
+    direction, instrument, said = text.split(" ", 2)
+    name, _, value = said.partition(" ")
+    return f"{instrument} {name}" if direction == ">" and value and "?" not in name and "#<" not in value else None
 
 
 @lru_cache(maxsize=512)

@@ -26,7 +26,7 @@ def last_messages(path: Path) -> list[Message]:
     """The messages in the last `TAIL_BYTES` of a log, in their order; none where there is no log."""
     try:
         with own_file(path) as file:
-            begin = max(0, os.fstat(file.fileno()).st_size - TAIL_BYTES)
+            begin = max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES)
             file.seek(begin)
             lines = (file.read(TAIL_BYTES) or b"").decode(errors="replace").splitlines()
     except OSError:

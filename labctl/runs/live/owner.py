@@ -57,12 +57,12 @@ def writer_of(paths: RunPaths) -> Writer | None:
 def writer_named(started: Event, paths: RunPaths) -> Writer | None:
     """The process that one of `STARTS` names, if it still writes the run."""
     process = started.fields.get("process")
-    if not isinstance(process, int) or is_elsewhere(started) or not _writes(process, paths):
+    if not isinstance(process, int) or of_another_machine(started) or not _writes(process, paths):
         return None
     return Writer(process, started.fields.get("heeds_signals") is True)
 
 
-def is_elsewhere(started: Event) -> bool:
+def of_another_machine(started: Event) -> bool:
     """Whether another machine carries the run out: whether it still does cannot be found out here."""
     return started.fields.get("host") != platform.node()
 

@@ -94,7 +94,7 @@ class Follower:
         """
         try:
             with own_file(self.paths.journal) as file:
-                if os.fstat(file.fileno()).st_size < self._offset:  # set aside and begun anew
+                if file.seek(0, os.SEEK_END) < self._offset:  # set aside and begun anew
                     self._offset, self._entries, self._newest, self._shards = 0, [], {}, self._all()
                 file.seek(self._offset)
                 whole = file.read(READ_AT_ONCE).rpartition(b"\n")[0]

@@ -34,8 +34,10 @@ class Records:
     indices: NDArray[np.int64]
 
 
-def read_records(run: Run, kind: str = "image") -> Records:
-    """The shots of `kind` of a run: "image", "reference" or "dark".
+def read_records(run: Run, kind: str = "image", *, most: int | None = None) -> Records:
+    """The shots of `kind` of a run, "image", "reference" or "dark"; of more than `most` so many, evenly spread.
+
+    The run is read block by block: nothing grows with it but the records.
 
     Raises:
         AnalysisError: the run holds none.
@@ -44,10 +46,22 @@ def read_records(run: Run, kind: str = "image") -> Records:
     chosen = np.flatnonzero(shots["kind"] == kind)
     if not chosen.size:
         raise AnalysisError(f"{run.path}: holds no {kind} shots: acquire some first")
-    frames = volts(run.frames[chosen], run.scale, run.offset)
+    if most is not None and chosen.size > most:
+        chosen = chosen[np.linspace(0, chosen.size - 1, most).round().astype(np.intp)]
     interval = run.shape.sample_interval_s
+    frames, (ports, samples) = run.frames, run.frames.shape[1:]
+    traces = np.empty((chosen.size, ports, samples), np.float32)
+    step = max(1, BLOCK_SAMPLES // max(1, ports * samples))
+    for first in range(int(chosen[0]), len(frames), step):
+        begin, end = np.searchsorted(chosen, (first, first + step))
+        if begin == end:
+            continue
+        some = chosen[begin:end]
+        codes = frames[int(some[0]) : int(some[-1]) + 1]
+        moved = volts(codes[some - some[0]], run.scale, run.offset)
+        traces[begin:end] = resample(moved, run.trigger_offset_s[some], sample_interval_s=interval)
     return Records(
-        traces=resample(frames, run.trigger_offset_s[chosen], sample_interval_s=interval),
+        traces=traces,
         labels=shots["label"][chosen].astype(np.int64),
         groups=shots["group"][chosen].astype(np.int64),
         ports=run.ports,

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from instruments.units import Seconds
 from labctl.analysis.anomaly import CovarianceScore, NormalityScore, Roc, roc
-from labctl.analysis.baselines import dark_pixels
+from labctl.analysis.baselines import dark_pixels, dark_share
 from labctl.analysis.intervals import Statistic, pooled
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
@@ -96,6 +96,15 @@ class RuleFindings:
 Findings = dict[str, RuleFindings]
 
 
+@dataclass(frozen=True)
+class _Pictures:
+    """The images of a rule without their pixels: share of dark ones (shots,), and examples of either kind."""
+
+    dark: NDArray[np.float64]
+    normal: NDArray[np.bool_]
+    crack: NDArray[np.bool_]
+
+
 def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Learn the scores from normal images of one twin and test them on the others, for every rule and split."""
     return {rule.key: _by_rule(twin, rule, settings) for rule in settings.rules}
@@ -134,7 +143,7 @@ ANALYSIS = Analysis(Settings, examine, conclude)
 def _by_rule(twin: TwinRuns, rule: RuleSettings, settings: Settings) -> RuleFindings:
     records = twin.records(rule.run)
     features = window_features(records, settings.window)
-    images = twin.images_at(rule.run, records.groups)
+    pictures = twin.once(f"pictures of {rule.run}", partial(_pictures, twin, rule.run, records, settings))
     makers: Mapping[str, Callable[[], Any]] = {
         "normality": partial(NormalityScore, settings.alpha),
         "covariance": CovarianceScore,
@@ -151,9 +160,16 @@ def _by_rule(twin: TwinRuns, rule: RuleSettings, settings: Settings) -> RuleFind
                 values = score.score_samples(features[tested])
                 curve = roc(values, np.arange(tested.size) >= test.size)
                 scores[name].append(ScoredSplit(curve, values[: test.size], values[test.size :], threshold))
-            counted.append(dark_pixels(images[tested], np.arange(tested.size) >= test.size, normal=images[train]))
-    normal = np.flatnonzero(records.labels == NORMAL)
-    return RuleFindings(scores, counted, images[normal[: settings.examples]], images[cracks[: settings.examples]])
+            abnormal = np.arange(tested.size) >= test.size
+            counted.append(dark_pixels(pictures.dark[tested], abnormal, normal=pictures.dark[train]))
+    return RuleFindings(scores, counted, pictures.normal, pictures.crack)
+
+
+def _pictures(twin: TwinRuns, run: str, records: Records, settings: Settings) -> _Pictures:
+    """What is needed of the photographs of a run: all of them by themselves are a hundred megabytes."""
+    images = twin.images_at(run, records.groups)
+    examples = (images[records.labels == label][: settings.examples] for label in (NORMAL, CRACK))
+    return _Pictures(dark_share(images), *examples)
 
 
 def _splits(records: Records, train: int, twin: TwinRuns) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:

@@ -34,6 +34,8 @@ def check(plan: Plan) -> dict[str, Exception]:
     """
     if plan.folder.is_file() or (plan.folder.is_dir() and any(plan.folder.iterdir())):
         raise UsageError(f"--out = {plan.folder}: is not empty: name a new folder")
+    if plan.store is not None and not plan.station.wholly_simulated:
+        raise UsageError(f"--store = {plan.store}: runs of a real bench are measured into --out: leave --store out")
     problems: dict[str, Exception] = {}
     with ExitStack() as stack:
         benches = _Benches(plan, stack)

@@ -19,6 +19,7 @@ from labctl.bench.station import Station
 from labctl.engine.engine import Outcome
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError, StationError
+from labctl.runs.format.store import alone
 from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
@@ -57,7 +58,7 @@ class Plan:
     Attributes:
         experiments: The experiments.
         station: The bench; where all of it is simulated, each seed is another twin.
-        folder: Where the runs go.
+        folder: Where the report goes.
         quick: Fewer twins and splits.
         seeds: How many seeds, in place of what the experiments say.
         first_seed: The first of them.
@@ -66,6 +67,7 @@ class Plan:
         engine: Who carries out what can be done side by side.
         name: What the directory of a run is called, by the run's name in the experiment file, its protocol and the
             twin's parameters that it changes.
+        store: Where the runs go, a folder or a place in a store; None: into `folder`.
     """
 
     experiments: tuple[Experiment, ...]
@@ -78,6 +80,11 @@ class Plan:
     access: Access = Access()
     engine: Engine = processes
     name: Callable[[str, Measurement[Any], Mapping[str, Any]], str] = name_by_settings
+    store: Path | None = None
+
+    def place_of(self, run: str) -> Path:
+        """Where a run of this name goes."""
+        return alone((self.store or self.folder) / run)
 
     def seeds_of(self, experiment: Experiment) -> tuple[int, ...]:
         """Seeds of an experiment, one after the other."""
@@ -247,7 +254,7 @@ def _twins(plan: Plan, experiment: Experiment, seed: int) -> tuple[TwinRuns, ...
     return tuple(
         TwinRuns(
             {
-                name: plan.folder / plan.name(name, protocol, experiment.runs[name].parameters)
+                name: plan.place_of(plan.name(name, protocol, experiment.runs[name].parameters))
                 for name, protocol in protocols.items()
             },
             protocols,

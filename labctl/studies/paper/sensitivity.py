@@ -147,7 +147,7 @@ def acquisition_of(plan: Plan, experiment: Experiment, run: str, point: Point, w
     """The run of one twin, as long as `window_s`, single triggers."""
     single, *_ = plan.columns_of(experiment, point.seed)
     protocol = single[run].model_copy(update={"window": window_s})
-    return plan.acquisition(protocol, plan.folder / point.name, dict(point.parameters))
+    return plan.acquisition(protocol, plan.place_of(point.name), dict(point.parameters))
 
 
 def judged(run: Acquisition, splits: int, windows_s: Sequence[float]) -> list[NDArray[np.float64]] | None:

@@ -1,7 +1,8 @@
 """What a sweep says: how well a readout works at each of its points, and whether the bench drifted meanwhile."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,37 +13,46 @@ from labctl.reports.figures.sweep import sweep_figure
 from labctl.reports.pictures import save_figure
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
+from labctl.runs.format.store import alone
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep import places, read
+from labctl.studies.sweeps.folder import runs_of
+from labctl.studies.tasks import one_by_one
 
 FIGURES = "figures"
+Judged = dict[str, Any]
 _VALUE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
 
 def evaluate_sweep(
-    directory: Path, *, window_s: float | None = None, ports: Sequence[int] | None = None
+    directory: Path,
+    *,
+    window_s: float | None = None,
+    ports: Sequence[int] | None = None,
+    carried_out: Callable[[Mapping[str, Callable[[], Judged]]], Mapping[str, Judged]] = one_by_one,
 ) -> dict[str, Any]:
     """Accuracy of a softmax readout at every point of a sweep that was measured, by random splits; draws its figure.
 
     window_s: part of each record that the readout sees, None for all. ports: those that it sees, None for all. The
     interval is Wilson's, of as many images as the run shows. Runs at one point, such as the reference, are listed in
-    the order they were measured: they differ by chance and by drift.
+    the order they were measured: they differ by chance and by drift. carried_out: who reads the runs and judges them.
 
     Raises:
         AnalysisError: nothing is measured yet, or a run has no such window or ports, or too few images.
         RunError: no such sweep, or one of its runs is damaged.
     """
-    rows = []
-    for name, values in places(read(directory).sweep):
-        if RunPaths(directory / name).manifest.exists():
-            rows.append({"run": name, **values, **_accuracy(directory / name, window_s, ports)})
+    file = read(directory)
+    runs = runs_of(directory, file)
+    there = {name: values for name, values in places(file.sweep) if RunPaths(runs / name).manifest.exists()}
+    judged = carried_out({name: partial(_accuracy, alone(runs / name), window_s, ports) for name in there})
+    rows = [{"run": name, **values, **judged[name]} for name, values in there.items()]
     if not rows:
         raise AnalysisError(f"{directory}: nothing is measured yet: go on with 'labctl resume {directory}'")
-    axes = list(values)
+    axes = list(file.sweep.over)
     again = [[row for row in rows if all(row[axis] == one[axis] for axis in axes)] for one in rows]
     repeated = max(again, key=len)
-    figure, origin = _figure(rows, axes), Origin.of_runs(directory / row["run"] for row in rows)
+    figure, origin = _figure(rows, axes), Origin.of_runs(runs / row["run"] for row in rows)
     with writing(directory / FIGURES, "make room"):
         (directory / FIGURES).mkdir(exist_ok=True)
         pictures = save_figure(figure, directory / FIGURES / "accuracy", origin)
@@ -55,7 +65,7 @@ def evaluate_sweep(
     }
 
 
-def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) -> dict[str, Any]:
+def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) -> Judged:
     with open_run(run) as opened:
         records, complete = read_records(opened), opened.complete
     found = recognition(

@@ -26,6 +26,7 @@ from labctl.engine.start import this_process
 from labctl.errors import RunError, RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
+from labctl.runs.format.store import alone, is_elsewhere, location
 from labctl.runs.index import run_row
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import OWNER, owned
@@ -58,9 +59,14 @@ def new_directory(protocol: Measurement[Any], started: datetime) -> Path:
 
 
 def begin(
-    directory: Path, sweep: Sweep, protocol: type[Measurement[Any]], station: Station, said: Said | None = None
+    directory: Path,
+    sweep: Sweep,
+    protocol: type[Measurement[Any]],
+    station: Station,
+    said: Said | None = None,
+    store: Path | None = None,
 ) -> None:
-    """Make the folder of a sweep; what is `said` of it holds for each of its runs.
+    """Make the folder of a sweep; what is `said` of it holds for each of its runs, which go to `store` if there is one.
 
     Raises:
         RunExists: there is something in it.
@@ -80,8 +86,25 @@ def begin(
         protocol_file="" if file is None else str(file.path),
         protocol_sha256="" if file is None else file.sha256,
         said=said or Said(),
+        store="" if store is None else str(store if is_elsewhere(store) else store.absolute()),
     )
     replace_file(directory / FILE, kept.model_dump_json(indent=2).encode(), not_made)
+    if kept.store:
+        remember(directory / FILE)
+
+
+def runs_of(directory: Path, file: SweepFile) -> Path:
+    """The folder that has the runs of a sweep.
+
+    Raises:
+        RunError: it says that they are in a store, and it was not begun here: whoever wrote that has no say here.
+    """
+    if file.store and not is_own(directory / FILE):
+        raise RunError(
+            f"{directory / FILE}: was not written here, and names {file.store} for its runs: look at them with "
+            f"'labctl runs {file.store}'"
+        )
+    return location(file.store) if file.store else directory
 
 
 def protocol_of(directory: Path, file: SweepFile) -> type[Measurement[Any]]:
@@ -181,7 +204,8 @@ def carry_out_side_by_side(
 ) -> Measured:
     """Measure what the runs of a sweep still lack, as many at once as `engine` has workers; each bench is simulated.
 
-    progress: called again and again with how many of the runs that were missing are done, and of how many.
+    progress: called again and again with how many of the runs that were missing are done, and of how many. The runs are
+    where the sweep's file says.
 
     It heeds what its folder is told but a pause, and its runs what they are told.
 
@@ -191,18 +215,22 @@ def carry_out_side_by_side(
         StoppedBySignal: it was told to stop at once.
         LabctlError: as `session.acquire` and `session.resume`.
     """
-    missing = [point for point in every if not _is_complete(directory / point.name)]
+    file = read(directory)
+    runs = runs_of(directory, file)
+    complete = {point.name for point in every if _is_complete(runs / point.name)}
+    missing = [point for point in every if file.store or point.name not in complete]
     if not missing:
         return Measured(directory, len(every), len(every), 0)
     if real := next((point.station for point in missing if not point.station.wholly_simulated), None):
         raise StationError(f"{real.source}: one bench measures one run after the other: leave --scheduler out")
-    saying = Saying(read(directory).said)
+    saying = Saying(file.said)
     tasks: dict[str, Callable[[], Outcome]] = {}
     for point in missing:
-        run = directory / point.name
-        if RunPaths(run).manifest.exists():
+        run = alone(runs / point.name)
+        begun = not is_elsewhere(run) and RunPaths(run).manifest.exists()
+        if begun and point.name not in complete:
             tasks[point.name] = partial(resume_run, Resumption(run, point.station, data, access), saying)
-        else:
+        else:  # one that is complete in a store is looked at: another sweep may have put it there
             tasks[point.name] = partial(acquire_run, _acquisition(point, run, data, access), saying)
     with _under_way(directory, interruption) as control, suppress(Interrupted):
 
@@ -211,8 +239,9 @@ def carry_out_side_by_side(
                 progress(done, len(tasks))
 
         in_parallel(tasks, engine=engine, interruption=interruption, progress=follow)
-    measured = sum(_is_complete(directory / point.name) for point in missing)
-    return Measured(directory, len(every), len(every) - len(missing) + measured, measured)
+    runs = alone(runs)
+    now = sum(_is_complete(runs / point.name) for point in every)
+    return Measured(directory, len(every), now, now - len(complete))
 
 
 def _acquisition(point: Point, run: Path, data: Path | None, access: Access) -> Acquisition:
@@ -251,20 +280,20 @@ class _Heeding(Observer):
 
 
 def _is_complete(run: Path) -> bool:
-    """Whether nothing of a run is missing, nor its data.h5."""
+    """Whether nothing of a run is missing, nor its data.h5; a run in a store is whole."""
     paths = RunPaths(run)
-    return paths.data.exists() and run_row(paths).complete
+    return paths.manifest.exists() if is_elsewhere(run) else paths.data.exists() and run_row(paths).complete
 
 
 def forecasts(every: list[Point], *, data: Path | None, access: Access) -> Iterator[dict[str, Any]]:
-    """What each run of a sweep will do; those of equal protocol and bench are asked for once.
+    """What each run of a sweep will do; those of equal protocol and bench, whichever twin, are asked for once.
 
     Raises:
         LabctlError: as `forecast`: what was asked for is wrong, or this bench cannot do it.
     """
     known: dict[str, dict[str, Any]] = {}
     for point in every:
-        key = f"{point.protocol.digest()} {_digest(point.station)}"
+        key = f"{point.protocol.digest()} {_digest(point.station.twin(0))}"
         if key not in known:
             known[key] = forecast(Acquisition(point.protocol, point.station, None, data, access))
         yield known[key]

@@ -37,7 +37,7 @@ from sim_backends.virtual.oscilloscope.plan import Plan, planned
 from sim_backends.virtual.oscilloscope.transfer import Preamble, Trace, Transfer
 from sim_backends.virtual.oscilloscope.trigger import Trigger
 from sim_backends.virtual.oscilloscope.vertical import BANDWIDTH_HZ, CHANNELS, Channel, Vertical
-from sim_backends.world.keyed_random import digest, unit_noise
+from sim_backends.world.keyed_random import digest
 from sim_backends.world.signals import Acquisition, Record
 from sim_backends.world.world import World
 
@@ -350,7 +350,7 @@ class AcquisitionSystem(Oscilloscope):
         """Codes (channels, triggers, samples)."""
         began = perf_counter()
         triggers, channels, samples = record.volts.shape
-        noise = unit_noise([digest(key, "digitiser") for key in record.keys], (channels, samples))
+        noise = self.world.unit_noise([digest(key, "digitiser") for key in record.keys], (channels, samples))
         noise *= self._digitiser_noise
         codes = self._no_codes(channels, triggers, samples)
         for channel, vertical in enumerate(verticals):

@@ -13,6 +13,7 @@ from labctl.analysis.evaluation import (
     validate,
     window_key,
 )
+from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.splits import enough_splits, forward_in_time_split, own_split, random_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
@@ -166,3 +167,30 @@ def test_the_key_of_a_window(window_s: float, key: str) -> None:
 
 def test_a_single_score_has_no_spread() -> None:
     assert mean_and_sd(np.array([0.5])) == {"mean": 0.5, "sd": 0.0}
+
+
+def test_all_splits_at_once_are_what_each_is_by_itself(digits: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    frames, labels, groups = digits
+    features = frames[:, :, :6].reshape(labels.size, -1)
+    ways = [*random_splits(labels, groups, splits=4, seed=3), forward_in_time_split(groups, test_size=0.3)]
+    together, alone = validate(features, labels, ways), validate(features, labels, ways, readout=softmax_classifier())
+    for (_, test), one, other in zip(ways, together.scores, alone.scores, strict=True):
+        assert abs(one - other) * test.size < 1.5  # either ends near the same optimum: an image now and then
+    assert np.abs(together.confusion - alone.confusion).sum() <= 4
+    assert together.classes.tolist() == alone.classes.tolist()
+
+
+def test_a_class_that_a_training_part_lacks_is_never_answered(
+    digits: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    frames, labels, _ = digits
+    places = np.arange(labels.size)
+    lacking = (places[labels != 3][::2], places)
+    judged = validate(frames.reshape(labels.size, -1), labels, [(places, places), lacking])
+    assert judged.confusion[:, 3].sum() == pytest.approx(np.count_nonzero(labels == 3), abs=2)
+    assert judged.scores[1] <= np.mean(labels != 3)
+
+
+def test_features_that_are_not_finite_are_one_error() -> None:
+    with pytest.raises(AnalysisError, match="leave the broken shots out"):
+        validate(np.array([[0.0], [np.nan], [1.0]]), np.array([0, 1, 0]), [(np.arange(2), np.arange(2, 3))])

@@ -13,6 +13,7 @@ from labctl.dashboard.learning import Learning
 from labctl.dashboard.monitor import Watching
 from labctl.engine.session import Acquisition, acquire
 from protocols.image_readout import ImageReadout
+from tests.system.waiting import until
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +106,15 @@ def test_what_the_command_refuses_is_told() -> None:
     started.process.wait(60)
     assert "images = 'many'" in started.failure()
     started.printed.close()
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="looks into /proc")
+def test_a_command_that_has_ended_is_no_process_any_more_though_nobody_asks() -> None:
+    started = launcher.start(["--version"], {})
+    entry = Path(f"/proc/{started.process.pid}")
+    started.printed.close()
+    del started
+    until(lambda: not entry.exists())
 
 
 def test_a_dashboard_without_its_extra_names_it(

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim_backends.optics import cavity, chain, derived, fibre, receiver
+from sim_backends.optics import cavity, chain, derived, fibre
 from sim_backends.parameters import Parameters
+from sim_backends.world.light_path import through_delays
 
 PARAMETERS = Parameters()
 RATE = 25e9
@@ -33,7 +34,10 @@ def taps() -> NDArray[np.complex64]:
 def masks_at(
     fields: NDArray[np.complex64], taps: NDArray[np.complex64], times: NDArray[np.float64], step_s: float
 ) -> NDArray[np.float32]:
-    return chain.masks(taps, chain.delayed(fields, taps.shape[-1], times, step_s))
+    """The masks C of one collected mode, real and imaginary parts: (superpixels, 2 * channels * K)."""
+    (of_mode,) = taps
+    masks = of_mode @ chain.delayed(fields, taps.shape[-1], times, step_s)
+    return np.concatenate([masks.real, masks.imag], axis=1)
 
 
 def test_grid_is_five_picoseconds_and_light_has_unit_power(light: chain.DriveLight) -> None:
@@ -90,17 +94,32 @@ def test_masks_are_the_sum_over_delays(
     assert masks[superpixel, 0, 1, channel, k] == pytest.approx(expected.imag, rel=1e-3, abs=1e-7)
 
 
-def test_factors_of_masks_are_the_masks(
-    light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64]
+@pytest.mark.parametrize("every", [1, 2, 3])
+@pytest.mark.parametrize("start", [0.0, -300.25, 3990.0, 12345.5])
+def test_a_convolution_is_the_sum_over_delays(
+    light: chain.DriveLight, transfer: NDArray[np.complex128], taps: NDArray[np.complex64], start: float, every: int
 ) -> None:
-    two_modes = np.concatenate([taps, 1j * taps[:, ::-1]])
+    """Of two modes behind two ports and the bypass, from anywhere in the period and across its end."""
+    two_modes, points = np.concatenate([taps, 1j * taps[:, ::-1]]), 60
     fields = chain.port_fields(light, transfer, [(2, 1.0), (5, 1.0), (chain.BYPASS, 1.0)])
-    delayed = chain.delayed(fields, taps.shape[-1], np.array([0.0, 33e-12, 5e-9, 19.99e-9]), light.step_s)
-    picture = np.random.default_rng(3).random(size=(1, taps.shape[1]), dtype=np.float32)
-    first, second = chain.tap_factors(two_modes, delayed)
-    through = ((picture @ first).reshape(-1, len(second)) @ second).reshape(1, -1)
-    expected = picture @ chain.masks(two_modes, delayed)
-    np.testing.assert_allclose(through, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+    pictures = np.random.default_rng(3).random(size=(5, taps.shape[1]), dtype=np.float32)
+    sent = np.asarray((pictures @ two_modes).swapaxes(0, 1), np.complex64)
+    times = (start + every * np.arange(points, dtype=np.float64)) * light.step_s
+    delayed = chain.delayed(fields, taps.shape[-1], times, light.step_s)
+    expected = np.matmul(sent, delayed).reshape(5, 2, 3, points)
+    spectrum = chain.window_spectrum(fields, taps.shape[-1], start=start, points=points, every=every)
+    through = through_delays(sent, spectrum, points)
+    np.testing.assert_allclose(through, expected, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("images", [1, 2, 3, 5, 8, 17])
+def test_number_of_images_changes_no_byte_of_a_convolution(images: int) -> None:
+    rng = np.random.default_rng(5)
+    sent = np.asarray(rng.normal(size=(17, 1, 236)) + 1j * rng.normal(size=(17, 1, 236)), np.complex64)
+    fields = np.asarray(rng.normal(size=(3, 4000)) + 1j * rng.normal(size=(3, 4000)), np.complex64)
+    spectrum = chain.window_spectrum(fields, 236, start=17.25, points=216, every=2)
+    some = through_delays(sent[:images], spectrum, 216)
+    assert np.array_equal(some, through_delays(sent, spectrum, 216)[:images])
 
 
 def test_masks_change_within_one_symbol(
@@ -145,7 +164,7 @@ def test_mean_volts_is_the_mean_over_the_period(
     fields = chain.port_fields(light, transfer, [(2, 1.0), (chain.BYPASS, 1.0)])
     amplitudes = np.random.default_rng(4).random(size=(taps.shape[1],), dtype=np.float32)
     masks = masks_at(fields, taps, np.arange(4000, dtype=np.float64) * light.step_s, light.step_s)
-    volts = receiver.fast_volts((amplitudes @ masks).reshape(2, 1, 2, 4000))
+    volts = np.square((amplitudes @ masks).reshape(2, 2, 4000)).sum(axis=0)
     np.testing.assert_allclose(chain.mean_volts(amplitudes, fields, taps), volts.mean(axis=1), rtol=1e-4)
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sim_backends.world.keyed_random import Purpose, Rekeyed, digest, generator, unit_noise
+from sim_backends.world.keyed_random import Purpose, Rekeyed, digest, generator
 from sim_backends.world.world import World
 
 
@@ -39,7 +39,7 @@ def test_a_rekeyed_generator_starts_anew_with_every_key() -> None:
 
 def test_noise_of_a_key_is_the_same_however_many_keys_there_are() -> None:
     keys = [digest(number) for number in range(5)]
-    together = unit_noise(keys, (2, 300))
-    assert np.array_equal(together[3], unit_noise(keys[3:4], (2, 300))[0])
+    together = Rekeyed().unit_noise(keys, (2, 300))
+    assert np.array_equal(together[3], Rekeyed().unit_noise(keys[3:4], (2, 300))[0])
     assert len(np.unique(together)) > 2900
     assert together.std() == pytest.approx(1.0, abs=0.05)

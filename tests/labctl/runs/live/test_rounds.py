@@ -72,6 +72,14 @@ def test_what_is_another_message_is_written_as_it_is(log: CommandLog, tmp_path: 
     assert "run 1 times" in line
 
 
+def test_the_last_line_of_a_setting_is_what_was_set_last(log: CommandLog, tmp_path: Path) -> None:
+    for scale in ("0.1", "0.2", "0.2", "0.1", "0.1"):
+        log("scope", ">", f"CH1:SCAle {scale}")
+        shot(log, 1, 1)
+    settings = [line.split()[-1] for line in lines(log, tmp_path) if "CH1:SCAle" in line]
+    assert settings == ["0.1", "0.2", "0.1"]
+
+
 def test_a_round_that_differs_in_much_is_written_as_it_is(log: CommandLog, tmp_path: Path) -> None:
     for first in (1, 2):
         for place in range(6):

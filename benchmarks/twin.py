@@ -1,0 +1,129 @@
+"""How fast the twin is by itself, in processor time of one core: bursts against the DMD's rate, and single shots.
+
+    python -m benchmarks.twin
+
+Four channels, one thread of BLAS, pictures a quarter on. Neither instruments nor sockets take part. A burst is bounded
+by the product of its pictures with the masks of its samples, which the twin itself never makes.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from benchmarks.rows import Goal, Row, Timing, interleaved
+from sim_backends.optics.mirrors import MIRRORS_PER_SUPERPIXEL, SIDE
+from sim_backends.optics.receiver import digitiser_noise_codes, quantised
+from sim_backends.parameters import Parameters
+from sim_backends.world.keyed_random import digest
+from sim_backends.world.signals import AUX, Acquisition, Emission, Playback, Projection, Record, TriggerCondition
+from sim_backends.world.world import CHANNELS, World
+
+RATE, PERIOD, PICTURE_S = 25e9, 2500, 44e-6
+PICTURES, SHOTS = 500, 20
+SCALE_V = 0.05
+
+
+def pictures(count: int) -> NDArray[np.uint16]:
+    """Mirrors on in every superpixel, (count, 784)."""
+    on = np.random.default_rng(1).random((count, SIDE**2)) < 0.25
+    return (on * MIRRORS_PER_SUPERPIXEL**2).astype(np.uint16)
+
+
+def lit_world(*, triggered: bool) -> World:
+    """A twin with light, four ports, and a drive of 100 ns: by frame synch pulses, or for ever."""
+    volts = np.random.default_rng(2).uniform(-0.25, 0.25, PERIOD).astype(np.float32)
+    periods = 3 if triggered else 1
+    marker = np.arange(periods * PERIOD) < PERIOD // 2
+    world = World(Parameters())
+    world.emit(Emission(1550.0, 0.03))
+    world.patch({channel: channel + 1 for channel in CHANNELS})
+    lengths = (periods * PERIOD,) if triggered else None
+    world.play(Playback(np.tile(volts, periods), marker, 0.0, 1.0, RATE, lengths))
+    return world
+
+
+def recorded(world: World, shown: NDArray[np.uint16], samples: int, *, triggers: int, start_s: float) -> Record:
+    """Project pictures and record so many triggers."""
+    world.project(Projection(shown, world.clock.now, PICTURE_S, synch_delay_s=2e-6))
+    if triggers != len(shown):
+        world.clock.advance(PICTURE_S)
+    times = world.next_triggers(TriggerCondition(AUX, 0.5, rising=True), triggers, 2e-6)
+    if times is None:
+        raise RuntimeError("the twin gave no trigger")
+    record = world.record(Acquisition(CHANNELS, RATE, samples, start_s), times)
+    world.clock.advance(len(shown) * PICTURE_S + 1e-3)
+    return record
+
+
+def digitised(world: World, record: Record) -> NDArray[np.int8] | NDArray[np.int16]:
+    """Codes, as the oscilloscope makes them."""
+    noise = world.unit_noise([digest(key, "digitiser") for key in record.keys], record.volts.shape[1:])
+    noise *= np.float32(digitiser_noise_codes(world.parameters.enob))
+    return quantised(record.volts, noise, SCALE_V, 0.0, -3.0)
+
+
+def masks_product(samples: int) -> Callable[[], object]:
+    """As many pictures times masks of as many samples: points every `record_step_s`, real and imaginary parts."""
+    points = samples * math.ceil(1 / (RATE * Parameters().record_step_s))
+    shown = pictures(PICTURES).astype(np.float32)
+    masks = np.random.default_rng(3).random((SIDE**2, 2 * len(CHANNELS) * points), np.float32)
+    out = np.empty((PICTURES, masks.shape[1]), np.float32)
+    return partial(np.matmul, shown, masks, out=out)
+
+
+def burst_rows(samples: int) -> list[Row]:
+    """One length of a burst's frames: all of it, then by step."""
+    world, shown = lit_world(triggered=True), pictures(PICTURES)
+    play = partial(recorded, world, shown, samples, triggers=PICTURES, start_s=2 * PERIOD / RATE)
+    project = partial(world.project, Projection(shown, 0.0, PICTURE_S))
+    record = play()
+    light, showing, codes, bound = interleaved(play, project, partial(digitised, world, record), masks_product(samples))
+
+    def each(timing: Timing) -> float:
+        return 1e6 * timing.processor_s / PICTURES
+
+    both, what = each(light) + each(codes), f"burst of {samples} samples"
+    return [
+        Row(f"{what}: a picture", both, "us", both, "the DMD's rate", 1e6 * PICTURE_S, Goal(most=1.0)),
+        Row(f"{what}: product of pictures and masks", each(bound), "us", None, "the twin", both, Goal(least=0.5)),
+        Row(f"{what}: World.project", each(showing), "us"),
+        Row(f"{what}: World.record", each(light) - each(showing), "us"),
+        Row(f"{what}: digitising", each(codes), "us"),
+    ]
+
+
+def shot_rows(triggers: int, samples: int) -> list[Row]:
+    """One software-timed shot of so many triggers."""
+    world, shown = lit_world(triggered=False), pictures(SHOTS)
+
+    def shoot() -> None:
+        for shot in range(SHOTS):
+            digitised(world, recorded(world, shown[shot : shot + 1], samples, triggers=triggers, start_s=0.0))
+
+    (whole,) = interleaved(shoot)
+    return [Row(f"shot of {samples} samples, {triggers} triggers", 1e6 * whole.processor_s / SHOTS, "us")]
+
+
+def rows() -> list[Row]:
+    """All of it."""
+    with threadpool_limits(1):
+        bursts = [row for samples in (20, 50, 200) for row in burst_rows(samples)]
+        return bursts + [
+            row for triggers, samples in ((1, 50), (16, 50), (1, 500)) for row in shot_rows(triggers, samples)
+        ]
+
+
+def main() -> None:
+    """Measure and print."""
+    for row in rows():
+        reference = "" if row.reference is None else f"{row.against} {row.reference:.1f}, ratio {row.ratio:.2f}"
+        sys.stdout.write(f"{row.what:46}{row.figure:9.1f} {row.unit}  {reference}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""A run that was measured in a folder of whoever measured it, put into its place whole."""
+
+import os
+import shutil
+from pathlib import Path
+from uuid import uuid4
+
+from labctl.runs.format.durable import not_made, sync_folder
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.store import StorePath, alone
+
+
+def put_whole(run: Path, place: Path) -> None:
+    """Copy a run to `place`, where it is found whole or not at all; a run that is there already stays.
+
+    A folder gets its name when everything is in it. In a store the manifest comes last: what has none is no run.
+
+    Raises:
+        RunError, Unreachable: the place cannot be written.
+    """
+    there = alone(place)
+    if RunPaths(there).manifest.exists():
+        return
+    if isinstance(there, StorePath):
+        there.put(run, RunPaths(run).manifest.name)
+        return
+    beside = place.with_name(f"{place.name}.{uuid4().hex[:8]}.part")
+    try:
+        shutil.copytree(run, beside, copy_function=_copy)
+        for folder in (path for path in beside.rglob("*") if path.is_dir()):
+            sync_folder(folder)
+        sync_folder(beside)
+        beside.rename(place)
+        sync_folder(place.parent)
+    except OSError as error:
+        if not RunPaths(place).manifest.exists():  # else somebody was quicker, to the same digits
+            raise not_made(place, error) from error
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _copy(source: str, target: str) -> None:
+    shutil.copyfile(source, target)
+    with open(target, "r+b") as file:
+        os.fsync(file.fileno())

@@ -1,0 +1,49 @@
+"""A dask cluster on this machine's loopback: processes of their own, as anybody starts them."""
+
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+from distributed import Client
+
+DASK = (sys.executable, "-m", "dask")
+
+
+class Cluster:
+    """A scheduler and its workers, processes of this machine."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        self._port = port
+        self._folder = folder
+        self._stack = stack
+        self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+        self.workers = [self.worker(), self.worker()]
+
+    def worker(self, threads: int = 1) -> subprocess.Popen[bytes]:
+        """One more."""
+        words = ("worker", self.address, "--nthreads", str(threads), "--no-nanny", "--no-dashboard")
+        return self._begun(*words, "--local-directory", str(self._folder))
+
+    def lose_all(self) -> None:
+        """The scheduler is killed, and its workers; others come to its place."""
+        for process in (self.scheduler, *self.workers):
+            process.kill()
+            process.wait()
+        self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard")
+        self.workers = [self.worker()]
+
+    def until_there(self, workers: int) -> None:
+        """Return when so many workers have come."""
+        with Client(self.address, timeout=60, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+            client.wait_for_workers(workers, timeout=60)
+
+    def _begun(self, *words: str) -> subprocess.Popen[bytes]:
+        process = subprocess.Popen([*DASK, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._stack.callback(process.wait)
+        self._stack.callback(process.kill)
+        return process

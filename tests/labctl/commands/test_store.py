@@ -1,0 +1,69 @@
+"""Runs of a sweep in a store: whole, measured once, judged where they lie."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import fsspec
+import numpy as np
+import pytest
+
+import labctl
+from labctl.commands.main import main
+from tests.labctl.commands.conftest import AsJson
+from tests.stores import account, s3
+
+STORE = "s3://bucket/twins"
+SETTINGS = ("--set", "classes=0,1", "--set", "ports=2", "--set", "window=0.4 ns")
+OVER = ("--over", "sim.twin_seed=3,4", "--order", "as-given", "--reference-every", "0")
+SWEEP = ("sweep", "image-readout", *SETTINGS, *OVER)
+TWENTY = ("--set", "images=20")
+
+
+@pytest.fixture(scope="module")
+def bucket(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """An empty one; what is kept here of stores, and of what was begun here, is the tests' own."""
+    kept = {name: str(tmp_path_factory.mktemp(name)) for name in ("XDG_CACHE_HOME", "XDG_STATE_HOME")}
+    with pytest.MonkeyPatch.context() as patch, s3() as (address, _):
+        for name, value in (account(address) | kept).items():
+            patch.setenv(name, value)
+        fsspec.filesystem("s3", skip_instance_cache=True).mkdir("bucket")
+        yield
+
+
+@pytest.fixture(scope="module")
+def swept(bucket: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a sweep whose runs are there."""
+    folder = tmp_path_factory.mktemp("swept") / "first"
+    with pytest.raises(SystemExit) as ended:
+        main([*SWEEP, *TWENTY, "--store", STORE, "--out", str(folder)])
+    assert ended.value.code == 0
+    return folder
+
+
+def test_a_run_is_put_there_whole_and_measured_once(swept: Path, tmp_path: Path, as_json: AsJson) -> None:
+    fsspec.filesystem("s3", skip_instance_cache=True).rm(f"{STORE}/000-sim.twin_seed=3/manifest.json")
+    status, found = as_json(*SWEEP, *TWENTY, "--store", STORE, "--out", tmp_path / "again")
+    assert (status, found["complete"], found["measured"]) == (0, 2, 1), "a run without its manifest was cut short"
+
+    status, found = as_json(*SWEEP, "--set", "images=22", "--store", STORE, "--out", tmp_path / "other")
+    assert status == 2
+    assert "another run is there (protocol.settings.images is 20, not 22): name another place" in found["error"]
+
+    assert as_json(*SWEEP, *TWENTY, "--out", tmp_path / "here")[0] == 0
+    for name in ("000-sim.twin_seed=3", "001-sim.twin_seed=4"):
+        with labctl.open_run(f"{STORE}/{name}") as there, labctl.open_run(tmp_path / "here" / name) as here:
+            assert np.array_equal(there.frames.values, here.frames.values)
+    judged = [as_json("evaluate", folder)[1]["points"] for folder in (swept, tmp_path / "here")]
+    assert judged[0] == judged[1]
+
+
+def test_a_strangers_sweep_does_not_say_where_to_look(swept: Path, tmp_path: Path, as_json: AsJson) -> None:
+    file = tmp_path / "sweep.json"
+    said = (swept / "sweep.json").read_text(encoding="utf-8")
+    file.write_text(said.replace(STORE, "s3://theirs/twins"), encoding="utf-8")
+    status, found = as_json("evaluate", tmp_path)
+    assert status == 2
+    assert found["error"] == (
+        f"{file}: was not written here, and names s3://theirs/twins for its runs: look at them with "
+        "'labctl runs s3://theirs/twins'"
+    )
