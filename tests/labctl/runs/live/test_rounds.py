@@ -73,7 +73,7 @@ def test_what_is_another_message_is_written_as_it_is(log: CommandLog, tmp_path: 
 
 
 def test_the_last_line_of_a_setting_is_what_was_set_last(log: CommandLog, tmp_path: Path) -> None:
-    for scale in ("0.1", "0.2", "0.2", "0.1", "0.1"):
+    for scale in ("0.1", "0.2", "0.1", "0.1"):
         log("scope", ">", f"CH1:SCAle {scale}")
         shot(log, 1, 1)
     settings = [line.split()[-1] for line in lines(log, tmp_path) if "CH1:SCAle" in line]
