@@ -28,7 +28,7 @@ demo: $(INSTALLED)
 
 # What is checked has one process, and the tests begin with one core: side by side.
 test: $(TESTED) $(IMAGING)
-	$(MAKE) --jobs 2 --output-sync=line check tested
+	$(MAKE) --jobs 2 check tested
 
 # Three at once on two cores: many tests wait for an instrument that does not answer.
 tested: $(TESTED) $(IMAGING)

@@ -97,7 +97,8 @@ def dark_share(images: NDArray[Any]) -> NDArray[np.float64]:
     pixels = np.asarray(images)
     if pixels.dtype != np.bool_:
         pixels = _pixels(pixels)
-    return 1 - pixels.reshape(len(pixels), -1).mean(axis=1, dtype=np.float64)
+    lit: NDArray[np.float64] = pixels.reshape(len(pixels), -1).mean(axis=1, dtype=np.float64)
+    return 1 - lit
 
 
 def dark_pixels(dark: NDArray[np.float64], abnormal: ArrayLike, *, normal: NDArray[np.float64] | None = None) -> Roc:
