@@ -90,7 +90,8 @@ def validate(
         return validate_softmax(standard, labels, splits, spreads=deviations)
 
     def answers(members: NDArray[np.intp], ways: Sequence[Split]) -> list[NDArray[np.intp]]:
-        return [clone(readout).fit(features[train], members[train]).predict(features[test]) for train, test in ways]
+        trained = ((clone(readout).fit(features[train], members[train]), test) for train, test in ways)
+        return [np.asarray(one.predict(features[test]), np.intp) for one, test in trained]
 
     return _judged(labels, splits, answers)
 

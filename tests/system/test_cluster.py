@@ -118,7 +118,7 @@ def test_a_scheduler_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, he
 def test_the_twins_of_a_sweep_are_tasks_of_four_workers(dask: Cluster, tmp_path: Path) -> None:
     dask.workers += [dask.worker(), dask.worker()]
     dask.until_there(4)
-    settings = ("--set", "images=20", "--set", "ports=2-3", "--set", "window=0.4 ns")
+    settings = ("--set", "images=60", "--set", "ports=2-3", "--set", "window=0.4 ns")
     words = ("sweep", "image-readout", *settings, "--over", "sim.twin_seed=1:4:4", "--order", "as-given")
     there = ("--scheduler", dask.address, "--store", str(tmp_path / "store"))
     status, found = labctl_json(*words, *there, "--out", str(tmp_path / "swept"))

@@ -236,10 +236,10 @@ def _asked_once(messages: Sequence[Message]) -> Sequence[Message]:
 
 @lru_cache(maxsize=512)
 def _what_is_set(text: str) -> str | None:
-    """The instrument and the name of a setting; None of a message that is none, or that has a block."""
+    """The instrument and the name of a setting; None of a message that is none, that asks, or that has a block."""
     direction, instrument, said = text.split(" ", 2)
     name, _, value = said.partition(" ")
-    return f"{instrument} {name}" if direction == ">" and value and "?" not in name and "#<" not in value else None
+    return f"{instrument} {name}" if direction == ">" and value and "?" not in said and "#<" not in said else None
 
 
 @lru_cache(maxsize=512)
