@@ -1,6 +1,6 @@
 """Hardware-timed bursts on the simulated bench: how fast, where the time goes, and whether they see what one shot sees.
 
-    python benchmarks/bursts.py [images]
+    python -m benchmarks.bursts [images]
 
 10,000 images unless an argument says otherwise: of `mnist` where its files are (LABCTL_DATA), or the 4000 bundled
 digits.

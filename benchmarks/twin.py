@@ -1,6 +1,6 @@
 """How fast the twin is by itself, in processor time of one core: bursts against the DMD's rate, and single shots.
 
-    python -m benchmarks.twin
+    python -m benchmarks twin
 
 Four channels, one thread of BLAS, pictures a quarter on. Neither instruments nor sockets take part. A burst is bounded
 by the product of its pictures with the masks of its samples, which the twin itself never makes.
