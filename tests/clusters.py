@@ -14,7 +14,7 @@ DASK = (sys.executable, "-m", "dask")
 class Cluster:
     """A scheduler and its workers, processes of this machine."""
 
-    def __init__(self, folder: Path, stack: ExitStack) -> None:
+    def __init__(self, folder: Path, stack: ExitStack, workers: int = 2) -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
         self.address = f"tcp://127.0.0.1:{port}"
@@ -22,7 +22,7 @@ class Cluster:
         self._folder = folder
         self._stack = stack
         self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
-        self.workers = [self.worker(), self.worker()]
+        self.workers = [self.worker() for _ in range(workers)]
 
     def worker(self, threads: int = 1) -> subprocess.Popen[bytes]:
         """One more."""

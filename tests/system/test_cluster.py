@@ -166,10 +166,9 @@ def test_nobody_answers(tmp_path: Path) -> None:
 
 def test_a_worker_of_several_threads_is_refused(tmp_path: Path) -> None:
     with ExitStack() as stack:
-        found = Cluster(tmp_path / "workers", stack)
-        for process in found.workers:
-            process.kill()
+        found = Cluster(tmp_path / "workers", stack, workers=0)
         found.worker(threads=2)
+        found.until_there(1)
         plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(found.address, print))
         with pytest.raises(ClusterError, match=r"has 2 threads: start it with --nthreads 1$"):
             reproduce(plan, interruption=Interruption())

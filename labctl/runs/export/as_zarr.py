@@ -1,11 +1,20 @@
 """zarr, a folder of compressed chunks, in the version of the format that every reader knows (2), named for xarray."""
 
+import logging
 from pathlib import Path
 from typing import Any
 
 import zarr
 
 from labctl.runs.export.content import Content
+
+
+def _of_use(record: logging.LogRecord) -> bool:
+    # zarr puts several files at once and raises the first failure; of the others asyncio would print tracebacks
+    return not record.getMessage().startswith("Future exception was never retrieved")
+
+
+logging.getLogger("asyncio").addFilter(_of_use)
 
 
 def write(content: Content, path: Path) -> None:
