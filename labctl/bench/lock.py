@@ -10,7 +10,7 @@ import socket
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -150,14 +150,28 @@ def held(station: Station, task: str, wire: Wire = Wire(), also: Iterable[Statio
     """
     hold = Hold(task)
     try:
-        for one in (station, *also) if wire.replay is None else ():
-            by_hand = one.by_hand
-            for name, address in one.addresses.items():
-                if address != SIMULATED and name not in by_hand:
-                    hold.at(name, address)
+        for name, address in _addresses(wire, station, *also):
+            hold.at(name, address)
         yield hold
     finally:
         hold.close()
+
+
+def in_use(station: Station, wire: Wire = Wire()) -> str:
+    """Which instrument of `station` another process has just now, and who it is; empty if none. Holds nothing."""
+    for name, address in _addresses(wire, station):
+        with closing(LockFile(place_of(address))) as lock:
+            if not lock.lock() and (holder := _holder(lock)) is not None:
+                return f"{name} is in use: {holder.in_words()}"
+    return ""
+
+
+def _addresses(wire: Wire, *stations: Station) -> Iterator[tuple[str, str]]:
+    for station in stations if wire.replay is None else ():
+        by_hand = station.by_hand
+        for name, address in station.addresses.items():
+            if address != SIMULATED and name not in by_hand:
+                yield name, address
 
 
 def place_of(address: str) -> str:

@@ -13,7 +13,7 @@ from labctl.commands.access import access_of
 from labctl.commands.command_group import PLAIN
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, warn
-from labctl.errors import UsageError
+from labctl.errors import LabctlError, UsageError
 from labctl.runs.format.store import location
 
 if TYPE_CHECKING:
@@ -27,11 +27,8 @@ app = typer.Typer(add_completion=False, **PLAIN)
 def dashboard(
     context: typer.Context,
     folder: Annotated[
-        Path | None, typer.Argument(metavar="FOLDER", help="Folder of run directories, or its URL.", parser=location)
-    ] = None,
-    runs: Annotated[
-        Path | None, typer.Option("--runs", metavar="FOLDER", help="The same, by an option.", parser=location)
-    ] = None,
+        Path, typer.Argument(metavar="FOLDER", help="Folder of run directories, or its URL.", parser=location)
+    ] = Path("runs"),
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="TCP port; 0 for any free one.")] = PORT,
     host: Annotated[
         str, typer.Option("--host", help="Address to listen at; default: this machine only.")
@@ -40,11 +37,10 @@ def dashboard(
     as_json: JsonOption = False,
 ) -> int:
     """`labctl dashboard`."""
-    if folder is not None and runs is not None:
-        raise UsageError(f"{folder} and --runs {runs}: two folders: name one")
-    shown = folder or runs or Path("runs")
     if find_spec("nicegui") is None:
         raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
+    from labctl.bench.lock import in_use
+    from labctl.bench.station import read_station
     from labctl.dashboard.guard import is_loopback
     from labctl.dashboard.launch_page import opened
     from labctl.dashboard.server import PortTaken, serve
@@ -61,8 +57,13 @@ def dashboard(
             sys.stderr.write(f"labctl: a browser was let in; a link for another one: {served.link(show_next)}\n")
 
         link = served.link(show_next)
-        served_at = {"url": link, "host": served.host, "port": served.port, "runs": str(shown)}
-        show(served_at, as_json, lambda: say(f"{link}\nCtrl-C ends the dashboard; runs go on without it"))
+        served_at = {"url": link, "host": served.host, "port": served.port, "runs": str(folder)}
+
+        def for_people() -> None:
+            say(link)
+            say("Ctrl-C ends the dashboard; runs go on without it")
+
+        show(served_at, as_json, for_people)
         sys.stdout.flush()
         with ExitStack() as while_served:
             if not no_open:
@@ -72,8 +73,16 @@ def dashboard(
                     sys.stderr.write(f"labctl: no browser is opened ({error.filename}: {error.strerror})\n")
             yield
 
+    wire = access_of(context).wire
+
+    def holder_of(station: Path) -> str:
+        try:
+            return in_use(read_station(station), wire)
+        except LabctlError:  # which the command that is started says
+            return ""
+
     try:
-        serve(shown, host, port, access_of(context).wire.environment(), ready)
+        serve(folder, host, port, wire.environment(), holder_of, ready)
     except PortTaken as error:
         raise UsageError(f"{error}: name another --port, or the --host of this machine") from None
     except KeyboardInterrupt:

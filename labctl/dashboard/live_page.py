@@ -1,6 +1,6 @@
 """The page of the live view: light and its controls, and the panels, which a run's page has too."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
@@ -12,6 +12,7 @@ from nicegui.run import io_bound as in_a_thread
 from labctl.dashboard import panels, wording
 from labctl.dashboard.frame import Region, frame, heading, refresh
 from labctl.dashboard.launcher import allowed
+from labctl.dashboard.monitor import Watching
 from labctl.dashboard.panels import PANELS, Choice
 from labctl.dashboard.run_sight import RunSight
 from labctl.dashboard.starting import begin
@@ -208,9 +209,9 @@ class Controls:
             self._message.set_text(f"cannot be asked: {error.strerror}")
 
 
-def show_live(folder: Path, environment: Mapping[str, str]) -> None:
-    """The live view that began last among the runs in `folder`, if one is going on; the form that starts one."""
-    directory = newest_view(folder)
+def show_live(watching: Watching) -> None:
+    """The live view that began last among these runs, if one is going on; the form that starts one."""
+    directory = newest_view(watching.folder)
     view = None if directory is None else WatchedView(directory)
     if view is not None:
         view.look()
@@ -219,9 +220,9 @@ def show_live(folder: Path, environment: Mapping[str, str]) -> None:
     with ui.element("main").classes("run live"):
         if view is None or not running:
             with ui.element("section").classes("wide"):
-                _show_form(folder, environment, view)
+                _show_form(watching, view)
         else:
-            _show_view(view, run_directories(folder)[: -MOST_RUNS - 1 : -1])
+            _show_view(view, run_directories(watching.folder)[: -MOST_RUNS - 1 : -1])
 
 
 def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
@@ -255,7 +256,7 @@ def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
     timer = ui.timer(REFRESH_S, look)
 
 
-def _show_form(folder: Path, environment: Mapping[str, str], last: WatchedView | None) -> None:
+def _show_form(watching: Watching, last: WatchedView | None) -> None:
     heading("Start a live view: the light goes on, and the channels are measured again and again, without a run")
     if last is not None and last.state.emission is not Emission.OFF:
         Region("emission", lambda: wording.emission(last.state))
@@ -271,21 +272,22 @@ def _show_form(folder: Path, environment: Mapping[str, str], last: WatchedView |
         message = ui.label().classes("message")
 
     def leads_to(process: int) -> str:
-        directory = newest_view(folder)
+        directory = newest_view(watching.folder)
         return "/live" if directory is not None and directory.name.endswith(f"-{process}") else ""
 
-    def start() -> None:
-        named = [f"--station={station.value.strip()}"] if (station.value or "").strip() else []
+    async def start() -> None:
+        bench = (station.value or "").strip()
+        named = [f"--station={bench}"] if bench else []
         light = allowed(armed=bool(armed.value), attended=bool(attended.value))
         words = [
             "live",
             *named,
             f"--ports={ports.value or ''}",
-            f"--runs={folder}",
+            f"--runs={watching.folder}",
             f"--unwatched={UNWATCHED}",
             *light,
         ]
-        if begin(words, environment, message, leads_to):
-            armed.set_value(False)
+        armed.set_value(False)
+        await begin(words, watching, message, leads_to, bench)
 
     button.on_click(start)

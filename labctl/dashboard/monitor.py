@@ -132,11 +132,16 @@ class Watching:
         self,
         folder: Path,
         environment: Mapping[str, str] = MappingProxyType({}),
+        holder_of: Callable[[Path], str] = lambda _station: "",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Watch the runs in `folder`, which need not exist yet; one that is started here has `environment`, too."""
+        """Watch the runs in `folder`, which need not exist yet; one that is started here has `environment`, too.
+
+        holder_of: who has the bench of a station file just now, in words; empty if nobody.
+        """
         self.folder = folder
         self.environment = environment
+        self.holder_of = holder_of
         self.learning = Learning()
         self.listing = Listing(folder, clock)
         self.sweeps = Sweeps(folder, clock)

@@ -114,6 +114,6 @@ class QueuePage:
         self._acted(lambda: self._queue.ask(wish))
         self._message.set_text("asked to stop")
 
-    def _start(self) -> None:
+    async def _start(self) -> None:
         words = ["queue", "start", "--folder", str(self._watching.folder), f"--on-failure={self._on_failure.value}"]
-        begin(words, self._watching.environment, self._message)
+        await begin(words, self._watching, self._message)

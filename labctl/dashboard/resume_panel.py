@@ -32,10 +32,10 @@ class ResumePanel:
         """Show it or not."""
         self._row.set_visibility(self._is_needed())
 
-    def _resume(self) -> None:
+    async def _resume(self) -> None:
         station = (self._station.value or "").strip()
         words = ["resume", str(self._directory), *([f"--station={station}"] if station else [])]
         words += allowed(armed=bool(self._armed.value), attended=bool(self._attended.value))
         self._armed.set_value(False)
-        if begin(words, self._watching.environment, self._message):
+        if await begin(words, self._watching, self._message, station=station):
             self._watching.listing.look_again()

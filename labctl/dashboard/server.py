@@ -63,11 +63,13 @@ def serve(
     host: str,
     port: int,
     environment: Mapping[str, str],
+    holder_of: Callable[[Path], str],
     ready: Callable[[Served], AbstractContextManager[None]],
 ) -> None:
     """Serve the runs in `folder` at `host` and `port` (0: any free one), within `ready`, until a signal.
 
-    A run that is started from the page has `environment` in addition to that of this process.
+    A run that is started from the page has `environment` in addition to that of this process; none is while
+    `holder_of` its station file names somebody who has the bench.
 
     Raises:
         PortTaken: the port is not free, or the address is not one of this machine.
@@ -82,7 +84,7 @@ def serve(
     with listener:
         bound = listener.getsockname()[1]
         sessions = Sessions()
-        watching = Watching(folder, environment)
+        watching = Watching(folder, environment, holder_of)
         watching.look_elsewhere()
         app = _application(watching)
         names = (socket.gethostname(), socket.getfqdn())
@@ -169,7 +171,7 @@ def _application(watching: Watching) -> FastAPI:
 
     @ui.page("/live")
     def live() -> None:
-        only_here("Live", lambda: live_page.show_live(watching.folder, watching.environment))
+        only_here("Live", lambda: live_page.show_live(watching))
 
     @ui.page("/compare/{one}/{other}", response_timeout=MOST_PATIENT_S)
     async def compare(one: str, other: str) -> None:

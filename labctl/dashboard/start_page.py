@@ -126,7 +126,7 @@ class Form:
         found = await answer(words, self._watching.environment)
         self._message.set_text(str(found.get("error") or f"number {found['number']} of the queue"))
 
-    def _start(self) -> None:
+    async def _start(self) -> None:
         asked = self._asked(armed=bool(self._armed.value))
         directory = launcher.new_directory(self._watching.folder, asked)
 
@@ -135,8 +135,9 @@ class Form:
             is_there = RunPaths(directory).manifest.exists() or (asked.over and directory.exists())
             return f"/{'sweep' if asked.over else 'run'}/{directory.name}" if is_there else ""
 
-        if begin([*asked.words, f"--out={directory}"], self._watching.environment, self._message, leads_to):
-            self._armed.set_value(False)
+        words = [*asked.words, f"--out={directory}"]
+        self._armed.set_value(False)
+        await begin(words, self._watching, self._message, leads_to, asked.station)
 
 
 def cost(plan: Mapping[str, Any]) -> str:

@@ -1,26 +1,33 @@
 """Starting a command from a page, which says what it is, and why it failed when it has ended."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
-from nicegui import ui
+from nicegui import run, ui
 
 from labctl.dashboard import launcher
 from labctl.dashboard.frame import REFRESH_S
+from labctl.dashboard.monitor import Watching
 
 
-def begin(
+async def begin(
     words: Sequence[str],
-    environment: Mapping[str, str],
+    watching: Watching,
     message: ui.label,
     leads_to: Callable[[int], str] = lambda _process: "",
+    station: str = "",
 ) -> bool:
-    """Start a command of labctl, with `environment` in addition to that of this process; whether it could be started.
+    """Start a command of labctl for these runs; whether it could be started.
 
     message: where it is said.
+    station: the station file it uses: while somebody has that bench, nothing is started; empty where it opens none.
     leads_to: the address of the page that shows what that process does; empty until there is something to be seen.
     """
+    if station and (holder := await run.io_bound(watching.holder_of, Path(station))):
+        message.set_text(holder)
+        return False
     try:
-        started = launcher.start(words, environment)
+        started = launcher.start(words, watching.environment)
     except OSError as error:
         message.set_text(str(error))
         return False

@@ -60,8 +60,8 @@ class Dashboard:
 def dashboard(runs: Path | str, opening: Mapping[str, str] | None = None) -> Iterator[Dashboard]:
     """`labctl dashboard` for the runs in a folder or at a URL; `opening` tells which browser it opens, if any."""
     no_open = ["--no-open"] if opening is None else []
-    named = ["--runs", runs.name] if isinstance(runs, Path) else [runs]
-    command = [*LABCTL, "dashboard", *named, "--port", "0", "--json", *no_open]
+    named = runs.name if isinstance(runs, Path) else runs
+    command = [*LABCTL, "dashboard", named, "--port", "0", "--json", *no_open]
     with subprocess.Popen(
         command,
         stdout=subprocess.PIPE,

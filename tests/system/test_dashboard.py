@@ -1,6 +1,8 @@
 """The dashboard in a real browser: a run is started, watched, paused and stopped from the page, and it is dark."""
 
 import re
+import signal
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from shutil import copytree, rmtree
@@ -13,7 +15,8 @@ pytest.importorskip("playwright", reason="a browser is driven by playwright")
 from playwright.sync_api import Browser, Page, expect
 
 from instruments.safe_state import UnsafeBench
-from labctl.bench.station import Station
+from labctl.bench.lock import held
+from labctl.bench.station import Station, read_station
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.logs import EventLog
@@ -21,6 +24,7 @@ from labctl.runs.notes import read_notes
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
 from tests.dashboard.browser import (
+    LABCTL,
     Dashboard,
     connected,
     dashboard,
@@ -119,6 +123,28 @@ def test_what_nobody_allows_is_refused_and_told(page: Page, unarmed: Path, emitt
     page.get_by_role("button", name="Start", exact=True).click()
     says(page, ".form .message", "the laser is not armed, no light is switched on")
     assert not emitting()
+
+
+def test_the_link_is_a_line_of_its_own(tmp_path: Path) -> None:
+    command = [*LABCTL, "dashboard", str(tmp_path), "--port", "0", "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        link, next_line = process.stdout.readline(), process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]+\n", link)
+    assert next_line == "Ctrl-C ends the dashboard; runs go on without it\n"
+
+
+def test_nothing_is_started_while_somebody_has_the_bench(page: Page, unarmed: Path) -> None:
+    with held(read_station(unarmed), "a test"):
+        page.get_by_role("link", name="Start a run").click()
+        page.wait_for_url("**/start")
+        connected(page)
+        page.get_by_label("Station file").fill(str(unarmed))
+        page.get_by_role("switch").click()
+        page.get_by_role("button", name="Start", exact=True).click()
+        says(page, ".form .message", r"^awg is in use: a test, process \d+ ")
+        expect(page.get_by_role("switch")).not_to_be_checked()
 
 
 def test_what_a_run_would_cost_and_what_is_refused_is_said_before_it_is_started(page: Page, runs: Path) -> None:

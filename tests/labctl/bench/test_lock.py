@@ -2,7 +2,7 @@
 
 import pytest
 
-from labctl.bench.lock import held, place_of
+from labctl.bench.lock import held, in_use, place_of
 from labctl.bench.lock_file import LockFile
 from labctl.bench.station import Station
 from labctl.errors import BenchInUse
@@ -57,3 +57,11 @@ def test_who_holds_it_is_told_also_while_he_writes_which_run_it_is(monkeypatch: 
         monkeypatch.setattr(LockFile, "note", property(lambda _lock: looks.pop(0)))
         with pytest.raises(BenchInUse, match=r"^awg is in use: labctl align, process"), held(station, "labctl check"):
             pass
+
+
+def test_who_has_it_is_seen_without_taking_it() -> None:
+    station = Station.model_validate({"awg": {"address": "TCPIP::192.0.2.8::INSTR"}, "laser": {"armed": False}})
+    assert in_use(station) == ""
+    with held(station, "labctl align"):
+        assert in_use(station).startswith("awg is in use: labctl align, process ")
+    assert in_use(station) == ""

@@ -159,21 +159,10 @@ def test_what_writes_or_needs_the_whole_run_refuses_a_url(words: tuple[str, ...]
     assert f"name it by its path, {tmp_path}/run" in err
 
 
-@pytest.mark.parametrize("option", ["", "--runs="])
-def test_pages_of_a_store_without_runs_are_refused_before_they_are_served(
-    option: str, bucket: Traffic, typed: Typed
-) -> None:
-    status, out, told = typed("dashboard", f"{option}s3://bucket/nothing", "--no-open", "--port", "0")
+def test_pages_of_a_store_without_runs_are_refused_before_they_are_served(bucket: Traffic, typed: Typed) -> None:
+    status, out, told = typed("dashboard", "s3://bucket/nothing", "--no-open", "--port", "0")
     assert (status, out) == (2, "")
     assert told == "labctl: s3://bucket/nothing: nothing is there: name a folder with runs in it\n"
-
-
-def test_one_folder_of_the_dashboard_is_named(typed: Typed) -> None:
-    assert typed("dashboard", "runs", "--runs", "more") == (
-        2,
-        "",
-        "labctl: runs and --runs more: two folders: name one\n",
-    )
 
 
 def test_a_file_url_is_the_folder(lab: Path, as_json: AsJson) -> None:
