@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from labctl.analysis.intervals import Verdict
 from labctl.errors import writing
-from labctl.reports.pictures import save_figure
+from labctl.reports.figure_files import save_figure
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.origin import Origin
 

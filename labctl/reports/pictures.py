@@ -1,17 +1,12 @@
-"""Figures as files: PNG and SVG for a screen, PDF at the width of a journal's column; simulated ones are marked so."""
+"""Figures as PNG for a screen; simulated ones are marked so."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.axis import XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_mixed import MixedModeRenderer
-from matplotlib.backends.backend_pdf import Op, PdfFile, RendererPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -19,54 +14,25 @@ from labctl.reports.canvas import BLACK, PURPLE, styled
 from labctl.runs.format.origin import Origin
 
 PIXELS_PER_INCH = 150
-POINTS_PER_INCH = 72
-COLUMN, PAGE = 86 / 25.4, 178 / 25.4
-"""Widths of a PDF, inches: one column of a journal, and both."""
-REDUCED = 7 / 9
-"""Text that is laid out with 9 points is printed in a column with 7."""
-NARROWEST = 6.4
-"""Figures across both columns are laid out for at least this width, inches."""
-LEAST_PANEL = 0.5
-"""A panel that is a smaller part of its figure's width has no place in one column."""
 STRIP = 0.27
 """Height of the strip for the mark, inches."""
 MARKS = {Origin.SIMULATED: "simulated bench", Origin.MIXED: "partly simulated bench"}
 
 
-@dataclass(frozen=True)
-class Pictures:
-    """The files of a figure."""
-
-    png: Path
-    svg: Path
-    pdf: Path
-
-
 @styled
-def save_figure(figure: Figure, stem: Path, origin: Origin) -> Pictures:
-    """Save as `<stem>.png`, `.svg` (text as text) and `.pdf` (one or two columns wide, fonts inside), without dates.
-
-    Args:
-        figure: It is used up: laid out anew for print.
-        stem: Path without suffix.
-        origin: Of the records that it shows; what is simulated, wholly or in part, is marked in the figure.
-    """
-    own = _marked(figure, origin)
-    pictures = Pictures(*(stem.with_name(f"{stem.name}.{kind}") for kind in ("png", "svg", "pdf")))
-    for path in (pictures.png, pictures.svg, pictures.pdf):
-        path.unlink(missing_ok=True)  # it may lead somewhere else
-    _print_png(figure, pictures.png)
-    FigureCanvasSVG(figure).print_figure(pictures.svg, metadata={"Date": None, "Creator": None})
-    _print(figure, _column(figure, own), pictures.pdf)
-    return pictures
+def save_png(figure: Figure, path: Path, origin: Origin) -> None:
+    """Save for a screen alone; otherwise as `labctl.reports.figure_files.save_figure` does."""
+    marked(figure, origin)
+    path.unlink(missing_ok=True)  # it may lead somewhere else
+    print_png(figure, path)
 
 
 @styled
 def png_of(figure: Figure, origin: Origin) -> bytes:
     """The bytes of a PNG, as `save_figure` writes it; the figure is used up."""
-    _marked(figure, origin)
+    marked(figure, origin)
     image = BytesIO()
-    _print_png(figure, image)
+    print_png(figure, image)
     return image.getvalue()
 
 
@@ -84,10 +50,10 @@ def join_pictures(parts: Sequence[Path], out: Path) -> None:
     partial.replace(out)
 
 
-def _marked(figure: Figure, origin: Origin) -> float:
+def marked(figure: Figure, origin: Origin) -> float:
     """Lay a figure out for a screen under its mark; returns which part of the height that leaves to the rest."""
     own = _mark(figure, origin)
-    _lay_out(figure, figure.get_figwidth(), own)
+    lay_out(figure, figure.get_figwidth(), own)
     return own
 
 
@@ -103,7 +69,7 @@ def _mark(figure: Figure, origin: Origin) -> float:
     return height / (height + STRIP)
 
 
-def _lay_out(figure: Figure, width: float, own: float) -> None:
+def lay_out(figure: Figure, width: float, own: float) -> None:
     """Lay a figure out once for `width` (inches), in the lower part `own` of its height, and round its positions.
 
     The last digits of matplotlib's layout solver depend on where its objects lie in memory, and the names of the clip
@@ -124,28 +90,6 @@ def _lay_out(figure: Figure, width: float, own: float) -> None:
         text.set_position((round(x, 6), round(y, 6)))
 
 
-def _column(figure: Figure, own: float) -> float:
-    """Lay a figure out for one column if it fits there, otherwise for two; returns the width to print at, inches."""
-    natural, narrow = figure.get_figwidth(), COLUMN / REDUCED
-    panels = [axes for axes in figure.axes if axes.get_visible()]
-    if natural <= narrow or len(panels) == 1:
-        _lay_out(figure, narrow, own)
-        if natural <= narrow or _fits(figure, panels[0]):
-            return COLUMN
-    if figure.get_figwidth() < NARROWEST:
-        _lay_out(figure, max(natural, NARROWEST), own)
-    return PAGE
-
-
-def _fits(figure: Figure, panel: Axes) -> bool:
-    """Whether nothing is cut off, and the panel is wide enough to be read."""
-    drawn, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
-    inside = min(drawn.x0, drawn.y0) > -0.01 and drawn.x1 < width + 0.01 and drawn.y1 < height + 0.01
-    legend = panel.get_legend()
-    clear = legend is None or legend.get_window_extent().width < 0.95 * panel.get_window_extent().width
-    return bool(inside and clear and panel.get_position().width > LEAST_PANEL)
-
-
 def _thin_numbers(figure: Figure) -> None:
     """Leave out numbers at horizontal axes that would touch the one before."""
     for axis in figure.findobj(XAxis):
@@ -156,23 +100,8 @@ def _thin_numbers(figure: Figure) -> None:
             end = box.x1 if label.get_visible() else end
 
 
-def _print_png(figure: Figure, file: Path | BytesIO) -> None:
-    FigureCanvasAgg(figure).print_figure(file, dpi=PIXELS_PER_INCH, metadata={"Software": None})
-
-
-def _print(figure: Figure, width: float, path: Path) -> None:
-    """Write a PDF of this width, inches: the figure as it is laid out, made smaller or larger as a whole."""
-    across, up = figure.get_size_inches()
-    scale = width / across
-    dpi, figure.dpi = PIXELS_PER_INCH / scale, POINTS_PER_INCH
-    file = PdfFile(path, metadata={"CreationDate": None, "Creator": None, "Producer": None})
-    try:
-        file.newPage(width, up * scale)
-        file.width, file.height = across, up  # what lies outside is left out
-        file.output(scale, 0, 0, scale, 0, 0, Op.concat_matrix)
-        renderer = MixedModeRenderer(figure, across, up, dpi, RendererPdf(file, dpi, up, across))
-        figure.draw(renderer)  # type: ignore[arg-type]  # it hands every call on to one
-        renderer.finalize()
-        file.finalize()
-    finally:
-        file.close()
+def print_png(figure: Figure, file: Path | BytesIO) -> None:
+    """Write a figure that is `marked` as PNG, without a date."""
+    dpi, figure.dpi = figure.dpi, PIXELS_PER_INCH
+    FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})  # print_figure would draw twice
+    figure.dpi = dpi

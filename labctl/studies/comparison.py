@@ -15,9 +15,9 @@ from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError, RunError
 from labctl.printable import printable
 from labctl.reports.canvas import Series
+from labctl.reports.figure_files import save_figure
 from labctl.reports.figures.same_image import SameImage, same_image_figure
 from labctl.reports.figures.window import accuracy_figure
-from labctl.reports.pictures import save_figure
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.read.differences import Difference, settings_that_differ

@@ -11,8 +11,7 @@ from labctl.bench.recording.format import Kind, read_recording
 from labctl.bench.station import read_station
 from labctl.errors import UsageError
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, walked
-from labctl.studies.readout_file import FORMAT as READOUT
-from labctl.studies.readout_file import load_metadata
+from labctl.runs.format.readout import FORMAT as READOUT
 from protocols.registry import read_protocol
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -71,6 +70,8 @@ def _hdf5_says(path: Path) -> str:
 
 
 def _readout(path: Path) -> dict[str, Any]:
+    from labctl.studies.readout_file import load_metadata  # with scikit-learn, which no other file needs
+
     return {"model": str(path)} | load_metadata(path)
 
 

@@ -23,7 +23,7 @@ from labctl.reports.figures.codes import codes_figure
 from labctl.reports.figures.drift import drift_figure
 from labctl.reports.figures.images import images_figure
 from labctl.reports.figures.traces import traces_figure
-from labctl.reports.pictures import join_pictures, save_figure
+from labctl.reports.pictures import join_pictures, save_png
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere
@@ -164,7 +164,8 @@ def _draw(run: Run, part: Part, look: Look, folder: Path, before: str) -> Drawn:
     left_out: list[str] = []
 
     def add(name: str, figure: Figure) -> None:
-        pictures.append(save_figure(figure, folder / f"{before}{name}", Origin.of(run.manifest)).png)
+        pictures.append(folder / f"{before}{name}.png")
+        save_png(figure, pictures[-1], Origin.of(run.manifest))
 
     few = slice(MOST_PORTS)
     if len(look.ports) > MOST_PORTS:

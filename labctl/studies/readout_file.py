@@ -31,10 +31,9 @@ from labctl.analysis.windows import WindowFeatures
 from labctl.errors import AnalysisError
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, attribute, check_plain, set_text, walked
-from labctl.runs.format.readout import LARGEST, metadata_in
+from labctl.runs.format.readout import FORMAT, LARGEST, metadata_in
 from labctl.studies.fitted_state import require_chained, require_sound
 
-FORMAT = "labctl-readout"
 FORMAT_VERSION = "1.1"
 DIGEST = "sha256"
 

@@ -13,6 +13,7 @@ import h5py
 from labctl.errors import RunError
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
 
+FORMAT = "labctl-readout"
 LARGEST = 1 << 30
 """Bytes of all arrays of a file, unpacked."""
 

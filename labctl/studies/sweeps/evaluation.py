@@ -9,8 +9,8 @@ from typing import Any
 from labctl.analysis.recognition import recognition
 from labctl.errors import AnalysisError, writing
 from labctl.reports.canvas import Series
+from labctl.reports.figure_files import save_figure
 from labctl.reports.figures.sweep import sweep_figure
-from labctl.reports.pictures import save_figure
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import alone

@@ -8,9 +8,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from labctl.reports.canvas import Series
+from labctl.reports.figure_files import save_figure
 from labctl.reports.figures.traces import traces_figure
 from labctl.reports.figures.window import accuracy_figure
-from labctl.reports.pictures import join_pictures, png_of, save_figure
+from labctl.reports.pictures import join_pictures, png_of
 from labctl.runs.format.origin import Origin
 
 WINDOWS_S = [0.08e-9, 0.16e-9, 0.24e-9, 0.32e-9, 0.4e-9, 0.48e-9, 0.56e-9, 0.8e-9, 1e-9, 1.5e-9, 2e-9]

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from labctl.reports.pictures import save_figure
+from labctl.reports.figure_files import save_figure
 from labctl.runs.format.origin import Origin
 
 

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from labctl.reports.figure_files import save_figure
 from labctl.reports.figures.traces import traces_figure
-from labctl.reports.pictures import save_figure
 from labctl.runs.format.origin import Origin
 from tests.labctl.reports.figures.drawn import check_figure
 

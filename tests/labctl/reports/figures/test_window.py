@@ -3,8 +3,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from labctl.reports.canvas import Level, Series
+from labctl.reports.figure_files import save_figure
 from labctl.reports.figures.window import Claim, accuracy_figure, interval_figure, rmse_figure
-from labctl.reports.pictures import save_figure
 from labctl.runs.format.origin import Origin
 from tests.labctl.reports.figures.drawn import beside, check_figure, legend
 
