@@ -44,6 +44,7 @@ def dashboard(
     from labctl.dashboard.guard import is_loopback
     from labctl.dashboard.launch_page import opened
     from labctl.dashboard.server import PortTaken, serve
+    from labctl.studies.queue.work import settle
 
     if not is_loopback(host):
         warn(
@@ -82,7 +83,7 @@ def dashboard(
             return ""
 
     try:
-        serve(folder, host, port, wire.environment(), holder_of, ready)
+        serve(folder, host, port, wire.environment(), holder_of, settle, ready)
     except PortTaken as error:
         raise UsageError(f"{error}: name another --port, or the --host of this machine") from None
     except KeyboardInterrupt:

@@ -11,7 +11,7 @@ from labctl.bench.signals import interruptible
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.runs.queue import Item, Queue, Wish
-from labctl.studies.queue.work import OnFailure, Worked, forecast, work
+from labctl.studies.queue.work import OnFailure, Worked, forecast, settle, work
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 
@@ -41,7 +41,7 @@ def add(
 @app.command("list")
 def list_items(folder: FolderOption = RUNS, as_json: JsonOption = False) -> int:
     """List the items: done, running, waiting."""
-    items = Queue(folder).items()
+    items = _settled(folder).items()
     show(
         {"items": [_described(item) for item in items]},
         as_json,
@@ -58,14 +58,14 @@ def move(
     as_json: JsonOption = False,
 ) -> int:
     """Move a waiting item to another place."""
-    Queue(folder).move(number, to)
+    _settled(folder).move(number, to)
     return list_items(folder, as_json)
 
 
 @app.command("remove")
 def remove(number: Number, folder: FolderOption = RUNS, as_json: JsonOption = False) -> int:
     """Take an item out of the queue; what it has measured stays."""
-    Queue(folder).remove(number)
+    _settled(folder).remove(number)
     return list_items(folder, as_json)
 
 
@@ -97,6 +97,12 @@ def stop(
     Queue(folder).ask(wish)
     show({"asked": wish}, as_json, lambda: say(f"{folder}: the queue ends after this {'shot' if now else 'item'}"))
     return DONE
+
+
+def _settled(folder: Path) -> Queue:
+    queue = Queue(folder)
+    settle(queue)
+    return queue
 
 
 def _out(words: list[str]) -> Path | None:

@@ -20,6 +20,7 @@ from labctl.dashboard.sweeps import Sweeps
 from labctl.errors import LabctlError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.store import StorePath
+from labctl.runs.queue import Queue
 from labctl.runs.read.follower import Follower, Latest
 
 LOOK_EVERY_S = 0.25
@@ -133,15 +134,18 @@ class Watching:
         folder: Path,
         environment: Mapping[str, str] = MappingProxyType({}),
         holder_of: Callable[[Path], str] = lambda _station: "",
+        settle: Callable[[Queue], None] = lambda _queue: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Watch the runs in `folder`, which need not exist yet; one that is started here has `environment`, too.
 
         holder_of: who has the bench of a station file just now, in words; empty if nobody.
+        settle: makes what ran in a queue, when whoever carried it out died, wait again.
         """
         self.folder = folder
         self.environment = environment
         self.holder_of = holder_of
+        self.settle = settle
         self.learning = Learning()
         self.listing = Listing(folder, clock)
         self.sweeps = Sweeps(folder, clock)

@@ -51,6 +51,7 @@ class QueuePage:
     def refresh(self) -> None:
         """Show the queue as it is now."""
         try:
+            self._watching.settle(self._queue)
             items = self._queue.items()
         except LabctlError as error:
             self._message.set_text(str(error))

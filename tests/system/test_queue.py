@@ -99,6 +99,7 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
         os.killpg(worker.pid, signal.SIGKILL)
         worker.wait()
     assert not complete(tmp_path / "queue-0002")
+    assert states(tmp_path) == [(1, "done"), (2, "waiting")]
     status, found = queue(tmp_path, "start")
     assert (status, found) == (0, {"done": 1, "failed": 0, "waiting": 0})
     assert complete(tmp_path / "queue-0002")

@@ -4,8 +4,9 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from os.path import isfile
@@ -24,6 +25,8 @@ from protocols.own_file import SUFFIX
 COMMANDS = ("run", "sweep")
 LOOK_EVERY_S = 0.2
 """How often somebody's wish is looked for while an item runs."""
+LOOKED_S, AGAIN_S = 0.5, 0.01
+"""Longer than anybody takes to `settle` a queue, and how often it is tried meanwhile to have it."""
 INTERRUPTED = 130
 KEPT_OPTIONS = {"--station": 1, "--data": 1, "--arm": 0, "--attended": 0}
 """Options that going on with a run or sweep needs again, and how many words each is followed by."""
@@ -93,6 +96,14 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
     return Worked(done, failed, sum(item.state is State.WAITING for item in queue.items()))
 
 
+def settle(queue: Queue) -> None:
+    """What ran when whoever carried the queue out died waits again; nothing where somebody carries it out."""
+    if any(item.state is State.RUNNING for item in queue.items()):
+        with suppress(BenchInUse), closing(_lock(queue)) as lock:  # of another user, who will say so himself
+            if lock.lock():
+                queue.put_back()
+
+
 def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
     """Exit status of an item's command, and its error."""
     if changed := [path for path in _protocols(item.words) if not is_own(path)]:
@@ -152,10 +163,14 @@ def _said(text: str) -> dict[str, Any]:
 
 @contextmanager
 def _alone(queue: Queue) -> Iterator[None]:
-    lock = LockFile(f"queue {queue.path.resolve()}")
-    try:
-        if not lock.lock():
-            raise BenchInUse(f"{queue.path}: another process carries this queue out: add to it, or stop it first")
+    give_up = time.monotonic() + LOOKED_S
+    with closing(_lock(queue)) as lock:
+        while not lock.lock():
+            if time.monotonic() >= give_up:
+                raise BenchInUse(f"{queue.path}: another process carries this queue out: add to it, or stop it first")
+            time.sleep(AGAIN_S)
         yield
-    finally:
-        lock.close()
+
+
+def _lock(queue: Queue) -> LockFile:
+    return LockFile(f"queue {queue.path.resolve()}")
