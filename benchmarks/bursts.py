@@ -1,26 +1,26 @@
 """Hardware-timed bursts on the simulated bench: how fast, where the time goes, and whether they see what one shot sees.
 
-    python -m benchmarks.bursts [images]
+    python -m benchmarks bursts
 
-10,000 images unless an argument says otherwise: of `mnist` where its files are (LABCTL_DATA), or the 4000 bundled
-digits.
 References, all of the same run: as many bytes through a bare socket, the shards' bytes written and synced without
 anything else, the DMD's 22,727 pictures a second, and a software-timed run of the same images.
 """
 
 import os
 import socket
-import sys
+import statistics
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.rows import REPETITIONS, Goal, Row
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.vialux_alp import VialuxAlp
 from labctl.analysis.evaluation import validate
@@ -29,19 +29,17 @@ from labctl.analysis.windows import WindowFeatures
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.engine import Outcome
 from labctl.engine.session import Acquisition, acquire
-from labctl.errors import DatasetError
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.runs.write.writer import RunWriter
 from protocols.bursts import UPLOAD_BLOCK
 from protocols.image_readout import ImageReadout
-from protocols.patterns import Patterns
-from sim_backends.virtual.alp.instrument import VirtualAlp
 from sim_backends.world.world import World
 
 WINDOW_S = 0.4e-9
 PICTURE_BYTES = 768 * 1024 // 8
-COMPARED_IMAGES = 4000
+IMAGES = 4000
+"""The bundled digits, so that every machine measures the same."""
 SPLITS = 10
 
 
@@ -115,93 +113,85 @@ def run(protocol: ImageReadout, directory: Path) -> Outcome:
     return acquire(Acquisition(protocol, SIMULATED_STATION, directory)).outcome
 
 
-def run_bursts(images: int, directory: Path) -> tuple[str, Outcome]:
-    """Acquire `images` of MNIST in bursts, or of the bundled digits where MNIST is not; returns which."""
-    protocol = ImageReadout(dataset="mnist", images=images, window=WINDOW_S, timing="burst")
-    try:
-        return protocol.dataset, run(protocol, directory)
-    except DatasetError:
-        bundled = protocol.model_copy(update={"dataset": "mnist-0-3", "images": min(images, 4000)})
-        return bundled.dataset, run(bundled, directory)
+@dataclass(frozen=True)
+class Speed:
+    """Of one run in bursts, and of its references; times in s."""
+
+    shots_per_s: float
+    upload_s: float
+    bare_socket_s: float
+    pictures_per_s: float
+    physics_pictures_per_s: float
+    storage_s: float
+    bare_files_s: float
 
 
-def accuracy(directory: Path) -> tuple[float, float]:
-    """Mean and standard deviation of the softmax readout's accuracy on one run over `SPLITS` splits."""
+def speed(spans: Spans, folder: Path) -> Speed:
+    """Of one run into `folder`."""
+    begun = time.perf_counter()
+    protocol = ImageReadout(images=IMAGES, window=WINDOW_S, timing="burst")
+    outcome = run(protocol, folder / "burst")
+    everything = (begun, np.inf)
+    arms, stored = (spans.within(name, *everything) for name in ("arm_burst", "append"))
+    # A pass begins with the first burst after ranging; it is on disk when its last burst is stored.
+    bursts = len(arms) // 2
+    passes = [(arms[pass_ * bursts][0], stored[(pass_ + 1) * bursts - 1][1]) for pass_ in range(2)]
+    physics_s, storage_s = (
+        sum(spans.total(name, *pass_) for name in names for pass_ in passes)
+        for names in (("project", "record"), ("append",))
+    )
+    pictures = 2 * outcome.shots
+    return Speed(
+        outcome.shots_per_second,
+        spans.total("load", *everything),
+        bare_socket_s(-(-outcome.shots // UPLOAD_BLOCK), UPLOAD_BLOCK * PICTURE_BYTES),
+        pictures / sum(end - begin for begin, end in passes),
+        pictures / physics_s,
+        storage_s,
+        bare_files_s(folder / "burst" / "shards", folder / "bare"),
+    )
+
+
+def accuracy(directory: Path) -> float:
+    """Of the softmax readout on one run: mean over `SPLITS` splits."""
     with open_run(directory) as stored:
         records = read_records(stored)
     window = WindowFeatures(sample_interval_s=records.sample_interval_s, window_s=WINDOW_S)
     splits = random_splits(records.labels, records.groups, splits=SPLITS, test_size=0.1, seed=1)
     scores = validate(window.fit_transform(records.traces), records.labels, splits).scores
-    return float(np.mean(scores)), float(np.std(scores, ddof=1))
+    return statistics.fmean(map(float, scores))
 
 
-def say(*columns: object) -> None:
-    """Print one row."""
-    name, *rest = columns
-    sys.stdout.write(f"{name!s:44}" + "".join(f"{column!s:>22}" for column in rest) + "\n")
-
-
-def measure_speed(images: int, folder: Path) -> None:
-    """Acquire, and print where the time went beside the references."""
+def rows() -> Iterator[Row]:
+    """Of the same digits: five runs in bursts, and one of each timing for what a readout makes of them."""
     spans = Spans(
         (VialuxAlp, "load"),
-        (Patterns, "block"),
-        (VirtualAlp, "put"),
         (Dpo72504dx, "arm_burst"),
-        (VialuxAlp, "play"),
-        (Dpo72504dx, "read_burst"),
         (World, "project"),
         (World, "record"),
         (RunWriter, "append"),
     )
-    dataset, outcome = run_bursts(images, folder / "burst")
-    everything = (0.0, np.inf)
-    loads, arms, stored = (spans.within(name, *everything) for name in ("load", "arm_burst", "append"))
-    upload_s = sum(end - begin for begin, end in loads)
-    # A pass begins with the first burst after ranging; it is on disk when its last burst is stored.
-    bursts = len(arms) // 2
-    passes = [(arms[pass_ * bursts][0], stored[(pass_ + 1) * bursts - 1][1]) for pass_ in range(2)]
-    acquired_s = sum(end - begin for begin, end in passes)
-
-    def step(*names: str) -> float:
-        return sum(spans.total(name, *pass_) for name in names for pass_ in passes)
-
-    pictures, limit = 2 * outcome.shots, 1 / VialuxAlp.picture_period_s
-    size = outcome.shots * PICTURE_BYTES
-    bare_s = bare_socket_s(-(-outcome.shots // UPLOAD_BLOCK), UPLOAD_BLOCK * PICTURE_BYTES)
-    physics_s = step("project", "record")
-    files_s = bare_files_s(folder / "burst" / "shards", folder / "bare")
-
-    say(f"{dataset}: {outcome.shots} shots in two passes", "s", "pictures/s", "reference")
-    say("whole run, first light to last record", f"{outcome.seconds:.2f}", f"{outcome.shots_per_second:.0f} shots/s")
-    say("upload, once", f"{upload_s:.2f}", f"{size / upload_s / 1e9:.2f} GB/s", f"bare socket {bare_s:.2f} s")
-    say("  drawing the patterns", f"{spans.total('block', *everything):.2f}")
-    say("  taking them into the DMD's memory", f"{spans.total('put', *everything):.2f}")
-    say("bursts, both passes, to disk", f"{acquired_s:.2f}", f"{pictures / acquired_s:.0f}", f"DMD {limit:.0f}")
-    say("  physics", f"{physics_s:.2f}", f"{pictures / physics_s:.0f}")
-    say("  arming, playing, digitising, transfer", f"{step('arm_burst', 'play', 'read_burst') - physics_s:.2f}")
-    say("  storage, beside the next burst", f"{step('append'):.2f}", "", f"bare files {files_s:.2f} s")
-    say("tuning, ranging, data.h5", f"{outcome.seconds - upload_s - acquired_s:.2f}")
-    say("left to the DMD's own rate", f"{acquired_s - pictures / limit:.2f}", f"x {limit * acquired_s / pictures:.1f}")
-
-
-def compare_accuracy(folder: Path) -> None:
-    """Print what a readout reaches on the same images in either timing."""
-    for timing in ("software", "burst"):
-        protocol = ImageReadout(images=COMPARED_IMAGES, window=WINDOW_S, timing=timing)
-        outcome = run(protocol, folder / f"accuracy-{timing}")
-        mean, deviation = accuracy(folder / f"accuracy-{timing}")
-        found = f"{mean:.1%} +- {deviation:.1%}"
-        say(f"accuracy, {COMPARED_IMAGES} digits 0-3, {timing}", found, f"{outcome.shots_per_second:.0f} shots/s")
-
-
-def main() -> None:
-    """Measure and print a table."""
-    images = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
     with tempfile.TemporaryDirectory() as folder:
-        measure_speed(images, Path(folder))
-        compare_accuracy(Path(folder))
+        found = []
+        for number in range(REPETITIONS):
+            (place := Path(folder) / str(number)).mkdir()
+            found.append(speed(spans, place))
 
+        def median(name: str) -> float:
+            return statistics.median(getattr(one, name) for one in found)
 
-if __name__ == "__main__":
-    main()
+        limit, mirrors = 1 / VialuxAlp.picture_period_s, Goal(least=1.0)
+        what = f"{IMAGES} digits in bursts, two passes"
+        yield Row(f"{what}: first light to last record", median("shots_per_s"), "shots/s")
+        for name, of in (("pictures_per_s", "bursts to disk"), ("physics_pictures_per_s", "their physics")):
+            yield Row(f"{what}: {of}", median(name), "pictures/s", None, "the DMD", limit, mirrors)
+        for name, of, bare in (
+            ("upload_s", "upload", "bare_socket_s"),
+            ("storage_s", "storage, beside the next burst", "bare_files_s"),
+        ):
+            against = bare.removesuffix("_s").replace("_", " ")
+            yield Row(f"{what}: {of}", median(name), "s", None, against, median(bare))
+        software = ImageReadout(images=IMAGES, window=WINDOW_S)
+        run(software, Path(folder) / "software")
+        bursts, shots = accuracy(Path(folder) / "0" / "burst"), accuracy(Path(folder) / "software")
+        yield Row(f"accuracy of {what}, ten splits", bursts, "", None, "software-timed", shots)
