@@ -159,7 +159,7 @@ def accuracy(directory: Path) -> float:
     window = WindowFeatures(sample_interval_s=records.sample_interval_s, window_s=WINDOW_S)
     splits = random_splits(records.labels, records.groups, splits=SPLITS, test_size=0.1, seed=1)
     scores = validate(window.fit_transform(records.traces), records.labels, splits).scores
-    return statistics.fmean(map(float, scores))
+    return statistics.fmean(scores)
 
 
 def rows() -> Iterator[Row]:
@@ -178,7 +178,7 @@ def rows() -> Iterator[Row]:
             found.append(speed(spans, place))
 
         def median(name: str) -> float:
-            return statistics.median(getattr(one, name) for one in found)
+            return float(statistics.median(getattr(one, name) for one in found))
 
         limit, mirrors = 1 / VialuxAlp.picture_period_s, Goal(least=1.0)
         what = f"{IMAGES} digits in bursts, two passes"
