@@ -68,12 +68,27 @@ def processes(tasks: int) -> Iterator[Workers]:
     context = multiprocessing.get_context("spawn")
     size = min(os.cpu_count() or 1, tasks)
     shared = _Shared(context.Event(), context.Value("q", 0))
-    with ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared.stop, shared.made)) as executor:
+    with (
+        ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared.stop, shared.made)) as executor,
+        _stopped_at_once(),  # while running tasks come to their end
+    ):
         try:
-            yield _Pool(executor, size, shared)
+            with _stopped_at_once():
+                yield _Pool(executor, size, shared)
         finally:
             shared.stop.set()
             executor.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _stopped_at_once() -> Iterator[None]:
+    """Whatever stops the block at once ends the processes too; one with light on makes its bench dark first."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
 
 
 def _join(stop: Event, made: "Synchronized[int]") -> None:

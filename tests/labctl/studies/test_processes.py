@@ -1,6 +1,7 @@
 """Work in several processes: in the order that it needs, and ended by the first failure or by somebody."""
 
 import operator
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -62,3 +63,19 @@ def test_interrupted_nothing_more_begins(tmp_path: Path) -> None:
             needs={"later": ["first"]},
         )
     assert not later.exists()
+
+
+def test_stopped_at_once_it_waits_for_no_task() -> None:
+    told = 0
+
+    def progress(done: int, _records: int) -> None:
+        nonlocal told
+        told += done
+        if told > 1:
+            raise KeyboardInterrupt
+
+    tasks: Tasks = {"first": partial(len, "light"), "endless": partial(time.sleep, 1e6)}
+    with pytest.raises(KeyboardInterrupt):
+        in_parallel(
+            tasks, engine=processes, interruption=Interruption(), progress=progress, needs={"endless": ["first"]}
+        )
