@@ -41,7 +41,7 @@ def add(
 @app.command("list")
 def list_items(folder: FolderOption = RUNS, as_json: JsonOption = False) -> int:
     """List the items: done, running, waiting."""
-    items = _settled(folder).items()
+    items = settle(Queue(folder))
     show(
         {"items": [_described(item) for item in items]},
         as_json,

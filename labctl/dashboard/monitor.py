@@ -20,7 +20,7 @@ from labctl.dashboard.sweeps import Sweeps
 from labctl.errors import LabctlError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.store import StorePath
-from labctl.runs.queue import Queue
+from labctl.runs.queue import Item, Queue
 from labctl.runs.read.follower import Follower, Latest
 
 LOOK_EVERY_S = 0.25
@@ -134,13 +134,13 @@ class Watching:
         folder: Path,
         environment: Mapping[str, str] = MappingProxyType({}),
         holder_of: Callable[[Path], str] = lambda _station: "",
-        settle: Callable[[Queue], None] = lambda _queue: None,
+        settle: Callable[[Queue], list[Item]] = Queue.items,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Watch the runs in `folder`, which need not exist yet; one that is started here has `environment`, too.
 
         holder_of: who has the bench of a station file just now, in words; empty if nobody.
-        settle: makes what ran in a queue, when whoever carried it out died, wait again.
+        settle: the items of a queue, where what ran when whoever carried it out died waits again.
         """
         self.folder = folder
         self.environment = environment

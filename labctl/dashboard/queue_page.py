@@ -51,8 +51,7 @@ class QueuePage:
     def refresh(self) -> None:
         """Show the queue as it is now."""
         try:
-            self._watching.settle(self._queue)
-            items = self._queue.items()
+            items = self._watching.settle(self._queue)
         except LabctlError as error:
             self._message.set_text(str(error))
             return

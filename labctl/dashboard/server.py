@@ -32,7 +32,7 @@ from labctl.dashboard.sweep_pages import show_sweep, show_sweeps
 from labctl.errors import LabctlError
 from labctl.runs.format.own_files import read_own
 from labctl.runs.format.store import is_elsewhere
-from labctl.runs.queue import Queue
+from labctl.runs.queue import Item, Queue
 
 REPORT_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; sandbox; frame-ancestors 'none'"
 """A report is a picture book; that of a stranger's run may try to be more."""
@@ -65,14 +65,14 @@ def serve(
     port: int,
     environment: Mapping[str, str],
     holder_of: Callable[[Path], str],
-    settle: Callable[[Queue], None],
+    settle: Callable[[Queue], list[Item]],
     ready: Callable[[Served], AbstractContextManager[None]],
 ) -> None:
     """Serve the runs in `folder` at `host` and `port` (0: any free one), within `ready`, until a signal.
 
     A run that is started from the page has `environment` in addition to that of this process; none is while
-    `holder_of` its station file names somebody who has the bench. `settle` makes what ran in a queue, when whoever
-    carried it out died, wait again.
+    `holder_of` its station file names somebody who has the bench. `settle` gives the items of a queue, where what
+    ran when whoever carried it out died waits again.
 
     Raises:
         PortTaken: the port is not free, or the address is not one of this machine.

@@ -19,12 +19,11 @@ STRIP = 0.27
 MARKS = {Origin.SIMULATED: "simulated bench", Origin.MIXED: "partly simulated bench"}
 
 
-@styled
 def save_png(figure: Figure, path: Path, origin: Origin) -> None:
     """Save for a screen alone; otherwise as `labctl.reports.figure_files.save_figure` does."""
-    marked(figure, origin)
+    picture = png_of(figure, origin)
     path.unlink(missing_ok=True)  # it may lead somewhere else
-    print_png(figure, path)
+    path.write_bytes(picture)
 
 
 @styled

@@ -96,12 +96,15 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
     return Worked(done, failed, sum(item.state is State.WAITING for item in queue.items()))
 
 
-def settle(queue: Queue) -> None:
-    """What ran when whoever carried the queue out died waits again; nothing where somebody carries it out."""
-    if any(item.state is State.RUNNING for item in queue.items()):
+def settle(queue: Queue) -> list[Item]:
+    """The items of a queue, where what ran when whoever carried it out died waits again."""
+    items = queue.items()
+    if any(item.state is State.RUNNING for item in items):
         with suppress(BenchInUse), closing(_lock(queue)) as lock:  # of another user, who will say so himself
             if lock.lock():
                 queue.put_back()
+                return queue.items()
+    return items
 
 
 def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
