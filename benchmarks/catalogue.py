@@ -1,18 +1,20 @@
 """How long it takes to list and to search ten thousand runs.
 
-Seconds to make the catalogue from the runs, once, and then to find all of them, and few. The references, in the same
-run: the same rows by `sqlite3` alone from a table that holds them already, and asking the file system about the files
-of each run, without which nobody knows whether they have changed.
+Seconds to make the catalogue from the runs, once, to find all of them and few, and of the command that prints all. The
+references, in the same run: the same rows by `sqlite3` alone from a table that holds them already, asking the file
+system about the files of each run, without which nobody knows whether they changed, and a Python that does nothing.
 """
 
 import json
 import sqlite3
+import statistics
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from benchmarks.rows import Goal, Row, interleaved, timed
+from benchmarks.rows import REPETITIONS, Goal, Row, interleaved, timed
+from benchmarks.startup import taken
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.catalogue import FILE, Catalogue
@@ -51,7 +53,7 @@ def by_files_alone(folder: Path) -> None:
 
 
 def rows() -> Iterator[Row]:
-    """The catalogue made, then all runs, few by a comparison, few by words."""
+    """The catalogue made, then all runs, few by a comparison, few by words, and all by the command."""
     with tempfile.TemporaryDirectory() as place:
         template, folder = Path(place) / "run", Path(place) / "runs"
         acquire(Acquisition(ImageReadout(images=4), SIMULATED_STATION, template))
@@ -65,6 +67,11 @@ def rows() -> Iterator[Row]:
             lambda: by_sqlite_alone(folder / FILE),
             lambda: by_files_alone(folder),
         )
+        commands = ("-m", "labctl", "runs", str(folder)), ("-c", "pass")
+        turns = [[taken(words) for words in commands] for _ in range(REPETITIONS)]
+    (wall, processor), (bare, _) = (
+        [statistics.median(column) for column in zip(*one, strict=True)] for one in zip(*turns, strict=True)
+    )
     yield Row(
         f"catalogue of {RUNS} runs made once", made.wall_s, "s", made.processor_s, "files asked for", files.wall_s
     )
@@ -73,3 +80,4 @@ def rows() -> Iterator[Row]:
         yield Row(
             f"{RUNS} runs: {what}", one.wall_s, "s", one.processor_s, "the rows by sqlite3 alone", alone.wall_s, goal
         )
+    yield Row(f"{RUNS} runs: printed", wall, "s", processor, "python -c pass", bare, Goal(most=1.0, of="figure"))

@@ -166,6 +166,16 @@ def in_use(station: Station, wire: Wire = Wire()) -> str:
     return ""
 
 
+def refuse_in_use(station: Station, wire: Wire = Wire()) -> None:
+    """Before anything is loaded that takes long: what `held` would refuse just now.
+
+    Raises:
+        BenchInUse: another process has one of the instruments.
+    """
+    if told := in_use(station, wire):
+        raise BenchInUse(told, told)
+
+
 def _addresses(wire: Wire, *stations: Station) -> Iterator[tuple[str, str]]:
     for station in stations if wire.replay is None else ():
         by_hand = station.by_hand

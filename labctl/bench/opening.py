@@ -19,7 +19,6 @@ from instruments.sections import SIMULATED, AmplifierSection, AttenuatorSection,
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
 from labctl.bench.recording.recorder import recorded
-from labctl.bench.recording.replay import redirected
 from labctl.bench.recording.wire import Wire
 from labctl.bench.signals import stops_deferred
 from labctl.bench.simulation import simulated_bench as simulated_bench
@@ -156,6 +155,8 @@ def _reached(station: Station, transcript: Transcript, access: Access) -> Iterat
         if wire.record is not None:
             transcript = stack.enter_context(recorded(transcript, station, wire.record))
         if wire.replay is not None:
+            from labctl.bench.recording.replay import redirected  # with a server, which no other bench needs
+
             station = redirected(station, wire.replay)
         if station.partly_simulated and not station.mixed:
             raise StationError(

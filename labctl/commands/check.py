@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,7 +16,9 @@ from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.errors import UsageError
 from labctl.runs.live.logs import CommandLog
-from labctl.studies.open_questions import Asked, ask_bench
+
+if TYPE_CHECKING:
+    from labctl.studies.open_questions import Asked
 
 DeepOption = Annotated[
     bool,
@@ -48,6 +50,8 @@ def check(
         )
         well = all(finding.ok for finding in checked.values())
         if deep and well:
+            from labctl.studies.open_questions import ask_bench  # with protocols and data sets
+
             asked = ask_bench(described, log, access, light=armed)
     findings = {name: in_json(finding) for name, finding in checked.items()}
     result: dict[str, Any] = {"ok": well, "instruments": findings}
@@ -63,7 +67,7 @@ def _tell_of_minutes(name: str, takes_s: float) -> None:
         tell(f"{name}: tests itself, which may take {takes_s / 60:.0f} minutes; Ctrl-C stops waiting for it")
 
 
-def _print(findings: dict[str, dict[str, Any]], asked: Asked | None) -> None:
+def _print(findings: dict[str, dict[str, Any]], asked: "Asked | None") -> None:
     table(
         ("instrument", "", "address", "identity", "serial", "firmware", "options"),
         (

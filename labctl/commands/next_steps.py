@@ -8,7 +8,6 @@ from pathlib import Path
 from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.run import open_run
-from labctl.studies.paper.experiments import experiments
 from protocols.base import Judgement
 from protocols.registry import judgement_of
 
@@ -116,4 +115,6 @@ def _judged(directory: Path) -> tuple[str, str]:
 
 
 def _experiments_with(protocol: str) -> list[str]:
+    from labctl.studies.paper.experiments import experiments  # which nothing else here needs
+
     return [one.name for one in experiments() if any(run.protocol == protocol for run in one.runs.values())]

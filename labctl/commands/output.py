@@ -8,11 +8,11 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 from rich.text import Text
 
 from instruments.bench import Observer
 from instruments.safe_state import UnsafeBench
+from labctl.commands.columns import in_columns
 from labctl.printable import json_line, printable
 
 PLAIN_WIDTH = 200
@@ -50,13 +50,9 @@ def warn(line: str) -> None:
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table for people."""
-    grid = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in headings:
-        # what is cut off, such as an address, nobody can use
-        grid.add_column(Text(printable(heading)), overflow="fold")
-    for row in rows:
-        grid.add_row(*(Text(printable(str(cell))) for cell in row))
-    _console.print(grid)
+    lines = in_columns([[printable(str(cell)) for cell in row] for row in (headings, *rows)], _console)
+    _console.print(Text(next(lines), style="bold"))
+    _console.file.writelines(f"{line}\n" for line in lines)
 
 
 class ProgressLine(Observer):

@@ -3,26 +3,24 @@
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from instruments.bench import Observers
+from labctl.bench.lock import refuse_in_use
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
-from labctl.commands.next_steps import next_command, options_again, resumable, resume_command
 from labctl.commands.options import DataOption, NoteOption, OperatorOption, StarOption, StationOption, TagsOption
 from labctl.commands.output import JsonOption, progress_bar, say, show, table
-from labctl.engine.engine import Outcome
-from labctl.engine.forecast import forecast
-from labctl.engine.plan import new_directory
-from labctl.engine.session import Acquisition, acquire
 from labctl.errors import UsageError
-from labctl.runs.read.run import open_run
 from labctl.runs.said import Said, Saying
 from protocols.registry import protocol_names, read_protocol
+
+if TYPE_CHECKING:
+    from labctl.engine.engine import Outcome
 
 
 def run(
@@ -53,11 +51,20 @@ def run(
     found = read_station(station)
     if station is None:
         found = found.cabled(projector=asked.projector)
-    directory = out or new_directory(asked, datetime.now(UTC))
     access = access_of(context, attended=attended, armed=armed)
+    if not dry_run:
+        refuse_in_use(found, access.wire)
+
+    from labctl.commands.next_steps import options_again, resumable  # what is loaded from here on takes long
+    from labctl.engine.plan import new_directory
+    from labctl.engine.session import Acquisition, acquire
+
+    directory = out or new_directory(asked, datetime.now(UTC))
     acquisition = Acquisition(asked, found, directory, data, access, profile)
     saying = Saying(Said(note=note, tags=tuple(tags or ()), star=star, operator=operator))
     if dry_run:
+        from labctl.engine.forecast import forecast
+
         plan = forecast(acquisition)
         show(plan, as_json, lambda: table(("what", "value"), _for_people(plan)))
         return DONE
@@ -87,8 +94,11 @@ def _for_people(plan: Mapping[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def describe(outcome: Outcome, options: str) -> dict[str, Any]:
+def describe(outcome: "Outcome", options: str) -> dict[str, Any]:
     """What is printed of a run that was carried out or resumed; `options` are those that going on with it needs."""
+    from labctl.commands.next_steps import next_command, resume_command
+    from labctl.runs.read.run import open_run
+
     with open_run(outcome.directory) as stored:
         digest = stored.digest()
         ports = list(stored.ports)

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -110,18 +110,20 @@ class Catalogue:
                 f"ORDER BY {largest.format('number')} DESC, {largest.format('text')} DESC, name DESC LIMIT ?",
                 [*values, sort, sort, -1 if limit is None else limit],
             ).fetchall()
-            found = [Found(self._row(name, row), json.loads(facts)) for name, row, facts, _ in reversed(chosen)]
-            return found, chosen[0][3] if chosen else 0
+        if not chosen:
+            return [], 0
+        names, rows, facts, counts = zip(*reversed(chosen), strict=True)
+        found = map(Found, map(self._row, names, _all_of(rows)), _all_of(facts))
+        return list(found), counts[0]
 
     def keys(self) -> list[str]:
         """All that is known of some run, by name."""
         with self._open() as database:
             return sorted(self._keys(database))
 
-    def _row(self, name: bytes, text: str) -> RunRow:
-        row = RunRow(**json.loads(text))
-        instruments = Origin(row.instruments) if row.instruments else None
-        return replace(row, path=self._folder / os.fsdecode(name), instruments=instruments)
+    def _row(self, name: bytes, told: dict[str, Any]) -> RunRow:
+        instruments = Origin(told["instruments"]) if told["instruments"] else None
+        return RunRow(**told | {"path": self._folder / os.fsdecode(name), "instruments": instruments})
 
     @staticmethod
     def _keys(database: sqlite3.Connection) -> frozenset[str]:
@@ -178,8 +180,10 @@ class Catalogue:
         changed: list[tuple[bytes, str | None, RunPaths]] = []
         for name, stamp in there.items():
             before, running, complete = known.get(name, (None, False, False))
+            if complete and stamp == before and stamp is not None:
+                continue
             paths = RunPaths(self._folder / os.fsdecode(name))
-            if stamp is None or stamp != before or not (complete or running == is_running(paths)):
+            if stamp is None or stamp != before or running != is_running(paths):
                 changed.append((name, stamp, paths))
         with _several_at_once(self._folder) as each:
             for (name, stamp, _), (row, facts) in zip(
@@ -187,6 +191,12 @@ class Catalogue:
             ):
                 _forget(database, name)
                 _enter(database, name, stamp, row, facts)
+
+
+def _all_of(told: Sequence[str]) -> list[dict[str, Any]]:
+    """Of JSON objects; ten thousand of them take half as long at once."""
+    found: list[dict[str, Any]] = json.loads(f"[{','.join(told)}]")
+    return found
 
 
 def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:

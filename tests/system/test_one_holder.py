@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from instruments.values import Identity
-from labctl.bench.lock import held
+from labctl.bench.lock import held, in_use
 from labctl.bench.station import Station, read_station, write_addresses
 from labctl.dashboard import launcher
 from labctl.dashboard.launcher import Asked
@@ -102,15 +102,10 @@ def holding(task: str, station: Path, out: Path) -> Iterator[subprocess.Popen[by
 
 def until_held(process: subprocess.Popen[bytes], station: Path) -> None:
     bench = read_station(station)
-    while process.poll() is None:
-        try:
-            with held(bench, "a test"):
-                pass
-        except BenchInUse as error:
-            if f"process {process.pid} " in str(error):
-                return
+    while f"process {process.pid} " not in in_use(bench):
         with suppress(subprocess.TimeoutExpired):
             process.wait(0.05)
+        assert process.poll() is None, "ended before it had the bench"
 
 
 @pytest.mark.parametrize("first", TASKS)

@@ -18,7 +18,6 @@ from pathlib import Path, PurePosixPath
 from threading import Lock
 from typing import Any, cast
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from labctl.errors import LabctlError, RunError, UsageError, one_line
 
@@ -54,6 +53,8 @@ def location(named: Path | str) -> Path:
     if not isinstance(named, str) or (found := _URL.match(named)) is None:
         return named if isinstance(named, Path | StorePath) else Path(named)
     if found[1] in ("file", "local"):
+        from urllib.request import url2pathname  # with HTTP and TLS, which take long to load
+
         return Path(url2pathname(urlsplit(named).path))
     if ".." in PurePosixPath(named).parts:
         raise UsageError(f"{_shown(named)}: leads outside of itself: write it without ..")
