@@ -49,7 +49,8 @@ def runs(
     asked += [f"seed = {seed}"] if seed is not None else []
     more = [key.strip().lower() for key in columns.split(",") if key.strip()]
     found = catalogue.find(" and ".join(asked), sort=sort, limit=limit, shown=more)
-    show({"runs": [_listed(one) for one in found]}, as_json, lambda: _print(folder, found, more, asked=bool(asked)))
+    listed = [_listed(one) for one in found] if as_json else []
+    show({"runs": listed}, as_json, lambda: _print(folder, found, more, asked=bool(asked)))
     return DONE
 
 

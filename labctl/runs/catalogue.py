@@ -105,9 +105,11 @@ class Catalogue:
                     raise unknown(key, keys.union(LISTED))
             sql, values = condition(words, keys)
             largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
+            order = f"{largest.format('number')} DESC, {largest.format('text')} DESC, name DESC"
+            # Names alone are sorted, which are short, and then looked up in turn.
             chosen = database.execute(
-                f"SELECT name, row, facts, count(*) OVER () FROM run WHERE {sql} "  # noqa: S608 -- of signs that `condition` chooses
-                f"ORDER BY {largest.format('number')} DESC, {largest.format('text')} DESC, name DESC LIMIT ?",
+                "SELECT name, row, facts, total FROM (SELECT name AS chosen, count(*) OVER () AS total "  # noqa: S608 -- of signs that `condition` chooses
+                f"FROM run WHERE {sql} ORDER BY {order} LIMIT ?) CROSS JOIN run ON name = chosen",
                 [*values, sort, sort, -1 if limit is None else limit],
             ).fetchall()
         if not chosen:
@@ -218,13 +220,14 @@ def _stamps(folder: Path) -> dict[bytes, str | None]:
     for name in os.listdir(root) if folder.is_dir() else ():
         stamps = []
         for file in STAMPED:
-            with suppress(OSError):
+            try:
                 seen = os.lstat(b"%b/%b/%b" % (root, name, file))
+            except OSError:
+                if file == MANIFEST:
+                    break
+                stamps.append("")
+            else:
                 stamps.append(f"{seen.st_size} {seen.st_mtime_ns}")
-                continue
-            if file == MANIFEST:
-                break
-            stamps.append("")
         else:
             found[name] = ",".join(stamps)
     return found
