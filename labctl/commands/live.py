@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console, Group
@@ -15,7 +15,7 @@ from rich.text import Text
 
 from instruments.bench import Observer
 from instruments.units import quantity
-from labctl.analysis.alignment import LEAST_REPEATS, repeatability_db
+from labctl.bench.lock import refuse_in_use
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
@@ -23,9 +23,11 @@ from labctl.commands.exit_status import DONE
 from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, say, show, warn
 from labctl.commands.ranges import ports_of
-from labctl.engine.live import Show, View, watch
 from labctl.errors import UsageError
-from labctl.runs.live.sight import Sight
+
+if TYPE_CHECKING:
+    from labctl.engine.live import Show
+    from labctl.runs.live.sight import Sight
 
 BAR = 48
 """Columns of a level bar."""
@@ -57,13 +59,17 @@ def live(
     as_json: JsonOption = False,
 ) -> int:
     """Show what the detectors see now, several times a second; the bench is dark when it ends. Ctrl-C ends it."""
-    found = read_station(station)
+    found, access = read_station(station), access_of(context, attended=attended, armed=armed)
+    refuse_in_use(found, access.wire)
+
+    from labctl.engine.live import View, watch  # which takes long to load
+
     view = View(
         found,
         runs,
         ports_of(ports) or (),
         found.laser.wavelength if wavelength is None else _quantity("--wavelength", wavelength, "nm"),
-        access_of(context, attended=attended, armed=armed),
+        access,
         _quantity("--window", window, "s"),
         averages,
         rate,
@@ -108,13 +114,13 @@ class _Warnings(Observer):
 
 
 @contextmanager
-def _level_bars(*, bell: bool) -> Iterator[Show]:
+def _level_bars(*, bell: bool) -> "Iterator[Show]":
     """Level bars on standard error; only where somebody can see them."""
     console = Console(stderr=True, highlight=False, emoji=False)
     with Live(console=console, auto_refresh=False, transient=True) as drawn:
         highest = -math.inf
 
-        def look(sight: Sight | None) -> None:
+        def look(sight: "Sight | None") -> None:
             nonlocal highest
             if not console.is_terminal:
                 return
@@ -131,7 +137,9 @@ def _dark() -> Text:
     return Text("nothing is measured: the laser or the drive is off (labctl dashboard: Laser on)")
 
 
-def _bars(sight: Sight) -> Group:
+def _bars(sight: "Sight") -> Group:
+    from labctl.analysis.alignment import LEAST_REPEATS, repeatability_db
+
     table = Table(box=None, pad_edge=False)
     for heading in ("port", "level", "peak", "", "repeats", "like first", ""):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
