@@ -49,3 +49,8 @@ Ports = Annotated[
     Field(min_length=1),
     AfterValidator(require_distinct),
 ]
+
+
+def port_name(port: int) -> str:
+    """What a port is called in figures and tables."""
+    return f"port {port}" if port else "before the chip"

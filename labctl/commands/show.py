@@ -14,7 +14,7 @@ from labctl.errors import UsageError
 from labctl.runs.format.store import is_elsewhere, location
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.file_summary import is_run, summary_of
-from labctl.studies.inspection import Look, draw, look_at, part_of
+from labctl.studies.inspection import Look, look_at, part_of, place_of_pictures
 
 
 def show(
@@ -37,8 +37,7 @@ def show(
     if not path.exists():
         raise UsageError(f"{path}: no such file or directory: name a run directory, a data.h5 or another file")
     if is_run(path):
-        found = _run(path, out, shots_of(shots), ports_of(ports))
-        output(found, as_json, lambda: _print(found))
+        _show_run(path, out, shots_of(shots), ports_of(ports), as_json=as_json)
         return DONE
     if is_elsewhere(path):
         raise UsageError(f"{path}: is not a run: copy the file here to see what it holds")
@@ -49,17 +48,24 @@ def show(
     return DONE
 
 
-def _run(path: Path, out: Path | None, shots: tuple[int, int] | None, ports: tuple[int, ...] | None) -> dict[str, Any]:
+def _show_run(
+    path: Path, out: Path | None, shots: tuple[int, int] | None, ports: tuple[int, ...] | None, *, as_json: bool
+) -> None:
+    """Numbers at once, pictures as soon as they are drawn."""
     with open_run(path) as run:
         part = part_of(run, shots, ports)
-        look = look_at(run, part)
-        drawn = draw(run, part, look, out)
-        return _described(path, run) | {
-            "shown_shots": int(part.shots.size),
-            "signals": _signals(look),
-            "pictures": [str(picture) for picture in drawn.pictures],
-            "left_out": list(drawn.left_out),
-        }
+        look, place = look_at(run, part), place_of_pictures(run, out)
+        found = _described(path, run) | {"shown_shots": int(part.shots.size), "signals": _signals(look)}
+        if not as_json:
+            _print(found)
+
+        from labctl.studies.run_pictures import (
+            draw,  # with matplotlib, which takes longer to load than all of the above
+        )
+
+        drawn = draw(run, part, look, place, "shown-" if out is None else "")
+    found |= {"pictures": [str(picture) for picture in drawn.pictures], "left_out": list(drawn.left_out)}
+    output(found, as_json, lambda: _print_pictures(found))
 
 
 def _described(path: Path, run: Run) -> dict[str, Any]:
@@ -103,12 +109,15 @@ def _signals(look: Look) -> list[dict[str, Any]]:
 
 
 def _print(found: dict[str, Any]) -> None:
-    apart = ("instruments", "signals", "pictures", "left_out")
+    apart = ("instruments", "signals")
     table(("what", "value"), _flat({key: value for key, value in found.items() if key not in apart}))
     say("")
     headings = ("port", "clipped frames", "range used", "reference level first, last", "correlation of first and last")
     table(headings, map(_signal_row, found["signals"]))
     say("")
+
+
+def _print_pictures(found: dict[str, Any]) -> None:
     for picture in found["pictures"]:
         say(picture)
     for line in found["left_out"]:

@@ -135,11 +135,6 @@ class Level:
     value: float
 
 
-def port_name(port: int) -> str:
-    """What a port is called in figures."""
-    return f"port {port}" if port else "before the chip"
-
-
 def panel(height: float = 4.0) -> tuple[Figure, Axes]:
     """A figure of one panel with horizontal grid lines, as wide as a page; `height` in inches."""
     figure = Figure(figsize=(6.4, height))

@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from instruments.ports import port_name
 from labctl.errors import LabctlError
-from labctl.reports.canvas import look, place_legend, port_name, styled, volt_scale
+from labctl.reports.canvas import look, place_legend, styled, volt_scale
 from labctl.reports.pictures import png_of
 from labctl.runs.format.origin import Origin
 

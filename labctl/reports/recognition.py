@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from labctl.reports.canvas import Series, port_name
+from instruments.ports import port_name
+from labctl.reports.canvas import Series
 from labctl.reports.figures.confusion import confusion_figure
 from labctl.reports.figures.traces import traces_figure
 from labctl.reports.figures.window import accuracy_figure

@@ -1,4 +1,4 @@
-"""Looking at a run as it was measured: traces, images, how the range is used, how the bench drifted.
+"""Looking at a run as it was measured: how the range is used, how the bench drifted.
 
 Nothing is learnt here and nothing judged: it is what an operator looks at before that.
 """
@@ -6,33 +6,18 @@ Nothing is learnt here and nothing judged: it is what an operator looks at befor
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from instruments.ports import port_name
 from instruments.remedies import unwritable
 from labctl.analysis.signal_quality import CodeCounts, Drift, drift, no_codes
-from labctl.engine.inputs import images_for
-from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs
-from labctl.errors import DatasetError, RunError
-from labctl.reports.canvas import port_name
-from labctl.reports.figures.codes import codes_figure
-from labctl.reports.figures.drift import drift_figure
-from labctl.reports.figures.images import images_figure
-from labctl.reports.figures.traces import traces_figure
-from labctl.reports.pictures import join_pictures, save_png
+from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere
 from labctl.runs.read.run import Run
-from protocols.base import Images, ProtocolError
 
-MOST_TRACES = 6
-MOST_PORTS = 8
-MOST_IMAGES = 16
 BLOCK_BYTES = 1 << 23
 
 
@@ -61,14 +46,6 @@ class Look:
     clipped: NDArray[np.float64]
     drift_s: NDArray[np.float64] | None
     drift: Drift | None
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """The pictures that were written, and a line for each that was left out."""
-
-    pictures: tuple[Path, ...]
-    left_out: tuple[str, ...]
 
 
 def part_of(run: Run, shots: tuple[int, int] | None, ports: Sequence[int] | None) -> Part:
@@ -129,105 +106,32 @@ def signals(run: Run, shots: NDArray[np.intp], ports: NDArray[np.intp]) -> NDArr
     return run.volts(shots)[:, ports]
 
 
-def draw(run: Run, part: Part, look: Look, out: Path | None) -> Drawn:
-    """Draw traces, images, codes and drift.
-
-    Args:
-        run: The run.
-        part: What was looked at.
-        look: What was seen.
-        out: A folder for pictures, or a file .png for one picture of all of them; None = the
-            folder of figures of the run.
+def place_of_pictures(run: Run, out: Path | None) -> Path:
+    """Where pictures of a run go: a folder, made now, or a file .png; None = the folder of figures of the run.
 
     Raises:
-        RunError: the pictures cannot be written.
+        RunError: it cannot be made.
     """
     beside = not run.path.is_dir() and not is_elsewhere(run.path)
-    figures = RunPaths(run.path.parent if beside else run.path).figures
+    place = RunPaths(run.path.parent if beside else run.path).figures if out is None else out
     try:
-        if out is None:
-            return _draw(run, part, look, figures, "shown-")
-        if out.suffix.lower() != ".png":
-            return _draw(run, part, look, out, "")
-        with TemporaryDirectory() as folder:
-            drawn = _draw(run, part, look, Path(folder), "")
-            join_pictures(drawn.pictures, out)
-        return Drawn((out,), drawn.left_out)
+        (place.parent if is_one_picture(place) else place).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        where = figures if out is None else out
-        raise RunError(unwritable(where, error, "name another place by --out")) from None
+        raise cannot_be_drawn(place, error) from None
+    return place
 
 
-def _draw(run: Run, part: Part, look: Look, folder: Path, before: str) -> Drawn:
-    folder.mkdir(parents=True, exist_ok=True)
-    pictures: list[Path] = []
-    left_out: list[str] = []
+def is_one_picture(place: Path) -> bool:
+    """Whether all pictures go into one file."""
+    return place.suffix.lower() == ".png"
 
-    def add(name: str, figure: Figure) -> None:
-        pictures.append(folder / f"{before}{name}.png")
-        save_png(figure, pictures[-1], Origin.of(run.manifest))
 
-    few = slice(MOST_PORTS)
-    if len(look.ports) > MOST_PORTS:
-        left_out.append(f"the first {MOST_PORTS} of {len(look.ports)} traces a shot are drawn: choose by --ports")
-    chosen = _examples(run.planned, part.shots)
-    add(
-        "traces",
-        traces_figure(
-            run.time,
-            signals(run, chosen, part.ports[few]),
-            shots=[f"shot {_named(run.planned[place])}" for place in chosen],
-            ports=look.ports[few],
-        ),
-    )
-    try:
-        add("images", _images(run, part))
-    except (DatasetError, ProtocolError, RunError) as error:
-        left_out.append(f"images are left out: {error}")
-    add(
-        "codes",
-        codes_figure(look.codes.first_code, look.codes.counts[few], look.clipped[few].tolist(), ports=look.ports[few]),
-    )
-    if look.drift is not None and look.drift_s is not None:
-        found = (look.drift_s[:, few], look.drift.level[:, few], look.drift.correlation[:, few])
-        add("drift", drift_figure(*found, ports=look.ports[few]))
-    else:
-        left_out.append("drift is left out: it is seen in two or more reference images")
-    return Drawn(tuple(pictures), tuple(left_out))
+def cannot_be_drawn(place: Path, error: OSError) -> RunError:
+    """The one line for pictures that cannot be written."""
+    return RunError(unwritable(place, error, "name another place by --out"))
 
 
 def _blocks(run: Run, shots: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     """The shots in pieces of about `BLOCK_BYTES` of frames."""
     row = len(run.ports) * run.shape.samples * run.shape.dtype.itemsize
     return np.array_split(shots, -(-shots.size * row // BLOCK_BYTES))
-
-
-def _examples(planned: NDArray[Any], shots: NDArray[np.intp]) -> NDArray[np.intp]:
-    """One image of each class and one dark frame where all shots are asked for; otherwise the first shots."""
-    if shots.size < planned.size or not np.any(planned["kind"] == "image"):
-        return shots[:MOST_TRACES]
-    images = shots[planned["kind"] == "image"]
-    _, first = np.unique(planned["label"][images], return_index=True)
-    dark = shots[planned["kind"] == "dark"][:1]
-    return np.sort(np.append(images[np.sort(first)[: MOST_TRACES - dark.size]], dark))
-
-
-def _images(run: Run, part: Part) -> Figure:
-    """The first images of the chosen shots, as the mirrors were set."""
-    protocol = protocol_of_manifest(run.path, run.manifest)
-    if protocol.takes is not Images:
-        raise RunError("the run showed none")
-    shown = images_for(protocol)
-    refuse_other_inputs(run.path, run.manifest, shown)
-    planned = run.planned[part.shots]
-    planned = planned[planned["dataset_index"] >= 0][:MOST_IMAGES]
-    place = {int(index): number for number, index in enumerate(shown.indices)}
-    chosen = [place[int(index)] for index in planned["dataset_index"] if int(index) in place]
-    if not chosen or len(chosen) < planned.size:
-        raise RunError("no image belongs to these shots")
-    return images_figure(shown.images[chosen], [_named(shot) for shot in planned])
-
-
-def _named(shot: Any) -> str:
-    kind = f"class {shot['label']}" if shot["kind"] == "image" and shot["label"] >= 0 else str(shot["kind"])
-    return f"{shot['index']}: {kind}"

@@ -3,9 +3,10 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from instruments.ports import port_name
 from labctl.analysis.signal_quality import no_codes
 from labctl.analysis.spectrum import LEAST_SAMPLES, spectrum
-from labctl.reports.canvas import legend_below, look, port_name, styled
+from labctl.reports.canvas import legend_below, look, styled
 from labctl.reports.pictures import png_of
 from labctl.runs.format.origin import Origin
 from labctl.runs.live.sight import Sight

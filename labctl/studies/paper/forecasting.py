@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from pydantic import PositiveInt
 from threadpoolctl import threadpool_limits
 
+from instruments.ports import port_name
 from labctl.analysis.baselines import autoregressive_nmse, echo_state_nmse
 from labctl.analysis.intervals import pooled
 from labctl.analysis.regression import nmse, ridge_readout
 from labctl.analysis.symbols import one_step_ahead, require_causal, symbol_features
 from labctl.datasets.sequences import load_sequences
 from labctl.errors import AnalysisError
-from labctl.reports.canvas import Level, Series, port_name
+from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.ports import port_error_figure
 from labctl.reports.figures.prediction import prediction_figure

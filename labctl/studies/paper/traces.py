@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.ports import port_name
 from labctl.analysis.intervals import Statistic, pooled
 from labctl.errors import AnalysisError
-from labctl.reports.canvas import port_name
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.encoding import encoding_figure
 from labctl.runs.read.records import Records

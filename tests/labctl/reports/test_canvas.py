@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from instruments.ports import port_name
 from labctl.reports.canvas import (
     DASHES,
     MARKERS,
@@ -13,7 +14,6 @@ from labctl.reports.canvas import (
     draw_series,
     legend_below,
     look,
-    port_name,
     spread_out,
     thinned,
     volt_scale,
