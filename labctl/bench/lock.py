@@ -90,7 +90,7 @@ class Hold(Observer):
         lock = LockFile(key)
         if told := _refused(lock, key):
             lock.close()
-            raise BenchInUse(f"{name} is in use: {told}", told)
+            raise _is_in_use(name, told)
         self._locks[key] = lock
         self._sign(lock)
 
@@ -159,21 +159,27 @@ def held(station: Station, task: str, wire: Wire = Wire(), also: Iterable[Statio
 
 def in_use(station: Station, wire: Wire = Wire()) -> str:
     """Which instrument of `station` another process has just now, and who it is; empty if none. Holds nothing."""
-    for name, address in _addresses(wire, station):
-        with closing(LockFile(place_of(address))) as lock:
-            if not lock.lock() and (holder := _holder(lock)) is not None:
-                return f"{name} is in use: {holder.in_words()}"
+    try:
+        refuse_in_use(station, wire)
+    except BenchInUse as error:
+        return str(error)
     return ""
 
 
 def refuse_in_use(station: Station, wire: Wire = Wire()) -> None:
-    """Before anything is loaded that takes long: what `held` would refuse just now.
+    """Before anything is loaded that takes long: what `held` would refuse just now. Holds nothing.
 
     Raises:
         BenchInUse: another process has one of the instruments.
     """
-    if told := in_use(station, wire):
-        raise BenchInUse(told, told)
+    for name, address in _addresses(wire, station):
+        with closing(LockFile(place_of(address))) as lock:
+            if not lock.lock() and (holder := _holder(lock)) is not None:
+                raise _is_in_use(name, holder.in_words())
+
+
+def _is_in_use(name: str, told: str) -> BenchInUse:
+    return BenchInUse(f"{name} is in use: {told}", told)
 
 
 def _addresses(wire: Wire, *stations: Station) -> Iterator[tuple[str, str]]:

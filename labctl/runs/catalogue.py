@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -107,15 +108,16 @@ class Catalogue:
             sql, values = condition(words, keys)
             largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
             order = f"{largest.format('number')} DESC, {largest.format('text')} DESC, name DESC"
-            # Names alone are sorted, which are short, and then looked up in turn.
+            # Names alone are sorted, which are short; rows and facts are then looked up, in whatever order.
             chosen = database.execute(
-                "SELECT name, row, facts, total FROM (SELECT name AS chosen, count(*) OVER () AS total "  # noqa: S608 -- of signs that `condition` chooses
-                f"FROM run WHERE {sql} ORDER BY {order} LIMIT ?) CROSS JOIN run ON name = chosen",
-                [*values, sort, sort, -1 if limit is None else limit],
+                "SELECT name, row, facts, total, place FROM (SELECT name AS chosen, count(*) OVER () AS total, "  # noqa: S608 -- of signs that `condition` chooses
+                f"row_number() OVER (ORDER BY {order}) AS place FROM run WHERE {sql} ORDER BY place LIMIT ?) "
+                "CROSS JOIN run ON name = chosen",
+                [sort, sort, *values, -1 if limit is None else limit],
             ).fetchall()
         if not chosen:
             return [], 0
-        names, rows, facts, counts = zip(*reversed(chosen), strict=True)
+        names, rows, facts, counts, _ = zip(*sorted(chosen, key=itemgetter(-1), reverse=True), strict=True)
         with _all_of_it_kept():
             found = map(Found, map(self._row, names, _all_of(rows)), _all_of(facts))
             return list(found), counts[0]
@@ -184,10 +186,11 @@ class Catalogue:
         changed: list[tuple[bytes, str | None, RunPaths]] = []
         for name, stamp in there.items():
             before, running, complete = known.get(name, (None, False, False))
-            if complete and stamp == before and stamp is not None:
+            unchanged = stamp is not None and stamp == before
+            if unchanged and complete:
                 continue
             paths = RunPaths(self._folder / os.fsdecode(name))
-            if stamp is None or stamp != before or running != is_running(paths):
+            if not (unchanged and running == is_running(paths)):
                 changed.append((name, stamp, paths))
         with _several_at_once(self._folder) as each:
             for (name, stamp, _), (row, facts) in zip(

@@ -110,12 +110,15 @@ def place_of_pictures(run: Run, out: Path | None) -> Path:
     """Where pictures of a run go: a folder, made now, or a file .png; None = the folder of figures of the run.
 
     Raises:
-        RunError: it cannot be made.
+        RunError: it cannot be made, or the file's folder is not there.
     """
     beside = not run.path.is_dir() and not is_elsewhere(run.path)
     place = RunPaths(run.path.parent if beside else run.path).figures if out is None else out
     try:
-        (place.parent if is_one_picture(place) else place).mkdir(parents=True, exist_ok=True)
+        if is_one_picture(place):
+            place.parent.stat()
+        else:
+            place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise cannot_be_drawn(place, error) from None
     return place
