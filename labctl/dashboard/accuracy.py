@@ -11,6 +11,7 @@ import numpy as np
 
 from labctl.errors import AnalysisError, LabctlError
 from labctl.runs.read.follower import Follower
+from labctl.runs.read.run import Run
 
 LEAST = 40
 """Images of the first point."""
@@ -38,42 +39,50 @@ class Curve:
     seen: int = 0
 
 
-def curve(directory: Path, known: Curve) -> Curve:
-    """The curve of a run as far as it is now; points that are `known`, on the same ports, are not computed again.
+def curve(directory: Path, known: Curve) -> tuple[Curve, bool]:
+    """The curve of a run as it is now with one point more than is `known` on the same ports, and whether others follow.
 
     A run that nothing can be learnt from, such as one of scenes or of one class, has no points.
     """
-    from labctl.analysis.evaluation import cross_validated_accuracy
-    from labctl.runs.read.records import read_records
-
     try:
         following = Follower(directory)
         while following.look():
             pass
         run = following.measured(LEAST, MOST_SHOTS)
-        records = None if run is None else read_records(run)
+        shots = None if run is None else run.shots[run.shots["kind"] == "image"]
+        if run is None or shots is None or np.unique(shots["label"]).size < 2:
+            return known, False
+        known = known if known.ports == run.ports else Curve(ports=run.ports)
+        points = dict(zip(known.images, known.accuracy, strict=True))
+        whole = min(following.done) == following.shape.shots and shots.size >= LEAST
+        missing = sorted({*counts(shots.size), *([shots.size] if whole else ())} - points.keys())
+        while missing and len(points) == len(known.images):
+            count = missing.pop(0)
+            point = _point(following.measured(LEAST, int(shots["index"][count - 1]) + 1), count)
+            points |= {} if point is None else {count: point}
     except (LabctlError, KeyError):
-        return known
-    if records is None or np.unique(records.labels).size < 2:
-        return known
-    known = known if known.ports == records.ports else Curve(ports=records.ports)
-    available = records.labels.size
+        return known, False
+    chance = float(np.bincount(shots["label"][shots["label"] >= 0]).max() / shots.size)
+    found = Curve(tuple(sorted(points)), tuple(points[n] for n in sorted(points)), run.ports, chance, shots.size)
+    return found, bool(missing)
+
+
+def _point(run: Run | None, count: int) -> float | None:
+    """Accuracy on the first `count` images of a run; None where they are too few of a class."""
+    from labctl.analysis.evaluation import cross_validated_accuracy
+    from labctl.runs.read.records import read_records
+
+    if run is None:
+        return None
+    records = read_records(run)
     samples = min(records.traces.shape[-1], max(1, round(WINDOW_S / records.sample_interval_s)))
-    features = records.traces[:, :, :samples].reshape(available, -1)
-    points = dict(zip(known.images, known.accuracy, strict=True))
-    whole = min(following.done) == following.shape.shots
-    for count in sorted({*counts(available), *([available] if whole and available >= LEAST else ())}):
-        if count not in points:
-            labels, groups = records.labels[:count], records.groups[:count]
-            try:
-                scores = cross_validated_accuracy(
-                    features[:count], labels, groups, splits=SPLITS, test_size=TEST_PART, seed=1
-                )
-            except AnalysisError:  # too few of a class so far
-                continue
-            points[count] = float(np.mean(scores))
-    chance = float(np.bincount(records.labels[records.labels >= 0]).max() / available)
-    return Curve(tuple(sorted(points)), tuple(points[n] for n in sorted(points)), records.ports, chance, available)
+    features = records.traces[:count, :, :samples].reshape(count, -1)
+    labels, groups = records.labels[:count], records.groups[:count]
+    try:
+        scores = cross_validated_accuracy(features, labels, groups, splits=SPLITS, test_size=TEST_PART, seed=1)
+    except AnalysisError:
+        return None
+    return float(np.mean(scores))
 
 
 def counts(available: int) -> list[int]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.dashboard.accuracy import LEAST, MOST_SHOTS, WINDOW_S
+from labctl.dashboard.accuracy import LEAST, WINDOW_S
 from labctl.errors import LabctlError
 from labctl.runs.read.follower import Follower
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 BLOCK = 100
 """Images of a point of the curve."""
+MOST_AT_ONCE = 200
+"""Shots that are learnt from in one step: some tenths of a second of a processor where features are many."""
 LAST = 500
 """Images of the number beside it."""
 MOST_CLASSES, MOST_FEATURES = 100, 1000
@@ -52,20 +54,20 @@ class Following:
         return LEAST + BLOCK * np.arange(1, len(blocks) + 1), blocks.mean(axis=1)
 
 
-def follow(directory: Path, known: Following) -> Following:
-    """Follow a run from where `known` is as far as it is now; from its beginning, where it has more ports now.
+def follow(directory: Path, known: Following) -> tuple[Following, bool]:
+    """Follow a run from where `known` is for `MOST_AT_ONCE` shots, and whether it may go on from there.
 
-    A run that nothing can be learnt from, such as one of scenes or of one class, is not followed.
+    It begins anew where the run has more ports now. A run that nothing can be learnt from, such as one of scenes or of
+    one class, is not followed.
     """
     try:
         following = Follower(directory)
         while following.look():
             pass
-        while (further := _followed(following, known)) is not known:
-            known = further
+        found = _followed(following, known)
     except (LabctlError, KeyError, ValueError):
-        pass
-    return known
+        return known, False
+    return found, found is not known
 
 
 def _followed(following: Follower, known: Following) -> Following:
@@ -74,7 +76,7 @@ def _followed(following: Follower, known: Following) -> Following:
     from labctl.analysis.prequential import first_showings
     from labctl.runs.read.records import read_records
 
-    run = following.measured(LEAST, MOST_SHOTS, known.next_shot)
+    run = following.measured(LEAST, MOST_AT_ONCE, known.next_shot)
     if run is None or not 2 <= following.classes.size <= MOST_CLASSES:
         return known
     if known.readout is not None and run.ports != known.ports:

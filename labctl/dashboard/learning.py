@@ -18,15 +18,18 @@ from labctl.dashboard.sweep_accuracy import Recognition, recognised
 
 NICENESS = 19
 RESTS = 19
+AT_ONCE_S = 0.2
+"""Processor time after which no further step is taken before others had their turn."""
 
-Subject = tuple[Path, Callable[[Path, Any], Any]]
-"""A run, and what says what is known of it now, from its directory and what was known before."""
+Subject = tuple[Path, Callable[[Path, Any], tuple[Any, bool]]]
+"""A run, and a step: from its directory and what is known of it, what is known then and whether others follow."""
 
 
 class Learning:
-    """Computes one thing at a time, in a process that is started with the first of them.
+    """Takes steps for one subject at a time, in a process that is started with the first of them.
 
-    While a run is growing it rests for `RESTS` times the processor time that the last one took.
+    While a run is growing it rests for `RESTS` times the processor time that the last ones took. Whoever had the last
+    ones lets the others ask first.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -35,7 +38,8 @@ class Learning:
         self._pool: Pool | None = None
         self._known: dict[Subject, Any] = {}
         self._computed: dict[Subject, int] = {}
-        self._pending: tuple[Subject, int, AsyncResult[Any]] | None = None
+        self._pending: tuple[Subject, int, AsyncResult[tuple[Any, bool, float]]] | None = None
+        self._served: Subject | None = None
         self._rested = clock()
 
     def curve(self, directory: Path, records: int, *, growing: bool) -> Curve:
@@ -77,17 +81,22 @@ class Learning:
         rested = self._clock() >= self._rested
         old = rested and another_point if growing else size != self._computed.get(what, 0)
         if old and self._pending is None:
-            directory, compute = what
-            self._pending = what, size, self._process().apply_async(_timed, (compute, directory, known))
+            directory, step = what
+            if self._served == what:
+                self._served = None
+            else:
+                self._served = what
+                self._pending = what, size, self._process().apply_async(_timed, (step, directory, known))
         return known
 
     def _collected(self, what: Subject) -> int:
-        """Take what was computed; of what size the run was when this was."""
+        """Take what was computed; of what size the run was when its last step was taken."""
         if self._pending is not None and self._pending[2].ready():
             done, size, result = self._pending
             self._pending = None
-            self._computed[done] = size
-            self._known[done], seconds = result.get()
+            self._known[done], follows, seconds = result.get()
+            if not follows:
+                self._computed[done] = size
             self._rested = self._clock() + RESTS * seconds
         return self._computed.get(what, 0)
 
@@ -103,10 +112,15 @@ def _give_way() -> None:
         os.environ[name] = "1"
     if hasattr(os, "nice"):
         os.nice(NICENESS)
-    import labctl.analysis.prequential  # noqa: F401  # once, so that the first result does not wait twenty times as long
+    import labctl.analysis.evaluation  # what the steps are made of, so that the first one does not count for it
+    import labctl.analysis.prequential
+    import labctl.runs.read.records  # noqa: F401
 
 
-def _timed(compute: Callable[[Path, Any], Any], directory: Path, known: Any) -> tuple[Any, float]:
-    """What it finds, and the processor time it took, s."""
-    began = time.process_time()
-    return compute(directory, known), time.process_time() - began
+def _timed(step: Callable[[Path, Any], tuple[Any, bool]], directory: Path, known: Any) -> tuple[Any, bool, float]:
+    """What some steps find, whether another one follows, and the processor time they took, s."""
+    began, follows, took_s = time.process_time(), True, 0.0
+    while follows and took_s < AT_ONCE_S:
+        known, follows = step(directory, known)
+        took_s = time.process_time() - began
+    return known, follows, took_s

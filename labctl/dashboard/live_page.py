@@ -12,7 +12,7 @@ from nicegui.run import io_bound as in_a_thread
 from labctl.dashboard import panels, wording
 from labctl.dashboard.frame import Region, frame, heading, refresh
 from labctl.dashboard.launcher import allowed
-from labctl.dashboard.monitor import Watching
+from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.panels import PANELS, Choice
 from labctl.dashboard.run_sight import RunSight
 from labctl.dashboard.starting import begin
@@ -27,8 +27,8 @@ from labctl.runs.live.sight import Sight, ask_for, look_at, wishes_in
 from labctl.runs.notes import say_of
 
 REFRESH_S = 0.1
-REFRESH_OF_RUN_S = 0.18
-"""Five times a second and more, and no more than that of the time of a run."""
+REFRESH_OF_RUN_S = 0.16
+"""Six times a second, and no more than that of the time of a run."""
 LOOKED_EVERY_S = 1.0
 """A page that is open somewhere says so."""
 UNWATCHED = "10 min"
@@ -142,7 +142,7 @@ def _keep(directory: Path, text: str, sight: Sight, origin: Callable[[], Origin]
     say_of(RunPaths(directory), text, picture=signals_png(sight, title, origin()))
 
 
-def show_signals(directory: Path, origin: Origin, noted: Sequence[Path]) -> None:
+def show_signals(watched: WatchedRun, origin: Origin, noted: Sequence[Path]) -> None:
     """The panels of a run on a bench of `origin`, for the notes of the runs `noted`; read while they are unfolded."""
     unfolded = ui.expansion("Signals: levels, codes, spectrum, repeatability, drift").classes("signals")
     seen: list[tuple[RunSight, Panels]] = []
@@ -151,14 +151,24 @@ def show_signals(directory: Path, origin: Origin, noted: Sequence[Path]) -> None
         if not unfolded.value:
             return
         if not seen:
-            sight = RunSight(directory)
+            sight = RunSight(watched.directory)
             with unfolded, ui.element("div").classes("live"):
                 seen.append((sight, Panels(lambda: sight.sight, noted, lambda: origin)))
         sight, shown = seen[0]
         sight.look()
         shown.refresh()
 
+    def say_so() -> None:
+        if unfolded.value and watched.state.running:
+            _say_looking(watched.directory)
+
     ui.timer(REFRESH_OF_RUN_S, look)
+    ui.timer(LOOKED_EVERY_S, say_so)
+
+
+def _say_looking(directory: Path) -> None:
+    with suppress(OSError):  # of somebody else's, who looks for himself
+        look_at(directory)
 
 
 class Controls:
@@ -248,11 +258,7 @@ def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
             timer.cancel()
             looking.cancel()
 
-    def say_so() -> None:
-        with suppress(OSError):  # of a view of somebody else's, who looks for himself
-            look_at(view.directory)
-
-    looking = ui.timer(LOOKED_EVERY_S, say_so)
+    looking = ui.timer(LOOKED_EVERY_S, lambda: _say_looking(view.directory))
     timer = ui.timer(REFRESH_S, look)
 
 

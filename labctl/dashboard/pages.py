@@ -64,7 +64,7 @@ def show_run(watching: Watching, name: str) -> None:
             regions.append(Region("following", lambda: wording.following(watched.following(), watched.curve().chance)))
         with ui.element("section").classes("wide"):
             noted = [] if is_elsewhere(watched.directory) else [watched.directory]
-            show_signals(watched.directory, Origin.of(watched.manifest), noted)
+            show_signals(watched, Origin.of(watched.manifest), noted)
         with ui.element("section").classes("wide"):
             heading("Log, UTC")
             regions.append(Region("log", lambda: wording.log(watched.state, watched.problem)))

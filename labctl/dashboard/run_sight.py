@@ -1,7 +1,8 @@
-"""What the channels of a run look like, from the shots that it has on disk: for the panels of the live view.
+"""What the channels of a run look like: for the panels of the live view.
 
-Only what a page has time for is read: a few of the latest stretches of shots at a time, and at first some from the
-start on, so that drift reaches back to there.
+The last shots are seen as the run itself shows them while it measures; how things went since its start, from the shots
+that it has on disk. Of these only what a page has time for is read: a few of the latest stretches at a time, and at
+first some from the start on, so that drift reaches back to there.
 """
 
 from collections.abc import Sequence
@@ -15,11 +16,13 @@ from labctl.runs.live.sight import RECENT, Sight
 from labctl.runs.read.follower import Follower, Stretch
 
 MOST_AT_FIRST, MOST_AT_ONCE = 16, 1
-"""Stretches that are read at a look: the first one, and each thereafter."""
+"""Stretches that are read from the disk at a look: the first one, and each thereafter."""
+STORED_EVERY = 4
+"""Looks after which the disk is read again while the run itself shows its last shots."""
 
 
 class RunSight:
-    """The run in `directory`, in the pass that it measures; `sight` is None before there is light on disk."""
+    """The run in `directory`, in the pass that it measures; `sight` is None before there is light to be seen."""
 
     def __init__(self, directory: Path) -> None:
         """Nothing is read yet."""
@@ -27,57 +30,67 @@ class RunSight:
         self._directory = directory
         self._following: Follower | None = None
         self._read = -1
-        self._begin(-1)
+        self._turn = 0
+        self._glimpse: Stretch | None = None
+        self._pass = -1
 
     def look(self) -> None:
         """Read what came since the last look; what cannot be read is not seen."""
         try:
             if self._following is None:
                 self._following = Follower(self._directory)
-            while self._following.look():
-                pass
-            new = [number for number in self._following.stretches() if number > self._read]
-            for number in spread(new, MOST_AT_FIRST if self._read < 0 else MOST_AT_ONCE):
-                self._take(self._following.stretch(number), self._following.shape.sample_interval_s)
-                self._read = number
+            following, before = self._following, self._glimpse
+            self._glimpse = following.glimpse()
+            if self._glimpse is not None and self._glimpse is not before:
+                self._take(following, self._glimpse)
+            if self._glimpse is None or self._turn % STORED_EVERY == 0:
+                self._read_stored(following)
+            self._turn += 1
         except (LabctlError, KeyError):
             return
 
-    def _begin(self, pass_index: int) -> None:
-        self._pass = pass_index
-        self._course: Course | None = None
-        self._shots = 0
+    def _read_stored(self, following: Follower) -> None:
+        while following.look():
+            pass
+        new = [number for number in following.stretches() if number > self._read]
+        for number in spread(new, MOST_AT_FIRST if self._read < 0 else MOST_AT_ONCE):
+            stretch = following.stretch(number)
+            self._read = number
+            if self._glimpse is None or stretch.pass_index == self._pass:  # or else it is of the pass before
+                self._take(following, stretch)
 
-    def _take(self, stretch: Stretch, sample_interval_s: float) -> None:
+    def _take(self, following: Follower, stretch: Stretch) -> None:
+        lit, repeats = stretch.codes[stretch.kinds != b"dark"], stretch.kinds == b"reference"
         if stretch.pass_index != self._pass:
-            self._begin(stretch.pass_index)
-            self._recent = self._repeats = stretch.codes[:0]
+            self._pass = stretch.pass_index
+            self._course: Course | None = None
+            self._stored = self._repeats = stretch.codes[:0]
             self._peak_v = np.full(len(stretch.ports), -np.inf)
-        lit = stretch.codes[stretch.kinds != b"dark"]
         if not len(lit):
             return
-        again = stretch.kinds == b"reference"
-        self._shots += len(lit)
-        self._recent = np.concatenate([self._recent, lit])[-RECENT:]
-        self._repeats = np.concatenate([self._repeats, stretch.codes[again]])[-RECENT:]
         level_v = stretch.scale * lit.mean(axis=2) + stretch.offset
         self._peak_v = np.maximum(self._peak_v, level_v.max(axis=0))
-        for time_s, codes in zip(stretch.time_s[again], stretch.codes[again], strict=True):
-            volts = stretch.scale[:, np.newaxis] * codes + stretch.offset[:, np.newaxis]
-            self._course = (self._course or begun(volts)).with_more(float(time_s), volts)
+        if stretch is not self._glimpse:
+            self._stored = np.concatenate([self._stored, lit])[-RECENT:]
+            self._repeats = np.concatenate([self._repeats, stretch.codes[repeats]])[-RECENT:]
+            for time_s, codes in zip(stretch.time_s[repeats], stretch.codes[repeats], strict=True):
+                volts = stretch.scale[:, np.newaxis] * codes + stretch.offset[:, np.newaxis]
+                self._course = (self._course or begun(volts)).with_more(float(time_s), volts)
+        latest = self._glimpse or stretch
+        shown = latest.codes[latest.kinds != b"dark"]
         none = np.empty((0, len(stretch.ports)))
         course = self._course
         self.sight = Sight(
             stretch.ports,
-            sample_interval_s,
+            following.shape.sample_interval_s,
             stretch.scale,
             stretch.offset,
-            self._recent,
+            shown if self._glimpse is not None and len(shown) else self._stored,
             np.empty(0) if course is None else course.elapsed_s - course.elapsed_s[0],
             none if course is None else course.level_v,
             none if course is None else course.likeness,
             self._peak_v,
-            self._shots,
+            int(latest.shots[-1]) + 1,
             0.0,
             self._repeats,
         )

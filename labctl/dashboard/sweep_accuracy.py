@@ -16,8 +16,8 @@ class Recognition:
     chance: float
 
 
-def recognised(directory: Path, known: Recognition | None) -> Recognition | None:
-    """Of a run that is there; what was `known` where nothing can be learnt from it."""
+def recognised(directory: Path, known: Recognition | None) -> tuple[Recognition | None, bool]:
+    """Of a run that is there; what was `known` where nothing can be learnt from it. Nothing ever follows."""
     from labctl.analysis.recognition import recognition
     from labctl.runs.read.records import read_records
     from labctl.runs.read.run import open_run
@@ -27,5 +27,5 @@ def recognised(directory: Path, known: Recognition | None) -> Recognition | None
             records = read_records(opened)
         found = recognition(records.traces, records.labels, records.groups, sample_interval_s=records.sample_interval_s)
     except (LabctlError, KeyError, ValueError):
-        return known
-    return Recognition(found.accuracy, *found.interval, found.chance)
+        return known, False
+    return Recognition(found.accuracy, *found.interval, found.chance), False

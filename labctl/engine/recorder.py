@@ -5,6 +5,7 @@ found unchanged for the last time is in doubt until they are compared again.
 """
 
 from collections import Counter
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from instruments.bench import Bench
 from instruments.errors import DoubtfulRecord, InstrumentError, LinkError, SettingChanged
 from instruments.values import Frames, Scaling
 from labctl.engine.control import Control
+from labctl.engine.glimpses import Glimpses
 from labctl.engine.likeness import Finding, Likeness, alike_by
 from labctl.engine.storage import Storage
 from labctl.engine.thumbnail import shown_images
@@ -68,6 +70,7 @@ class Recorder:
         self._storage = storage
         self._control = control
         self._shown = shown_images(inputs)
+        self._glimpses = Glimpses(writer.paths.directory)
         self._last: Record | None = None
         time_s, epoch = writer.latest() or (0.0, -1)
         self._began = bench.now() - time_s
@@ -94,15 +97,16 @@ class Recorder:
             RunError: the disk is full or refuses.
         """
         held = False
-        for event in events:
-            if isinstance(event, PassStarted):
-                self._start(event)
-            else:
-                self._take(event)
-            self.report()
-            asked = self._control.interruption.requested or self._control.path.exists()
-            if held := asked and self._control.holds:
-                break
+        with closing(self._glimpses):
+            for event in events:
+                if isinstance(event, PassStarted):
+                    self._start(event)
+                else:
+                    self._take(event)
+                self.report()
+                asked = self._control.interruption.requested or self._control.path.exists()
+                if held := asked and self._control.holds:
+                    break
         self._storage.wait()
         if held:
             self._compare()
@@ -190,6 +194,7 @@ class Recorder:
         ).any():
             self._bench.limits.check_traces(tuple(record.pass_.patching), frames.codes, self._scalings)
         where = record.pass_.index, record.first
+        self._glimpses.take(*where, frames, self._scalings)
         epoch = self._epochs + record.pass_.index  # light that was off and on again is another one, as is another pass
         if self._unsure_from is None:
             self._unsure_from = where

@@ -1,10 +1,5 @@
-"""What a live view sees, in a file that is replaced at every look, who looks at it, and what it is asked to change.
+"""What a live view sees, in a file that is replaced at every look, who looks at it, and what it is asked to change."""
 
-`sight` is one line of JSON, then the arrays that it names, one after the other, little-endian. Readers take nothing
-else: it may be a stranger's, like any file in a folder of runs.
-"""
-
-import json
 import math
 import os
 from dataclasses import dataclass
@@ -16,7 +11,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from labctl.runs.format.durable import show_file
-from labctl.runs.format.own_files import own_file, read_own
+from labctl.runs.format.own_files import read_own
+from labctl.runs.live.arrays import LONGEST_HEADER, decode, encode
 
 LIVE = ".live"
 """Folder among the runs with a folder for each live view."""
@@ -25,7 +21,6 @@ SIGHT, WISHES, LOOKED = "sight", "wishes.json", "looked"
 RECENT = 16
 """Looks, and repeats of one picture, that are kept as they are: repeatability, histogram and spectrum are of these."""
 LARGEST = 1 << 26
-LONGEST_HEADER = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -98,8 +93,7 @@ class Sight:
         return part
 
 
-_ARRAYS = ("scale_v", "offset_v", "recent", "elapsed_s", "level_v", "likeness", "peak_v")
-_TYPES = {"<f8": np.float64, "|i1": np.int8, "<i2": np.int16}
+_ARRAYS = ["scale_v", "offset_v", "recent", "elapsed_s", "level_v", "likeness", "peak_v"]
 
 
 def write_sight(directory: Path, sight: Sight) -> None:
@@ -108,40 +102,24 @@ def write_sight(directory: Path, sight: Sight) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    arrays = {name: np.ascontiguousarray(getattr(sight, name)) for name in _ARRAYS}
-    little = {name: array.astype(array.dtype.newbyteorder("<"), copy=False) for name, array in arrays.items()}
-    header: dict[str, Any] = {
+    values = {
         "ports": sight.ports,
         "sample_interval_s": sight.sample_interval_s,
         "looks": sight.looks,
         "rate_hz": sight.rate_hz,
-        "arrays": {name: [array.dtype.str, *array.shape] for name, array in little.items()},
     }
-    content = json.dumps(header).encode() + b"\n" + b"".join(array.tobytes() for array in little.values())
-    show_file(directory / SIGHT, content)
+    show_file(directory / SIGHT, encode(values, {name: getattr(sight, name) for name in _ARRAYS}))
 
 
 def read_sight(directory: Path) -> Sight | None:
     """What the live view in `directory` sees; None where there is nothing, or nothing that it can have written."""
     try:
-        with own_file(directory / SIGHT, LARGEST) as file:
-            content = file.readall()
-        head, _, body = content.partition(b"\n")
-        return _sight(json.loads(head), body) if len(head) < LONGEST_HEADER else None
+        return _sight(*decode(read_own(directory / SIGHT, LARGEST), _ARRAYS))
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
 
 
-def _sight(header: Any, body: bytes) -> Sight:
-    found: dict[str, NDArray[Any]] = {}
-    offset = 0
-    for name in _ARRAYS:
-        kind, *shape = header["arrays"][name]
-        if not all(isinstance(size, int) and 0 <= size <= LARGEST for size in shape):
-            raise ValueError(shape)
-        count = math.prod(shape)
-        found[name] = np.frombuffer(body, np.dtype(_TYPES[kind]).newbyteorder("<"), count, offset).reshape(shape)
-        offset += found[name].nbytes
+def _sight(header: dict[str, Any], found: dict[str, NDArray[Any]]) -> Sight:
     ports = tuple(int(port) for port in header["ports"])
     shapes = {name: array.shape for name, array in found.items()}
     looks, _, samples = shapes["recent"]

@@ -11,6 +11,8 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import own_file, require_own_files
 from labctl.runs.index import is_running
 from labctl.runs.live.control_file import CONTROL
+from labctl.runs.live.glimpse import GLIMPSE
+from labctl.runs.live.sight import LOOKED
 from labctl.runs.publication import as_datacite, as_ro_crate
 from labctl.runs.publication.declaration import Declaration
 from labctl.runs.publication.subject import Subject
@@ -61,11 +63,13 @@ def publish(run: Path, out: Path, to: str, said: Declaration, published: date) -
 
 
 def _belongs(path: Path) -> bool:
-    """Whether a file is worth giving away: no request, no half-written file, no metadata of an earlier publication."""
+    """Whether a file is worth giving away: of the run, not of whoever watched it, asked it or published it before."""
     if not path.name.isprintable() or "\\" in path.name:
         raise UsageError(f"{path}: a file of that name has no place in a list of checksums: rename it")
     made = {CHECKSUMS, *(name for name, _ in FORMATS.values())}
-    return path.name not in {CONTROL, *made} and path.suffix != ".tmp" and not path.name.startswith(".")
+    return (
+        path.name not in {CONTROL, GLIMPSE, LOOKED, *made} and path.suffix != ".tmp" and not path.name.startswith(".")
+    )
 
 
 def _copied(path: Path, to: Path) -> tuple[int, str]:

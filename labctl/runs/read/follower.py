@@ -14,6 +14,7 @@ from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.own_files import own_file
 from labctl.runs.format.plan import read_plan
 from labctl.runs.format.shards import Shards
+from labctl.runs.live.glimpse import Glimpse, read_glimpse
 from labctl.runs.read.run import Run, run_of_shards, volts
 
 READ_AT_ONCE = 1 << 22
@@ -38,12 +39,13 @@ class Latest:
 class Stretch:
     """Shots of one pass that follow one another: what one shard holds.
 
-    kinds: (shots,) of each. time_s: (shots,) s since the run began. codes: (shots, ports, samples). scale, offset:
-    (ports,) volts = scale * code + offset.
+    shots, kinds, time_s: (shots,) of each its place in the plan, its kind, and when it was measured, s since the run
+    began. codes: (shots, ports, samples). scale, offset: (ports,) volts = scale * code + offset.
     """
 
     pass_index: int
     ports: tuple[int, ...]
+    shots: NDArray[np.int64]
     kinds: NDArray[np.bytes_]
     time_s: NDArray[np.float64]
     codes: NDArray[np.signedinteger[Any]]
@@ -70,6 +72,9 @@ class Follower:
         self._offset = 0
         self._newest: dict[int, int] = {}
         self._read: tuple[tuple[int, int], list[Latest]] | None = None
+        left = read_glimpse(directory)
+        self._left = None if left is None else left.time_s[-1]
+        self._glimpse: Stretch | None = None
 
     @property
     def done(self) -> tuple[int, ...]:
@@ -133,11 +138,39 @@ class Follower:
         return Stretch(
             shard.pass_index,
             self.shape.passes[shard.pass_index],
+            shard.rows["shot"],
             self._plan["kind"][shard.rows["shot"]],
             shard.rows["time_s"],
             shard.frames,
             shard.scale,
             shard.offset,
+        )
+
+    def glimpse(self) -> Stretch | None:
+        """The last shots as the run itself shows them, which may not be on disk; the same until there are others.
+
+        None where it shows none now. What was there from the beginning may have been left by a process that was killed:
+        it counts when something else follows.
+        """
+        found = read_glimpse(self.paths.directory)
+        if found is None or found.time_s[-1] == self._left or not self._fits(found):
+            self._glimpse = None
+        elif self._glimpse is None or found.time_s[-1] != self._glimpse.time_s[-1]:
+            kinds = self._plan["kind"][found.shots]
+            ports = self.shape.passes[found.pass_index]
+            self._glimpse = Stretch(
+                found.pass_index, ports, found.shots, kinds, found.time_s, found.codes, found.scale_v, found.offset_v
+            )
+        return self._glimpse
+
+    def _fits(self, glimpse: Glimpse) -> bool:
+        """Whether these are shots of this run."""
+        planned = glimpse.shots.min() >= 0 and glimpse.shots.max() < self.shape.shots
+        passes = self.shape.passes
+        return (
+            planned
+            and 0 <= glimpse.pass_index < len(passes)
+            and len(glimpse.scale_v) == len(passes[glimpse.pass_index])
         )
 
     def latest(self) -> list[Latest]:

@@ -1,5 +1,6 @@
 """Accuracy as a run grows, and what is asked of the form that starts one."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -23,24 +24,39 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
+def whole_curve(directory: Path, known: Curve) -> Curve:
+    follows = True
+    while follows:
+        known, follows = curve(directory, known)
+    return known
+
+
 def test_the_points_lie_ever_further_apart() -> None:
     assert counts(LEAST - 1) == []
     assert counts(100) == [40, 52, 68, 88]
 
 
 def test_a_curve_says_the_same_however_often_it_is_computed(run: Path) -> None:
-    whole = curve(run, Curve())
+    whole = whole_curve(run, Curve())
     assert whole.images == (40, 52, 60), "the last point is that of all images"
     assert whole.ports == (2, 3)
     assert whole.chance == pytest.approx(0.25)
     assert all(0.25 < accuracy <= 1 for accuracy in whole.accuracy)
     begun = Curve(whole.images[:1], whole.accuracy[:1], whole.ports, whole.chance, LEAST)
-    assert curve(run, begun) == whole
-    assert curve(run, Curve((40,), (0.0,), (7,))) == whole, "points on other ports are no points"
+    assert whole_curve(run, begun) == whole
+    assert whole_curve(run, Curve((40,), (0.0,), (7,))) == whole, "points on other ports are no points"
 
 
 def test_a_run_without_classes_or_none_at_all_has_no_points(tmp_path: Path) -> None:
-    assert curve(tmp_path / "nothing", Curve()) == Curve()
+    assert curve(tmp_path / "nothing", Curve()) == (Curve(), False)
+
+
+def test_a_step_is_one_point_and_the_last_says_that_none_follows(run: Path) -> None:
+    known, steps = Curve(), []
+    for _ in range(4):
+        known, follows = curve(run, known)
+        steps.append((known.images, follows))
+    assert steps == [((40,), True), ((40, 52), True), ((40, 52, 60), False), ((40, 52, 60), False)]
 
 
 def test_nothing_is_computed_before_it_is_old_and_the_process_has_rested(run: Path) -> None:
@@ -58,6 +74,24 @@ def test_nothing_is_computed_before_it_is_old_and_the_process_has_rested(run: Pa
         assert learning.curve(run, shots, growing=growing) == known
         assert (learning._pending is not None) is begins
     learning.close()
+
+
+def test_whoever_had_the_last_steps_lets_the_others_ask_first(run: Path) -> None:
+    learning = Learning(lambda: 0.0)
+
+    def begun(ask: Callable[..., object], images: int) -> bool:
+        ask(run, images, growing=False)
+        if learning._pending is None:
+            return False
+        learning._pending[2].wait(60)
+        return True
+
+    try:
+        turns = [learning.curve, learning.curve, learning.following, learning.curve, learning.curve, learning.curve]
+        asked = [begun(ask, 60 + place) for place, ask in enumerate(turns)]
+        assert asked == [True, False, True, True, False, True], "nobody else asks the second time"
+    finally:
+        learning.close()
 
 
 def test_runs_are_found_by_their_names_only(run: Path) -> None:

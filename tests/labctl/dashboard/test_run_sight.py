@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from instruments.values import Scaling
 from labctl.bench.station import Station
 from labctl.dashboard.run_sight import RunSight, spread
+from labctl.engine.glimpses import Glimpses
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.live.sight import RECENT
 from labctl.runs.read.run import open_run
@@ -36,7 +38,7 @@ def test_a_run_is_seen_while_it_measures_and_its_references_tell_of_drift(tmp_pa
         kinds = run.shots["kind"]
         lit, references = (np.flatnonzero(found) for found in (kinds != "dark", kinds == "reference"))
         assert np.array_equal(last.recent, run.frames[lit[-RECENT:]])
-        assert last.looks == lit.size
+        assert last.looks == len(kinds)
         assert last.repeats is not None
         assert np.array_equal(last.repeats, run.frames[references[-RECENT:]])
         assert np.allclose(last.level_v, run.volts(references).mean(axis=2))
@@ -93,6 +95,42 @@ def test_the_newest_shot_of_a_slow_run_is_seen_long_before_the_next_one_comes(tm
     assert seen[0] is None, "it may be the first of many that come fast"
     lit = np.flatnonzero(plan["kind"] != b"dark")[1:]
     assert all(np.array_equal(seen[shot], measure(SMALL, 0, shot).codes[0]) for shot in lit)
+
+
+def test_while_the_run_shows_its_last_shots_these_are_seen_and_its_shards_when_it_does_not(tmp_path: Path) -> None:
+    plan, sight = plan_for(SMALL), RunSight(tmp_path)
+    wall = Wall()
+    with RunWriter.create(tmp_path, {}, SMALL, plan, timer=wall.timer, clock=wall.clock) as writer:
+        writer.scales(0, 1e-3, 0)
+        show = Glimpses(tmp_path)
+        sight.look()
+        assert sight.sight is None
+        lit = np.flatnonzero(plan["kind"] != b"dark")
+        shots = range(int(lit[2]) + 1)
+        for shot in shots:
+            writer.append(0, shot, measure(SMALL, 0, shot))
+        show.take(0, shots[-1], measure(SMALL, 0, shots[-1]), [Scaling(1e-3, 0.0)] * len(SMALL.passes[0]))
+        sight.look()
+        assert sight.sight is not None
+        assert np.array_equal(sight.sight.recent, measure(SMALL, 0, shots[-1]).codes)
+        assert sight.sight.looks == len(shots)
+        assert not sight.sight.elapsed_s.size, "nothing is on disk"
+        show.close()
+        writer.sync()
+        sight.look()
+        assert np.array_equal(sight.sight.recent, np.concatenate([measure(SMALL, 0, one).codes for one in lit[:3]]))
+
+
+def test_what_a_killed_process_left_is_not_seen(tmp_path: Path) -> None:
+    with RunWriter.create(tmp_path, {}, SMALL, plan_for(SMALL)) as writer:
+        Glimpses(tmp_path).take(0, 1, measure(SMALL, 0, 1), [Scaling(1e-3, 0.0)] * len(SMALL.passes[0]))
+        sight = RunSight(tmp_path)
+        sight.look()
+        assert sight.sight is None
+        Glimpses(tmp_path).take(0, 2, measure(SMALL, 0, 2), [Scaling(1e-3, 0.0)] * len(SMALL.passes[0]))
+        sight.look()
+        assert sight.sight is not None
+        writer.sync()
 
 
 def test_what_is_no_run_shows_nothing(tmp_path: Path) -> None:
