@@ -1,29 +1,60 @@
-"""`labctl verify`: is a run still what was measured?"""
+"""`labctl verify`: is a run, or each run of a sweep, still what was measured?"""
 
 from dataclasses import asdict
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
 from labctl.commands.exit_status import DONE, FELL_SHORT
-from labctl.commands.options import RunHereArgument
 from labctl.commands.output import JsonOption, say, show
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.store import here
+from labctl.runs.sweep import is_sweep, places, read
 from labctl.runs.verification import RunReport, verify_run
 
 
 def verify(
-    run: RunHereArgument,
+    subject: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN|SWEEP", help="Run directory, or the folder of a sweep for all its runs.", parser=here
+        ),
+    ],
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Make data.h5 anew from the shards first.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Check every checksum, count and order of a run; exit 1 if anything is damaged."""
-    report = verify_run(run, rebuild=rebuild)
-    show({"run": report.path, "intact": report.intact} | _listed(report), as_json, lambda: _print(report))
+    """Check every checksum, count and order of a run, or of each run of a sweep; exit 1 if anything is damaged."""
+    if is_sweep(subject):
+        return _verify_sweep(subject, rebuild, as_json)
+    report = verify_run(subject, rebuild=rebuild)
+    show(_listed(report), as_json, lambda: _print(report))
     return DONE if report.intact else FELL_SHORT
 
 
-def _listed(report: RunReport) -> dict[str, object]:
-    return {name: value for name, value in asdict(report).items() if name != "path"}
+def _verify_sweep(sweep: Path, rebuild: bool, as_json: bool) -> int:
+    from labctl.studies.sweeps.folder import runs_of
+
+    file = read(sweep)
+    folder = here(str(runs_of(sweep, file)))
+    runs = [folder / name for name, _ in places(file.sweep)]
+    begun = [run for run in runs if RunPaths(run).manifest.is_file()]
+    reports = [verify_run(run, rebuild=rebuild) for run in begun]
+    intact = all(report.intact for report in reports)
+    found = {"sweep": str(sweep), "intact": intact, "planned": len(runs), "runs": [_listed(one) for one in reports]}
+
+    def tell() -> None:
+        for report in reports:
+            _print(report)
+        say(f"{sweep}: {'intact' if intact else 'DAMAGED'}: {len(begun)} of {len(runs)} runs have begun")
+
+    show(found, as_json, tell)
+    return DONE if intact else FELL_SHORT
+
+
+def _listed(report: RunReport) -> dict[str, Any]:
+    values = asdict(report)
+    return {"run": values.pop("path"), "intact": report.intact, **values}
 
 
 def _print(report: RunReport) -> None:

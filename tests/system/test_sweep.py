@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from shutil import copytree, rmtree
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,19 @@ def test_points_are_runs_like_any_other_and_are_found_by_what_was_varied(swept: 
     assert len(listed) == 4, "three points, the first of them twice"
     assert {entry["state"] for entry in listed} == {"complete"}
     assert run("verify", listed[0]["run"])[0] == 0
+
+
+def test_it_is_verified_as_a_whole_and_one_damaged_run_is_named(swept: Path, tmp_path: Path) -> None:
+    status, found, _ = run("verify", swept)
+    assert (status, found["intact"], found["planned"]) == (0, True, 7)
+    assert [one["complete"] for one in found["runs"]] == [True] * 7
+    copy = copytree(swept, tmp_path / "sweep")
+    damaged = sorted(copy.glob("*/shards/*.h5"))[0]
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    rmtree(sorted(copy.glob("0*"))[-1])
+    status, found, _ = run("verify", copy)
+    assert (status, found["intact"], found["planned"], len(found["runs"])) == (1, False, 7, 6)
+    assert [one["run"] for one in found["runs"] if not one["intact"]] == [str(damaged.parents[1])]
 
 
 def test_side_by_side_they_have_the_same_frames_and_notes(swept: Path, tmp_path: Path) -> None:
