@@ -25,7 +25,7 @@ from labctl.runs.sweep import Sweep, read
 from labctl.runs.sweep_axes import Order, parse_axis
 from labctl.studies.sweeps import folder
 from labctl.studies.sweeps.declaration import Point, points, read_sweep
-from protocols.base import Measurement
+from protocols.base import Judgement, Measurement
 from protocols.registry import named_protocol, protocol_class
 
 if TYPE_CHECKING:
@@ -151,12 +151,14 @@ def measure(
         error.add_note(f"the sweep can go on: {command}")
         raise
     whole = found.complete == found.runs
+    judged = all(point.protocol.judgement is Judgement.READOUT for point in every)
+    look = f"labctl {'evaluate' if judged else 'runs'} {quote(str(directory))}"
     result = {
         "sweep": str(directory),
         "runs": found.runs,
         "complete": found.complete,
         "measured": found.measured,
-        "next": f"labctl evaluate {quote(str(directory))}" if whole else command,
+        "next": look if whole else command,
     }
     show(result, as_json, lambda: _print(result))
     return DONE if whole else INTERRUPTED

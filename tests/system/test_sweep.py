@@ -71,6 +71,22 @@ def test_it_is_verified_as_a_whole_and_one_damaged_run_is_named(swept: Path, tmp
     assert [one["run"] for one in found["runs"] if not one["intact"]] == [str(damaged.parents[1])]
 
 
+@pytest.mark.parametrize(
+    ("protocol", "settings", "axis", "following"),
+    [
+        ("image-readout", ["images=4"], "window=0.4 ns,0.8 ns", "evaluate"),
+        ("wavelength-scan", ["images=4", "steps=2"], "step=0.1 nm,0.2 nm", "runs"),
+    ],
+)
+def test_what_comes_next_is_something_that_works(
+    tmp_path: Path, protocol: str, settings: list[str], axis: str, following: str
+) -> None:
+    chosen = [word for setting in settings for word in ("--set", setting)]
+    folder = tmp_path / "sweep"
+    status, found, _ = run("sweep", protocol, *chosen, "--over", axis, "--out", folder)
+    assert (status, found["next"]) == (0, f"labctl {following} {folder}")
+
+
 def test_side_by_side_they_have_the_same_frames_and_notes(swept: Path, tmp_path: Path) -> None:
     folder = tmp_path / "side by side"
     status, found, _ = run(*SWEEP, "--scheduler", "local", "--out", folder)
