@@ -7,7 +7,15 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 from instruments.bench import Observer
@@ -61,8 +69,8 @@ class ProgressLine(Observer):
     def __init__(self, bar: Progress, title: str) -> None:
         """Show `title` on `bar`, and no numbers yet."""
         self._bar = bar
-        self._title = title
-        self._task = bar.add_task(title, total=None, rate="")
+        self._title = self._described = title
+        self._task = bar.add_task(title, total=None)
 
     def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
         """So much of what the title says is done."""
@@ -86,12 +94,21 @@ class ProgressLine(Observer):
         self._bar.refresh()
 
     def _show(self, description: str, done: int, total: int) -> None:
-        shown = self._bar.tasks[0]
-        if shown.description != description:  # the rate of one thing says nothing about that of another
-            self._bar.reset(self._task, description=description, completed=done, total=total, rate="")
+        if self._bar.disable:  # nobody sees it, and records come by the thousand
             return
-        rate = f"{shown.speed:.0f}/s" if shown.speed else ""
-        self._bar.update(self._task, completed=done, total=total, rate=rate)
+        if self._described != description:  # the rate of one thing says nothing about that of another
+            self._described = description
+            self._bar.reset(self._task, description=description, completed=done, total=total)
+        else:
+            self._bar.update(self._task, completed=done, total=total)
+
+
+class RateColumn(ProgressColumn):
+    """How many a second, worked out when it is drawn."""
+
+    def render(self, task: Task) -> Text:
+        """Of the last half minute; empty before there is one."""
+        return Text(f"{task.speed:.0f}/s" if task.speed else "")
 
 
 @contextmanager
@@ -101,7 +118,7 @@ def progress_bar(title: str) -> Iterator[ProgressLine]:
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
+        RateColumn(),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=_errors, transient=True, disable=not _errors.is_terminal) as bar:
