@@ -20,6 +20,8 @@ STOPS: tuple[signal.Signals, ...] = tuple(
 SUSPEND: tuple[signal.Signals, ...] = (signal.SIGTSTP,) if hasattr(signal, "SIGTSTP") else ()
 """Ctrl-Z: a stopped process leaves the laser as it is."""
 STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
+UNDER_WAY = "what is under way"
+"""Of several things side by side: shots, and examinations of runs, which take longer."""
 
 
 @dataclass
@@ -42,8 +44,10 @@ def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def interruptible() -> Iterator[Interruption]:
+def interruptible(finished_first: str = "this shot") -> Iterator[Interruption]:
     """Take over SIGINT, SIGTERM and SIGHUP inside the block; Ctrl-Z does not suspend it.
+
+    Whoever presses Ctrl-C is told what is `finished_first`.
 
     Whatever raises on the way out is not interrupted again: the safe state comes first. What fails there is printed
     here, since a stop that was asked for is no error that anybody else would report. Outside the main thread signals
@@ -58,7 +62,7 @@ def interruptible() -> Iterator[Interruption]:
     def on_signal(number: int, _frame: FrameType | None) -> None:
         if number == signal.SIGINT and not interruption.requested:
             interruption.requested = True
-            _tell("\nstopping after this shot; Ctrl-C again stops at once\n")
+            _tell(f"\nstopping after {finished_first}; Ctrl-C again stops at once\n")
             return
         interruption.requested = True
         for stop in _heeded():

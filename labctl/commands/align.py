@@ -35,7 +35,7 @@ def align(
             say(finding.line())
 
     bench, access = read_station(station), access_of(context, attended=attended, armed=armed)
-    with interruptible() as interruption, held(bench, "labctl align", access.wire) as hold:
+    with interruptible("this step") as interruption, held(bench, "labctl align", access.wire) as hold:
         from labctl.studies.alignment import alignment  # takes longer to load than to say that another has the bench
 
         aligned = alignment.align_bench(

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from labctl.bench.signals import interruptible
+from labctl.bench.signals import UNDER_WAY, interruptible
 from labctl.bench.station import SIMULATED_STATION
 from labctl.commands.access import access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
@@ -27,7 +27,7 @@ def demo(
 ) -> int:
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
     (experiment,) = experiments(["demonstration"])
-    with interruptible() as interruption, progress_bar("demo") as progress:
+    with interruptible(UNDER_WAY) as interruption, progress_bar("demo") as progress:
         plan = Plan(
             (experiment,),
             SIMULATED_STATION,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from labctl.analysis.intervals import Verdict
-from labctl.bench.signals import interruptible
+from labctl.bench.signals import UNDER_WAY, interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
@@ -93,7 +93,7 @@ def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: b
     from labctl.studies.paper.reproduction import reproduce as carry_out
 
     began = time.perf_counter()
-    with interruptible() as interruption, progress_bar("reproduce") as progress:
+    with interruptible(UNDER_WAY) as interruption, progress_bar("reproduce") as progress:
         everything, failures = carry_out(
             plan, interruption=interruption, progress=progress.progress, uploading=progress.uploading
         )
@@ -134,7 +134,7 @@ def _vary(plan: "Plan", as_json: bool) -> int:
     began = time.perf_counter()
     experiment = plan.experiments[0]
     study = study_of(experiment)
-    with interruptible() as interruption, progress_bar("sensitivity") as progress:
+    with interruptible(UNDER_WAY) as interruption, progress_bar("sensitivity") as progress:
         found = sensitivity(plan, experiment, interruption=interruption, progress=progress.progress)
     seconds = round(time.perf_counter() - began, 1)
     report = write_sensitivity_report(plan, experiment, figure_of(study, found), seconds)
@@ -161,7 +161,7 @@ def _fit(plan: "Plan", as_json: bool) -> int:
     began = time.perf_counter()
     experiment = plan.experiments[0]
     study = fit_of(experiment)
-    with interruptible() as interruption, progress_bar("fit") as progress:
+    with interruptible(UNDER_WAY) as interruption, progress_bar("fit") as progress:
         found = carry_out(plan, experiment, interruption=interruption, progress=progress.progress)
     seconds = round(time.perf_counter() - began, 1)
     report = write_fit_report(plan, experiment, figure_of(study, found), seconds)

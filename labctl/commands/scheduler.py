@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from labctl.bench.signals import interruptible
+from labctl.bench.signals import UNDER_WAY, interruptible
 from labctl.commands.output import progress_bar, tell
 from labctl.runs.format.store import location
 
@@ -69,7 +69,7 @@ def carrying(scheduler: str | None, title: str) -> Callable[[Mapping[Name, Calla
     engine = engine_of(scheduler)
 
     def carried_out(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:
-        with interruptible() as interruption, progress_bar(title) as bar:
+        with interruptible(UNDER_WAY) as interruption, progress_bar(title) as bar:
             try:
                 found = in_parallel(
                     tasks,

@@ -9,7 +9,14 @@ import pytest
 
 from instruments.safe_state import UnsafeBench
 from labctl.bench.opening import opened
-from labctl.bench.signals import Interruption, StoppedBySignal, interruptible, on_stop_signal, stops_deferred
+from labctl.bench.signals import (
+    UNDER_WAY,
+    Interruption,
+    StoppedBySignal,
+    interruptible,
+    on_stop_signal,
+    stops_deferred,
+)
 from labctl.bench.station import Station
 
 STOPS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
@@ -28,11 +35,12 @@ def handlers_as_before() -> Iterator[None]:
     assert [signal.getsignal(number) for number in STOPS] == before
 
 
-def test_the_first_interrupt_asks(capfd: pytest.CaptureFixture[str]) -> None:
-    with interruptible() as interruption:
+@pytest.mark.parametrize(("told", "said"), [((), "this shot"), ((UNDER_WAY,), "what is under way")])
+def test_the_first_interrupt_asks(told: tuple[str, ...], said: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with interruptible(*told) as interruption:
         send([signal.SIGINT])
         assert interruption.requested
-    assert "after this shot" in capfd.readouterr().err
+    assert f"stopping after {said};" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("signals", AT_ONCE)
