@@ -24,7 +24,7 @@ MOST_BYTES = 1 << 20
 
 
 class Glimpses:
-    """The last shots of the run in `directory`, shown while somebody looks; of one that nobody sees they are kept."""
+    """The last shots of the run in `directory`, shown while somebody looks, and in its first seconds."""
 
     def __init__(self, directory: Path, clock: Callable[[], float] = time.monotonic) -> None:
         """Nothing is shown before the first record."""

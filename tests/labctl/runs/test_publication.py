@@ -61,12 +61,14 @@ def real(
 @pytest.mark.parametrize("to", FORMATS)
 def test_what_is_published_is_the_run_with_checksums_that_others_check(to: str, real: Path, tmp_path: Path) -> None:
     say_of(RunPaths(real), "fibre touched at noon", tags=["good"], operator="Ada")
-    (real / "control").write_text("stop\n")
+    of_others = [real / name for name in ("control", "glimpse", "looked")]
+    for path in of_others:
+        path.write_text("stop\n")
     out = tmp_path / "given"
     subject = publish(real, out, to, SAID, DAY)
     assert subject.faults == []
     assert described(out, to)[0] == "Digits"
-    assert not (out / "control").exists()
+    assert not any((out / path.name).exists() for path in of_others)
     sums = ["sha256sum", "--check", "--strict", "--quiet", "SHA256SUMS"]
     assert subprocess.run(sums, cwd=out, check=False, capture_output=True).returncode == 0
     listed = {line.partition("  ")[2] for line in (out / "SHA256SUMS").read_text("utf-8").splitlines()}
