@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from instruments.values import Frames, Scaling
 from labctl.engine.audience import Audience
 from labctl.runs.live.glimpse import GLIMPSE, Glimpse, write_glimpse
-from labctl.runs.live.sight import RECENT
+from labctl.runs.live.sight import LOOKED, RECENT
 
 EVERY_S = 0.12
 """Eight times a second, which is more often than a page draws."""
@@ -24,7 +24,7 @@ MOST_BYTES = 1 << 20
 
 
 class Glimpses:
-    """The last shots of the run in `directory`, shown while somebody looks, and in its first seconds."""
+    """The last shots of the run in `directory`, for whoever looks, until nobody has looked for a while."""
 
     def __init__(self, directory: Path, clock: Callable[[], float] = time.monotonic) -> None:
         """Nothing is shown before the first record."""
@@ -38,7 +38,7 @@ class Glimpses:
     def take(self, pass_index: int, first: int, frames: Frames, scalings: Sequence[Scaling]) -> None:
         """Show the shots from `first` on, `time_s` since the run began, after those before them, if it is time again.
 
-        Where that cannot be written nothing is shown.
+        To be called while there is a file `LOOKED`. Where a glimpse cannot be written nothing is shown.
         """
         if pass_index != self._pass:
             self._pass = pass_index
@@ -51,15 +51,18 @@ class Glimpses:
         if now < self._due:
             return
         self._due = now + EVERY_S
-        if not self._audience.has_left and (most := MOST_BYTES // rows[0].nbytes):
+        if self._audience.has_left:
+            self.close()
+        elif most := MOST_BYTES // rows[0].nbytes:
             with suppress(OSError):
                 write_glimpse(self._directory, self._seen(most, scalings))
 
     def close(self) -> None:
-        """Show nothing any more."""
+        """Show nothing any more, until somebody looks again."""
         self._last.clear()
-        with suppress(OSError):
-            (self._directory / GLIMPSE).unlink(missing_ok=True)
+        for name in (LOOKED, GLIMPSE):
+            with suppress(OSError):
+                (self._directory / name).unlink(missing_ok=True)
 
     def _seen(self, most: int, scalings: Sequence[Scaling]) -> Glimpse:
         shots, time_s, codes = zip(*list(self._last)[-most:], strict=True)

@@ -19,6 +19,7 @@ from labctl.engine.glimpses import Glimpses
 from labctl.engine.likeness import Finding, Likeness, alike_by
 from labctl.engine.storage import Storage
 from labctl.engine.thumbnail import shown_images
+from labctl.runs.live.sight import LOOKED
 from labctl.runs.write.writer import RunWriter
 from protocols.base import Events, Inputs, Part, PassStarted, Record, ShotKind
 
@@ -70,6 +71,7 @@ class Recorder:
         self._storage = storage
         self._control = control
         self._shown = shown_images(inputs)
+        self._looked = writer.paths.directory / LOOKED
         self._glimpses = Glimpses(writer.paths.directory)
         self._last: Record | None = None
         time_s, epoch = writer.latest() or (0.0, -1)
@@ -194,7 +196,8 @@ class Recorder:
         ).any():
             self._bench.limits.check_traces(tuple(record.pass_.patching), frames.codes, self._scalings)
         where = record.pass_.index, record.first
-        self._glimpses.take(*where, frames, self._scalings)
+        if self._looked.exists():
+            self._glimpses.take(*where, frames, self._scalings)
         epoch = self._epochs + record.pass_.index  # light that was off and on again is another one, as is another pass
         if self._unsure_from is None:
             self._unsure_from = where

@@ -10,7 +10,7 @@ from labctl.bench.station import Station
 from labctl.engine.glimpses import EVERY_S, MOST_BYTES, PATIENCE_S, Glimpses
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.live.glimpse import GLIMPSE, read_glimpse
-from labctl.runs.live.sight import RECENT, look_at
+from labctl.runs.live.sight import LOOKED, RECENT, look_at
 from labctl.runs.read.follower import Follower, Stretch
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
@@ -73,17 +73,31 @@ def test_of_shots_that_come_together_the_last_ones_are_shown(tmp_path: Path, clo
     assert seen.codes[:, 1, 2].tolist() == seen.shots.tolist()
 
 
-def test_nothing_is_written_for_nobody(tmp_path: Path, clock: Clock) -> None:
+def test_when_nobody_looks_any_more_nothing_is_left_until_somebody_does_again(tmp_path: Path, clock: Clock) -> None:
     glimpses = Glimpses(tmp_path, clock)
-    clock.now = PATIENCE_S
+    look_at(tmp_path)
     glimpses.take(0, 0, frames(0), SCALINGS)
+    assert read_glimpse(tmp_path) is not None
+    clock.now = PATIENCE_S
+    glimpses.take(0, 1, frames(1), SCALINGS)
     assert not list(tmp_path.iterdir())
     look_at(tmp_path)
     clock.now += EVERY_S
-    glimpses.take(0, 1, frames(1), SCALINGS)
+    glimpses.take(0, 2, frames(2), SCALINGS)
     seen = read_glimpse(tmp_path)
     assert seen is not None
-    assert seen.shots.tolist() == [0, 1]
+    assert seen.shots.tolist() == [2]
+
+
+def test_a_run_that_nobody_looks_at_shows_nothing(tmp_path: Path) -> None:
+    directory, seen = tmp_path / "run", list[Path]()
+
+    def look(_done: int, _total: int) -> None:
+        seen.extend(path for path in directory.iterdir() if path.name == GLIMPSE)
+
+    protocol = ImageReadout(images=8, window=0.8e-9, ports=(2,))
+    acquire(Acquisition(protocol, Station(), directory), observer=observers.Follower(progress=look))
+    assert not seen
 
 
 @pytest.mark.parametrize(("samples", "shown"), [(MOST_BYTES // 6, 3), (MOST_BYTES, 0)])
@@ -107,6 +121,7 @@ def test_a_run_is_seen_shot_by_shot_before_its_shards_are_closed(tmp_path: Path)
     following, seen = list[Follower](), list[Stretch]()
 
     def look(_done: int, _total: int) -> None:
+        look_at(directory)
         if not following:
             following.append(Follower(directory))
         if (glimpse := following[0].glimpse()) is not None:
@@ -115,7 +130,7 @@ def test_a_run_is_seen_shot_by_shot_before_its_shards_are_closed(tmp_path: Path)
     protocol = ImageReadout(images=300, window=0.8e-9, ports=(2, 3))
     acquire(Acquisition(protocol, Station(), directory), observer=observers.Follower(progress=look))
     assert seen
-    assert not (directory / GLIMPSE).exists(), "it is over"
+    assert not {GLIMPSE, LOOKED} & {path.name for path in directory.iterdir()}, "it is over"
     with open_run(directory) as run:
         for glimpse in seen:
             assert np.array_equal(glimpse.codes, run.frames[glimpse.shots])
