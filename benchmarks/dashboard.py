@@ -109,7 +109,7 @@ class Stretch(NamedTuple):
             return cls(watched, starting, begin, end, drawn / (end - begin))
 
 
-def rows(rounds: int = 3, seconds: float = 10.0) -> Iterator[Row]:
+def rows(rounds: int = 5, seconds: float = 10.0) -> Iterator[Row]:
     """The rate with the dashboard open beside that without, and how often its signals are drawn."""
     if chromium() is None:
         raise SystemExit("Chromium is not installed: nothing measured")

@@ -27,8 +27,8 @@ from labctl.runs.live.sight import Sight, ask_for, look_at, wishes_in
 from labctl.runs.notes import say_of
 
 REFRESH_S = 0.1
-REFRESH_OF_RUN_S = 0.16
-"""Six times a second, and no more than that of the time of a run."""
+REFRESH_OF_RUN_S = 0.18
+"""Five times a second and more, and no more than that of the time of a run."""
 LOOKED_EVERY_S = 1.0
 """A page that is open somewhere says so."""
 UNWATCHED = "10 min"
