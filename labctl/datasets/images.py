@@ -171,16 +171,21 @@ def choose(
         raise DatasetError(f"no class was chosen: choose from {present}")
     if images is None:
         return np.flatnonzero(np.isin(labels, wanted))
+    shares = dict(sorted(_shares(wanted, images).items()))
+    members = {label: np.flatnonzero(labels == label) for label in shares}
+    if lacking := [label for label, count in shares.items() if count > members[label].size]:
+        label = min(lacking, key=lambda one: members[one].size)
+        fewest = members[label].size
+        most = f"{fewest * len(wanted)} images" if isinstance(images, int) else f"{fewest} of it"
+        raise DatasetError(
+            f"{shares[label]} images of class {label} were asked for, the data set has {fewest}: ask for at most "
+            f"{most}, or use a larger data set"
+        )
     generator = np.random.default_rng(seed)
-    chosen = []
-    for label, count in sorted(_shares(wanted, images).items()):
-        members = np.flatnonzero(labels == label)
-        if count > len(members):
-            raise DatasetError(
-                f"{count} images of class {label} were asked for, the data set has {len(members)}: ask for at most "
-                f"{len(members) * len(wanted)} images, or use a larger data set"
-            )
-        chosen.append(members[:count] if seed is None else generator.choice(members, count, replace=False))
+    chosen = [
+        members[label][:count] if seed is None else generator.choice(members[label], count, replace=False)
+        for label, count in shares.items()
+    ]
     return np.sort(np.concatenate(chosen))
 
 

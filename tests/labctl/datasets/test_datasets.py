@@ -221,6 +221,20 @@ def test_a_set_of_ones_own_is_an_npz_file(dtype: type, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("images", "message"),
+    [
+        (24, "8 images of class 1 were asked for, the data set has 5: ask for at most 15 images"),
+        ([4, 6, 8], "6 images of class 1 were asked for, the data set has 5: ask for at most 5 of it"),
+    ],
+)
+def test_what_is_possible_is_so_for_every_class(images: int | list[int], message: str) -> None:
+    labels = np.repeat([0, 1, 2], [7, 5, 9])
+    with pytest.raises(datasets.DatasetError, match=message):
+        choose(labels, classes=None, images=images, seed=1)
+    assert choose(labels, classes=None, images=15, seed=1).size == 15
+
+
+@pytest.mark.parametrize(
     ("arrays", "message"),
     [
         ({"images": IMAGES}, "arrays images and labels"),
