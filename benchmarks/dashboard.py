@@ -3,7 +3,7 @@
 One run of `labctl run` in a process of its own, whose events have its rate. While it measures, stretches with the page
 of this run open in Chromium, its signals unfolded, and stretches without a dashboard follow each other as closed, open,
 open, closed, so that a slow drift of the machine counts for both alike. The reference is the same run in the same
-minutes. What it costs to start dashboard and browser, until all of the page is there, is a row of its own.
+minutes. What it costs to start dashboard and browser, until the page has its first accuracy, is a row of its own.
 """
 
 import statistics

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -72,8 +73,6 @@ class Follower:
         self._offset = 0
         self._newest: dict[int, int] = {}
         self._read: tuple[tuple[int, int], list[Latest]] | None = None
-        left = read_glimpse(directory)
-        self._left = None if left is None else left.time_s[-1]
         self._glimpse: Stretch | None = None
 
     @property
@@ -149,11 +148,11 @@ class Follower:
     def glimpse(self) -> Stretch | None:
         """The last shots as the run itself shows them, which may not be on disk; the same until there are others.
 
-        None where it shows none now. What was there from the beginning may have been left by a process that was killed:
-        it counts when something else follows.
+        None where it shows none now. What is there when it is asked for first may have been left by a process that was
+        killed: it counts when something else follows.
         """
-        found = read_glimpse(self.paths.directory)
-        if found is None or found.time_s[-1] == self._left or not self._fits(found):
+        left, found = self._left, read_glimpse(self.paths.directory)
+        if found is None or found.time_s[-1] == left or not self._fits(found):
             self._glimpse = None
         elif self._glimpse is None or found.time_s[-1] != self._glimpse.time_s[-1]:
             kinds = self._plan["kind"][found.shots]
@@ -162,6 +161,12 @@ class Follower:
                 found.pass_index, ports, found.shots, kinds, found.time_s, found.codes, found.scale_v, found.offset_v
             )
         return self._glimpse
+
+    @cached_property
+    def _left(self) -> float | None:
+        """When the last of the shots that were shown first was measured."""
+        found = read_glimpse(self.paths.directory)
+        return None if found is None else float(found.time_s[-1])
 
     def _fits(self, glimpse: Glimpse) -> bool:
         """Whether these are shots of this run."""

@@ -2,25 +2,9 @@
 
 from pathlib import Path
 
-import pytest
-
 from labctl.engine.audience import Audience
 from labctl.runs.live.sight import look_at
-
-
-class Clock:
-    """A clock that is set by hand, s."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
+from tests.labctl.engine.conftest import Clock
 
 
 def test_who_never_came_has_left_after_the_time(tmp_path: Path, clock: Clock) -> None:

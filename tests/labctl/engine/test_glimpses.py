@@ -15,6 +15,7 @@ from labctl.runs.read.follower import Follower, Stretch
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
 from tests import observers
+from tests.labctl.engine.conftest import Clock
 
 SCALINGS = (Scaling(1e-3, 0.0), Scaling(2e-3, 0.1))
 
@@ -29,21 +30,6 @@ def frames(first: int, count: int = 1, samples: int = 5) -> Frames:
         np.linspace(0.5 * first, 0.5 * (first + count - 1), count),
         np.zeros((count, 2), np.bool_),
     )
-
-
-class Clock:
-    """Put forward by hand."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
 
 
 def test_the_last_shots_of_the_pass_are_shown_as_often_as_a_page_draws(tmp_path: Path, clock: Clock) -> None:
