@@ -15,7 +15,6 @@ from rich.text import Text
 
 from instruments.bench import Observer
 from instruments.units import quantity
-from labctl.bench.lock import refuse_in_use
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
@@ -60,7 +59,6 @@ def live(
 ) -> int:
     """Show what the detectors see now, several times a second; the bench is dark when it ends. Ctrl-C ends it."""
     found, access = read_station(station), access_of(context, attended=attended, armed=armed)
-    refuse_in_use(found, access.wire)
 
     from labctl.engine.live import View, watch  # which takes long to load
 

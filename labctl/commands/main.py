@@ -13,6 +13,7 @@ from typer.exceptions import Abort, TyperException
 from instruments.remedies import refusal
 from labctl.commands.command_group import PLAIN, UnloadedCommands
 from labctl.commands.exit_status import FELL_SHORT, INTERRUPTED, WRONG_USE
+from labctl.commands.refusal import refuse_bench_in_use
 from labctl.errors import LabctlError, notes, one_line
 from labctl.printable import json_line, log_printably, printable, printable_traceback
 
@@ -61,6 +62,7 @@ def _show_uncaught(kind: type[BaseException], error: BaseException, trace: Trace
 
 def _status(words: list[str], *, debug: bool) -> int:
     try:
+        refuse_bench_in_use(words)
         status = app(words, prog_name="labctl", standalone_mode=False)
     except (KeyboardInterrupt, Abort):
         return INTERRUPTED

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from instruments.bench import Observers
-from labctl.bench.lock import refuse_in_use
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
@@ -52,8 +51,6 @@ def run(
     if station is None:
         found = found.cabled(projector=asked.projector)
     access = access_of(context, attended=attended, armed=armed)
-    if not dry_run:
-        refuse_in_use(found, access.wire)
 
     from labctl.commands.next_steps import options_again, resumable  # what is loaded from here on takes long
     from labctl.engine.plan import new_directory

@@ -2,7 +2,8 @@
 
 import pytest
 
-from labctl.bench.lock import held, in_use, place_of
+from labctl.bench.holder import place_of
+from labctl.bench.lock import held, in_use
 from labctl.bench.lock_file import LockFile
 from labctl.bench.station import Station
 from labctl.errors import BenchInUse
@@ -13,6 +14,9 @@ from labctl.errors import BenchInUse
     [
         ("TCPIP0::127.0.0.1::4000::SOCKET", "tcpip::localhost::4000::socket"),
         ("TCPIP::192.0.2.1::INSTR", "TCPIP0::192.0.2.1::inst0::INSTR"),
+        ("TCPIP::192.0.2.1", "TCPIP0::192.0.2.1::inst0::INSTR"),
+        ("TCPIP::192.0.2.1::hislip0", "tcpip0::192.0.2.1::HISLIP0::instr"),
+        ("USB::0x0699::0x0503::B019::INSTR", "USB0::0x0699::0x0503::B019::0::INSTR"),
         ("TCPIP0::127.0.0.1,5000::inst0::INSTR", "TCPIP0::localhost,5000::inst0::INSTR"),
         ("usb", "USB"),
     ],
@@ -27,6 +31,8 @@ def test_one_place_under_two_names(one: str, other: str) -> None:
         ("TCPIP0::127.0.0.1::4000::SOCKET", "TCPIP0::127.0.0.1::4001::SOCKET"),
         ("TCPIP::192.0.2.1::gpib0,5::INSTR", "TCPIP::192.0.2.1::gpib0,6::INSTR"),
         ("TCPIP0::127.0.0.1,5000::inst0::INSTR", "TCPIP0::127.0.0.1,5001::inst0::INSTR"),
+        ("TCPIP::192.0.2.1::hislip0::INSTR", "TCPIP::192.0.2.1::INSTR"),
+        ("TCPIP::192.0.2.1::4000::SOCKET", "TCPIP::192.0.2.1::INSTR"),
         ("ASRL1::INSTR", "ASRL2::INSTR"),
     ],
 )
