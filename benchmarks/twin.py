@@ -17,15 +17,16 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.rows import Goal, Row, Timing, interleaved
 from sim_backends.optics.mirrors import MIRRORS_PER_SUPERPIXEL, SIDE
-from sim_backends.optics.receiver import digitiser_noise_codes, quantised
+from sim_backends.optics.receiver import digitiser_noise_codes
 from sim_backends.parameters import Parameters
-from sim_backends.world.keyed_random import digest
+from sim_backends.world.receivers import Codes, Device, FrontEnd
 from sim_backends.world.signals import AUX, Acquisition, Emission, Playback, Projection, Record, TriggerCondition
 from sim_backends.world.world import CHANNELS, World
 
 RATE, PERIOD, PICTURE_S = 25e9, 2500, 44e-6
 PICTURES, SHOTS = 500, 20
-SCALE_V = 0.05
+CARD_PICTURES = 8000
+FRONT_END = FrontEnd(0.05, 0.0, -3.0)
 
 
 def pictures(count: int) -> NDArray[np.uint16]:
@@ -34,12 +35,12 @@ def pictures(count: int) -> NDArray[np.uint16]:
     return (on * MIRRORS_PER_SUPERPIXEL**2).astype(np.uint16)
 
 
-def lit_world(*, triggered: bool) -> World:
+def lit_world(*, triggered: bool, device: Device = "cpu") -> World:
     """A twin with light, four ports, and a drive of 100 ns: by frame synch pulses, or for ever."""
     volts = np.random.default_rng(2).uniform(-0.25, 0.25, PERIOD).astype(np.float32)
     periods = 3 if triggered else 1
     marker = np.arange(periods * PERIOD) < PERIOD // 2
-    world = World(Parameters())
+    world = World(Parameters(), device=device)
     world.emit(Emission(1550.0, 0.03))
     world.patch({channel: channel + 1 for channel in CHANNELS})
     lengths = (periods * PERIOD,) if triggered else None
@@ -60,11 +61,10 @@ def recorded(world: World, shown: NDArray[np.uint16], samples: int, *, triggers:
     return record
 
 
-def digitised(world: World, record: Record) -> NDArray[np.int8] | NDArray[np.int16]:
+def digitised(world: World, record: Record) -> Codes:
     """Codes, as the oscilloscope makes them."""
-    noise = world.unit_noise([digest(key, "digitiser") for key in record.keys], record.volts.shape[1:])
-    noise *= np.float32(digitiser_noise_codes(world.parameters.enob))
-    return quantised(record.volts, noise, SCALE_V, 0.0, -3.0)
+    seen = list(record.volts.swapaxes(0, 1))
+    return world.digitised(record.keys, seen, [FRONT_END] * len(seen), digitiser_noise_codes(world.parameters.enob), 8)
 
 
 def masks_product(samples: int) -> Callable[[], object]:
@@ -109,13 +109,51 @@ def shot_rows(triggers: int, samples: int) -> list[Row]:
     return [Row(f"shot of {samples} samples, {triggers} triggers", 1e6 * whole.processor_s / SHOTS, "us")]
 
 
+def card_rows(samples: int) -> list[Row]:
+    """A burst on a graphics card, beside the processor and beside the card's memory; none where there is no card."""
+    card, core = lit_world(triggered=True, device="cuda"), lit_world(triggered=True)
+    if card.fallback:
+        return []
+    import torch
+
+    points = samples * math.ceil(1 / (RATE * Parameters().record_step_s))
+    light = torch.empty(CARD_PICTURES * len(CHANNELS) * points, dtype=torch.complex64, device="cuda")
+
+    def burst(world: World, shown: NDArray[np.uint16]) -> Codes:
+        record = recorded(world, shown, samples, triggers=len(shown), start_s=2 * PERIOD / RATE)
+        return digitised(world, record)
+
+    def copied() -> None:
+        light.clone()
+        torch.cuda.synchronize()
+
+    shown = pictures(CARD_PICTURES)
+    show = partial(card.project, Projection(shown, 0.0, PICTURE_S))
+    on_card, showing, on_core, bound = interleaved(
+        partial(burst, card, shown), show, partial(burst, core, shown[:PICTURES]), copied
+    )
+    each, one_core = 1e6 * on_card.wall_s / CARD_PICTURES, 1e6 * on_core.processor_s / PICTURES
+    what = f"burst of {samples} samples on a graphics card"
+    return [
+        Row(f"{what}: a picture", each, "us", None, "two cores", one_core / 2),
+        Row(
+            f"{what}: its light, written and read once",
+            1e6 * bound.wall_s / CARD_PICTURES,
+            "us",
+            None,
+            "the card",
+            each,
+        ),
+        Row(f"{what}: World.project", 1e6 * showing.wall_s / CARD_PICTURES, "us"),
+    ]
+
+
 def rows() -> list[Row]:
     """All of it."""
     with threadpool_limits(1):
         bursts = [row for samples in (20, 50, 200) for row in burst_rows(samples)]
-        return bursts + [
-            row for triggers, samples in ((1, 50), (16, 50), (1, 500)) for row in shot_rows(triggers, samples)
-        ]
+        shots = [row for triggers, samples in ((1, 50), (16, 50), (1, 500)) for row in shot_rows(triggers, samples)]
+    return bursts + shots + [row for samples in (20, 50, 200) for row in card_rows(samples)]
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from sim_backends.virtual.dpo72504dx.instrument import VirtualDpo72504dx
 from sim_backends.virtual.fibre_switch.instrument import VirtualFibreSwitch
 from sim_backends.virtual.instrument import VirtualInstrument
 from sim_backends.virtual.tlg220.instrument import VirtualTlg220
+from sim_backends.world.receivers import Device
 from sim_backends.world.world import Noise, World
 
 HISLIP_OFFSET, VXI11_OFFSET = 10, 20  # of the other ports from the ports of the raw sockets
@@ -35,6 +36,7 @@ class SimulatedBench:
         parameters: The physics; None: the defaults.
         twin_seed: Which fibre, which chip, which noise.
         noise: New for every trigger; "by-state": the same whenever the instruments are set to the same again.
+        device: What computes light, noise and codes: "cuda" is a graphics card, if there is one (`world.fallback`).
         host: The address to listen on. The default is reachable from this machine only: clients are not checked.
         port_base: Raw sockets listen on `port_base`, `port_base` + 1, ... in the order of `resources`, HiSLIP on the
             ports 10 higher, VXI-11 20 higher; None: any free ports.
@@ -49,13 +51,14 @@ class SimulatedBench:
         *,
         twin_seed: int = 1,
         noise: Noise = "by-trigger",
+        device: Device = "cpu",
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
         plugged_in: Mapping[str, Make] | None = None,
         dmd: Make = VirtualAlp,
     ) -> None:
-        self.world = World(parameters, twin_seed=twin_seed, noise=noise)
+        self.world = World(parameters, twin_seed=twin_seed, noise=noise, device=device)
         self.resources: dict[str, dict[str, str]] = {}
         self._host = host
         self._port_base = port_base

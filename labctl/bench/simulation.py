@@ -74,12 +74,18 @@ def simulated_bench(
         physical_parameters(station),
         twin_seed=station.sim.twin_seed,
         noise=station.sim.noise,
+        device=station.sim.device,
         host=host,
         port_base=port_base,
         laser_table=laser_table,
         plugged_in={role: make for role in station.roles if (make := _plugged_in(station, role)) is not None},
         dmd=VirtualDlpc900 if isinstance(station.dmd, TiDlpc900Section) else VirtualAlp,
     )
+
+
+def without_card(missing: str) -> str:
+    """What is said where a simulated bench was to be computed on a graphics card, which is `missing`."""
+    return f"sim.device = cuda: {missing}: the simulated bench is computed on the processor"
 
 
 def known_faults() -> "list[Listed]":

@@ -115,6 +115,10 @@ class SimSection(Section):
         Literal["by-trigger", "by-state"],
         Field(description="New for every trigger; by-state: the same in the same state, for tests, not for results."),
     ] = "by-trigger"
+    device: Annotated[
+        Literal["cpu", "cuda"],
+        Field(description="cuda: computed on a graphics card, if there is one; alike, but not equal to the digit."),
+    ] = "cpu"
     parameters: dict[str, float | int | bool | str] = Field(
         {}, description="Physical parameters that differ from their defaults."
     )

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from labctl.bench.signals import on_stop_signal
-from labctl.bench.simulation import known_faults, simulated_bench
+from labctl.bench.simulation import known_faults, simulated_bench, without_card
 from labctl.bench.station import read_station, write_addresses
 from labctl.commands.exit_status import DONE
 from labctl.commands.options import PortBaseOption, SaveStationOption, StationOption
@@ -67,6 +67,8 @@ def serve(
             simulated_bench(asked, host=host, port_base=port_base, faults=fault or ()), "--host, --port-base"
         ) as bench,
     ):
+        if bench.world.fallback:
+            warn(without_card(bench.world.fallback))
         if save_station is not None:
             write_addresses(save_station, {name: found["socket"] for name, found in bench.resources.items()}, asked)
         resources = bench.resources

@@ -9,6 +9,7 @@ from sim_backends.faults.injection import Faulty, Injection
 from sim_backends.parameters import Parameters
 from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.virtual.alp.instrument import VirtualAlp
+from sim_backends.world.receivers import Device
 from sim_backends.world.world import Noise
 
 
@@ -33,6 +34,7 @@ class FaultyBench(SimulatedBench):
         *,
         twin_seed: int = 1,
         noise: Noise = "by-trigger",
+        device: Device = "cpu",
         host: str = "127.0.0.1",
         port_base: int | None = None,
         laser_table: Mapping[str, Any] | None = None,
@@ -43,6 +45,7 @@ class FaultyBench(SimulatedBench):
             parameters,
             twin_seed=twin_seed,
             noise=noise,
+            device=device,
             host=host,
             port_base=port_base,
             laser_table=laser_table,

@@ -279,7 +279,7 @@ def digitiser_noise_codes(enob: float, bits: int = 8) -> float:
 
     Total: FS / 2^ENOB / sqrt(12), FS = 10.24 div = 2^bits levels; the quantiser's own 1/12 level^2 is part of it.
     """
-    return math.sqrt(max(0.0, (_levels_per_division(bits) * DIVISIONS / 2**enob) ** 2 - 1.0) / 12.0)
+    return math.sqrt(max(0.0, (digitiser_levels(bits) * DIVISIONS / 2**enob) ** 2 - 1.0) / 12.0)
 
 
 def quantised(
@@ -296,7 +296,7 @@ def quantised(
     divisions. Of more than 8 bits levels are as much finer, and fill the upper bits of int16: a code of 8 bits is one
     of 256 such.
     """
-    levels = _levels_per_division(bits)
+    levels = digitiser_levels(bits)
     exact = volts - np.float32(offset_v)
     exact *= np.float32(levels / scale_v)
     exact += np.float32(levels * position_div)
@@ -307,5 +307,6 @@ def quantised(
     return exact.astype(np.int8) if bits == 8 else exact.astype(np.int16) << 16 - bits
 
 
-def _levels_per_division(bits: int) -> int:
+def digitiser_levels(bits: int) -> int:
+    """Levels a division."""
     return CODES_PER_DIVISION << bits - 8

@@ -1,4 +1,4 @@
-"""What the detectors put out under a setting of the instruments: the light of every picture, and its noise.
+"""What noiseless detectors put out under a setting of the instruments: the light of every picture.
 
 Keeps small caches of what a setting fixes: fields behind the ports, their spectra around the sampled times, sampling
 filters. A picture then costs a real matrix product, a convolution and the detector's filter. Knows no mirrors' history
@@ -16,14 +16,12 @@ from scipy import fft
 
 from sim_backends.optics import chain, mirrors, receiver
 from sim_backends.parameters import Parameters
-from sim_backends.world.pictures import Sight
 from sim_backends.world.signals import Acquisition
 from sim_backends.world.triggers import level_crossings
 from sim_backends.world.twin import Optics, Setting, Twin
 
 IMAGE_BLOCK = 4
 COLUMN_BLOCK = 256
-_BLOCK_BYTES = 2_000_000  # of fields computed together, which then stay in the cache
 _KEPT_SETTINGS = 12
 _KEPT_BYTES = 50_000_000  # of pages: spectra, or matrices
 _PAGE_POINTS = 2**14
@@ -33,7 +31,6 @@ _PHASE_STEP_S = 1.25e-12
 _SAME_PHASE_S = 15e-12
 
 sampling_filter = lru_cache(maxsize=64)(receiver.sampling_filter)
-noise_colour = lru_cache(maxsize=16)(receiver.noise_colour)
 
 
 class Light(NamedTuple):
@@ -52,6 +49,15 @@ class Light(NamedTuple):
     scene: int
     age_s: float
     lit: bool
+
+
+class Grid(NamedTuple):
+    """Where a record's intensities are computed: `points` of them, `step_s` apart, from `first_s` after the trigger."""
+
+    sampling: receiver.SamplingFilter
+    step_s: float
+    points: int
+    first_s: float
 
 
 class LightPath:
@@ -73,60 +79,21 @@ class LightPath:
             return np.ones((on.shape[0], 1), np.float32)
         return mirrors.reflected(on, self._parameters.mirror_contrast)
 
-    def white_noise_shape(self, acquisition: Acquisition) -> tuple[int, int]:
-        """Of the white noise that one trigger needs: a row for each channel and one for what they share."""
-        return len(acquisition.channels) + 1, acquisition.samples + self._colour(acquisition).size - 1
-
-    def detect(
-        self,
-        white: NDArray[np.float32],
-        rows: NDArray[np.intp],
-        lateness: NDArray[np.float64],
-        acquisition: Acquisition,
-        setting: Setting,
-        light: Light,
-        sight: Sight,
-        volts: NDArray[np.float32],
-    ) -> None:
-        """Put into `volts[rows]` what the detectors put out, with white noise `white[rows]` of `white_noise_shape`.
-
-        Jitter, `lateness` (s) of each row, enters by the trace's slope: first-order Taylor.
-        """
-        optics = self.optics(setting)
-        laws, colour = optics.laws, self._colour(acquisition)
-        amplitudes = sight.scenes[light.scene].amplitudes
-        moving = math.isfinite(light.age_s)
-        seen = sight.after[rows] * len(amplitudes) + (sight.before[rows] if moving else 0)
-        pairs, which = np.unique(seen, return_inverse=True)
-        order = np.argsort(which, kind="stable")
-        after, before = np.divmod(pairs, len(amplitudes))
-        points = acquisition.samples / (acquisition.sample_rate * self._parameters.record_step_s) + 100
-        block = max(1, int(_BLOCK_BYTES / (16 * len(acquisition.channels) * points * IMAGE_BLOCK))) * IMAGE_BLOCK
-        at_once = max(1, _BLOCK_BYTES // volts[0].nbytes)
-        high = 0
-        for begin in range(0, len(pairs), block):
-            clean, slope = self.sampled(
-                optics,
-                acquisition,
-                amplitudes[after[begin : begin + block]],
-                phase_s=light.phase_s,
-                shift_s=light.shift_s,
-                before=amplitudes[before[begin : begin + block]] if moving else None,
-                moving_since_s=light.age_s,
-            )
-            signal = np.maximum(clean, 0)
-            shared = np.sqrt(laws.quadratic) * signal
-            clean = clean + laws.offset_v
-            low, high = high, int(np.searchsorted(which[order], begin + len(clean)))
-            for first in range(low, high, at_once):
-                places = order[first : min(first + at_once, high)]
-                own, image = rows[places], which[places] - begin
-                unit = receiver.coloured(white[own], colour)
-                traces = laws.own_noise(signal[image], unit[:, :-1])
-                traces += shared[image] * unit[:, -1:]
-                traces += clean[image]
-                traces += lateness[own, np.newaxis, np.newaxis].astype(np.float32) * slope[image]
-                volts[own] = receiver.limited(traces, self._parameters.detector_limit_v)
+    def grid(self, acquisition: Acquisition, shift_s: float) -> Grid:
+        """The times at which the light's intensity is wanted, and the filter that makes samples of it."""
+        constants = self._parameters
+        decimation = math.ceil(1.0 / (acquisition.sample_rate * constants.record_step_s) - 1e-9)
+        step = 1.0 / (acquisition.sample_rate * decimation)
+        sampling = sampling_filter(
+            samples=min(acquisition.samples, _BLOCK_SAMPLES),
+            decimation=decimation,
+            step=step,
+            shift_s=shift_s,
+            detector_hz=constants.detector_bandwidth_hz,
+            scope_hz=constants.scope_bandwidth_hz,
+        )
+        points = sampling.points + (acquisition.samples - sampling.samples) * decimation
+        return Grid(sampling, step, points, acquisition.start_s - sampling.before * step)
 
     def sampled(
         self,
@@ -151,21 +118,10 @@ class LightPath:
             moving_since_s: time from the mirrors' last change to the trigger.
         """
         constants = self._parameters
-        decimation = math.ceil(1.0 / (acquisition.sample_rate * constants.record_step_s) - 1e-9)
-        step = 1.0 / (acquisition.sample_rate * decimation)
-        sampling = sampling_filter(
-            samples=min(acquisition.samples, _BLOCK_SAMPLES),
-            decimation=decimation,
-            step=step,
-            shift_s=shift_s,
-            detector_hz=constants.detector_bandwidth_hz,
-            scope_hz=constants.scope_bandwidth_hz,
-        )
+        sampling, step, points, first = self.grid(acquisition, shift_s)
         if not optics.lit:
             zero = np.zeros((len(amplitudes), len(optics.fields), acquisition.samples), np.float32)
             return zero, zero
-        points = sampling.points + (acquisition.samples - sampling.samples) * decimation
-        first = acquisition.start_s - sampling.before * step
         light_time = phase_s + first - optics.delay_s
         sent = _sent(optics, amplitudes)
         field = self._field(optics, sent, light_time, step, points)
@@ -179,7 +135,7 @@ class LightPath:
             field = old + moved * (field - old)
         clean, slope = receiver.apply_filter(sampling, receiver.fast_volts(field), acquisition.samples)
         if constants.detector_coupling == "ac":
-            clean = clean - self._mean_volts(optics, amplitudes, sent)
+            clean = clean - self.mean_volts(optics, amplitudes)
         if optics.power_factors is not None:
             watts = np.square(in_blocks(amplitudes, optics.power_factors)).sum(axis=1)
             gain = receiver.saturated_gain(watts, constants.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
@@ -199,19 +155,10 @@ class LightPath:
         trace = receiver.limited(clean[0, 0] + optics.laws.offset_v[0], self._parameters.detector_limit_v)
         return level_crossings(trace, level_v, rising=rising) / period.sample_rate
 
-    def _colour(self, acquisition: Acquisition) -> NDArray[np.float32]:
-        return noise_colour(
-            acquisition.sample_rate,
-            detector_hz=self._parameters.detector_bandwidth_hz,
-            scope_hz=self._parameters.scope_bandwidth_hz,
-        )
-
-    def _mean_volts(
-        self, optics: Optics, amplitudes: NDArray[np.float32], sent: NDArray[np.complex64]
-    ) -> NDArray[np.float32]:
+    def mean_volts(self, optics: Optics, amplitudes: NDArray[np.float32]) -> NDArray[np.float32]:
         """What an AC-coupled detector takes away, (images, channels, 1): behind a triggered drive, the idle light."""
         if optics.idle_s is not None:
-            return receiver.fast_volts(self._inside(optics, sent, 0.0, optics.step_s, 1))
+            return receiver.fast_volts(self._inside(optics, _sent(optics, amplitudes), 0.0, optics.step_s, 1))
         means = [chain.mean_volts(row, optics.fields, optics.taps) for row in amplitudes]
         return np.array(means, np.float32)[:, :, None]
 

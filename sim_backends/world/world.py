@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from sim_backends.optics.launch import Launch
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world.keyed_random import Rekeyed, digest, encoded, generator, named
+from sim_backends.world.keyed_random import digest, encoded, generator, named
 from sim_backends.world.light_path import Light, LightPath, snapped
 from sim_backends.world.pictures import Pictures, Sight
+from sim_backends.world.receivers import Codes, Device, FrontEnd, ProcessorReceivers, Receivers
 from sim_backends.world.segments import DEFAULT_LEVEL_V, SegmentStarts
 from sim_backends.world.signals import (
     AUX,
@@ -66,16 +67,26 @@ class VirtualClock:
 
 
 class World:
-    """The bench's light, from the laser to the oscilloscope's inputs, under the settings of the instruments."""
+    """The bench's light, from the laser to the oscilloscope's inputs, under the settings of the instruments.
+
+    Attributes:
+        fallback: Why the processor computes it although a graphics card was asked for; empty where that is not so.
+    """
 
     def __init__(
-        self, parameters: Parameters | None = None, *, twin_seed: int = 1, noise: Noise = "by-trigger"
+        self,
+        parameters: Parameters | None = None,
+        *,
+        twin_seed: int = 1,
+        noise: Noise = "by-trigger",
+        device: Device = "cpu",
     ) -> None:
         began = perf_counter()
         self.parameters = parameters or Parameters()
         self.twin_seed = twin_seed
         self.clock = VirtualClock()
         self._light_path = LightPath(self.parameters, twin_seed)
+        self._receivers, self.fallback = _receivers(device, self._light_path, self.parameters)
         self._drift_step_s = self.parameters.drift_step_s
         self._laser: Emission | None = None
         self._launch = Launch()
@@ -99,7 +110,6 @@ class World:
         self._recorded: Counter[bytes] = Counter()  # of every pattern, in this state
         self._triggers = 0  # recorded since the world began
         self._marker_phases = self._light_phases = np.empty(0)
-        self._rekeyed = Rekeyed()
         self.physics_seconds = perf_counter() - began
 
     def emit(self, emission: Emission | None, *, lit_from_s: float = 0.0) -> None:
@@ -229,9 +239,19 @@ class World:
         """Counter-based generator keyed by the twin's seed and `purpose`."""
         return generator(digest(self.twin_seed, *purpose))
 
-    def unit_noise(self, keys: Sequence[bytes], shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """White noise of unit variance, an array of `shape` for each of `keys`."""
-        return self._rekeyed.unit_noise(keys, shape)
+    def digitised(
+        self,
+        keys: Sequence[bytes],
+        seen: Sequence[NDArray[np.float32]],
+        front_ends: Sequence[FrontEnd],
+        noise: float,
+        bits: int,
+    ) -> Codes:
+        """Codes (channels, triggers, samples) of what each channel sees at the triggers of `keys`; see `Receivers`."""
+        began = perf_counter()
+        codes = self._receivers.digitised(keys, seen, front_ends, noise, bits)
+        self.physics_seconds += perf_counter() - began
+        return codes
 
     def next_triggers(
         self, condition: TriggerCondition, count: int, holdoff_s: float = 0.0, *, after_s: float | None = None
@@ -275,7 +295,7 @@ class World:
             ends_s=acquisition.start_s + acquisition.samples / acquisition.sample_rate,
         )
         keys = self._keys(sight.names, acquisition, setting)
-        white, lateness, offsets = self._drawn(keys, acquisition)
+        white, lateness, offsets = self._receivers.drawn(keys, acquisition)
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse
         lights = [
@@ -287,44 +307,30 @@ class World:
         self.physics_seconds += perf_counter() - began
         return Record(volts, offsets, keys, partial(self._further, keys, detected))
 
-    def _drawn(
-        self, keys: Sequence[bytes], acquisition: Acquisition
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
-        """White noise of every trigger, how late it is and how far from the sampling grid (s): all from its key."""
-        white = np.empty((len(keys), *self._light_path.white_noise_shape(acquisition)), np.float32)
-        lateness, offsets = np.zeros((2, len(keys)))
-        for number, (key, noise) in enumerate(zip(keys, white, strict=True)):
-            source = self._rekeyed.generator(key)
-            source.standard_normal(out=noise, dtype=np.float32)
-            lateness[number] = source.standard_normal()
-            if not self.parameters.shared_reference:
-                offsets[number] = (source.random() - 0.5) / acquisition.sample_rate
-        return white, lateness * math.hypot(self.parameters.trigger_jitter_s, self.parameters.awg_jitter_s), offsets
-
     def _detected(
         self,
         lights: Sequence[tuple[Light, NDArray[np.intp], Setting]],
         sight: Sight,
         lateness: NDArray[np.float64],
         acquisition: Acquisition,
-        white: NDArray[np.float32],
+        white: Any,
     ) -> NDArray[np.float32]:
         """Volts of all triggers, group by group of those that see the same light."""
-        volts = np.empty((len(white), len(acquisition.channels), acquisition.samples), np.float32)
+        volts = np.empty((lateness.size, len(acquisition.channels), acquisition.samples), np.float32)
         for light, rows, light_setting in lights:
-            self._light_path.detect(white, rows, lateness, acquisition, light_setting, light, sight, volts)
+            self._receivers.detect(white, rows, lateness, acquisition, light_setting, light, sight, volts)
         return volts
 
     def _further(
         self,
         keys: Sequence[bytes],
-        detected: Callable[[Acquisition, NDArray[np.float32]], NDArray[np.float32]],
+        detected: Callable[[Acquisition, Any], NDArray[np.float32]],
         part: Acquisition,
     ) -> NDArray[np.float32]:
         """Volts of other points behind the same triggers, with noise of their own."""
         began = perf_counter()
         own = [digest(key, "further", float(part.start_s)) for key in keys]
-        volts = detected(part, self.unit_noise(own, self._light_path.white_noise_shape(part)))
+        volts = detected(part, self._receivers.white(own, part))
         self.physics_seconds += perf_counter() - began
         return volts
 
@@ -427,6 +433,23 @@ class World:
             repeats = np.where(last, np.where(onset, covering, 0), 1).astype(np.intp)
             phases = np.where(last & ~onset, snapped(phases % period, period, marks), phases)
         return phases, segments, repeats
+
+
+def _receivers(device: Device, light_path: LightPath, parameters: Parameters) -> tuple[Receivers, str]:
+    """On a graphics card if that is asked for and can be; else by the processor, and why."""
+    missing = ""
+    if device == "cuda":
+        try:
+            from torch import cuda
+
+            from sim_backends.world.card import CardReceivers
+        except ImportError:
+            missing = "torch is not installed"
+        else:
+            if cuda.is_available():
+                return CardReceivers(light_path, parameters), ""
+            missing = "torch finds no CUDA device"
+    return ProcessorReceivers(light_path, parameters), missing
 
 
 def _segment_edges(

@@ -7,14 +7,13 @@ together changes no byte. Source: instrument facts 2.5, 2.6, 2.8 and 2.10.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from time import perf_counter
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_width, quantised
+from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_width
 from sim_backends.scpi.commands import Command
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
@@ -38,6 +37,7 @@ from sim_backends.virtual.oscilloscope.transfer import Preamble, Trace, Transfer
 from sim_backends.virtual.oscilloscope.trigger import Trigger
 from sim_backends.virtual.oscilloscope.vertical import BANDWIDTH_HZ, CHANNELS, Channel, Vertical
 from sim_backends.world.keyed_random import digest
+from sim_backends.world.receivers import FrontEnd
 from sim_backends.world.signals import Acquisition, Record
 from sim_backends.world.world import World
 
@@ -104,7 +104,7 @@ class AcquisitionSystem(Oscilloscope):
 
     def __init__(self, world: World, section: Mapping[str, Any] | None = None, *, effective_bits: float) -> None:
         super().__init__(world, section)
-        self._digitiser_noise = np.float32(digitiser_noise_codes(effective_bits, self.BITS))
+        self._digitiser_noise = digitiser_noise_codes(effective_bits, self.BITS)
         self._shown: Progress | None = None
         self._traces: dict[int, Trace] = {}
         self.references = {number: Reference() for number in CHANNELS.values()}
@@ -348,16 +348,12 @@ class AcquisitionSystem(Oscilloscope):
 
     def _codes(self, acquisition: Acquisition, record: Record, verticals: Sequence[Vertical]) -> Codes:
         """Codes (channels, triggers, samples)."""
-        began = perf_counter()
-        triggers, channels, samples = record.volts.shape
-        noise = self.world.unit_noise([digest(key, "digitiser") for key in record.keys], (channels, samples))
-        noise *= self._digitiser_noise
-        codes = self._no_codes(channels, triggers, samples)
-        for channel, vertical in enumerate(verticals):
-            seen = _seen(record.volts[:, channel], vertical, acquisition.sample_rate)
-            codes[channel] = quantised(seen, noise[:, channel], *vertical[:3], self.BITS)
-        self.world.physics_seconds += perf_counter() - began
-        return codes
+        seen = [
+            _seen(record.volts[:, channel], vertical, acquisition.sample_rate)
+            for channel, vertical in enumerate(verticals)
+        ]
+        front_ends = [FrontEnd(*vertical[:3]) for vertical in verticals]
+        return self.world.digitised(record.keys, seen, front_ends, self._digitiser_noise, self.BITS)
 
     def _no_codes(self, *shape: int) -> Codes:
         return np.empty(shape, np.int8) if self.BITS == 8 else np.empty(shape, np.int16)

@@ -1,0 +1,225 @@
+"""The receivers on a graphics card: the light of a block of pictures, its noise and its codes, by torch.
+
+The same equations as `light_path` and `receivers`, in an order that suits a card: the light of a record is two matrix
+products, mirrors with the fibre's taps and these with the drive's field at every time and delay, instead of a
+convolution. What a setting fixes is computed by the program and kept on the card. Noise is a stream of the card's own:
+records are not equal to the processor's, but alike, and depend on how many triggers are computed together.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from sim_backends.optics import chain, mirrors
+from sim_backends.optics.receiver import digitiser_levels
+from sim_backends.parameters import Parameters
+from sim_backends.world.keyed_random import digest, generator
+from sim_backends.world.light_path import Grid, Light, LightPath
+from sim_backends.world.pictures import Sight
+from sim_backends.world.receivers import Codes, Drawn, FrontEnd, colour_of, jitter_s
+from sim_backends.world.signals import Acquisition
+from sim_backends.world.twin import Optics, Setting
+
+_AT_ONCE_BYTES = 500_000_000  # of fields computed together
+_PAGE_POINTS = 4096  # times of a page of fields at every delay, of about 100 MB
+_KEPT_SETTINGS = 12
+_KEPT_PAGES = 4
+
+
+class Placed(NamedTuple):
+    """What a setting fixes, on the card: see `Optics`."""
+
+    host: Optics
+    sending: Tensor
+    fields: Tensor
+    power_factors: Tensor | None
+    floor: Tensor
+    linear: Tensor
+    quadratic: Tensor
+    offset_v: Tensor
+
+
+class CardReceivers:
+    """`Receivers` on the device of torch that `place` names."""
+
+    def __init__(self, light_path: LightPath, parameters: Parameters, place: str = "cuda") -> None:
+        self._light_path = light_path
+        self._parameters = parameters
+        self._place = torch.device(place)
+        self._optics = lru_cache(_KEPT_SETTINGS)(self._placed)
+        self._page = lru_cache(_KEPT_PAGES)(self._made_page)
+
+    def drawn(self, keys: Sequence[bytes], acquisition: Acquisition) -> Drawn:
+        """See `Receivers`; white noise is the generator that it will come from."""
+        source, count = generator(keys[0]), len(keys)
+        lateness, offsets = source.standard_normal(count) * jitter_s(self._parameters), np.zeros(count)
+        if not self._parameters.shared_reference:
+            offsets = (source.random(count) - 0.5) / acquisition.sample_rate
+        return Drawn(self._seeded(keys[0]), lateness, offsets)
+
+    def white(self, keys: Sequence[bytes], acquisition: Acquisition) -> torch.Generator:
+        """See `Receivers`."""
+        return self._seeded(digest(keys[0], *acquisition.channels))
+
+    def detect(
+        self,
+        white: torch.Generator,
+        rows: NDArray[np.intp],
+        lateness: NDArray[np.float64],
+        acquisition: Acquisition,
+        setting: Setting,
+        light: Light,
+        sight: Sight,
+        volts: NDArray[np.float32],
+    ) -> None:
+        """See `Receivers`."""
+        optics, grid = self._optics(setting), self._light_path.grid(acquisition, light.shift_s)
+        amplitudes = sight.scenes[light.scene].amplitudes
+        modes, _, depth = optics.host.taps.shape
+        picture = 8 * modes * (len(acquisition.channels) * grid.points + depth)
+        at_once = max(1, _AT_ONCE_BYTES // picture)
+        for begin in range(0, len(rows), at_once):
+            own = rows[begin : begin + at_once]
+            before = amplitudes[sight.before[own]] if math.isfinite(light.age_s) else None
+            clean, slope = self._sampled(
+                optics, setting, acquisition, grid, light, amplitudes[sight.after[own]], before
+            )
+            late = self._put(lateness[own].astype(np.float32))[:, None, None]
+            traces = self._noisy(optics, clean, white, colour_of(self._parameters, acquisition)) + late * slope
+            limit = self._parameters.detector_limit_v
+            volts[own] = (traces / (1 + (traces / limit) ** 6) ** (1 / 6)).cpu().numpy()
+
+    def digitised(
+        self,
+        keys: Sequence[bytes],
+        seen: Sequence[NDArray[np.float32]],
+        front_ends: Sequence[FrontEnd],
+        noise: float,
+        bits: int,
+    ) -> Codes:
+        """See `Receivers`."""
+        volts, half = self._put(np.stack(seen)), 2 ** (bits - 1)
+        scale_v, offset_v, position_div = (
+            self._put(np.array(column, np.float32))[:, None, None] for column in zip(*front_ends, strict=True)
+        )
+        levels = digitiser_levels(bits)
+        exact = (volts - offset_v) * (levels / scale_v) + levels * position_div
+        exact += noise * self._unit(volts.shape, self._seeded(digest(keys[0], "digitiser")))
+        whole = exact.round().clamp(-half, half - 1)
+        codes = whole.to(torch.int8) if bits == 8 else whole.to(torch.int16) << 16 - bits
+        return np.asarray(codes.cpu().numpy())
+
+    def _sampled(
+        self,
+        optics: Placed,
+        setting: Setting,
+        acquisition: Acquisition,
+        grid: Grid,
+        light: Light,
+        after: NDArray[np.float32],
+        before: NDArray[np.float32] | None,
+    ) -> tuple[Tensor, Tensor]:
+        """See `LightPath.sampled`."""
+        constants, host = self._parameters, optics.host
+        shown = self._put(after)
+        if not host.lit:
+            zero = torch.zeros(len(after), len(acquisition.channels), acquisition.samples, device=self._place)
+            return zero, zero
+        start_s = light.phase_s + grid.first_s - host.delay_s
+        field = self._field(optics, setting, shown, start_s, grid)
+        if before is not None:
+            times = light.age_s + grid.first_s + grid.step_s * np.arange(grid.points, dtype=np.float64)
+            moved = mirrors.moved_fraction(times, leaves=constants.mirror_leaves_s, arrives=constants.mirror_arrives_s)
+            old = self._field(optics, setting, self._put(before), start_s, grid)
+            field = old + self._put(moved.astype(np.float32)) * (field - old)
+        clean, slope = _filtered(grid, self._put(grid.sampling.matrix), _fast_volts(field), acquisition.samples)
+        if constants.detector_coupling == "ac":
+            clean = clean - self._put(self._light_path.mean_volts(host, after))
+        if optics.power_factors is not None:
+            watts = (shown @ optics.power_factors).square().sum(dim=1)
+            gain = (2 / (1 + (1 + 4 * watts / constants.amplifier_saturation_w).sqrt()))[:, None, None]
+            clean, slope = clean * gain, slope * gain
+        return clean, slope
+
+    def _noisy(self, optics: Placed, clean: Tensor, white: torch.Generator, colour: NDArray[np.float32]) -> Tensor:
+        """With the receivers' noise and the mean of the amplifier's: see `NoiseLaws`."""
+        images, channels, samples = clean.shape
+        drawn = self._unit((images, channels + 1, samples + colour.size - 1), white)
+        unit = torch.zeros(images, channels + 1, samples, device=self._place)
+        for first, weight in enumerate(colour.tolist()):
+            unit += weight * drawn[..., first : first + samples]
+        signal, laws = clean.clamp(min=0), optics.host.laws
+        if laws.count_v.any():  # few photons: their law is a table that the card does not have
+            own = self._put(laws.own_noise(signal.cpu().numpy(), unit[:, :-1].cpu().numpy()))
+        else:
+            own = (optics.floor + optics.linear * signal).sqrt() * unit[:, :-1]
+        return clean + optics.offset_v + own + optics.quadratic.sqrt() * signal * unit[:, -1:]
+
+    def _field(self, optics: Placed, setting: Setting, shown: Tensor, start_s: float, grid: Grid) -> Tensor:
+        """Root volts (images, modes, channels, points) at the grid's light times from `start_s` on."""
+        modes, superpixels, _ = optics.host.taps.shape
+        sent = torch.view_as_complex((shown @ optics.sending.view(superpixels, -1)).view(len(shown) * modes, -1, 2))
+        parts = [
+            sent
+            @ self._page(setting, start_s + begin * grid.step_s, grid.step_s, min(_PAGE_POINTS, grid.points - begin))
+            for begin in range(0, grid.points, _PAGE_POINTS)
+        ]
+        channels = len(optics.fields)
+        return torch.cat([part.view(len(shown), modes, channels, -1) for part in parts], dim=-1)
+
+    def _made_page(self, setting: Setting, start_s: float, step_s: float, points: int) -> Tensor:
+        """The ports' light at light times and at every delay before each, (delays, channels * points).
+
+        See `chain.delayed`. Before and after a triggered segment the light does not change.
+        """
+        optics = self._optics(setting)
+        host, (channels, period) = optics.host, optics.fields.shape
+        times = start_s + step_s * np.arange(points, dtype=np.float64)
+        if host.idle_s is not None:
+            times = np.clip(times + host.idle_s, 0.0, period * host.step_s)
+        index, weight = chain.interpolation(times / host.step_s, period)
+        delays = torch.arange(host.taps.shape[-1], device=self._place)[:, None]
+        page = torch.zeros(channels, len(delays), points, dtype=torch.complex64, device=self._place)
+        for corner in np.flatnonzero(weight.any(axis=1)):
+            page += optics.fields[:, (self._put(index[corner]) - delays) % period] * self._put(weight[corner])
+        return page.transpose(0, 1).reshape(len(delays), -1)
+
+    def _placed(self, setting: Setting) -> Placed:
+        host = self._light_path.optics(setting)
+        laws, factors = host.laws, host.power_factors
+        columns = (self._put(column) for column in (laws.floor, laws.linear, laws.quadratic, laws.offset_v))
+        placed_factors = None if factors is None else self._put(factors)
+        return Placed(host, self._put(host.sending), self._put(host.fields), placed_factors, *columns)
+
+    def _put(self, values: NDArray[np.generic]) -> Tensor:
+        return torch.from_numpy(np.ascontiguousarray(values)).to(self._place)
+
+    def _seeded(self, key: bytes) -> torch.Generator:
+        return torch.Generator(self._place).manual_seed(int.from_bytes(key[:8], "little"))
+
+    def _unit(self, shape: Sequence[int], source: torch.Generator) -> Tensor:
+        return torch.randn(shape, generator=source, device=self._place)
+
+
+def _fast_volts(field: Tensor) -> Tensor:
+    """See `receiver.fast_volts`."""
+    return torch.view_as_real(field).square().sum(dim=-1).sum(dim=1)
+
+
+def _filtered(grid: Grid, matrix: Tensor, intensities: Tensor, samples: int) -> tuple[Tensor, Tensor]:
+    """See `receiver.apply_filter`."""
+    sampling = grid.sampling
+    blocks, advance = -(-samples // sampling.samples), sampling.samples * sampling.decimation
+    wanted = (blocks - 1) * advance + sampling.points
+    padded = functional.pad(intensities, (0, max(0, wanted - intensities.shape[-1])))
+    both = padded.unfold(-1, sampling.points, advance)[..., :blocks, :] @ matrix
+    halves = both[..., : sampling.samples], both[..., sampling.samples :]
+    clean, slope = (half.reshape(*intensities.shape[:-1], -1)[..., :samples] for half in halves)
+    return clean, slope
