@@ -159,8 +159,8 @@ def rows() -> list[Row]:
 def main() -> None:
     """Measure and print."""
     for row in rows():
-        reference = "" if row.reference is None else f"{row.against} {row.reference:.1f}, ratio {row.ratio:.2f}"
-        sys.stdout.write(f"{row.what:46}{row.figure:9.1f} {row.unit}  {reference}\n")
+        reference = "" if row.reference is None else f"{row.against} {row.reference:.3g}, ratio {row.ratio:.2g}"
+        sys.stdout.write(f"{row.what:60}{row.figure:9.3g} {row.unit}  {reference}\n")
 
 
 if __name__ == "__main__":

@@ -105,7 +105,9 @@ def reflected(on: NDArray[np.float32], contrast: float) -> NDArray[np.float32]:
     with what they would send if they were on.
     """
     leaked = np.float32(contrast**-0.5)
-    return leaked + (np.float32(1) - leaked) * on
+    amplitude = (np.float32(1) - leaked) * on
+    amplitude += leaked
+    return np.asarray(amplitude)
 
 
 def moved_fraction(seconds: NDArray[np.float64], *, leaves: float, arrives: float) -> NDArray[np.float64]:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 Purpose = str | int | float | bytes
 
+_NAME = b"b" + (16).to_bytes(8, "little")  # what stands before 16 bytes
+
 
 def encoded(*purpose: Purpose) -> bytes:
     """`purpose` as bytes; parts are told apart by type and length."""
@@ -32,6 +34,17 @@ def encoded(*purpose: Purpose) -> bytes:
 def digest(*purpose: Purpose) -> bytes:
     """16 bytes that name `purpose`."""
     return named(encoded(*purpose))
+
+
+def encoded_name(name: bytes) -> bytes:
+    """`encoded` of a name, 16 bytes, in a fifth of the time."""
+    return _NAME + name
+
+
+def derived(names: Sequence[bytes], *purpose: Purpose) -> list[bytes]:
+    """`digest` of each of `names` and `purpose`."""
+    behind = encoded(*purpose)
+    return [named(_NAME + name + behind) for name in names]
 
 
 def named(purpose: bytes) -> bytes:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim_backends.optics import receiver
 from sim_backends.parameters import Parameters
-from sim_backends.world.keyed_random import Rekeyed, digest
+from sim_backends.world.keyed_random import Rekeyed, derived
 from sim_backends.world.light_path import IMAGE_BLOCK, Light, LightPath
 from sim_backends.world.pictures import Sight
 from sim_backends.world.signals import Acquisition
@@ -170,7 +170,7 @@ class ProcessorReceivers:
     ) -> Codes:
         """See `Receivers`."""
         samples = seen[0].shape[-1] if seen else 0
-        unit = self._rekeyed.unit_noise([digest(key, "digitiser") for key in keys], (len(seen), samples))
+        unit = self._rekeyed.unit_noise(derived(keys, "digitiser"), (len(seen), samples))
         unit *= np.float32(noise)
         shape = len(seen), len(keys), samples
         codes: Codes = np.empty(shape, np.int8) if bits == 8 else np.empty(shape, np.int16)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sim_backends.optics.launch import Launch
 from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
-from sim_backends.world.keyed_random import digest, encoded, generator, named
+from sim_backends.world.keyed_random import derived, digest, encoded, encoded_name, generator, named
 from sim_backends.world.light_path import Light, LightPath, snapped
 from sim_backends.world.pictures import Pictures, Sight
 from sim_backends.world.receivers import Codes, Device, FrontEnd, ProcessorReceivers, Receivers
@@ -329,7 +329,7 @@ class World:
     ) -> NDArray[np.float32]:
         """Volts of other points behind the same triggers, with noise of their own."""
         began = perf_counter()
-        own = [digest(key, "further", float(part.start_s)) for key in keys]
+        own = derived(keys, "further", float(part.start_s))
         volts = detected(part, self._receivers.white(own, part))
         self.physics_seconds += perf_counter() - began
         return volts
@@ -365,7 +365,7 @@ class World:
             patched = (f"{channel}:{port}" for channel, port in sorted(self._patching.items()))
             self._state = digest(self._setting(CHANNELS, 0, None, 1, lit=True).key, *patched)
         before, behind = encoded(self.twin_seed, self._state), encoded(acquisition.digest, setting)
-        frames = {name: encoded(named(before + encoded(name) + behind)) for name in dict.fromkeys(shown)}
+        frames = {name: encoded_name(named(before + encoded_name(name) + behind)) for name in dict.fromkeys(shown)}
         keys = []
         for name in shown:
             keys.append(named(frames[name] + encoded(self._recorded[name] if self._by_state else self._triggers)))

@@ -36,7 +36,7 @@ from sim_backends.virtual.oscilloscope.plan import Plan, planned
 from sim_backends.virtual.oscilloscope.transfer import Preamble, Trace, Transfer
 from sim_backends.virtual.oscilloscope.trigger import Trigger
 from sim_backends.virtual.oscilloscope.vertical import BANDWIDTH_HZ, CHANNELS, Channel, Vertical
-from sim_backends.world.keyed_random import digest
+from sim_backends.world.keyed_random import derived
 from sim_backends.world.receivers import FrontEnd
 from sim_backends.world.signals import Acquisition, Record
 from sim_backends.world.world import World
@@ -320,7 +320,7 @@ class AcquisitionSystem(Oscilloscope):
         progress.add(self._codes(first, record, plan.verticals), record.trigger_offset_s)
 
         def others() -> Codes:
-            keys = tuple(digest(key, "others") for key in record.keys)
+            keys = tuple(derived(record.keys, "others"))
             return self._codes(behind, replace(record, volts=record.further(behind), keys=keys), plan.verticals)
 
         progress.others = others

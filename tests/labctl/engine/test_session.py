@@ -1,5 +1,6 @@
 """One acquisition from station and protocol to a stored run, on the simulated bench."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -164,3 +165,15 @@ def test_a_run_takes_no_more_room_than_was_asked_for(protocol: Any, tmp_path: Pa
 def near_what_was_asked(number: Callable[[Tlg220, str], float]) -> Callable[[Tlg220, str], float]:
     """The replies of a laser that settles 4 pm beside what it is asked for."""
     return lambda laser, name: number(laser, name) + (0.004 if name == "get_wavelength" else 0.0)
+
+
+def test_a_run_without_the_card_that_it_asks_for_says_so_once_and_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    station = Station(sim=SimSection(device="cuda"))
+    acquired = acquire(Acquisition(ImageReadout(images=4), station, tmp_path / "run"))
+    assert acquired.outcome.complete
+    told = "sim.device = cuda: torch is not installed: the simulated bench is computed on the processor"
+    noted = [event.fields.get("text") for event in EventReader(tmp_path / "run" / "events.jsonl").read()]
+    assert noted.count(told) == 1
