@@ -10,7 +10,8 @@ from labctl.bench.station import SIMULATED_STATION
 from labctl.commands.access import access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.options import FirstSeedOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
+from labctl.commands.output import JsonOption, say, show, table, tell
+from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SchedulerOption, StoreOption, engine_of
 from labctl.studies.demonstration import SEVERAL, SINGLE, demonstrate, paper_says
 from labctl.studies.paper.experiments import experiments

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from labctl.commands.exit_status import DONE
-from labctl.commands.output import JsonOption, progress_bar, say, show
+from labctl.commands.output import JsonOption, say, show
+from labctl.commands.progress import progress_bar
 from labctl.commands.ranges import ShotsOption, shots_of
 from labctl.errors import UsageError
 from labctl.runs.export import FORMATS, Content, write

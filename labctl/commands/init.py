@@ -24,7 +24,8 @@ from labctl.bench.lock import held_alone
 from labctl.bench.schema import STATION, file_name, write_schema
 from labctl.bench.station import USUAL, Station
 from labctl.commands.exit_status import DONE
-from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
+from labctl.commands.output import JsonOption, say, show, table, tell
+from labctl.commands.progress import progress_bar
 from labctl.commands.questions import ask, confirm
 from labctl.errors import BenchInUse, StationError, UsageError
 

@@ -16,7 +16,8 @@ from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import DataOption, FirstSeedOption, StationOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
+from labctl.commands.output import JsonOption, say, show, table, tell
+from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SchedulerOption, StoreOption, engine_of
 from labctl.errors import UsageError, one_line
 from labctl.runs.format.durable import not_made, replace_file

@@ -12,7 +12,8 @@ from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED, WRONG_USE
 from labctl.commands.next_steps import options_again
 from labctl.commands.options import DataOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table, warn
+from labctl.commands.output import JsonOption, say, show, table, warn
+from labctl.commands.progress import progress_bar
 from labctl.commands.run import describe, print_outcome
 from labctl.commands.scheduler import SideBySideOption
 from labctl.engine import session

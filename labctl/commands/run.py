@@ -13,7 +13,8 @@ from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.options import DataOption, NoteOption, OperatorOption, StarOption, StationOption, TagsOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table
+from labctl.commands.output import JsonOption, say, show, table
+from labctl.commands.progress import progress_bar
 from labctl.errors import UsageError
 from labctl.runs.said import Said, Saying
 from protocols.registry import protocol_names, read_protocol

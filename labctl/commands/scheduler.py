@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from labctl.bench.signals import UNDER_WAY, interruptible
-from labctl.commands.output import progress_bar, tell
+from labctl.commands.output import tell
+from labctl.commands.progress import progress_bar
 from labctl.runs.format.store import location
 
 if TYPE_CHECKING:

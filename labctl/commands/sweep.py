@@ -17,7 +17,8 @@ from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED
 from labctl.commands.next_steps import options_again, resume_command
 from labctl.commands.options import DataOption, NoteOption, OperatorOption, StarOption, StationOption, TagsOption
-from labctl.commands.output import JsonOption, progress_bar, say, show, table, tell
+from labctl.commands.output import JsonOption, say, show, table, tell
+from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SideBySideOption, StoreOption, engine_of
 from labctl.errors import UsageError
 from labctl.runs.said import Said

@@ -6,15 +6,15 @@ import pytest
 from rich.console import Console
 
 from instruments.safe_state import UnsafeBench
-from labctl.commands import output
-from labctl.commands.output import progress_bar
+from labctl.commands import progress
+from labctl.commands.progress import progress_bar
 
 
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
     """What a person at a terminal sees on standard error."""
     seen = io.StringIO()
-    monkeypatch.setattr(output, "_errors", Console(file=seen, force_terminal=True, width=100, legacy_windows=False))
+    monkeypatch.setattr(progress, "errors", Console(file=seen, force_terminal=True, width=100, legacy_windows=False))
     return seen
 
 
@@ -34,7 +34,7 @@ def test_the_line_says_what_is_uploaded_and_then_goes_on(terminal: io.StringIO) 
 
 def test_nothing_where_nobody_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = io.StringIO()
-    monkeypatch.setattr(output, "_errors", Console(file=seen, force_terminal=False))
+    monkeypatch.setattr(progress, "errors", Console(file=seen, force_terminal=False))
     with progress_bar("image-readout") as line:
         line.uploading("waveform", 1, 2)
         line.progress(1, 2)
