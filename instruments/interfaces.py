@@ -298,8 +298,8 @@ class BurstDmd(Dmd):
         """Keep the picture that is shown and send no pulses: a picture shown for long is refreshed, with a pulse."""
 
     @abstractmethod
-    def play(self, first: int, count: int, period_s: float, *, pulse_s: float | None = None) -> None:
-        """Show `count` pictures from the `first` on, once, one every `period_s`; returns at once.
+    def play(self, first: int, count: int, period_s: float, *, rounds: int = 1, pulse_s: float | None = None) -> None:
+        """Show `count` pictures from the `first` on, one every `period_s`, so many `rounds`; returns at once.
 
         Each picture comes with a pulse that begins with it and lasts `pulse_s`, or until its mirrors rest.
 

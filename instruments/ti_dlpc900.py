@@ -182,8 +182,8 @@ class TiDlpc900(BurstDmd):
         if self._commands.read(MAIN_STATUS)[0] & RUNNING:
             self._commands.write(RUN, PAUSE)
 
-    def play(self, first: int, count: int, period_s: float, *, pulse_s: float | None = None) -> None:
-        """Define the pictures as patterns of one period each, and start them once; without a `pulse_s` it is 20 us."""
+    def play(self, first: int, count: int, period_s: float, *, rounds: int = 1, pulse_s: float | None = None) -> None:
+        """Define the pictures as patterns of one period each, and start them; without a `pulse_s` it is 20 us."""
         if not self._loaded:
             raise InstrumentError("dmd: no pictures are loaded: load them before playing")
         Range(1, self._loaded - first, "pictures").check("pictures to play", count)
@@ -193,7 +193,7 @@ class TiDlpc900(BurstDmd):
         Range(1, min(period_us, PULSE_US + LONGEST_DELAY_US), "us").check("pulse of a picture", pulse_us)
         self._prepare(pulse_us)
         places = (divmod(picture, dlpc900_image.PLANES) for picture in range(first, first + count))
-        self._define([_Pattern(image, bit, period_us, pulse=True) for image, bit in places], count)
+        self._define([_Pattern(image, bit, period_us, pulse=True) for image, bit in places], rounds * count)
         self._commands.write(RUN, START)
 
     def changes(self) -> tuple[Change, ...]:

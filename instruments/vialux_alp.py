@@ -73,6 +73,7 @@ TRIGGER_EDGES = {"falling": 2008, "rising": 2009}
 ALP_DEV_DISPLAY_HEIGHT = 2057
 ALP_DEV_DISPLAY_WIDTH = 2058
 ALP_DEV_DMD_MODE = 2064
+ALP_SEQ_REPEAT = 2100
 ALP_FIRSTFRAME = 2101
 ALP_LASTFRAME = 2102
 ALP_BIN_MODE = 2104
@@ -128,6 +129,7 @@ class VialuxAlp(BurstDmd):
         self._slave = False
         self._sequence: int | None = None
         self._pictures: int | None = None
+        self._rounds = 1
         self._showing = False  # one picture for ever
 
     @property
@@ -175,6 +177,7 @@ class VialuxAlp(BurstDmd):
         room = self.capacity()
         Range(1, room, "pictures").check("pictures in the DMD's memory", count)
         sequence = self._pictures = self._allocate(count)
+        self._rounds = 1
         first = 0
         for block in mirrors:
             self._alp.SeqPut(sequence, first, block)
@@ -186,8 +189,8 @@ class VialuxAlp(BurstDmd):
         """AlpProjHalt."""
         self._halt()
 
-    def play(self, first: int, count: int, period_s: float, *, pulse_s: float | None = None) -> None:
-        """Once from the first to the last picture, one every `period_s`, with a pulse (20 us) from its start on.
+    def play(self, first: int, count: int, period_s: float, *, rounds: int = 1, pulse_s: float | None = None) -> None:
+        """From the first to the last picture, one every `period_s`, with a pulse (20 us) from its start on; in rounds.
 
         With `trigger_in` each edge shows the next one, if it comes `period_s` after the one before or later.
         """
@@ -201,6 +204,9 @@ class VialuxAlp(BurstDmd):
         self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, 0)
         self._alp.SeqControl(self._pictures, ALP_LASTFRAME, first + count - 1)
         self._alp.SeqControl(self._pictures, ALP_FIRSTFRAME, first)
+        if rounds != self._rounds:
+            self._alp.SeqControl(self._pictures, ALP_SEQ_REPEAT, rounds)
+            self._rounds = rounds
         self._alp.SeqTiming(self._pictures, period_us, SYNCH_PULSE_US if pulse_s is None else round(pulse_s * 1e6))
         if self._trigger_in is not None:
             self._alp.DevControl(ALP_TRIGGER_EDGE, TRIGGER_EDGES[self._trigger_in])

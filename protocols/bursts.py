@@ -15,6 +15,7 @@ from instruments.errors import InstrumentError, NoTrigger
 from instruments.interfaces import BurstDmd
 from instruments.values import Drive, Frames, Timebase
 from protocols.base import Part, ProtocolError, Record, Shot
+from protocols.means import averaged
 from protocols.patterns import Patterns
 
 PERIODS_PER_TRIGGER = 3
@@ -97,9 +98,15 @@ def measure_bursts(
     part: Part,
     drive: Drive,
     timebase: Timebase,
+    *,
+    averages: int = 1,
+    finer: int = 1,
     longest_burst: int | None = None,
 ) -> Iterator[Record]:
-    """The shots of `part`, burst by burst, none of more than `longest_burst` frames; None: `LONGEST_BURST`.
+    """The shots of `part`, burst by burst, none of more than `longest_burst` shots; None: of `LONGEST_BURST` frames.
+
+    For a mean of `averages` triggers the pictures of a burst are played as often, in one go; its codes are so many
+    times `finer`.
 
     Raises:
         InstrumentError: a frame is missing, or came at the wrong time.
@@ -109,14 +116,17 @@ def measure_bursts(
     late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
     bench.configure(late, part.pass_.patching)
     dmd.hold()
-    longest = min(longest_burst or LONGEST_BURST, bench.scope.most_frames())
+    frames = min(longest_burst * averages if longest_burst else LONGEST_BURST, bench.scope.most_frames())
+    longest = max(1, frames // averages)
     for held in memory.parts:
         for burst_of in stretches([shot.index for shot in part.shots if shot.index in held], longest):
             memory.load(held)
-            count = len(burst_of)
-            burst = played(bench, count, partial(dmd.play, burst_of.start - held.start, count, dmd.picture_period_s))
-            check_times(burst, count, dmd.picture_period_s)
-            yield Record(part.pass_, burst_of.start, burst)
+            count, first = len(burst_of), burst_of.start - held.start
+            play = partial(dmd.play, first, count, dmd.picture_period_s, rounds=averages)
+            burst = played(bench, averages * count, play)
+            check_times(burst, averages * count, dmd.picture_period_s)
+            rounds = [burst.part(begin, begin + count) for begin in range(0, averages * count, count)]
+            yield Record(part.pass_, burst_of.start, averaged(rounds, finer))
 
 
 def played(bench: Bench, frames: int, play: Callable[[], None]) -> Frames:

@@ -13,7 +13,7 @@ from pydantic import Field, PositiveInt, field_validator
 from instruments.bench import Bench
 from instruments.interfaces import BurstDmd, Dmd
 from instruments.units import Seconds
-from instruments.values import Drive, Frames, Scaling, Timebase
+from instruments.values import Drive, Frames, Timebase
 from protocols.base import (
     Events,
     Images,
@@ -29,6 +29,7 @@ from protocols.base import (
 )
 from protocols.bursts import burst_dmd, load_pictures, played
 from protocols.image_readout import DRIVE_RATE, DRIVE_SAMPLES, pseudorandom_drive
+from protocols.means import averaged, rescaled
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
 from protocols.reference_picture import beside_reference, field_of
@@ -138,12 +139,12 @@ class DynamicScene(Measurement[Images]):
                 bench.configure(timebase, part.pass_.patching)
                 captures = [partial(self._capture, bench, dmd, shot, lead_s) for shot in plan]
                 finer = self.averages if bench.scope.code_type == "int8" else 1
-                known = part.scalings and _rescaled(part.scalings, finer)
+                known = part.scalings and rescaled(part.scalings, finer)
                 scalings = lock_ranges(bench, known, captures)
-                yield PassStarted(part.pass_, _rescaled(scalings, 1 / finer))
+                yield PassStarted(part.pass_, rescaled(scalings, 1 / finer))
                 for shot in part.shots:
                     playings = [captures[shot.index]() for _ in range(self.averages)]
-                    yield Record(part.pass_, shot.index, _averaged(playings, finer))
+                    yield Record(part.pass_, shot.index, averaged(playings, finer))
 
     def _patterns(self, inputs: Images, dmd: Dmd) -> Patterns:
         if not self.reference:
@@ -171,17 +172,3 @@ class DynamicScene(Measurement[Images]):
 def _pictures(scene: Shot) -> tuple[Shot, Shot]:
     """What the DMD shows first and then."""
     return scene, replace(scene, dataset_index=scene.next_dataset_index)
-
-
-def _averaged(playings: Sequence[Frames], finer: int) -> Frames:
-    """The mean of all playings, in codes so many times as fine: their sum where each has 8 bits."""
-    if len(playings) == 1:
-        return playings[0]
-    total = np.sum([frames.codes for frames in playings], axis=0, dtype=np.int32)
-    codes = np.rint(total * (finer / len(playings))).astype(np.int16)
-    clipped = np.any([frames.clipped for frames in playings], axis=0)
-    return Frames(codes, playings[0].trigger_offset_s, playings[-1].time_s, clipped)
-
-
-def _rescaled(scalings: Sequence[Scaling], factor: float) -> tuple[Scaling, ...]:
-    return tuple(Scaling(scaling.scale_v * factor, scaling.offset_v) for scaling in scalings)

@@ -12,11 +12,11 @@ from instruments.bench import Bench
 from instruments.units import Seconds
 from instruments.values import Drive, Timebase
 from protocols.base import Events, Images, Judgement, Measurement, Part, Pass, ProtocolError, Shot, ShotKind
+from protocols.bursts import burst_dmd
 from protocols.image_readout import (
     LONGEST_WINDOW_S,
     PROBES,
     SHORTEST_WINDOW_S,
-    check_burst,
     pseudorandom_drive,
     still_pictures,
     stills_duration_s,
@@ -75,7 +75,8 @@ class GhostImaging(Measurement[Images]):
 
     def check(self, bench: Bench, inputs: Images) -> None:
         """The images must be larger than the border, the pictures fit the DMD, and the timing the wiring."""
-        check_burst(bench, self.timing, self.averages)
+        if self.timing == "burst":
+            burst_dmd(bench)
         rows, columns = inputs.images.shape[1:]
         if min(rows, columns) <= 2 * BORDER:
             raise ProtocolError(
@@ -94,7 +95,7 @@ class GhostImaging(Measurement[Images]):
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""
-        return stills_duration_s(len(self.passes(bench)), shots, self.averages)
+        return stills_duration_s(len(self.passes(bench)), shots, self.averages, self.timing)
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot or in hardware-timed bursts, as an image readout."""

@@ -1,5 +1,6 @@
 """The main experiment: show each image, trigger the drive, capture the window on every port."""
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, ClassVar, Literal
@@ -19,12 +20,12 @@ from protocols.base import (
     Part,
     Pass,
     PassStarted,
-    ProtocolError,
     Record,
     Shot,
     ShotKind,
 )
-from protocols.bursts import PictureMemory, burst_dmd, measure_bursts
+from protocols.bursts import LONGEST_BURST, PictureMemory, burst_dmd, measure_bursts
+from protocols.means import rescaled
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
 from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for
@@ -33,13 +34,22 @@ DRIVE_RATE = 25e9
 DRIVE_SAMPLES = 2500
 """One period of the drive, 100 ns: above the AWG's minimum and longer than the fibre's delay spread."""
 PROBES = 40
+Timing = Literal["software", "burst"]
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 40e-12, 20e-6
 """One sample, and two hundred periods of the drive: half a million samples."""
+
+MEAN_FINER = 256
+"""Codes of 8 bits are so many times as fine in the mean of a burst's triggers: it fills int16."""
 
 REAL_SHOT_S = 50e-3
 """A software-timed shot on real instruments: a DMD upload (5 ms), arming (20 ms), four transfers (5 ms each)."""
 REAL_MEAN_S = 450e-3
 """The same of several triggers: FastFrame, of which the mean is made, gets ready in 400 ms."""
+REAL_UPLOAD_S = 5e-3
+REAL_PICTURE_S = 50e-6
+"""A picture of a burst, and its part of the transfers."""
+REAL_BURST_S = 450e-3
+"""FastFrame gets ready in 400 ms; four transfers."""
 REAL_PASS_S = 5.0
 """Retuning, repatching by switch, and ranging, on real instruments."""
 
@@ -65,7 +75,7 @@ class ImageReadout(Measurement[Images]):
     ports: Ports = (2, 3, 4, 5, 6)
     window: Annotated[Seconds, Field(ge=SHORTEST_WINDOW_S, le=LONGEST_WINDOW_S)] = 2e-9
     wavelengths: Wavelengths = (1550.0,)
-    timing: Literal["software", "burst"] = "software"
+    timing: Timing = "software"
     longest_burst: PositiveInt | None = None
     reference_every: Annotated[int, Field(ge=1, le=1_000_000)] = 20
 
@@ -90,7 +100,8 @@ class ImageReadout(Measurement[Images]):
 
     def check(self, bench: Bench, inputs: Images) -> None:
         """The images must fit the DMD, and the timing the wiring."""
-        check_burst(bench, self.timing, self.averages)
+        if self.timing == "burst":
+            burst_dmd(bench)
         Patterns(inputs, bench.dmd.shape)
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
@@ -103,7 +114,7 @@ class ImageReadout(Measurement[Images]):
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""
-        return stills_duration_s(len(self.passes(bench)), shots, self.averages)
+        return stills_duration_s(len(self.passes(bench)), shots, self.averages, self.timing)
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot: show, arm, wait for the marker of the running drive, read. Or in hardware-timed bursts."""
@@ -122,22 +133,14 @@ class ImageReadout(Measurement[Images]):
         )
 
 
-def check_burst(bench: Bench, timing: str, averages: int) -> None:
-    """Find out whether the bench can measure still pictures with this timing.
-
-    Raises:
-        ProtocolError: a burst of averages, or on a bench that is not wired for bursts.
-    """
-    if timing == "burst":
-        burst_dmd(bench)
-        if averages != 1:
-            raise ProtocolError(f"averages = {averages}: a burst takes one trigger a shot: choose 1")
-
-
-def stills_duration_s(passes: int, shots: int, averages: int) -> float:
-    """How long still pictures take on real instruments, ranging included, s."""
-    shot_s = REAL_SHOT_S if averages == 1 else REAL_MEAN_S
-    return passes * (REAL_PASS_S + (shots + PROBES) * shot_s)
+def stills_duration_s(passes: int, shots: int, averages: int, timing: Timing) -> float:
+    """How long still pictures take on real instruments, ranging and, for bursts, loading included, s."""
+    if timing == "software":
+        shot_s = REAL_SHOT_S if averages == 1 else REAL_MEAN_S
+        return passes * (REAL_PASS_S + (shots + PROBES) * shot_s)
+    triggers = shots * averages
+    bursts_s = triggers * REAL_PICTURE_S + math.ceil(triggers / LONGEST_BURST) * REAL_BURST_S
+    return shots * REAL_UPLOAD_S + passes * (REAL_PASS_S + PROBES * REAL_SHOT_S + bursts_s)
 
 
 def still_pictures(
@@ -150,16 +153,18 @@ def still_pictures(
     drive: Drive,
     timebase: Timebase,
     averages: int,
-    timing: Literal["software", "burst"],
+    timing: Timing,
     longest_burst: int | None = None,
 ) -> Events:
     """Measure `parts` shot by shot (show, arm, wait for the marker of the running drive, read), or in bursts.
 
     plan: what of `patterns` each shot of the run shows. probes: indices of the shots that the ranges are found with.
     """
+    finer = 1
     if timing == "burst":
         dmd = burst_dmd(bench)
         memory = PictureMemory(bench, patterns, plan)
+        finer = MEAN_FINER if averages > 1 and bench.scope.code_type == "int8" else 1
     dark = next((partial(show_and_capture, bench, patterns[shot]) for shot in plan if shot.kind is ShotKind.DARK), None)
     with bench.emitting(parts[0].pass_.wavelength_nm):
         for part in parts:
@@ -168,11 +173,23 @@ def still_pictures(
             bench.connect(pass_.patching)
             bench.load_drive(drive)
             bench.play_drive()
-            bench.configure(timebase, pass_.patching, averages)
+            bench.configure(timebase, pass_.patching, 1 if timing == "burst" else averages)
             captures = [partial(show_and_capture, bench, patterns[plan[probe]]) for probe in probes]
-            yield PassStarted(pass_, lock_ranges(bench, part.scalings, captures, dark))
+            known = part.scalings and rescaled(part.scalings, finer)
+            scalings = lock_ranges(bench, known, captures, dark)
+            yield PassStarted(pass_, rescaled(scalings, 1 / finer))
             if timing == "burst":
-                yield from measure_bursts(bench, dmd, memory, part, drive, timebase, longest_burst)
+                yield from measure_bursts(
+                    bench,
+                    dmd,
+                    memory,
+                    part,
+                    drive,
+                    timebase,
+                    averages=averages,
+                    finer=finer,
+                    longest_burst=longest_burst,
+                )
             else:
                 for shot in part.shots:
                     yield Record(pass_, shot.index, show_and_capture(bench, patterns[plan[shot.index]]))

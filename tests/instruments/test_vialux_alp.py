@@ -95,6 +95,18 @@ class TestByUsb:
             simulation.world.clock.advance(0.06e-3)
         assert shows(simulation, THIRD)
 
+    def test_rounds_follow_each_other_without_a_pause(self, dmd: BurstDmd, simulation: SimulatedBench) -> None:
+        dmd.load(iter([np.stack([PATTERN, OTHER])]), 2)
+        dmd.play(0, 2, 1e-3, rounds=2)
+        for mirrors in (PATTERN, OTHER, PATTERN, OTHER):
+            simulation.world.clock.advance(0.1e-3)
+            assert shows(simulation, mirrors)
+            simulation.world.clock.advance(0.9e-3)
+        assert shows(simulation, OTHER)
+        dmd.play(0, 2, 1e-3)
+        simulation.world.clock.advance(2.1e-3)
+        assert shows(simulation, OTHER), "and the next time once"
+
     def test_faster_than_the_mirrors_is_refused(self, dmd: BurstDmd) -> None:
         dmd.load(iter([PATTERN[np.newaxis]]), 1)
         with pytest.raises(OutOfRange, match="time between pictures = 43 us"):

@@ -18,7 +18,7 @@ from labctl.bench.opening import opened
 from labctl.bench.station import Station, WiringSection
 from labctl.engine.inputs import images_for
 from labctl.runs.live.logs import CommandLog
-from protocols.base import Part, PassStarted, ProtocolError, Record, ShotKind
+from protocols.base import Part, PassStarted, Record, ShotKind
 from protocols.bursts import check_times, stretches
 from protocols.image_readout import ImageReadout
 
@@ -55,9 +55,11 @@ def volts(passes: list[PassStarted], codes: dict[int, NDArray[np.integer]]) -> l
     ]
 
 
-def test_a_burst_sees_what_single_shots_see(wired: Bench) -> None:
-    passes, bursts, shots = measure(wired, timing="burst")
-    single_passes, singles, _ = measure(wired)
+@pytest.mark.parametrize("averages", [1, 7])
+def test_a_burst_sees_what_single_shots_see(wired: Bench, averages: int) -> None:
+    passes, bursts, shots = measure(wired, timing="burst", averages=averages)
+    single_passes, singles, _ = measure(wired, averages=averages)
+    assert {record.frames.codes.dtype.name for record in (*bursts, *singles)} == {"int8" if averages == 1 else "int16"}
     assert [len(record.frames) for record in bursts] == [len(shots)] * len(passes)
     assert [len(record.frames) for record in singles] == [1] * len(shots) * len(passes)
     together = volts(passes, {record.pass_.index: record.frames.codes for record in bursts})
@@ -98,10 +100,23 @@ def test_more_pictures_than_the_memory_holds_go_in_parts(wired: Bench, monkeypat
     assert loaded == [30, 14, 30, 14]
 
 
-def test_averages_are_for_single_shots(wired: Bench) -> None:
-    protocol = ImageReadout(**SMALL, timing="burst", averages=2)
-    with pytest.raises(ProtocolError, match="a burst takes one trigger a shot"):
-        protocol.check(wired, images_for(protocol))
+def test_the_mean_of_a_bursts_triggers_has_less_noise(wired: Bench) -> None:
+    spreads = {}
+    for averages in (1, 16):
+        passes, bursts, shots = measure(wired, timing="burst", averages=averages, ports=(2, 3, 4, 5))
+        dark = np.array([shot.kind for shot in shots]) == ShotKind.DARK
+        (seen,) = volts(passes, {0: np.concatenate([record.frames.codes for record in bursts])})
+        first, second = seen[dark]
+        spreads[averages] = np.std(first - second)
+    assert spreads[1] / spreads[16] == pytest.approx(4.0, rel=0.25)
+
+
+def test_a_burst_of_means_takes_all_the_frames_that_there_is_room_for(
+    wired: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(wired.scope, "most_frames", lambda: 100)
+    _, bursts, _ = measure(wired, timing="burst", ports=(2,), averages=3)
+    assert [(record.first, len(record.frames.codes)) for record in bursts] == [(0, 33), (33, 11)]
 
 
 def test_a_burst_is_as_long_as_asked(wired: Bench) -> None:

@@ -101,8 +101,8 @@ class Plan:
     def columns_of(self, experiment: Experiment, seed: int) -> tuple[dict[str, Measurement[Any]], ...]:
         """Protocols of the runs of one seed by name, for each of the experiment's averages.
 
-        Single triggers of still images come in bursts where the station is wired for them: they see the same light,
-        in a fraction of the time.
+        Still images come in bursts where the station is wired for them: they see the same light, in a fraction of the
+        time.
         """
         changes = [{"averages": averages} for averages in experiment.averages] or [{}]
         return tuple(
@@ -115,8 +115,7 @@ class Plan:
 
     def _quickest(self, protocol: Measurement[Any]) -> Measurement[Any]:
         free = isinstance(protocol, ImageReadout) and "timing" not in protocol.model_fields_set
-        bursts = free and protocol.averages == 1 and self.station.wiring.burst
-        return protocol.model_copy(update={"timing": "burst"}) if bursts else protocol
+        return protocol.model_copy(update={"timing": "burst"}) if free and self.station.wiring.burst else protocol
 
     def benches_of(self, experiment: Experiment) -> int:
         """On how many benches an experiment is measured: a twin for each seed, or the one bench that there is."""

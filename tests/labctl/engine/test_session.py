@@ -126,6 +126,7 @@ def test_the_manifest_has_the_light_as_the_laser_settled_on_it(tmp_path: Path, m
         (ImageReadout(images=10, reference_every=3, averages=2, window=0.8e-9, wavelengths=(1550.0, 1551.0)), 40),
         (ImageReadout(images=10, reference_every=3, window=0.8e-9, ports=(2,)), 3),
         (bursts(window=0.8e-9), SHOTS),
+        (bursts(window=0.8e-9, averages=3), SHOTS),
     ],
 )
 def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, records: int, tmp_path: Path) -> None:
@@ -150,6 +151,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, record
     [
         ImageReadout(images=20, window=0.4e-9),
         bursts(window=0.8e-9),
+        bursts(window=0.8e-9, averages=5),
         DynamicScene(images=40, scenes=2, averages=3, ports=(2,), switch_after=0.5e-6, window=0.8e-6),
     ],
 )
