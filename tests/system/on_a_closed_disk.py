@@ -7,17 +7,17 @@ import json
 import shutil
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
-from tests.system.on_a_small_disk import LABCTL, SIZE, fill
+from tests.system.on_a_small_disk import SIZE, fill
+from tests.system.watched_commands import carry_out, load
 
 MOUNT = shutil.which("mount") or "mount"
 FILES = 10
 
 
 def few_files() -> None:
-    """For a process that is about to start: so many open files at most."""
+    """So many open files at most."""
     import resource
 
     resource.setrlimit(resource.RLIMIT_NOFILE, (FILES, FILES))
@@ -48,10 +48,10 @@ def said(folder: Path, run: Path, what: str) -> dict[str, tuple[int, str, str]]:
             for to in ("npz", "csv", "netcdf", "zarr")
         },
     }
-    start = partial(subprocess.run, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
-    limit = few_files if what == "few-files" else None
-    ended = {name: start([*LABCTL, *map(str, words), "--json"], preexec_fn=limit) for name, words in commands.items()}
-    return {name: (one.returncode, one.stdout, one.stderr) for name, one in ended.items()}
+    limit = few_files if what == "few-files" else lambda: None
+    load()
+    ended = {name: carry_out([*map(str, words), "--json"], limit) for name, words in commands.items()}
+    return {name: (one["status"], one["out"], one["said"]) for name, one in ended.items()}
 
 
 if __name__ == "__main__":

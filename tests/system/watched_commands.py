@@ -9,6 +9,7 @@ import os
 import pkgutil
 import sys
 import tempfile
+from collections.abc import Callable
 from typing import Any
 
 from labctl.commands import COMMANDS
@@ -17,13 +18,22 @@ from labctl.commands.main import main
 TOLD = ("open", "os.mkdir", "os.remove", "os.rename", "os.truncate", "socket.connect", "subprocess.Popen")
 
 
-def carry_out(words: list[str]) -> dict[str, Any]:
+def load() -> None:
+    """Once, what the commands are made of: not in every process anew."""
+    for place in COMMANDS.values():
+        pkgutil.resolve_name(place)
+
+
+def carry_out(words: list[str], limit: Callable[[], None] = lambda: None) -> dict[str, Any]:
     with tempfile.TemporaryFile("w+b") as out, tempfile.TemporaryFile("w+b") as said, tempfile.TemporaryFile() as seen:
         child = os.fork()
         if not child:
             os.dup2(out.fileno(), 1)
             os.dup2(said.fileno(), 2)
             watch(seen.fileno())
+            out.close()
+            said.close()
+            limit()
             try:
                 main(words)
             except SystemExit as ended:
@@ -54,7 +64,6 @@ def watch(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    for place in COMMANDS.values():  # once, and not in every process anew
-        pkgutil.resolve_name(place)
+    load()
     for command in json.load(sys.stdin):
         print(json.dumps(carry_out(command)), flush=True)  # noqa: T201
