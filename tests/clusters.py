@@ -29,6 +29,15 @@ class Cluster:
         words = ("worker", self.address, "--nthreads", str(threads), "--no-nanny", "--no-dashboard")
         return self._begun(*words, "--local-directory", str(self._folder))
 
+    def have(self, workers: int) -> None:
+        """Return when there are so many workers: in place of the killed come others, whoever is too many goes."""
+        alive = [one for one in self.workers if one.poll() is None]
+        for process in alive[workers:]:
+            process.kill()
+            process.wait()
+        self.workers = alive[:workers] + [self.worker() for _ in range(workers - len(alive))]
+        self.until_there(workers)
+
     def lose_all(self) -> None:
         """The scheduler is killed, and its workers; others come to its place."""
         for process in (self.scheduler, *self.workers):

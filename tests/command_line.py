@@ -1,6 +1,8 @@
 """The command line in this process: what a person types, and what comes back."""
 
 import json
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from typing import Any
 
 import pytest
@@ -23,3 +25,13 @@ def as_json(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, di
     assert out.count("\n") == 1
     found: dict[str, Any] = json.loads(out)
     return status, found
+
+
+def answer(*words: object) -> tuple[int, dict[str, Any], str]:
+    """The same of a command with `--json` among its words, for whoever has no `capsys`; and what it told people."""
+    out, told = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(told), pytest.raises(SystemExit) as ended:
+        main([str(word) for word in words])
+    assert isinstance(ended.value.code, int)
+    assert out.getvalue().count("\n") == 1
+    return ended.value.code, json.loads(out.getvalue()), told.getvalue()

@@ -52,22 +52,19 @@ RUN = ("run", "image-readout", "--json", "--set", "images=4", "--set", "ports=6"
 TIMEOUT_S = 0.4
 PATIENCE_S = 120.0
 """The same of instruments that answer: nobody waits so long, and a busy machine decides nothing."""
-WAITS = (
-    "instruments.tektronix_awg70002a.SLOW_S",
-    "instruments.tektronix_awg70002a.Awg70002a.self_test_s",
-    "instruments.tektronix_dpo72504dx.SELF_TEST_S",
-    "instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S",
-    "instruments.tektronix_dpo72504dx.BURST_WAIT_S",
-    "instruments.tektronix_dpo72504dx.STALLED_S",
-)
-"""Bounds of waits that no station file sets."""
+WAITS = {
+    "awg": ("instruments.tektronix_awg70002a.SLOW_S", "instruments.tektronix_awg70002a.Awg70002a.self_test_s"),
+    "scope": tuple(
+        f"instruments.tektronix_dpo72504dx.{bound}"
+        for bound in ("SELF_TEST_S", "TRIGGER_WAIT_S", "BURST_WAIT_S", "STALLED_S")
+    ),
+}
+"""Bounds of waits that no station file sets, by the instrument that is waited for."""
 
 NO_HARM, RECOVERED, CLIPPED = "no harm", "goes on", "clipped"
 ENDED, UNCONFIRMED, LEFT = "ends", "ends, unconfirmed", "ends, left as it was"
 TRANSPORTS = {"hislip": "HiSLIP", "vxi11": "VXI-11"}
 PHASES = ("connecting", "preparing", "acquiring", "finishing")
-MAKE_OTHERS_WAIT = ("awg", "dmd", "scope")
-"""Without them no trigger comes."""
 WITHOUT_QUEUE = ("dmd",)
 ANSWERS_FIRST = ("dmd",)
 """Instruments that must answer before they can be made safe; the others are told blindly."""
@@ -241,11 +238,14 @@ class Ended:
 
 
 @contextlib.contextmanager
-def short_waits(bound_s: float = TIMEOUT_S) -> Iterator[None]:
-    """Inside the block waits that no station sets are short, and attempts to go on are fewer, without a pause."""
+def short_waits(bounds_s: Mapping[str, float]) -> Iterator[None]:
+    """Inside the block waits that no station sets have bounds by instrument, and attempts to go on are fewer, without
+    a pause.
+    """
     with pytest.MonkeyPatch.context() as settings:
-        for name in WAITS:
-            settings.setattr(name, bound_s)
+        for role, names in WAITS.items():
+            for name in names:
+                settings.setattr(name, bounds_s[role])
         settings.setattr("labctl.engine.recovery.PAUSE_S", 0.0)
         settings.setattr("labctl.engine.recovery.ATTEMPTS", 2)
         yield
@@ -254,7 +254,7 @@ def short_waits(bound_s: float = TIMEOUT_S) -> Iterator[None]:
 def carried_out(case: Case, folder: Path, timeout_s: float = TIMEOUT_S) -> Ended:
     """Run a small acquisition on a bench with this fault; files go into `folder`.
 
-    `timeout_s` bounds waits for the instrument that the fault befalls, and for what it makes others wait for.
+    `timeout_s` bounds waits for the instrument that the fault befalls.
     """
     table = default_table()
     table["transport"]["timeout_s"] = _patience_s(case, "laser", timeout_s)
@@ -267,7 +267,7 @@ def carried_out(case: Case, folder: Path, timeout_s: float = TIMEOUT_S) -> Ended
         laser_table=table,
         plugged_in=BEHIND_THE_LASER if case.role in BEHIND else {},
     )
-    waits = short_waits(timeout_s if case.role in MAKE_OTHERS_WAIT else PATIENCE_S)
+    waits = short_waits({role: _patience_s(case, role, timeout_s) for role in WAITS})
     with bench, waits, contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
         try:
             labctl(

@@ -2,12 +2,9 @@
 
 import json
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any
 
 import h5py
 import pytest
@@ -24,16 +21,22 @@ from labctl.studies.processes import processes
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.tasks import Engine, Interrupted
 from tests.clusters import Cluster
+from tests.command_line import answer
 
 SEEDS = 3
 
 
-@pytest.fixture
-def dask(tmp_path: Path) -> Iterator[Cluster]:
+@pytest.fixture(scope="module")
+def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     with ExitStack() as stack:
-        found = Cluster(tmp_path / "workers", stack)
-        found.until_there(2)
-        yield found
+        yield Cluster(tmp_path_factory.mktemp("workers"), stack)
+
+
+@pytest.fixture
+def dask(started: Cluster) -> Cluster:
+    """Two workers, who may have worked for the test before."""
+    started.have(2)
+    return started
 
 
 EXPERIMENT = Experiment.model_validate(
@@ -116,14 +119,13 @@ def test_a_scheduler_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, he
 
 
 def test_the_twins_of_a_sweep_are_tasks_of_four_workers(dask: Cluster, tmp_path: Path) -> None:
-    dask.workers += [dask.worker(), dask.worker()]
-    dask.until_there(4)
+    dask.have(4)
     settings = ("--set", "images=60", "--set", "ports=2-3", "--set", "window=0.4 ns")
     words = ("sweep", "image-readout", *settings, "--over", "sim.twin_seed=1:4:4", "--order", "as-given")
     there = ("--scheduler", dask.address, "--store", str(tmp_path / "store"))
-    status, found = labctl_json(*words, *there, "--out", str(tmp_path / "swept"))
+    status, found, _ = answer(*words, *there, "--out", tmp_path / "swept", "--json")
     assert (status, found["runs"], found["complete"], found["measured"]) == (0, 5, 5, 5)
-    assert labctl_json(*words, "--scheduler", "local", "--out", str(tmp_path / "here"))[0] == 0
+    assert answer(*words, "--scheduler", "local", "--out", tmp_path / "here", "--json")[0] == 0
     runs = sorted(path.name for path in (tmp_path / "store").iterdir())
     assert len(runs) == 5
     for run in runs:
@@ -132,15 +134,8 @@ def test_the_twins_of_a_sweep_are_tasks_of_four_workers(dask: Cluster, tmp_path:
             h5py.File(tmp_path / "here" / run / "data.h5") as other,
         ):
             assert one["frames"][:].tobytes() == other["frames"][:].tobytes()
-    _, judged = labctl_json("evaluate", str(tmp_path / "swept"), "--scheduler", dask.address)
+    _, judged, _ = answer("evaluate", tmp_path / "swept", "--scheduler", dask.address, "--json")
     assert judged["points"] == evaluate_sweep(tmp_path / "here")["points"]
-
-
-def labctl_json(*words: str) -> tuple[int, dict[str, Any]]:
-    done = subprocess.run(
-        [sys.executable, "-m", "labctl", *words, "--json"], capture_output=True, text=True, check=False
-    )
-    return done.returncode, json.loads(done.stdout)
 
 
 def test_interrupted_runs_end_and_none_is_in_place(dask: Cluster, tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """A protocol in a file that is named on the command line: run, killed, gone on with, swept, put into a queue."""
 
 import hashlib
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import pytest
 
 from labctl.runs.read.run import open_run
+from tests.command_line import answer
 from tests.system.waiting import until_stored
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "how-to" / "examples" / "bench_extras.py"
@@ -28,13 +28,10 @@ class Mine(ImageReadout):
 LABCTL = [sys.executable, "-m", "labctl"]
 
 
-def run(*words: object) -> Any:
+def run(*words: object) -> tuple[int, dict[str, Any], str]:
     """A command, `--json` right behind it."""
-    command, *rest = map(str, words)
-    behind = 1 if command == "queue" else 0
-    given = [*LABCTL, command, *rest[:behind], "--json", *rest[behind:]]
-    done = subprocess.run(given, capture_output=True, text=True, check=False)
-    return done.returncode, json.loads(done.stdout), done.stderr
+    behind = 2 if words[0] == "queue" else 1
+    return answer(*words[:behind], "--json", *words[behind:])
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """A queue of real processes on the simulated bench: added to, reordered, killed with all it started, gone on with."""
 
-import json
 import os
 import signal
 import subprocess
@@ -14,22 +13,17 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
 from labctl.runs.notes import read_notes
 from labctl.runs.queue import Queue
-from tests.command_line import labctl
+from tests.command_line import answer, labctl
 from tests.system.waiting import until_stored
 
 LABCTL = [sys.executable, "-m", "labctl"]
-SMALL = ("run", "image-readout", "--set", "images=40", "--set", "window=0.4 ns")
-LONG = ("run", "image-readout", "--set", "images=1000", "--set", "ports=2")
+SMALL = ("run", "image-readout", "--set", "images=4", "--set", "ports=2", "--set", "window=0.4 ns")
+LONG = ("run", "image-readout", "--set", "images=400", "--set", "ports=2")
 
 
-def queue(folder: Path, command: str, *words: object) -> Any:
-    done = subprocess.run(
-        [*LABCTL, "queue", command, "--folder", str(folder), "--json", *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return done.returncode, json.loads(done.stdout)
+def queue(folder: Path, command: str, *words: object) -> tuple[int, dict[str, Any]]:
+    """What `labctl queue` answers; the options of an item stand behind its own command."""
+    return answer("queue", command, "--folder", folder, "--json", *words)[:2]
 
 
 def states(folder: Path) -> list[tuple[int, str]]:
@@ -57,7 +51,7 @@ def test_items_are_added_moved_and_removed(tmp_path: Path) -> None:
 def test_what_is_listed_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Queue(tmp_path).add(SMALL, tmp_path / "run", {}, "ada")
     _, listed, _ = labctl(capsys, "queue", "list", "--folder", tmp_path)
-    assert "labctl run image-readout --set images=40 --set 'window=0.4 ns'" in listed
+    assert "labctl run image-readout --set images=4 --set ports=2 --set 'window=0.4 ns'" in listed
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import labctl
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.notes import read_notes
 from labctl.runs.sweep import Sweep, places
+from tests.command_line import answer
 from tests.system.waiting import until_stored
 
 OVER = {"window": ("0.4 ns", "1 ns", "2 ns"), "power": ("10 mW", "30 mW")}
@@ -29,10 +30,8 @@ SWEEP = [
 ASKED = {"protocol": "image-readout", "over": {"power": ("10 mW", "30 mW")}, "reference_every": 0}
 
 
-def run(*words: object) -> Any:
-    command = [sys.executable, "-m", "labctl", *map(str, words), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    return done.returncode, json.loads(done.stdout), done.stderr
+def run(*words: object) -> tuple[int, dict[str, Any], str]:
+    return answer(*words, "--json")
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +148,7 @@ def test_stop_of_a_run_ends_the_sweep_dark_and_resume_goes_on_with_it(
     tmp_path: Path,
 ) -> None:
     folder, over = tmp_path / "sweep", "power=10 mW,30 mW"
-    words = ("sweep", "image-readout", "--set", "images=1000", "--set", "ports=2", "--over", over, "--json")
+    words = ("sweep", "image-readout", "--set", "images=400", "--set", "ports=2", "--over", over, "--json")
     more = ("--reference-every", "0", "--station", served[1], "--out", folder)
     with subprocess.Popen([*labctl_command, *map(str, words + more)], stdout=subprocess.PIPE, text=True) as process:
         until_stored(process, first := folder / places(Sweep.model_validate(ASKED))[0][0])
