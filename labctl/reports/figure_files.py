@@ -47,7 +47,7 @@ def save_figure(figure: Figure, stem: Path, origin: Origin) -> Pictures:
     for path in (pictures.png, pictures.svg, pictures.pdf):
         path.unlink(missing_ok=True)  # it may lead somewhere else
     print_png(figure, pictures.png)
-    FigureCanvasSVG(figure).print_figure(pictures.svg, metadata={"Date": None, "Creator": None})
+    FigureCanvasSVG(figure).print_svg(pictures.svg, metadata={"Date": None, "Creator": None})  # as print_png
     _print(figure, _column(figure, own), pictures.pdf)
     return pictures
 

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axis import XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from PIL import Image
 
 from labctl.reports.canvas import BLACK, PURPLE, styled
@@ -77,8 +78,9 @@ def lay_out(figure: Figure, width: float, own: float) -> None:
     figure.set_figwidth(width)
     for axes in figure.axes:
         axes.set_in_layout(True)
-    figure.set_layout_engine("constrained", rect=(0, 0, 1, own))
-    figure.draw_without_rendering()
+    layout = ConstrainedLayoutEngine(rect=(0, 0, 1, own))
+    figure.set_layout_engine(layout)
+    layout.execute(figure)
     _thin_numbers(figure)
     figure.set_layout_engine("none")
     for axes in figure.axes:
