@@ -238,14 +238,14 @@ class Ended:
 
 
 @contextlib.contextmanager
-def short_waits(bounds_s: Mapping[str, float]) -> Iterator[None]:
-    """Inside the block waits that no station sets have bounds by instrument, and attempts to go on are fewer, without
-    a pause.
+def short_waits(*roles: str, bound_s: float = TIMEOUT_S) -> Iterator[None]:
+    """Inside the block waits for these instruments that no station sets are short, and attempts to go on are fewer,
+    without a pause.
     """
     with pytest.MonkeyPatch.context() as settings:
         for role, names in WAITS.items():
             for name in names:
-                settings.setattr(name, bounds_s[role])
+                settings.setattr(name, bound_s if role in roles else PATIENCE_S)
         settings.setattr("labctl.engine.recovery.PAUSE_S", 0.0)
         settings.setattr("labctl.engine.recovery.ATTEMPTS", 2)
         yield
@@ -267,7 +267,7 @@ def carried_out(case: Case, folder: Path, timeout_s: float = TIMEOUT_S) -> Ended
         laser_table=table,
         plugged_in=BEHIND_THE_LASER if case.role in BEHIND else {},
     )
-    waits = short_waits({role: _patience_s(case, role, timeout_s) for role in WAITS})
+    waits = short_waits(case.role, bound_s=timeout_s)
     with bench, waits, contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors):
         try:
             labctl(

@@ -61,7 +61,7 @@ def answers_are_taken_or_refused(data: st.DataObject, role: str) -> None:
     transport = data.draw(st.sampled_from(life.transports))
     changes, end = data.draw(CHANGES), data.draw(END)
     fault = Fault("changed", reply=lambda reply: _sent(changed(reply, changes, end), transport))
-    with FaultyBench([Befalling(role, fault, moment)], SMALL) as bench, short_waits():
+    with FaultyBench([Befalling(role, fault, moment)], SMALL) as bench, short_waits(role):
         instrument = life.instrument(bench.resources, transport)
         for phase in (life.steps(instrument), iter((instrument.make_safe, instrument.close))):
             try:

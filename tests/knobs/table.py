@@ -153,7 +153,7 @@ def _carried_out(bench: VisitedBench, mode: str, folder: Path, timeout_s: float)
     sections = {name: {"timeout": f"{timeout_s} s"} for name in ("awg", "dmd", "patch_panel")}
     sections["scope"] = {"timeout": f"{timeout_s} s", "channels": [1, 2]}  # type: ignore[dict-item]
     hasty = Station.model_validate(SIMULATED_STATION.model_dump(exclude_defaults=True) | sections)
-    with bench, short_waits(dict.fromkeys(WAITS, timeout_s)), pytest.MonkeyPatch.context() as settings:
+    with bench, short_waits(*WAITS, bound_s=timeout_s), pytest.MonkeyPatch.context() as settings:
         settings.setattr("protocols.bursts.LONGEST_BURST", BURST_SHOTS)
         write_addresses(station, {role: found["socket"] for role, found in bench.resources.items()}, hasty)
         status, result = _command(*MODES[mode], "--station", str(station), "--out", str(run))
