@@ -72,6 +72,14 @@ def forked_supervisors() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def one_core() -> Iterator[None]:
+    """For modules of what tasks come to, none of which is about who carries them out: one process, as for one core."""
+    with pytest.MonkeyPatch.context() as settings:
+        settings.setattr(os, "cpu_count", lambda: 1)
+        yield
+
+
 @pytest.fixture
 def log() -> MessageLog:
     return MessageLog()

@@ -12,6 +12,8 @@ from labctl.commands.main import main
 from labctl.studies.paper.experiments import FOLDER, experiments
 from tests.system.test_every_experiment import write
 
+pytestmark = pytest.mark.usefixtures("one_core")
+
 LEVELS = ["attenuated-25", "attenuated-10"]
 
 

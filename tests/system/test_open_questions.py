@@ -10,6 +10,8 @@ import pytest
 from labctl.bench.answers import warnings
 from labctl.bench.station import read_station
 
+pytestmark = pytest.mark.usefixtures("one_core")
+
 Labctl = Callable[..., tuple[int, dict[str, Any]]]
 
 STATION = """

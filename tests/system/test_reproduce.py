@@ -1,7 +1,6 @@
 """What `labctl reproduce` refuses of the experiments of the house, and when it ends in 1."""
 
 import json
-import os
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +9,8 @@ import pytest
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import experiments
 from tests.command_line import as_json, labctl
+
+pytestmark = pytest.mark.usefixtures("one_core")
 
 
 def test_an_unknown_experiment_is_refused_before_anything_starts(
@@ -75,7 +76,6 @@ def test_a_figure_that_is_surely_short_ends_in_1(
 ) -> None:
     (tmp_path / "few.toml").write_text(FEW, encoding="utf-8")
     monkeypatch.setattr("labctl.commands.reproduce.experiments", partial(experiments, folder=tmp_path))
-    monkeypatch.setattr(os, "cpu_count", lambda: 1)
     status, out, _ = labctl(capsys, "reproduce", "few", "--seeds", 2, "--out", tmp_path / "out")
     assert status == 1
     assert "NOT REACHED" in out

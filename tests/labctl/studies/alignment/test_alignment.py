@@ -1,8 +1,6 @@
 """`labctl align` on simulated benches: estimates against the world's own values; faults told."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from labctl.studies.alignment.steps import of_depth, of_range
 from protocols.alignment import DEPTH_IMAGES, PROBES, Dark, Ranged, blocks, hopped
 from protocols.image_readout import ImageReadout
 from sim_backends.parameters import Parameters
+from tests.command_line import answer
 from tests.labctl.studies.alignment import world_truth as truth
 
 PORTS = (1, 2, 3, 4)
@@ -100,21 +99,19 @@ def pulls_of(found: Sequence[dict[str, Any]], station: Station, directory: Path)
     return table
 
 
-def command_line(station: str, directory: Path) -> subprocess.CompletedProcess[str]:
-    """`labctl align --json` in a process of its own, with a station file that says so."""
+def command_line(station: str, directory: Path) -> tuple[int, dict[str, Any], list[str]]:
+    """`labctl align --json` with a station file that says so: exit status, the object, and the lines for people."""
     file = directory.with_suffix(".toml")
     file.write_text(station, encoding="utf-8")
-    words = ["align", "--station", str(file), "--arm", "--out", str(directory), "--json"]
-    start = [sys.executable, "-c", "from labctl.commands.main import main; main()"]
-    return subprocess.run([*start, *words], capture_output=True, text=True, check=False)
+    status, found, told = answer("align", "--station", file, "--arm", "--out", directory, "--json")
+    return status, found, told.splitlines()
 
 
 def test_the_command_finds_every_value_of_the_world_within_its_stated_uncertainty(tmp_path: Path) -> None:
     directory = tmp_path / "aligned"
-    ended = command_line("[sim]\ntwin_seed = 1\nparameters = { laser_tuning_s = 0.0 }\n", directory)
-    assert (ended.returncode, ended.stdout.count("\n")) == (0, 1)
-    found = json.loads(ended.stdout)
-    lines = ended.stderr.splitlines()
+    station = "[sim]\ntwin_seed = 1\nparameters = { laser_tuning_s = 0.0 }\n"
+    status, found, lines = command_line(station, directory)
+    assert status == 0
     assert len(lines) == 23
     assert all(": good (" in line for line in lines)
     assert found["good"]
@@ -178,18 +175,16 @@ class TestFaults:
 
     def test_no_light_ends_what_needs_light_and_the_command_fails(self, tmp_path: Path) -> None:
         directory = tmp_path / "dark"
-        ended = command_line("[sim]\nparameters = { laser_tuning_s = 0.0, fibre_loss_db = 80.0 }\n", directory)
-        assert (ended.returncode, ended.stdout.count("\n")) == (1, 1)
-        lines = ended.stderr.splitlines()
+        station = "[sim]\nparameters = { laser_tuning_s = 0.0, fibre_loss_db = 80.0 }\n"
+        status, found, lines = command_line(station, directory)
+        assert status == 1
         assert sum("no light: check the laser's shutter, the fibre into this detector" in line for line in lines) == 4
         assert "delay: not measured: no light on any channel" in lines
-        found = json.loads(ended.stdout)
         assert not found["good"]
         assert [finding["good"] for finding in found["findings"][:8]] == [True] * 8
         assert not json.loads(Path(found["calibration"]).read_text("utf-8"))["good"]
-        again = command_line("", directory)
-        assert again.returncode == 2
-        assert json.loads(again.stdout)["error"] == f"{directory}: is not empty: name a new directory"
+        status, found, _ = command_line("", directory)
+        assert (status, found["error"]) == (2, f"{directory}: is not empty: name a new directory")
 
     def test_no_trigger_is_said_and_nothing_is_kept(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S", 0.2)

@@ -15,6 +15,8 @@ from labctl.studies.paper.reproduction import Plan, Reproduced, reproduce
 from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.base import Measurement
 
+pytestmark = pytest.mark.usefixtures("one_core")
+
 SMALLER = {"images": 20, "wavelengths": "1550 nm", "ports": "2-5"}
 
 

@@ -12,6 +12,8 @@ from labctl.studies.paper.experiments import experiments
 from labctl.studies.paper.fit import Tried, as_json, concluded, figure_of, fit, fit_of
 from labctl.studies.paper.reproduction import Plan
 
+pytestmark = pytest.mark.usefixtures("one_core")
+
 FILE = """
 title = "Few images"
 paper = ""

@@ -13,6 +13,8 @@ from labctl.studies.paper.experiments import Experiment, experiments
 from labctl.studies.paper.reproduction import Plan
 from labctl.studies.paper.sensitivity import Dependence, as_json, figure_of, sensitivity, study_of
 
+pytestmark = pytest.mark.usefixtures("one_core")
+
 FILE = """
 title = "Few images"
 paper = ""
