@@ -104,7 +104,7 @@ def until_held(process: subprocess.Popen[bytes], station: Path) -> None:
     bench = read_station(station)
     while f"process {process.pid} " not in in_use(bench):
         with suppress(subprocess.TimeoutExpired):
-            process.wait(0.05)
+            process.wait(1e-3)  # a check is short
         assert process.poll() is None, "ended before it had the bench"
 
 
