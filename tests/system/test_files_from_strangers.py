@@ -129,7 +129,7 @@ HOSTILE["laser table"] = TOML | {
     "an expression that is none": (laser("(?P<text>.+)", "(?P<text>"), "is not a regular expression"),
     "an expression without its value": (laser('"(?P<value>[01])"', '"[01]"'), "reply lacks (?P<value>...)"),
     "an ending that is a command": (laser('write_eol = "\\n"', 'write_eol = "\\nOUTPUT ON\\n"'), "write_eol"),
-    "an endless wait": (laser("poll_s = 0.1", "poll_s = inf"), "poll_s"),
+    "an endless wait": (laser("poll_s = 0.0", "poll_s = inf"), "poll_s"),
 }
 
 # --- recordings

@@ -22,6 +22,8 @@ from sim_backends.world.world import World
 FIRST_WAVELENGTH_NM = 1550.0
 FIRST_POWER_W = 10e-3
 ROUNDING_S = 1e-9  # ten polls of 0.1 s are a second
+POLL_S = 0.1
+"""Virtual time from one question whether it is settled to the next, where the table lets none pass."""
 
 
 def default_table() -> dict[str, Any]:
@@ -206,7 +208,7 @@ class VirtualTlg220(VirtualInstrument):
         return {"value": int(self._output)}
 
     def _is_settled(self, phrase: Phrase, _value: float) -> dict[str, object]:
-        self.world.clock.advance(phrase.poll_s)  # the client lets this pass between two queries
+        self.world.clock.advance(phrase.poll_s or POLL_S)  # the client lets this pass between two queries
         return {"value": int(self.world.clock.now >= self._settled_s - ROUNDING_S)}
 
     def _error(self, _phrase: Phrase, _value: float) -> dict[str, object]:
