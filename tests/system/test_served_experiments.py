@@ -134,7 +134,9 @@ def test_an_experiment_on_a_served_bench_measures_the_frames_of_its_twin(
     near = read_station(twin_in_process(tmp_path))
     (experiment,) = experiments(["mine"], folder=tmp_path)
     asked = [
-        protocol.model_copy(update={"seed": seed}) for seed in (1, 2) for protocol in experiment.protocols.values()
+        protocol.model_copy(update={"seed": seed, "timing": "burst"})
+        for seed in (1, 2)
+        for protocol in experiment.protocols.values()
     ]
     for number, (protocol, run) in enumerate(zip(asked, far["runs"], strict=True)):
         acquired = acquire(Acquisition(protocol, near, tmp_path / f"near-{number}"))
@@ -163,7 +165,8 @@ def test_an_operator_patches_and_switches_at_the_terminal(
     near = read_station(twin_in_process(tmp_path))
     (experiment,) = experiments(["mine"], folder=tmp_path)
     for name, protocol in experiment.protocols.items():
-        acquired = acquire(Acquisition(protocol, near, tmp_path / f"near-{name}"))
+        burst = protocol.model_copy(update={"timing": "burst"})
+        acquired = acquire(Acquisition(burst, near, tmp_path / f"near-{name}"))
         assert frames(acquired.outcome.directory) == frames(done["runs"][list(experiment.protocols).index(name)])
 
 

@@ -57,9 +57,7 @@ def test_a_seed_is_a_bench_only_where_every_seed_has_a_twin(eleventh: Experiment
 class TestColumns:
     """Single triggers first, the mean of several beside them."""
 
-    def test_still_images_come_in_bursts_where_the_station_is_wired(
-        self, eleventh: Experiment, tmp_path: Path
-    ) -> None:
+    def test_still_images_come_in_bursts_where_the_station_is_wired(self, eleventh: Experiment, tmp_path: Path) -> None:
         for station, timing in ((SIMULATED_STATION, "burst"), (Station(), "software")):
             single, averaged = Plan((eleventh,), station, tmp_path).columns_of(eleventh, 7)
             assert single["chip"].model_dump() | {"averages": 16} == averaged["chip"].model_dump()
