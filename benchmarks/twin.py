@@ -64,7 +64,9 @@ def recorded(world: World, shown: NDArray[np.uint16], samples: int, *, triggers:
 def digitised(world: World, record: Record) -> Codes:
     """Codes, as the oscilloscope makes them."""
     seen = list(record.volts.swapaxes(0, 1))
-    return world.digitised(record.keys, seen, [FRONT_END] * len(seen), digitiser_noise_codes(world.parameters.enob), 8)
+    return world.receivers.digitised(
+        record.keys, seen, [FRONT_END] * len(seen), digitiser_noise_codes(world.parameters.enob), 8
+    )
 
 
 def masks_product(samples: int) -> Callable[[], object]:

@@ -22,8 +22,7 @@ from sim_backends.optics.receiver import digitiser_levels
 from sim_backends.parameters import Parameters
 from sim_backends.world.keyed_random import digest, generator
 from sim_backends.world.light_path import Grid, Light, LightPath
-from sim_backends.world.pictures import Sight
-from sim_backends.world.receivers import Codes, Drawn, FrontEnd, colour_of, jitter_s
+from sim_backends.world.receivers import Alike, Codes, Drawn, FrontEnd, colour_of, jitter_s
 from sim_backends.world.signals import Acquisition
 from sim_backends.world.twin import Optics, Setting
 
@@ -68,18 +67,9 @@ class CardReceivers:
         """See `Receivers`."""
         return self._seeded(digest(keys[0], *acquisition.channels))
 
-    def detect(
-        self,
-        white: torch.Generator,
-        rows: NDArray[np.intp],
-        lateness: NDArray[np.float64],
-        acquisition: Acquisition,
-        setting: Setting,
-        light: Light,
-        sight: Sight,
-        volts: NDArray[np.float32],
-    ) -> None:
+    def detect(self, white: torch.Generator, alike: Alike, volts: NDArray[np.float32]) -> None:
         """See `Receivers`."""
+        rows, lateness, acquisition, setting, light, sight = alike
         optics, grid = self._optics(setting), self._light_path.grid(acquisition, light.shift_s)
         amplitudes = sight.scenes[light.scene].amplitudes
         modes, _, depth = optics.host.taps.shape

@@ -40,6 +40,20 @@ class Drawn(NamedTuple):
     offsets: NDArray[np.float64]
 
 
+class Alike(NamedTuple):
+    """Triggers of one acquisition that see the same light, on whatever patterns of one scene.
+
+    rows: which triggers of the acquisition. lateness: (triggers,) s, of all of them. setting: what the instruments fix.
+    """
+
+    rows: NDArray[np.intp]
+    lateness: NDArray[np.float64]
+    acquisition: Acquisition
+    setting: Setting
+    light: Light
+    sight: Sight
+
+
 class FrontEnd(NamedTuple):
     """One channel in front of its digitiser: volts a division, volts and divisions from the middle."""
 
@@ -57,20 +71,10 @@ class Receivers(Protocol):
     def white(self, keys: Sequence[bytes], acquisition: Acquisition) -> Any:
         """Noise alone, of further points behind triggers."""
 
-    def detect(
-        self,
-        white: Any,
-        rows: NDArray[np.intp],
-        lateness: NDArray[np.float64],
-        acquisition: Acquisition,
-        setting: Setting,
-        light: Light,
-        sight: Sight,
-        volts: NDArray[np.float32],
-    ) -> None:
-        """Put into `volts[rows]`, (channels, samples) each, what the detectors put out at triggers that see `light`.
+    def detect(self, white: Any, alike: Alike, volts: NDArray[np.float32]) -> None:
+        """Put into their rows of `volts`, (channels, samples) each, what the detectors put out at such triggers.
 
-        Jitter, `lateness` (s) of each row, enters by the trace's slope: first-order Taylor.
+        Jitter, how late each is, enters by the trace's slope: first-order Taylor.
         """
 
     def digitised(
@@ -112,18 +116,9 @@ class ProcessorReceivers:
         """See `Receivers`."""
         return self._rekeyed.unit_noise(keys, self._noise_shape(acquisition))
 
-    def detect(
-        self,
-        white: NDArray[np.float32],
-        rows: NDArray[np.intp],
-        lateness: NDArray[np.float64],
-        acquisition: Acquisition,
-        setting: Setting,
-        light: Light,
-        sight: Sight,
-        volts: NDArray[np.float32],
-    ) -> None:
+    def detect(self, white: NDArray[np.float32], alike: Alike, volts: NDArray[np.float32]) -> None:
         """See `Receivers`."""
+        rows, lateness, acquisition, setting, light, sight = alike
         optics = self._light_path.optics(setting)
         laws, colour = optics.laws, colour_of(self._parameters, acquisition)
         amplitudes = sight.scenes[light.scene].amplitudes

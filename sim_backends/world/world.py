@@ -26,7 +26,7 @@ from sim_backends.parameters import Parameters
 from sim_backends.world.keyed_random import derived, digest, encoded, encoded_name, generator, named
 from sim_backends.world.light_path import Light, LightPath, snapped
 from sim_backends.world.pictures import Pictures, Sight
-from sim_backends.world.receivers import Codes, Device, FrontEnd, ProcessorReceivers, Receivers
+from sim_backends.world.receivers import Alike, Device, ProcessorReceivers, Receivers
 from sim_backends.world.segments import DEFAULT_LEVEL_V, SegmentStarts
 from sim_backends.world.signals import (
     AUX,
@@ -70,6 +70,7 @@ class World:
     """The bench's light, from the laser to the oscilloscope's inputs, under the settings of the instruments.
 
     Attributes:
+        receivers: What makes noise and codes.
         fallback: Why the processor computes it although a graphics card was asked for; empty where that is not so.
     """
 
@@ -86,7 +87,7 @@ class World:
         self.twin_seed = twin_seed
         self.clock = VirtualClock()
         self._light_path = LightPath(self.parameters, twin_seed)
-        self._receivers, self.fallback = _receivers(device, self._light_path, self.parameters)
+        self.receivers, self.fallback = _receivers(device, self._light_path, self.parameters)
         self._drift_step_s = self.parameters.drift_step_s
         self._laser: Emission | None = None
         self._launch = Launch()
@@ -239,20 +240,6 @@ class World:
         """Counter-based generator keyed by the twin's seed and `purpose`."""
         return generator(digest(self.twin_seed, *purpose))
 
-    def digitised(
-        self,
-        keys: Sequence[bytes],
-        seen: Sequence[NDArray[np.float32]],
-        front_ends: Sequence[FrontEnd],
-        noise: float,
-        bits: int,
-    ) -> Codes:
-        """Codes (channels, triggers, samples) of what each channel sees at the triggers of `keys`; see `Receivers`."""
-        began = perf_counter()
-        codes = self._receivers.digitised(keys, seen, front_ends, noise, bits)
-        self.physics_seconds += perf_counter() - began
-        return codes
-
     def next_triggers(
         self, condition: TriggerCondition, count: int, holdoff_s: float = 0.0, *, after_s: float | None = None
     ) -> NDArray[np.float64] | None:
@@ -295,7 +282,7 @@ class World:
             ends_s=acquisition.start_s + acquisition.samples / acquisition.sample_rate,
         )
         keys = self._keys(sight.names, acquisition, setting)
-        white, lateness, offsets = self._receivers.drawn(keys, acquisition)
+        white, lateness, offsets = self.receivers.drawn(keys, acquisition)
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse
         lights = [
@@ -317,8 +304,8 @@ class World:
     ) -> NDArray[np.float32]:
         """Volts of all triggers, group by group of those that see the same light."""
         volts = np.empty((lateness.size, len(acquisition.channels), acquisition.samples), np.float32)
-        for light, rows, light_setting in lights:
-            self._receivers.detect(white, rows, lateness, acquisition, light_setting, light, sight, volts)
+        for light, rows, setting in lights:
+            self.receivers.detect(white, Alike(rows, lateness, acquisition, setting, light, sight), volts)
         return volts
 
     def _further(
@@ -330,7 +317,7 @@ class World:
         """Volts of other points behind the same triggers, with noise of their own."""
         began = perf_counter()
         own = derived(keys, "further", float(part.start_s))
-        volts = detected(part, self._receivers.white(own, part))
+        volts = detected(part, self.receivers.white(own, part))
         self.physics_seconds += perf_counter() - began
         return volts
 

@@ -7,6 +7,7 @@ together changes no byte. Source: instrument facts 2.5, 2.6, 2.8 and 2.10.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from time import perf_counter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -348,12 +349,15 @@ class AcquisitionSystem(Oscilloscope):
 
     def _codes(self, acquisition: Acquisition, record: Record, verticals: Sequence[Vertical]) -> Codes:
         """Codes (channels, triggers, samples)."""
+        began = perf_counter()
         seen = [
             _seen(record.volts[:, channel], vertical, acquisition.sample_rate)
             for channel, vertical in enumerate(verticals)
         ]
         front_ends = [FrontEnd(*vertical[:3]) for vertical in verticals]
-        return self.world.digitised(record.keys, seen, front_ends, self._digitiser_noise, self.BITS)
+        codes = self.world.receivers.digitised(record.keys, seen, front_ends, self._digitiser_noise, self.BITS)
+        self.world.physics_seconds += perf_counter() - began
+        return codes
 
     def _no_codes(self, *shape: int) -> Codes:
         return np.empty(shape, np.int8) if self.BITS == 8 else np.empty(shape, np.int16)

@@ -32,7 +32,7 @@ def on_card(request: pytest.FixtureRequest) -> Callable[[World], World]:
         pytest.skip("no CUDA device here")
 
     def moved(world: World) -> World:
-        world._receivers = CardReceivers(world._light_path, world.parameters, request.param)
+        world.receivers = CardReceivers(world._light_path, world.parameters, request.param)
         return world
 
     return moved
@@ -164,7 +164,8 @@ def test_codes_have_the_digitisers_error(bits: int, on_card: Callable[[World], W
         [bytes([number % 250] * 16) for number in range(500)],
     )
     (processor, limit), (card, own_limit) = (
-        world.digitised(keys[:250] + keys[:250], seen, front_ends, 1.2, bits) for world in (World(), on_card(World()))
+        world.receivers.digitised(keys[:250] + keys[:250], seen, front_ends, 1.2, bits)
+        for world in (World(), on_card(World()))
     )
     assert card.dtype == processor.dtype
     assert np.array_equal(limit, own_limit)
@@ -185,4 +186,4 @@ def test_the_same_state_has_the_same_noise(on_card: Callable[[World], World]) ->
 def test_without_a_card_the_processor_computes() -> None:
     usual, without = bench(), World(device="cuda")
     assert (usual.fallback, without.fallback) == ("", "torch finds no CUDA device")
-    assert isinstance(without._receivers, ProcessorReceivers)
+    assert isinstance(without.receivers, ProcessorReceivers)
