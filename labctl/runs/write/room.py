@@ -85,15 +85,15 @@ def shots_a_shard(shape: RunShape, durability: Durability, seconds_a_shot: float
 
 
 def require(directory: Path, size: int) -> None:
-    """Refuse to begin a run, or to go on with one, where there is too little room for it.
+    """Refuse to begin to measure, or to go on, where there is too little room for it.
 
     Raises:
         RunError: with what is needed and what is free.
     """
     if (found := _free(directory)) < size:
         raise RunError(
-            f"{directory}: the run needs up to {_text(size)} and the disk has {_text(found)} free: make room, or "
-            f"move to another disk"
+            f"{directory}: up to {_text(size)} are needed and the disk has {_text(found)} free: make room, or move to "
+            f"another disk"
         )
 
 

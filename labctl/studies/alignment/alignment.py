@@ -27,6 +27,7 @@ from labctl.errors import AnalysisError, StationError, UsageError, writing
 from labctl.reports.alignment import alignment_report
 from labctl.runs.format.origin import Origin
 from labctl.runs.live.logs import CommandLog
+from labctl.runs.write.room import require
 from labctl.studies.alignment.findings import Finding
 from labctl.studies.alignment.steps import (
     Result,
@@ -57,6 +58,8 @@ from protocols.base import Images, PassStarted, ShotKind
 from protocols.image_readout import DRIVE_RATE, ImageReadout
 from protocols.wavelength_scan import WavelengthScan
 
+LARGEST_BYTES = 16_000_000
+"""Four times what an alignment of the simulated bench writes: log, report and figures."""
 SEED = 1
 SCAN = WavelengthScan(steps=14, seed=SEED)
 STEPS = ("dark", "range", "repeatability", "contrast", "delay", "depth", "decorrelation")
@@ -96,7 +99,7 @@ def align_bench(
     Raises:
         StationError, OutOfRange, NotConfigured: The station is wrong or not armed; no light was switched on.
         InstrumentError: An instrument failed; the bench is in the safe state.
-        RunError: The folder cannot be written.
+        RunError: The folder cannot be written, or there is no room for it; no light was switched on.
     """
     started = datetime.now(UTC)
     folder = directory or calibration.new_folder(station, started)
@@ -118,6 +121,7 @@ def align_bench(
         }
         with writing(folder, "name another --out"):
             folder.mkdir(parents=True, exist_ok=True)
+        require(folder, LARGEST_BYTES)
         log.stored_in(folder)
         for result in _measured(station, bench, images):
             for finding in result.findings:

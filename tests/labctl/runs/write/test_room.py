@@ -110,7 +110,7 @@ def test_a_run_begins_where_there_is_room_for_all_of_it_and_leaves_no_trace_wher
     drive = Drive("drive", np.zeros(50, np.float32), 25e9, 0.5)
     size = needed(small, drive, Durability(3, 3600), 0.0)
     free(size - 1)
-    with pytest.raises(RunError, match=r"run: the run needs up to .* kB and the disk has .* kB free: make room"):
+    with pytest.raises(RunError, match=r"run: up to .* kB are needed and the disk has .* kB free: make room"):
         begin(tmp_path / "deep" / "run")
     assert not list(tmp_path.iterdir())
     free(size)
@@ -123,7 +123,7 @@ def test_a_resumed_run_needs_room_for_the_rest_alone(
     drive = Drive("drive", np.zeros(50, np.float32), 25e9, 0.5)
     rest = measured(small, (0, 4), 10 / 4) + data_file(small, drive)
     free(rest - 1)
-    with pytest.raises(RunError, match="the run needs up to"):
+    with pytest.raises(RunError, match="are needed and the disk has"):
         RunWriter.resume(cut)
     free(rest)
     with RunWriter.resume(cut) as writer:

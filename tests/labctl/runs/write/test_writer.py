@@ -132,7 +132,7 @@ def test_an_empty_directory_will_do_and_a_file_will_not(tmp_path: Path, begin: B
 
 
 def test_a_run_larger_than_the_disk_is_refused_before_it_begins(tmp_path: Path, begin: Begin, small: RunShape) -> None:
-    with pytest.raises(RunError, match=r"needs up to .* GB and the disk has .* free: make room"):
+    with pytest.raises(RunError, match=r"up to .* GB are needed and the disk has .* free: make room"):
         begin(tmp_path / "run", replace(small, samples=10**15))
     assert not (tmp_path / "run").exists()
 

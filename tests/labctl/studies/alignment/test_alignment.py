@@ -1,6 +1,7 @@
 """`labctl align` on simulated benches: estimates against the world's own values; faults told."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -185,6 +186,13 @@ class TestFaults:
         assert not json.loads(Path(found["calibration"]).read_text("utf-8"))["good"]
         status, found, _ = command_line("", directory)
         assert (status, found["error"]) == (2, f"{directory}: is not empty: name a new directory")
+
+    def test_a_full_disk_is_said_before_there_is_light(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("labctl.runs.write.room._free", lambda _directory: 1_000_000)
+        status, found, lines = command_line("", tmp_path / "full")
+        assert (status, lines) == (2, [f"labctl: {found['error']}"])
+        assert re.fullmatch(r".*full: up to 16 MB are needed and the disk has 1 MB free: make room, .*", found["error"])
+        assert not any((tmp_path / "full").iterdir())
 
     def test_no_trigger_is_said_and_nothing_is_kept(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("instruments.tektronix_dpo72504dx.TRIGGER_WAIT_S", 0.2)
