@@ -69,11 +69,15 @@ def digitised(world: World, record: Record) -> Codes:
     )
 
 
+def points_of(samples: int) -> int:
+    """How many intensities a record of so many samples is made of, without what its filters reach beyond it."""
+    return samples * math.ceil(1 / (RATE * Parameters().record_step_s))
+
+
 def masks_product(samples: int) -> Callable[[], object]:
     """As many pictures times masks of as many samples: points every `record_step_s`, real and imaginary parts."""
-    points = samples * math.ceil(1 / (RATE * Parameters().record_step_s))
     shown = pictures(PICTURES).astype(np.float32)
-    masks = np.random.default_rng(3).random((SIDE**2, 2 * len(CHANNELS) * points), np.float32)
+    masks = np.random.default_rng(3).random((SIDE**2, 2 * len(CHANNELS) * points_of(samples)), np.float32)
     out = np.empty((PICTURES, masks.shape[1]), np.float32)
     return partial(np.matmul, shown, masks, out=out)
 
@@ -118,8 +122,7 @@ def card_rows(samples: int) -> list[Row]:
         return []
     import torch
 
-    points = samples * math.ceil(1 / (RATE * Parameters().record_step_s))
-    light = torch.empty(CARD_PICTURES * len(CHANNELS) * points, dtype=torch.complex64, device="cuda")
+    light = torch.empty(CARD_PICTURES * len(CHANNELS) * points_of(samples), dtype=torch.complex64, device="cuda")
 
     def burst(world: World, shown: NDArray[np.uint16]) -> Codes:
         record = recorded(world, shown, samples, triggers=len(shown), start_s=2 * PERIOD / RATE)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from protocols.image_readout import (
     LONGEST_WINDOW_S,
     PROBES,
     SHORTEST_WINDOW_S,
+    Timing,
     pseudorandom_drive,
     still_pictures,
     stills_duration_s,
@@ -49,7 +50,7 @@ class GhostImaging(Measurement[Images]):
     ports: Ports = (2, 3, 4, 5, 6)
     window: Annotated[Seconds, Field(ge=SHORTEST_WINDOW_S, le=LONGEST_WINDOW_S)] = 10e-9
     wavelengths: Wavelengths = (1550.0,)
-    timing: Literal["software", "burst"] = "software"
+    timing: Timing = "software"
     reference_every: Annotated[int, Field(ge=1, le=1_000_000)] = 20
 
     def patterns_of(self, inputs: Images) -> NDArray[np.bool_]:

@@ -30,11 +30,12 @@ from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
 from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for
 
+Timing = Literal["software", "burst"]
+
 DRIVE_RATE = 25e9
 DRIVE_SAMPLES = 2500
 """One period of the drive, 100 ns: above the AWG's minimum and longer than the fibre's delay spread."""
 PROBES = 40
-Timing = Literal["software", "burst"]
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 40e-12, 20e-6
 """One sample, and two hundred periods of the drive: half a million samples."""
 

@@ -10,6 +10,7 @@ OPENING = frozenset({"align", "check", "live", "reproduce", "run", "sweep"})
 """The commands that open the bench of their option `--station`."""
 ONLY_LOOKING = frozenset({"--dry-run", "--help"})
 SIMULATED = "simulated"
+"""As `instruments.sections` has it, which takes longer to load than all of this."""
 
 
 def refuse_bench_in_use(words: Sequence[str]) -> None:

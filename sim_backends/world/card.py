@@ -33,8 +33,9 @@ _KEPT_PAGES = 4
 
 
 class Placed(NamedTuple):
-    """What a setting fixes, on the card: see `Optics`."""
+    """What a setting fixes, on the card: see `Optics`, of which `host` is the program's own."""
 
+    setting: Setting
     host: Optics
     sending: Tensor
     fields: Tensor
@@ -71,18 +72,16 @@ class CardReceivers:
         """See `Receivers`."""
         rows, lateness, acquisition, setting, light, sight = alike
         optics, grid = self._optics(setting), self._light_path.grid(acquisition, light.shift_s)
-        amplitudes = sight.scenes[light.scene].amplitudes
+        amplitudes, colour = sight.scenes[light.scene].amplitudes, colour_of(self._parameters, acquisition)
         modes, _, depth = optics.host.taps.shape
         picture = 8 * modes * (len(acquisition.channels) * grid.points + depth)
         at_once = max(1, _AT_ONCE_BYTES // picture)
         for begin in range(0, len(rows), at_once):
             own = rows[begin : begin + at_once]
             before = amplitudes[sight.before[own]] if math.isfinite(light.age_s) else None
-            clean, slope = self._sampled(
-                optics, setting, acquisition, grid, light, amplitudes[sight.after[own]], before
-            )
+            clean, slope = self._sampled(optics, acquisition, grid, light, amplitudes[sight.after[own]], before)
             late = self._put(lateness[own].astype(np.float32))[:, None, None]
-            traces = self._noisy(optics, clean, white, colour_of(self._parameters, acquisition)) + late * slope
+            traces = self._noisy(optics, clean, white, colour) + late * slope
             limit = self._parameters.detector_limit_v
             volts[own] = (traces / (1 + (traces / limit) ** 6) ** (1 / 6)).cpu().numpy()
 
@@ -109,7 +108,6 @@ class CardReceivers:
     def _sampled(
         self,
         optics: Placed,
-        setting: Setting,
         acquisition: Acquisition,
         grid: Grid,
         light: Light,
@@ -123,11 +121,11 @@ class CardReceivers:
             zero = torch.zeros(len(after), len(acquisition.channels), acquisition.samples, device=self._place)
             return zero, zero
         start_s = light.phase_s + grid.first_s - host.delay_s
-        field = self._field(optics, setting, shown, start_s, grid)
+        field = self._field(optics, shown, start_s, grid)
         if before is not None:
             times = light.age_s + grid.first_s + grid.step_s * np.arange(grid.points, dtype=np.float64)
             moved = mirrors.moved_fraction(times, leaves=constants.mirror_leaves_s, arrives=constants.mirror_arrives_s)
-            old = self._field(optics, setting, self._put(before), start_s, grid)
+            old = self._field(optics, self._put(before), start_s, grid)
             field = old + self._put(moved.astype(np.float32)) * (field - old)
         clean, slope = _filtered(grid, self._put(grid.sampling.matrix), _fast_volts(field), acquisition.samples)
         if constants.detector_coupling == "ac":
@@ -152,17 +150,17 @@ class CardReceivers:
             own = (optics.floor + optics.linear * signal).sqrt() * unit[:, :-1]
         return clean + optics.offset_v + own + optics.quadratic.sqrt() * signal * unit[:, -1:]
 
-    def _field(self, optics: Placed, setting: Setting, shown: Tensor, start_s: float, grid: Grid) -> Tensor:
+    def _field(self, optics: Placed, shown: Tensor, start_s: float, grid: Grid) -> Tensor:
         """Root volts (images, modes, channels, points) at the grid's light times from `start_s` on."""
         modes, superpixels, _ = optics.host.taps.shape
         sent = torch.view_as_complex((shown @ optics.sending.view(superpixels, -1)).view(len(shown) * modes, -1, 2))
-        parts = [
-            sent
-            @ self._page(setting, start_s + begin * grid.step_s, grid.step_s, min(_PAGE_POINTS, grid.points - begin))
+        step_s = grid.step_s
+        pages = (
+            self._page(optics.setting, start_s + begin * step_s, step_s, min(_PAGE_POINTS, grid.points - begin))
             for begin in range(0, grid.points, _PAGE_POINTS)
-        ]
+        )
         channels = len(optics.fields)
-        return torch.cat([part.view(len(shown), modes, channels, -1) for part in parts], dim=-1)
+        return torch.cat([(sent @ page).view(len(shown), modes, channels, -1) for page in pages], dim=-1)
 
     def _made_page(self, setting: Setting, start_s: float, step_s: float, points: int) -> Tensor:
         """The ports' light at light times and at every delay before each, (delays, channels * points).
@@ -186,7 +184,7 @@ class CardReceivers:
         laws, factors = host.laws, host.power_factors
         columns = (self._put(column) for column in (laws.floor, laws.linear, laws.quadratic, laws.offset_v))
         placed_factors = None if factors is None else self._put(factors)
-        return Placed(host, self._put(host.sending), self._put(host.fields), placed_factors, *columns)
+        return Placed(setting, host, self._put(host.sending), self._put(host.fields), placed_factors, *columns)
 
     def _put(self, values: NDArray[np.generic]) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values)).to(self._place)

@@ -16,9 +16,10 @@ from sim_backends.world.receivers import FrontEnd, ProcessorReceivers
 from sim_backends.world.signals import Acquisition, Emission, Record
 from sim_backends.world.world import World
 from tests.sim_backends.world import test_bursts as bursts
-from tests.sim_backends.world.light import RATE, bench, picture, quiet, shoot
+from tests.sim_backends.world.light import FOUR, RATE, bench, coming, picture, quiet, shoot
 
-LONG = Acquisition((1, 2, 3, 4), RATE, 700, -5e-9)
+LONG = Acquisition((1, 2, 3, 4), RATE, 1200, -5e-9)
+"""More times than one page of fields has."""
 FINE = Acquisition((1, 3), 100e9, 90, 1e-9)
 ONSET = Acquisition((1, 2, 3, 4), RATE, 200, 94e-9)
 TRIGGERS = 4000
@@ -63,8 +64,11 @@ def of_the_dark(world: World) -> Record:
 
 def of_moving_mirrors(world: World) -> Record:
     world.show(picture(9))
-    world.clock.advance(3e-6)
-    return shoot(world, count=2)
+    world.clock.advance(0.9e-6)
+    times = coming(world)
+    (age_s,) = world._pictures.sight(times, begins_s=0.0, ends_s=FOUR.samples / RATE).age_s
+    assert world.parameters.mirror_leaves_s < age_s < world.parameters.mirror_arrives_s
+    return world.record(FOUR, times)
 
 
 def of_a_burst(world: World) -> Record:
@@ -99,8 +103,9 @@ def of_a_picture_that_goes_on(world: World) -> Record:
         quiet(detector_coupling="ac"),
         quiet(light_path="direct"),
         quiet(laser_wander_hz=1e9, chip_wander_hz=1e9, wander_time_s=10.0),
+        quiet().model_copy(update={"detector_limit_v": 300.0}),  # about what there is of such light
     ],
-    ids=["usual", "ac", "direct", "drifting"],
+    ids=["usual", "ac", "direct", "drifting", "limited"],
 )
 def test_the_light_is_that_of_the_processor(
     recorded: Callable[[World], Record], parameters: Parameters, on_card: Callable[[World], World]
