@@ -22,7 +22,7 @@ PROTOCOLS = {
     "software-timed": ImageReadout(images=400),
     "burst": ImageReadout(images=4000, window=0.4e-9, timing="burst"),
 }
-LATE = SIMULATED_STATION.model_copy(update={"durability": DurabilitySection(shots=10**9, seconds=1e6)})
+LATE = SIMULATED_STATION.model_copy(update={"durability": DurabilitySection(shots=10**9, seconds=86400)})
 
 
 def safe(protocol: ImageReadout, directory: Path) -> float:

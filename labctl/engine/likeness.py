@@ -226,7 +226,7 @@ class Likeness:
         if finding is not None and finding.told_by is None:
             return finding
         pending, self._pending = self._pending, None
-        if self._hidden:
+        if (finding is None and pending is None) or self._hidden:
             return None
         if ends or len(self._repeats) >= ENOUGH:
             return pending or finding
@@ -287,13 +287,14 @@ class Likeness:
         learned = len(self._repeats) >= ENOUGH
         of_light = part / math.sqrt(self._differ((values, known.values))[1])
         usual = (
-            self._hidden
-            or part <= _still_usual(self._repeats, values.size)
+            part <= _still_usual(self._repeats, values.size)
             or of_light <= _still_usual(self._repeats_of_light, values.size)
+            or self._hidden
         )
         beside = () if before is None or self._repeated[shot - 1] else ((before, values), (before, known.values))
-        rather = any(self._is_rather(pair, (values, known.values)) for pair in beside)
-        wrong = not usual and (rather or (learned and part > OTHER))
+        wrong = not usual and (
+            (learned and part > OTHER) or any(self._is_rather(pair, (values, known.values)) for pair in beside)
+        )
         if wrong and learned:
             return self._not_of_reference(known, record)
         self._repeats = [*self._repeats, part][-REMEMBERED:]
@@ -368,8 +369,7 @@ class Likeness:
             return None
         self._learn_noise_of_light(dark)
         allowed = 1 + SURE / math.sqrt(values[0].size)
-        usual = self._as_a_rule(self._most_noise)
-        faint = CONTRAST / usual  # less light than this may be hidden by noise
+        faint = CONTRAST / self._differ_by(self._most_noise)[1]  # less light than this may be hidden by noise
         # A brighter picture's noise is not foretold from a faint reference.
         light = np.clip((levels - dark.mean(axis=1)) / self._light, 0, 1)
         noise = _times(self._most_noise**2 + self._noise_of_light * light, self._most_noise)
@@ -396,23 +396,25 @@ class Likeness:
         median, scatter = _median_and_scatter(np.array(self._repeats))
         return bool(median + scatter > 1 / RATHER or np.quantile(self._from_darkness, NOT_A_FEW) < CONTRAST)
 
-    def _as_a_rule(self, noise: NDArray[np.float64]) -> float:
-        """By how many times the noise records of different pictures differ; nan as long as nobody knows."""
+    def _differ_by(self, noise: NDArray[np.float64]) -> tuple[float, float]:
+        """By how many times the noise records of different pictures differ, all but `FEW` of them and half of them, at
+        least; nan as long as nobody knows.
+        """
         if self._usual is None or len(self._usual) < ENOUGH:
-            return math.nan
-        return float(np.median(_times(self._usual, noise)))
+            return math.nan, math.nan
+        nearly_all, half = np.quantile(_times(self._usual, noise), (FEW, 0.5))
+        return float(nearly_all), float(half)
 
     def _part_of_usual(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
         """The difference of two records, or of pairs of them, of what those of different pictures differ by."""
-        return _times(difference, self._noise) / self._as_a_rule(self._noise)
+        return _times(difference, self._noise) / self._differ_by(self._noise)[1]
 
     def _tells_apart(self, noise: NDArray[np.float64]) -> bool:
         """Whether records of different pictures differ by more than those of one; False as long as nobody knows."""
         dark = 0.0 if self._dark_record is None else self._dark_record.values.mean(axis=1)
         least = max(CONTRAST, STEADY * float(_times((self._lit_level - dark) ** 2, noise)))
-        if self._usual is None or not self._as_a_rule(noise) >= least:
-            return False
-        return bool(np.quantile(_times(self._usual, noise), FEW) >= CONTRAST / 2)
+        nearly_all, half = self._differ_by(noise)
+        return half >= least and nearly_all >= CONTRAST / 2
 
 
 def alike_by(inputs: Inputs) -> Alike:

@@ -53,8 +53,11 @@ def _check(experiment: Experiment, plan: Plan, benches: "_Benches") -> None:
     """In the order of what it costs: files first, then what the station says, then what its instruments say."""
     analysis_of(experiment)
     seed = plan.seeds_of(experiment)[0]
+    loaded: dict[str, Any] = {}  # every column shows and plays the same
     for name, protocol in chain.from_iterable(column.items() for column in plan.columns_of(experiment, seed)):
-        inputs = inputs_for(protocol, plan.data)
+        if name not in loaded:
+            loaded[name] = inputs_for(protocol, plan.data)
+        inputs = loaded[name]
         protocol.shots(inputs)
         station = plan.station_for(protocol, seed, experiment.runs[name].parameters)
         bench = benches.opened(station)

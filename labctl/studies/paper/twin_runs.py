@@ -120,7 +120,7 @@ class TwinRuns:
         return self._inputs(run, Sequences)
 
     def _inputs(self, run: str, kind: type[InputsT]) -> InputsT:
-        found = inputs_for(self.protocols[run], self.data)
+        found = self.once(f"inputs of {run}", lambda: inputs_for(self.protocols[run], self.data))
         if not isinstance(found, kind):
             raise ExperimentError(f"runs.{run}: {self.protocols[run].name} gives no {kind.__name__.lower()}")
         return found
