@@ -1,6 +1,6 @@
 """What labctl claims about speed, as one table: each figure, its reference of the same run, the ratio, and the goal.
 
-    python -m benchmarks [NAME ...] [--json]
+    python -m benchmarks [NAME ...] [--json | --markdown]
 
 Names are those of the modules in this folder that have `rows`; all of them without names. Each is measured in a process
 of its own, so that none warms up another. Exit 1 if a goal is not reached or something could not be measured.
@@ -18,6 +18,7 @@ from rich.table import Table
 
 HERE = Path(__file__).parent
 ONE = "--one"
+HEADINGS = ("benchmark", "what", "figure", "by processor", "reference", "ratio", "goal", "")
 
 
 def names() -> list[str]:
@@ -45,30 +46,41 @@ def number(value: object, unit: object = "") -> str:
     return f"{value:,.0f} {unit}".strip() if abs(value) >= 1000 else f"{value:.3g} {unit}".strip()
 
 
+def cells(row: dict[str, object]) -> tuple[str, ...]:
+    """A row as people read it, by the words of `HEADINGS`."""
+    return (
+        str(row["benchmark"]),
+        str(row["what"]),
+        number(row["figure"], row["unit"]),
+        number(row["processor"], row["unit"]),
+        f"{number(row['reference'], row['unit'])} {row['against']}".strip(),
+        number(row["ratio"]),
+        str(row["goal"] or ""),
+        {True: "reached", False: "NOT REACHED", None: ""}[row["reached"]],  # type: ignore[index]
+    )
+
+
 def table(rows: list[dict[str, object]]) -> Table:
-    """As people read it."""
-    drawn = Table("benchmark", "what", "figure", "by processor", "reference", "ratio", "goal", "")
+    """For a terminal."""
+    drawn = Table(*HEADINGS)
     for row in rows:
-        reference = f"{number(row['reference'], row['unit'])} {row['against']}".strip()
-        verdict = {True: "reached", False: "NOT REACHED", None: ""}[row["reached"]]  # type: ignore[index]
-        drawn.add_row(
-            str(row["benchmark"]),
-            str(row["what"]),
-            number(row["figure"], row["unit"]),
-            number(row["processor"], row["unit"]),
-            reference,
-            number(row["ratio"]),
-            str(row["goal"] or ""),
-            verdict,
-        )
+        drawn.add_row(*cells(row))
     return drawn
+
+
+def markdown(rows: list[dict[str, object]]) -> str:
+    """For a document."""
+    lines = [HEADINGS, ("---",) * len(HEADINGS), *map(cells, rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*", choices=[*names(), []], metavar="NAME", help=", ".join(names()))
-    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    form.add_argument("--markdown", action="store_true", help="a table for a document")
     parser.add_argument(ONE, choices=names(), help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
@@ -82,6 +94,8 @@ def main() -> int:
         failed += [] if found is not None else [name]
     if given.json:
         sys.stdout.write(json.dumps({"rows": rows, "not_measured": failed}) + "\n")
+    elif given.markdown:
+        sys.stdout.write(markdown(rows))
     else:
         Console(width=200 if not sys.stdout.isatty() else None).print(table(rows))
     if failed:

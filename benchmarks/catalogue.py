@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+from benchmarks.commands import python
 from benchmarks.rows import REPETITIONS, Goal, Row, interleaved, timed
-from benchmarks.startup import taken
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.catalogue import FILE, Catalogue
@@ -68,10 +68,9 @@ def rows() -> Iterator[Row]:
             lambda: by_files_alone(folder),
         )
         commands = ("-m", "labctl", "runs", str(folder)), ("-c", "pass")
-        turns = [[taken(words) for words in commands] for _ in range(REPETITIONS)]
-    (wall, processor), (bare, _) = (
-        [statistics.median(column) for column in zip(*one, strict=True)] for one in zip(*turns, strict=True)
-    )
+        printed, plain = zip(*([python(*words) for words in commands] for _ in range(REPETITIONS)), strict=True)
+    wall, bare = (statistics.median(one.wall_s for one in turns) for turns in (printed, plain))
+    processor = statistics.median(one.processor_s for one in printed)
     yield Row(
         f"catalogue of {RUNS} runs made once", made.wall_s, "s", made.processor_s, "files asked for", files.wall_s
     )

@@ -6,32 +6,20 @@ Each figure is the median over processes of their own, in turns. `labctl show` p
 a row of their own.
 """
 
-import os
 import statistics
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from subprocess import DEVNULL, PIPE, Popen
+from subprocess import PIPE, Popen
 from typing import IO, cast
 
+from benchmarks.commands import Taken, labctl, python
 from benchmarks.rows import Goal, Row
 
 TIMES = 10
 SETTINGS = ("images=40", "window=0.4 ns")
-
-
-def taken(words: Sequence[str]) -> tuple[float, float]:
-    """Seconds by the clock and of the processor for one process."""
-    began = time.perf_counter()
-    process = Popen([sys.executable, *words], stdout=DEVNULL)  # noqa: S603
-    _, status, used = os.wait4(process.pid, 0)
-    wall = time.perf_counter() - began
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise RuntimeError(f"{' '.join(words)} ended with {process.returncode}")
-    return wall, used.ru_utime + used.ru_stime
 
 
 def until_it_prints(words: Sequence[str]) -> float:
@@ -50,22 +38,22 @@ def rows() -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         run = str(Path(folder) / "run")
         settings = (word for one in SETTINGS for word in ("--set", one))
-        taken(("-m", "labctl", "run", "image-readout", *settings, "--out", run))
+        labctl("run", "image-readout", *settings, "--out", run)
         commands = {
             "--help": (("--help",), Goal(most=0.1, of="figure")),
             "runs": (("runs", folder), Goal(most=1.0, of="figure")),
             "show": (("show", run), Goal(most=1.0, of="figure")),
         }
         everything = {"": ("-c", "pass")} | {name: ("-m", "labctl", *words) for name, (words, _) in commands.items()}
-        times: dict[str, list[tuple[float, float]]] = {name: [] for name in everything}
+        times: dict[str, list[Taken]] = {name: [] for name in everything}
         printed: list[float] = []
         for _ in range(TIMES):
             for name, words in everything.items():
-                times[name].append(taken(words))
+                times[name].append(python(*words))
             printed.append(until_it_prints(everything["show"]))
-    medians = {name: [statistics.median(column) for column in zip(*one, strict=True)] for name, one in times.items()}
+    walls = {name: statistics.median(one.wall_s for one in taken) for name, taken in times.items()}
     for name, (_, goal) in commands.items():
-        wall, processor = medians[name]
-        yield Row(f"labctl {name}", wall, "s", processor, "python -c pass", medians[""][0], goal)
+        processor = statistics.median(one.processor_s for one in times[name])
+        yield Row(f"labctl {name}", walls[name], "s", processor, "python -c pass", walls[""], goal)
     goal = Goal(most=1.0, of="figure")
-    yield Row("labctl show: numbers", statistics.median(printed), "s", None, "python -c pass", medians[""][0], goal)
+    yield Row("labctl show: numbers", statistics.median(printed), "s", None, "python -c pass", walls[""], goal)

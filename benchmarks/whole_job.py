@@ -6,15 +6,10 @@ Needs the data set `mnist`. Each step is a process of its own: its time, and the
 same fits by scikit-learn's own logistic regression, and the same bytes read by h5py alone.
 """
 
-import os
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from subprocess import DEVNULL, Popen
 
 import h5py
 import numpy as np
@@ -24,6 +19,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
+from benchmarks.commands import Taken, labctl
 from benchmarks.rows import Goal, Row, interleaved
 from labctl.analysis.evaluation import validate
 from labctl.analysis.splits import Split, enough_splits, random_splits
@@ -43,35 +39,15 @@ MOST_WHOLE_S = 180.0
 """For the larger size."""
 
 
-@dataclass(frozen=True)
-class Step:
-    """What one process took: seconds by the clock and of the processor, and its peak of memory, MB."""
-
-    wall_s: float
-    processor_s: float
-    peak_mb: float
-
-
-def step(*words: str) -> Step:
-    """Carry out one command."""
-    began = time.perf_counter()
-    process = Popen([sys.executable, "-m", "labctl", *words], stdout=DEVNULL, stderr=DEVNULL)  # noqa: S603
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise RuntimeError(f"labctl {' '.join(words)} ended with {process.returncode}")
-    return Step(time.perf_counter() - began, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
-
-
-def job(images: int, directory: Path) -> dict[str, Step]:
+def job(images: int, directory: Path) -> dict[str, Taken]:
     """Every step of the job with so many images."""
     run = str(directory)
     settings = ("dataset=mnist", f"images={images}", "timing=burst")
     return {
-        "run": step("run", "image-readout", *(word for one in settings for word in ("--set", one)), "--out", run),
-        "train": step("train", run),
-        "evaluate": step("evaluate", str(directory / MODEL), run),
-        "report": step("report", run),
+        "run": labctl("run", "image-readout", *(word for one in settings for word in ("--set", one)), "--out", run),
+        "train": labctl("train", run),
+        "evaluate": labctl("evaluate", str(directory / MODEL), run),
+        "report": labctl("report", run),
     }
 
 
