@@ -100,10 +100,7 @@ def train_readout(
     with threadpool_limits(1):
         pipeline.fit(records.traces[train], records.labels[train])
     right = pipeline.predict(records.traces[test]) == records.labels[test]
-    special = "" if tau_s is None else f"-every-{tau_s * 1e12:g}ps"
-    special += "" if inverse_penalty == 1 else f"-C-{inverse_penalty:g}"
-    name = f"softmax-{window_key(window_s)}ns{special}-ports-{'-'.join(map(str, chosen))}.h5"
-    path = out or RunPaths(directory).models / name
+    path = out or RunPaths(directory).models / file_name(window_s, tau_s, inverse_penalty, chosen)
     metadata = {
         "readout": "softmax",
         "run": str(directory),
@@ -241,6 +238,13 @@ def _used(model: Path, directory: Path) -> Iterator[None]:
     except HDF5_ERRORS as error:
         reason = one_line(error)[:LONGEST_REASON]
         raise AnalysisError(f"{model}: is of no use on {directory} ({reason}): train it again") from None
+
+
+def file_name(window_s: float, tau_s: float | None, inverse_penalty: float, ports: tuple[int, ...]) -> str:
+    """What a readout is called by; `ports` come again for every wavelength, their name once."""
+    special = "" if tau_s is None else f"-every-{tau_s * 1e12:g}ps"
+    special += "" if inverse_penalty == 1 else f"-C-{inverse_penalty:g}"
+    return f"softmax-{window_key(window_s)}ns{special}-ports-{'-'.join(map(str, dict.fromkeys(ports)))}.h5"
 
 
 def bounded_records(run: Run) -> tuple[Records, int]:
