@@ -41,4 +41,4 @@ def test_the_first_turn_does_not_count() -> None:
 
 def test_every_benchmark_is_a_part_of_the_table() -> None:
     modules = {path.stem for path in Path(benchmarks.rows.__file__).parent.glob("*.py")}
-    assert modules - {"__main__", "rows", "peer"} == set(names())
+    assert modules - {"__main__", "commands", "peer", "rows"} == set(names())
