@@ -1,6 +1,5 @@
 """Independent tasks, carried out side by side by whoever takes them: processes of this machine, or a cluster."""
 
-import gc
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -112,13 +111,6 @@ def one_by_one(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:
 
 
 def timed(task: Callable[[], Found]) -> tuple[Found, float]:
-    """Result of a task, and the seconds it took; whoever carries out many of them needs no more memory than for one.
-
-    A simulated bench that ended is a circle of few objects that hold much, and the collector, which counts objects,
-    would let many of them gather.
-    """
+    """Result of a task, and the seconds it took."""
     began = time.perf_counter()
-    try:
-        return task(), time.perf_counter() - began
-    finally:
-        gc.collect()
+    return task(), time.perf_counter() - began
