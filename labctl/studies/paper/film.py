@@ -58,8 +58,8 @@ class Film:
     frames: dict[str, NDArray[np.float64]]
 
 
-def film_of(twin: TwinRuns, settings: FilmSettings) -> Film:
-    """Train on the still images and read every window of the scene.
+def film_of(twin: TwinRuns, settings: FilmSettings, names: Sequence[str]) -> Film:
+    """Train those of the readouts "network" and "best" that are named on the still images; read every window.
 
     Raises:
         AnalysisError: The runs do not fit each other, or no window lies before or behind the switch.
@@ -77,6 +77,7 @@ def film_of(twin: TwinRuns, settings: FilmSettings) -> Film:
     frames = {
         name: readout.fit(features, pixels).predict(windows).reshape(-1, *images.shape[1:])
         for name, readout in readouts.items()
+        if name in names
     }
     shown = np.searchsorted(seen.time_s, np.array(settings.times) + seen.still.sample_interval_s / 2).clip(min=1) - 1
     return Film(
@@ -91,16 +92,21 @@ def film_of(twin: TwinRuns, settings: FilmSettings) -> Film:
 
 
 def film_results(films: Sequence[Film]) -> dict[str, Any]:
-    """RMSE before and after the switch by readout, and when the frames come nearer to the second image for good, us."""
+    """RMSE before and after the switch by readout, and when the frames come nearer to the second image for good, us.
+
+    A readout that the first film was made with may be missing in others.
+    """
     results: dict[str, Any] = {}
     for name in films[0].frames:
-        before = [_error(film.frames[name][film.old], film.pair[0]) for film in films]
-        after = [_error(film.frames[name][film.new], film.pair[1]) for film in films]
-        switched = [time for film in films if (time := _switch_us(film, name)) is not None]
+        own = [film for film in films if name in film.frames]
+        before = [_error(film.frames[name][film.old], film.pair[0]) for film in own]
+        after = [_error(film.frames[name][film.new], film.pair[1]) for film in own]
+        switched = [time for film in own if (time := _switch_us(film, name)) is not None]
         results[name] = {
             "before": pooled(before),
             "after": pooled(after),
             "switch_us": pooled(switched) if switched else None,
+            "scenes": len(own),
             "scenes_switched": len(switched),
         }
     return results | {

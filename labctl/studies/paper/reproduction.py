@@ -260,6 +260,7 @@ def _twins(plan: Plan, experiment: Experiment, seed: int) -> tuple[TwinRuns, ...
             seed,
             plan.splits_of(experiment),
             plan.data,
+            seed - plan.first_seed,
             known,
         )
         for protocols in plan.columns_of(experiment, seed)

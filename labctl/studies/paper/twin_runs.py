@@ -34,6 +34,7 @@ class TwinRuns:
         seed: Seed of images, order, drive and splits; also the twin's.
         splits: How many random splits to evaluate on.
         data: Folder of data sets that is looked at first.
+        place: Which of the seeds it is, counted from 0.
         known: What was found `once`, for all runs with the same inputs.
     """
 
@@ -42,6 +43,7 @@ class TwinRuns:
     seed: int
     splits: int
     data: Path | None = None
+    place: int = 0
     known: dict[str, Any] = field(default_factory=dict)
 
     def once(self, name: str, compute: Callable[[], Found]) -> Found:

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,16 @@ def test_images_come_back_and_the_switch_is_filmed(tmp_path: Path, write_run: Wr
     assert film["best"]["switch_us"]["mean"] == pytest.approx(5.6)
     assert film["best"]["scenes_switched"] == 2
     assert [figure.stem for figure in concluded.figures] == ["images-still", "errors", "film"]
+
+
+def test_networks_are_trained_on_the_first_benches(tmp_path: Path, write_run: WriteRun) -> None:
+    settings = Settings.model_validate({"curves": [curve()], "film": FILM, "network_benches": 1})
+    given = twin_runs(tmp_path, write_run)
+    found = [examine(replace(given, place=place), settings) for place in (0, 1)]
+    here = conclude(found, settings).here
+    benches = {name: len(windows["1.0"]["by_bench"]) for name, windows in here["digits"].items()}
+    assert benches == {"network": 1, "best": 2, "linear": 2}
+    assert {name: here["film"][name]["scenes"] for name in ("network", "best")} == {"network": 1, "best": 2}
 
 
 def test_what_a_film_cannot_be_made_of(tmp_path: Path, write_run: WriteRun) -> None:
