@@ -60,7 +60,7 @@ def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
         return known
     interruption = Interruption()
     following = Observers(TaskObserver(interruption), *others)
-    with _placed(run.directory) as directory:
+    with _placed(run.directory) as directory, _nothing_left():
         meanwhile = replace(run, directory=directory)
         outcome = _whole(acquire(meanwhile, observer=following, interruption=interruption).outcome)
     return replace(outcome, directory=run.directory)
@@ -70,16 +70,27 @@ def resume_run(run: Resumption, *others: Observer) -> Outcome:
     """Go on with a run in this process, as `acquire_run`."""
     interruption = Interruption()
     following = Observers(TaskObserver(interruption), *others)
-    return _whole(resume(run, observer=following, interruption=interruption))
+    with _nothing_left():
+        return _whole(resume(run, observer=following, interruption=interruption))
 
 
-def _whole(outcome: Outcome) -> Outcome:
-    """How a run went that is over, with nothing of its bench left in memory.
+@contextmanager
+def _nothing_left() -> Iterator[None]:
+    """Free what a run leaves in memory at the end of the block; what was there before it is not looked through.
 
     A simulated bench is a circle of few objects that hold much, and the collector, which counts objects, would let many
     of them gather.
     """
-    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.collect()
+        gc.unfreeze()
+
+
+def _whole(outcome: Outcome) -> Outcome:
+    """How a run went that is over."""
     if not outcome.complete:
         raise Interrupted
     return outcome
