@@ -1,7 +1,7 @@
 """Readouts from run to model file and back: training on a part of a run, testing on what was kept apart."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from instruments.toml_files import describe
 from labctl.analysis.evaluation import (
+    CrossValidation,
     accuracy_against_window,
     control,
     mean_and_sd,
@@ -158,12 +159,10 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
             controls = _controls(run, records, readout[0], splits=splits, seed=trained.seed)
         own = _own_split(run, records)
     with _used(model, directory):
-        features, learner = readout[0].transform(records.traces), _learner(readout[1:])
-        right = readout[1:].predict(features[test]) == records.labels[test]
-        ways = random_splits(records.labels, records.groups, splits=splits, seed=trained.seed)
-        random = validate(features, records.labels, ways, readout=learner)
-        forward = validate(features, records.labels, [forward_in_time_split(records.groups)], readout=learner)
-        by_set = None if own is None else validate(features, records.labels, [own], readout=learner)
+        ways = list(random_splits(records.labels, records.groups, splits=splits, seed=trained.seed))
+        right, (random, forward, *by_set) = _judged(
+            readout, records, test, [ways, [forward_in_time_split(records.groups)], *([] if own is None else [[own]])]
+        )
         windows = accuracy_against_window(
             records.traces,
             records.labels,
@@ -183,7 +182,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "splits": splits,
         "random_splits": mean_and_sd(random.scores),
         "forward_in_time": float(forward.scores[0]),
-        "own_split": None if by_set is None else float(by_set.scores[0]),
+        "own_split": float(by_set[0].scores[0]) if by_set else None,
         "controls": controls,
         "classes": random.classes.tolist(),
         "confusion": random.confusion.tolist(),
@@ -205,10 +204,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
                 None,
             ),
             Result("forward in time", "", "", f"{100 * found['forward_in_time']:.1f} %", None),
-            *(
-                Result("the data set's own split", "", "", f"{100 * score:.1f} %", None)
-                for score in ([] if by_set is None else by_set.scores)
-            ),
+            *(Result("the data set's own split", "", "", f"{100 * judged.scores[0]:.1f} %", None) for judged in by_set),
             *(
                 Result(f"control: {name}", "", "at chance", "too few such shots", None)
                 if entry is None
@@ -226,6 +222,15 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         classes=[str(label) for label in random.classes],
     )
     return found | {"report": str(report)}
+
+
+def _judged(
+    readout: Pipeline, records: Records, test: NDArray[np.intp], ways: Sequence[Sequence[Split]]
+) -> tuple[NDArray[np.bool_], list[CrossValidation]]:
+    """Which of the `test` shots a readout recognises; and its like, trained anew on each of some ways to split them."""
+    features, learner = readout[0].transform(records.traces), _learner(readout[1:])
+    right = np.asarray(readout[1:].predict(features[test]) == records.labels[test])
+    return right, [validate(features, records.labels, splits, readout=learner) for splits in ways]
 
 
 @contextmanager

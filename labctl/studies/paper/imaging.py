@@ -21,7 +21,6 @@ from labctl.studies.paper.film import Film, FilmSettings, film_of, film_results
 from labctl.studies.paper.imaging_figures import bars, error_curves, filmstrip, reconstructions
 from labctl.studies.paper.twin_runs import TAU_S, TwinRuns, window_features
 
-
 READOUTS = ("network", "best", "linear")
 
 
