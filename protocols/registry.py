@@ -1,12 +1,12 @@
 """Protocols by name or from a file, with settings from the command line on top."""
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from instruments.plug_ins import plug_ins
 from instruments.remedies import unreadable
 from instruments.toml_files import TomlError, describe, one_line, read_toml
 from protocols.base import Judgement, Measurement, ProtocolError, SourceFile
@@ -100,7 +100,7 @@ def protocol_class(name: str) -> type[Measurement[Any]]:
     Raises:
         ProtocolError: it is not installed, or its package cannot be imported.
     """
-    found = {point.name: point for point in entry_points(group=GROUP)}
+    found = plug_ins(GROUP)
     if name not in found:
         raise ProtocolError(f"protocol {name!r} is not installed: choose one of {', '.join(protocol_names())}")
     try:
@@ -112,7 +112,7 @@ def protocol_class(name: str) -> type[Measurement[Any]]:
 
 def protocol_names() -> tuple[str, ...]:
     """The names of the protocols that are installed, in alphabetical order."""
-    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+    return tuple(plug_ins(GROUP))
 
 
 def judgement_of(name: str) -> Judgement:

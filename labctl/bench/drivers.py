@@ -8,7 +8,7 @@ from typing import Any
 from instruments.driver import Driver
 from instruments.errors import excerpt
 from instruments.interfaces import INTERFACES, Instrument
-from labctl.bench.plug_ins import package_of, plug_ins
+from instruments.plug_ins import package_of, plug_ins
 from labctl.errors import IMPORT_FAILURES, StationError
 
 GROUP = "labctl.instruments"

@@ -10,11 +10,11 @@ from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import Tlg220Section
 from instruments.laser_table import LaserTable
+from instruments.plug_ins import plug_ins
 from instruments.sections import SIMULATED
 from instruments.ti_dlpc900 import TiDlpc900Section
 from instruments.toml_files import describe, read_toml
 from labctl.bench.drivers import VIRTUAL_GROUP
-from labctl.bench.plug_ins import plug_ins
 from labctl.bench.station import USUAL, Station
 from labctl.errors import IMPORT_FAILURES, StationError
 

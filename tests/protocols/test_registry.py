@@ -1,6 +1,5 @@
 """Protocols by name and by file."""
 
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
@@ -56,10 +55,15 @@ def test_every_protocol_of_the_house_says_how_its_runs_are_judged() -> None:
     }
 
 
-def test_of_a_protocol_that_cannot_be_found_any_more_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_a_protocol_that_cannot_be_found_any_more_nothing_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert judgement_of("of-a-plug-in") is Judgement.NONE
-    gone = EntryPoint("of-a-plug-in", "no_such_package:Protocol", GROUP)
-    monkeypatch.setattr("protocols.registry.entry_points", lambda **_: [gone])
+    about = tmp_path / "gone_lab-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: gone-lab\nVersion: 1.0\n", "utf-8")
+    (about / "entry_points.txt").write_text(f"[{GROUP}]\nof-a-plug-in = no_such_package:Protocol\n", "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
     assert judgement_of("of-a-plug-in") is Judgement.NONE
     with pytest.raises(ProtocolError, match="'of-a-plug-in' cannot be loaded"):
         read_protocol("of-a-plug-in", [])
