@@ -30,9 +30,9 @@ demo: $(INSTALLED)
 test: $(TESTED) $(IMAGING)
 	$(MAKE) --jobs 2 check tested
 
-# Four at once on two cores: many tests wait for an instrument that does not answer.
+# Three at once on two cores: many tests wait for an instrument that does not answer.
 tested: $(TESTED) $(IMAGING)
-	$(BIN)/pytest -m "not full" --numprocesses 4 --dist worksteal
+	$(BIN)/pytest -m "not full" --numprocesses 3 --dist worksteal
 
 # The whole of every test matrix, and what of the code no test runs.
 test-full: check

@@ -201,7 +201,7 @@ class VirtualAwg70002a(VirtualInstrument):
         marker = source.markers[1]
         levels = (source.amplitude_v, source.dac_bits, marker.low_v, marker.high_v, marker.delay_s, source.skew_s)
         data = tuple({item.waveform: item.waveform.version for part in found.segments for item in part}.items())
-        return (id(found), found.waits, data, self.timing.sample_rate, self.trigger_interval_s, *levels)
+        return (found, data, self.timing.sample_rate, self.trigger_interval_s, *levels)
 
     def _playback(self) -> Playback:
         source, found = self.sources[1], self.players[1].schedule

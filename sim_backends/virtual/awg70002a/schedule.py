@@ -55,9 +55,11 @@ class Stage:
     following: int | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Schedule:
     """Segments, each started by a trigger at the input of `waits`; no waits: the one segment repeats for ever.
+
+    Equal to itself alone: what is compiled again is played from its beginning.
 
     Attributes:
         segments: What is played; an empty segment is the end: 0 V.

@@ -25,12 +25,12 @@ class Alone:
 
 def test_the_simulated_bench_is_gone_when_its_run_is_over(tmp_path: Path) -> None:
     gc.collect()
-    others = {id(found) for found in gc.get_objects() if isinstance(found, Twin)}
+    others = {id(found) for found in gc.get_objects() if type(found) is Twin}
     gc.disable()
     caller = CALLER.set(Alone())
     try:
         acquire_run(Acquisition(ImageReadout(images=8, window=0.4e-9), SIMULATED_STATION, tmp_path / "run"))
-        left = [found for found in gc.get_objects() if isinstance(found, Twin) and id(found) not in others]
+        left = [found for found in gc.get_objects() if type(found) is Twin and id(found) not in others]
     finally:
         CALLER.reset(caller)
         gc.enable()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualAwg70002a
+from sim_backends.virtual.awg70002a.schedule import Schedule
 from tests.sim_backends.virtual.awg70002a.session import MARKERS, SAMPLES, errors, float_block, start, upload
 from tests.sim_backends.virtual.watched import Ask, Watched
 
@@ -143,6 +144,17 @@ def test_triggered_modes(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> Non
     assert world.triggers == 5
     ask(awg, "AWGC:STOP;*TRG")
     assert world.triggers == 5
+
+
+def test_every_change_of_the_run_mode_is_played(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
+    """However often: what was compiled for a mode may lie where in memory that of the mode before lay."""
+    start(ask, awg)
+    others: list[Schedule] = []
+    for turn in range(2000):
+        others = [Schedule(()) for _ in range(turn % 7)] + others[: turn % 19]
+        ask(awg, f"*OPC?;:SOUR1:RMOD {('TCON', 'TRIG')[turn % 2]}")
+        assert world.last is not None
+        assert world.last.runs_on == (turn % 2 == 0), turn
 
 
 def test_what_the_trigger_input_listens_to(ask: Ask, awg: VirtualAwg70002a, world: Watched) -> None:
