@@ -60,7 +60,7 @@ def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
         return known
     interruption = Interruption()
     following = Observers(TaskObserver(interruption), *others)
-    with _placed(run.directory) as directory, _nothing_left():
+    with _placed(run.directory) as directory, nothing_left():
         meanwhile = replace(run, directory=directory)
         outcome = _whole(acquire(meanwhile, observer=following, interruption=interruption).outcome)
     return replace(outcome, directory=run.directory)
@@ -70,16 +70,16 @@ def resume_run(run: Resumption, *others: Observer) -> Outcome:
     """Go on with a run in this process, as `acquire_run`."""
     interruption = Interruption()
     following = Observers(TaskObserver(interruption), *others)
-    with _nothing_left():
+    with nothing_left():
         return _whole(resume(run, observer=following, interruption=interruption))
 
 
 @contextmanager
-def _nothing_left() -> Iterator[None]:
-    """Free what a run leaves in memory at the end of the block; what was there before it is not looked through.
+def nothing_left() -> Iterator[None]:
+    """Free what the block leaves in memory at its end; what was there before it is not looked through.
 
-    A simulated bench is a circle of few objects that hold much, and the collector, which counts objects, would let many
-    of them gather.
+    A simulated bench is a circle of few objects that hold much, as a network in training is, and the collector, which
+    counts objects, would let many of them gather.
     """
     gc.freeze()
     try:

@@ -24,7 +24,7 @@ from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.processes import processes
-from labctl.studies.run_tasks import acquire_run
+from labctl.studies.run_tasks import acquire_run, nothing_left
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
 from protocols.image_readout import ImageReadout
@@ -344,6 +344,7 @@ def _examine(experiment: Experiment, columns: tuple[TwinRuns, ...]) -> list[Any]
     """What the runs of one seed show, for each of the experiment's averages; or why they show nothing."""
     analysis, settings = analysis_of(experiment)
     try:
-        return [analysis.examine(twin, settings) for twin in columns]
+        with nothing_left():
+            return [analysis.examine(twin, settings) for twin in columns]
     except AnalysisError as error:
         return error
