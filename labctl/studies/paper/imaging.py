@@ -137,8 +137,8 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         figures.append(filmstrip(films[0]))
     notes = (
         "RMSE over all pixels of the test images, pixels 0 or 1.",
-        f"One network a split, each with first weights of its own, on the first {settings.network_benches} twins: they "
-        "take most of the time. Their answers are not limited to 0..1; those of the linear and of the best readout "
+        f"One network a split, each with first weights of its own, on the first {settings.network_benches} twins, "
+        "since it takes seconds. Its answers are not limited to 0..1; those of the linear and of the best readout "
         "(Gaussian kernel ridge) are.",
     )
     return Conclusion(here, baseline, tuple(figures), notes)
