@@ -1,7 +1,7 @@
 """Readouts from run to model file and back: training on a part of a run, testing on what was kept apart."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -159,7 +159,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
             controls = _controls(run, records, readout[0], splits=splits, seed=trained.seed)
         own = _own_split(run, records)
     with _used(model, directory):
-        ways = list(random_splits(records.labels, records.groups, splits=splits, seed=trained.seed))
+        ways = random_splits(records.labels, records.groups, splits=splits, seed=trained.seed)
         right, (random, forward, *by_set) = _judged(
             readout, records, test, [ways, [forward_in_time_split(records.groups)], *([] if own is None else [[own]])]
         )
@@ -225,7 +225,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
 
 
 def _judged(
-    readout: Pipeline, records: Records, test: NDArray[np.intp], ways: Sequence[Sequence[Split]]
+    readout: Pipeline, records: Records, test: NDArray[np.intp], ways: Iterable[Iterable[Split]]
 ) -> tuple[NDArray[np.bool_], list[CrossValidation]]:
     """Which of the `test` shots a readout recognises; and its like, trained anew on each of some ways to split them."""
     features, learner = readout[0].transform(records.traces), _learner(readout[1:])

@@ -18,10 +18,8 @@ from labctl.analysis.regression import rmse
 from labctl.analysis.splits import Split
 from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.film import Film, FilmSettings, film_of, film_results
-from labctl.studies.paper.imaging_figures import bars, error_curves, filmstrip, reconstructions
+from labctl.studies.paper.imaging_figures import NAMES, bars, error_curves, filmstrip, reconstructions
 from labctl.studies.paper.twin_runs import TAU_S, TwinRuns, window_features
-
-READOUTS = ("network", "best", "linear")
 
 
 class CurveSettings(BaseModel):
@@ -74,7 +72,7 @@ class Reconstructed:
     """One curve on one twin.
 
     Attributes:
-        errors: RMSE (splits,) on the test images, by readout (`READOUTS`) and T_N (text, ns).
+        errors: RMSE (splits,) on the test images, by readout (`NAMES`) and T_N (text, ns).
         mean_image: RMSE (splits,) of answering the mean training image.
         originals: (n, rows, columns) test images of the first split.
         examples: The same through each readout but the linear one.
@@ -96,7 +94,7 @@ class Findings:
 
 def examine(twin: TwinRuns, settings: Settings) -> Findings:
     """Train and test every readout of one twin, and look at its scene through them."""
-    readouts = [name for name in READOUTS if name != "network" or twin.place < settings.network_benches]
+    readouts = [name for name in NAMES if name != "network" or twin.place < settings.network_benches]
     curves = {curve.key: _reconstructed(twin, curve, readouts, settings.examples) for curve in settings.curves}
     return Findings(curves, None if settings.film is None else film_of(twin, settings.film, readouts))
 
