@@ -8,7 +8,7 @@ is not measured again if it is there, so that to be carried out twice costs time
 import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from importlib import import_module
@@ -85,7 +85,6 @@ class _Connection:
     def _connect(self) -> Any:
         client = _dask().Client(self._address, timeout=CONNECT_S, set_as_default=False)
         client.subscribe_topic(self._name, self._hear)
-        self._executor = client.get_executor(pure=False)
         return client
 
     def _hear(self, event: tuple[float, int]) -> None:
@@ -115,9 +114,9 @@ class _Connection:
 
     def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
         """Begin a task on some worker."""
-        future: Future[tuple[Found, float]] = self._executor.submit(
-            _carry_out, task, self._name, versions(), os.getcwd()
-        )
+        future: Future[tuple[Found, float]] = Future()
+        given = self._client.submit(_carry_out, task, self._name, versions(), os.getcwd(), pure=False)
+        given.add_done_callback(partial(_pass_on, future))
         return future
 
     def failure(self, error: Exception) -> Exception:
@@ -131,8 +130,22 @@ class _Connection:
         with suppress(OSError):
             if self._client.status == "running":
                 self._client.run(_stop, self._name, on_error="ignore")
-                self._executor.shutdown(wait=False)
         self._client.close()
+
+
+def _pass_on(future: Future[Found], given: Any) -> None:
+    """Tell `future` what came of a task that dask was given; cancelled where it is lost.
+
+    dask's own executor tells nothing where the scheduler dies while a result is on its way.
+    """
+    try:
+        future.set_result(given.result())
+    except Exception as error:  # noqa: BLE001  # whoever waits for it raises it
+        if given.status == "error" or not isinstance(error, OSError | CancelledError):
+            future.set_exception(error)
+        else:
+            future.cancel()
+            future.set_running_or_notify_cancel()
 
 
 class _Client:

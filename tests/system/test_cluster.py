@@ -1,9 +1,12 @@
 """Twins measured and examined by the workers of a dask cluster: the digits of one machine, whoever dies meanwhile."""
 
 import json
+import os
+import signal
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -19,7 +22,7 @@ from labctl.studies.paper.report import as_json
 from labctl.studies.paper.reproduction import Plan, reproduce
 from labctl.studies.processes import processes
 from labctl.studies.sweeps.evaluation import evaluate_sweep
-from labctl.studies.tasks import Engine, Interrupted
+from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from tests.clusters import Cluster
 from tests.command_line import answer
 
@@ -116,6 +119,41 @@ def test_a_scheduler_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, he
         "the scheduler is gone",
         "the scheduler is there again; what it had begins anew",
     ]
+
+
+class TakesTheSchedulerWithIt:
+    """A result: while it is sent for the first time, the scheduler is killed."""
+
+    def __init__(self, scheduler: int, mark: Path) -> None:
+        self.scheduler = scheduler
+        self.mark = mark
+
+    def __reduce__(self) -> tuple[type[str], tuple[str]]:
+        if not self.mark.exists():
+            self.mark.touch()
+            os.kill(self.scheduler, signal.SIGKILL)
+        return str, ("arrived",)
+
+
+def test_a_result_that_is_on_its_way_when_the_scheduler_is_killed_is_made_again(dask: Cluster, tmp_path: Path) -> None:
+    mark = tmp_path / "killed"
+    again = False
+
+    def begin_again(_done: int, _records: int) -> None:
+        nonlocal again
+        if mark.exists() and not again:
+            again = True
+            dask.lose_all()
+
+    task: Callable[[], object] = partial(TakesTheSchedulerWithIt, dask.scheduler.pid, mark)
+    found = in_parallel(
+        {"only": task},
+        engine=cluster(dask.address, print),
+        interruption=Interruption(),
+        progress=begin_again,
+    )
+    assert again
+    assert found["only"][0] == "arrived"
 
 
 def test_the_twins_of_a_sweep_are_tasks_of_four_workers(dask: Cluster, tmp_path: Path) -> None:
