@@ -24,6 +24,8 @@ LINE_SEARCH = 50
 """Trials for the length of a step; scikit-learn's."""
 BLOCK_SCORES = 1 << 17
 """So many scores are calculated at a time, which a processor's cache holds: memory does not grow with the shots."""
+BLOCK_FEATURES = 16
+"""So many are looked at in double precision at a time: all of many shots would take more memory than their records."""
 TOLERANCE = 1e-4
 """It ends where no element of the gradient exceeds this, in coordinates in which no curvature exceeds one."""
 MOST_STEPS = 1000
@@ -114,7 +116,11 @@ def held_out_answers(
 
 def deviations(features: NDArray[np.floating], splits: Sequence[Split]) -> NDArray[np.float64]:
     """Standard deviation of each feature over each training part, (splits, features); 1 where that is zero."""
-    found = np.stack([features[train].std(axis=0, dtype=np.float64) for train, _ in splits])
+    found = np.empty((len(splits), features.shape[1]))
+    for first in range(0, features.shape[1], BLOCK_FEATURES):
+        some = slice(first, first + BLOCK_FEATURES)
+        for deviation, (train, _) in zip(found, splits, strict=True):
+            deviation[some] = features[:, some][train].std(axis=0, dtype=np.float64)
     return np.where(found == 0, 1.0, found)
 
 
