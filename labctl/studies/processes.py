@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
+from threading import Thread
 from typing import TypeVar
 
 from labctl.printable import log_printably
@@ -69,7 +70,7 @@ def processes(tasks: int) -> Iterator[Workers]:
     size = min(os.cpu_count() or 1, tasks)
     shared = _Shared(context.Event(), context.Value("q", 0))
     with (
-        ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared.stop, shared.made)) as executor,
+        ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared,)) as executor,
         _stopped_at_once(),  # while running tasks come to their end
     ):
         try:
@@ -91,8 +92,16 @@ def _stopped_at_once() -> Iterator[None]:
         raise
 
 
-def _join(stop: Event, made: "Synchronized[int]") -> None:
+def _join(shared: _Shared) -> None:
     # Ctrl-C reaches the whole process group; these processes hear of it from their parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    CALLER.set(_Shared(stop, made))
+    CALLER.set(shared)
     log_printably()
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Stop this process when the one that it works for has ended, however that was."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)

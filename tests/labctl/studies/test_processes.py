@@ -1,10 +1,14 @@
 """Work in several processes: in the order that it needs, and ended by the first failure or by somebody."""
 
 import operator
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from select import select
 from typing import Any
 
 import pytest
@@ -79,3 +83,33 @@ def test_stopped_at_once_it_waits_for_no_task() -> None:
         in_parallel(
             tasks, engine=processes, interruption=Interruption(), progress=progress, needs={"endless": ["first"]}
         )
+
+
+ONE_IDLES_ONE_WORKS = """
+import multiprocessing, time
+from functools import partial
+from labctl.bench.signals import Interruption
+from labctl.studies.processes import processes
+from labctl.studies.tasks import in_parallel
+
+def progress(done, _records):
+    if done:
+        print(*(worker.pid for worker in multiprocessing.active_children()), flush=True)
+
+tasks = {"first": partial(len, "light"), "endless": partial(time.sleep, 1e6)}
+in_parallel(tasks, engine=processes, interruption=Interruption(), progress=progress)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="nobody tells here that a process has ended")
+def test_who_is_killed_leaves_no_process_behind() -> None:
+    with subprocess.Popen([sys.executable, "-c", ONE_IDLES_ONE_WORKS], stdout=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None
+        workers = [os.pidfd_open(int(pid)) for pid in program.stdout.readline().split()]
+        program.kill()
+    assert len(workers) == min(os.cpu_count() or 1, 2)
+    try:
+        assert all(select([worker], [], [], 60)[0] for worker in workers)
+    finally:
+        for worker in workers:
+            os.close(worker)
