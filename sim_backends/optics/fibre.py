@@ -112,7 +112,7 @@ def single_mode() -> FibreModes:
 
 @dataclass(frozen=True, eq=False)
 class _Modes:
-    """Fields of modes at the Gauss points of the superpixels, (K, 28, 2, 28, 2), their delays (s) and mean powers."""
+    """Fields of K modes at the Gauss points of the superpixels, (28 * 28, 4, K), their delays (s) and mean powers."""
 
     fields: NDArray[np.float32]
     delays_s: NDArray[np.float64]
@@ -133,7 +133,7 @@ def _launched(projector: Projector) -> _Modes:
     seen = modes.reaching(projector.side / math.sqrt(2))
     delays = seen.delays(projector.length, projector.index, projector.group_index, projector.aperture)
     return _Modes(
-        seen.fields(*_gauss_points(projector.side)).reshape(-1, SIDE, 2, SIDE, 2),
+        np.ascontiguousarray(_by_superpixel(seen.fields(*_gauss_points(projector.side))).transpose(1, 2, 0)),
         delays[seen.twofold],
         brightness(seen) / brightness(modes).sum(),
     )
@@ -141,11 +141,16 @@ def _launched(projector: Projector) -> _Modes:
 
 @lru_cache(maxsize=4)
 def _collecting(projector: Projector) -> NDArray[np.float32]:
-    """Fields of the collecting fibre's lowest modes at the Gauss points, (n, 28, 2, 28, 2)."""
+    """Fields of the collecting fibre's n lowest modes at the Gauss points, (n, 28 * 28, 4)."""
     modes = lp_modes(projector.collection_radius, projector.collection_aperture, projector.wavelength)
     fields = modes.imaged(projector.collection_image * projector.side / 2).fields(*_gauss_points(projector.side))
     lowest = np.argsort(modes.u[modes.twofold], kind="stable")[: projector.collecting_modes]
-    return np.ascontiguousarray(fields[lowest]).reshape(-1, SIDE, 2, SIDE, 2)
+    return _by_superpixel(fields[lowest])
+
+
+def _by_superpixel(fields: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Fields at the points of the square, (n, 56, 56), as those of its superpixels, (n, 28 * 28, 4)."""
+    return fields.reshape(-1, SIDE, 2, SIDE, 2).swapaxes(2, 3).reshape(-1, SIDE * SIDE, 4)
 
 
 def _gauss_points(side: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -175,8 +180,7 @@ def draw_modes(
     for number, weights in enumerate(mixture.T):
         mode = np.tensordot(weights, collecting, axes=1) * area
         for part, target in ((mode.real, overlaps.real), (mode.imag, overlaps.imag)):
-            taken = np.einsum("kiajb,iajb->ijk", launched.fields, part.astype(np.float32), optimize=True)
-            target[number] = taken.reshape(SIDE * SIDE, -1)
+            target[number] = np.matmul(part.astype(np.float32)[:, np.newaxis], launched.fields)[:, 0]
     return FibreModes(launched.delays_s, overlaps, excitation)
 
 

@@ -84,10 +84,15 @@ class LpModes:
         radial = np.concatenate([jve(order, u * inner), cladding], axis=1)
         radial /= np.sqrt(self._power())[:, np.newaxis]
         angle = np.arctan2(y, x)
-        turned = order.reshape(-1, *(1,) * x.ndim) * angle
-        spread = radial[:, where].reshape(turned.shape)
-        fields = np.concatenate([spread * np.cos(turned), (spread * np.sin(turned))[self.order > 0]])
-        return fields.astype(np.float32)
+        fields = np.empty((self.count, *x.shape), np.float32)
+        sine = self.order.size - 1 + np.cumsum(self.order > 0)
+        for l in np.unique(self.order):  # a processor's cache holds those of one order
+            some = np.flatnonzero(self.order == l)
+            spread = radial[some][:, where].reshape(-1, *x.shape)
+            fields[some] = spread * np.cos(l * angle)
+            if l:
+                fields[sine[some]] = spread * np.sin(l * angle)
+        return fields
 
     def _power(self) -> NDArray[np.float64]:
         """Integral of (R_l cos l phi)^2 with R_l(a) = J_l(u), (n,) m^2: core and cladding, in closed form."""
@@ -130,13 +135,12 @@ def lp_modes(radius: float, aperture: float, wavelength: float, *, up_to_apertur
     orders, brackets = [], []
     # A root of order l lies between zeros of J_{l-1} and J_l.
     below = np.concatenate([[0.0], jn_zeros(1, zeros)[:-1]])
-    order = 0
-    while below[0] < largest:
-        above = jn_zeros(order, zeros)
-        used = below < largest
-        orders.append(np.full(np.count_nonzero(used), order))
-        brackets.append(np.stack([below, np.minimum(above, v)])[:, used])
-        below, order = above, order + 1
+    below, order = below[below < largest], 0
+    while below.size:
+        above = jn_zeros(order, below.size)
+        orders.append(np.full(below.size, order))
+        brackets.append(np.stack([below, np.minimum(above, v)]))
+        below, order = above[above < largest], order + 1
     l_of_each, (low, high) = np.concatenate(orders), np.concatenate(brackets, axis=1)
 
     def mismatch(u: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:
