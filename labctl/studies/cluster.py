@@ -116,7 +116,7 @@ class _Connection:
         """Begin a task on some worker."""
         future: Future[tuple[Found, float]] = Future()
         given = self._client.submit(_carry_out, task, self._name, versions(), os.getcwd(), pure=False)
-        given.add_done_callback(partial(_pass_on, future))
+        self._client.loop.add_callback(_pass_on, given, future)
         return future
 
     def failure(self, error: Exception) -> Exception:
@@ -133,13 +133,13 @@ class _Connection:
         self._client.close()
 
 
-def _pass_on(future: Future[Found], given: Any) -> None:
+async def _pass_on(given: Any, future: Future[Found]) -> None:
     """Tell `future` what came of a task that dask was given; cancelled where it is lost.
 
     dask's own executor tells nothing where the scheduler dies while a result is on its way.
     """
     try:
-        future.set_result(given.result())
+        future.set_result(await given)
     except Exception as error:  # noqa: BLE001  # whoever waits for it raises it
         if given.status == "error" or not isinstance(error, OSError | CancelledError):
             future.set_exception(error)

@@ -86,12 +86,12 @@ class LpModes:
         angle = np.arctan2(y, x)
         fields = np.empty((self.count, *x.shape), np.float32)
         sine = self.order.size - 1 + np.cumsum(self.order > 0)
-        for l in np.unique(self.order):  # a processor's cache holds those of one order
-            some = np.flatnonzero(self.order == l)
+        for azimuthal in np.unique(self.order):  # a processor's cache holds those of one order
+            some = np.flatnonzero(self.order == azimuthal)
             spread = radial[some][:, where].reshape(-1, *x.shape)
-            fields[some] = spread * np.cos(l * angle)
-            if l:
-                fields[sine[some]] = spread * np.sin(l * angle)
+            fields[some] = spread * np.cos(azimuthal * angle)
+            if azimuthal:
+                fields[sine[some]] = spread * np.sin(azimuthal * angle)
         return fields
 
     def _power(self) -> NDArray[np.float64]:
