@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike, NDArray
 
-from labctl.reports.canvas import BLUE, GREY, VERMILLION, styled
+from labctl.reports.canvas import BLUE, GREY, VERMILLION, number_ticks, styled
 
 
 @styled
@@ -29,6 +30,7 @@ def codes_figure(
         axes.stairs(np.where(found, found, np.nan), edges, fill=True, baseline=0.5, color=BLUE)
         axes.set_yscale("log")
         axes.set_ylim(bottom=0.5)
+        number_ticks(axes.yaxis, LogLocator(numticks=4))
         for end in edges[[0, -1]]:
             axes.axvline(end, color=GREY, linestyle="--", linewidth=1)
         axes.set_title(port, loc="left", fontsize=8, pad=2)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from labctl.reports.canvas import look, styled
 
 COLUMNS = 8
+APART = 1.1, 1.35
+"""From one image to the next, across and down, in widths of an image."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +34,14 @@ def images_figure(images: NDArray[Any], titles: Sequence[str]) -> Figure:
     rows = -(-len(images) // COLUMNS)
     across = min(COLUMNS, len(images))
     figure = Figure(figsize=(0.8 * across + 0.2, 1.0 * rows + 0.2))
+    axes = figure.add_subplot()  # one for all: each has to be laid out
     for position, (image, title) in enumerate(zip(images, titles, strict=True)):
-        axes = figure.add_subplot(rows, across, position + 1)
-        axes.imshow(image, cmap="gray", interpolation="none")
-        axes.set_title(title, fontsize=8, pad=3)
-        axes.set_axis_off()
+        line, column = divmod(position, COLUMNS)
+        left, top = APART[0] * column, APART[1] * line
+        axes.imshow(image, cmap="gray", interpolation="none", extent=(left, left + 1, top + 1, top))
+        axes.text(left + 0.5, top, title, fontsize=8, ha="center", va="bottom")
+    axes.set(xlim=(-0.05, APART[0] * across), ylim=(APART[1] * rows - 0.3, -0.3))
+    axes.set_axis_off()
     return figure
 
 
