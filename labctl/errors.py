@@ -24,6 +24,7 @@ __all__ = [
     "RunExists",
     "StationError",
     "UsageError",
+    "WorkerKilled",
     "noted_on",
     "notes",
     "one_line",
@@ -59,6 +60,12 @@ class BenchInUse(LabctlError):
 
 class ClusterError(LabctlError):
     """A cluster that cannot be reached, or that cannot do what it is given: one line that says what to do."""
+
+
+class WorkerKilled(LabctlError):
+    """A process that carried out tasks beside others is gone: one line that says what to do."""
+
+    exit_status = 1
 
 
 class DatasetError(LabctlError):

@@ -5,6 +5,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.sharedctypes import Synchronized
@@ -12,6 +13,7 @@ from multiprocessing.synchronize import Event
 from threading import Thread
 from typing import TypeVar
 
+from labctl.errors import WorkerKilled
 from labctl.printable import log_printably
 from labctl.studies.tasks import CALLER, Workers, timed
 
@@ -55,12 +57,24 @@ class _Pool:
         return self.size - running
 
     def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
-        """Begin a task."""
-        return self.executor.submit(timed, task)
+        """Begin a task.
+
+        Raises:
+            WorkerKilled: one of the processes was killed, and with it went all.
+        """
+        try:
+            return self.executor.submit(timed, task)
+        except BrokenProcessPool as error:
+            raise self.failure(error) from error
 
     def failure(self, error: Exception) -> Exception:
-        """The error itself."""
-        return error
+        """The error itself, or that a process was killed."""
+        if not isinstance(error, BrokenProcessPool):
+            return error
+        return WorkerKilled(
+            "a process that carried out a task was killed, perhaps because memory was short: finished runs stay where "
+            "they are; end other programs, and begin again"
+        )
 
 
 @contextmanager
