@@ -88,6 +88,10 @@ def processes(tasks: int) -> Iterator[Workers]:
         _stopped_at_once(),  # while running tasks come to their end
     ):
         try:
+            # Begun before the first task: the executor notices the end only of processes that it knew when it last
+            # looked, and it looks again whenever something is done.
+            for _ in range(size):
+                executor.submit(int)
             with _stopped_at_once():
                 yield _Pool(executor, size, shared)
         finally:

@@ -2,6 +2,7 @@
 
 import operator
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -14,6 +15,7 @@ from typing import Any
 import pytest
 
 from labctl.bench.signals import Interruption
+from labctl.errors import WorkerKilled
 from labctl.studies.processes import processes
 from labctl.studies.tasks import Interrupted, in_parallel
 
@@ -53,6 +55,15 @@ def test_the_first_failure_ends_it_all(tmp_path: Path) -> None:
             needs={"later": ["wrong"]},
         )
     assert not later.exists()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal here")
+def test_a_process_that_is_killed_ends_it_in_one_line() -> None:
+    tasks: Tasks = {"killed": partial(signal.raise_signal, signal.SIGKILL), "endless": partial(time.sleep, 1e6)}
+    with pytest.raises(
+        WorkerKilled, match=r"^a process that carried out a task was killed, perhaps .*: .*begin again$"
+    ):
+        in_parallel(tasks, engine=processes, interruption=Interruption(), progress=lambda *_: None)
 
 
 def test_interrupted_nothing_more_begins(tmp_path: Path) -> None:
