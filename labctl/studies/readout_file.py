@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
-from sklearn.linear_model import LogisticRegression, RidgeCV
+from sklearn.linear_model import LogisticRegression, Ridge, RidgeCV
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
@@ -69,6 +69,7 @@ FITTED: Mapping[str, tuple[type, Mapping[str, str]]] = {
             "n_features_in_": "",
         },
     ),
+    "Ridge": (Ridge, {"coef_": "[outputs] features", "intercept_": "[outputs]", "n_features_in_": ""}),
     "RidgeCV": (
         RidgeCV,
         {

@@ -6,7 +6,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.datasets import load_digits
 from sklearn.exceptions import NotFittedError
-from sklearn.linear_model import LogisticRegression, Ridge
+from sklearn.linear_model import Lasso, LogisticRegression
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
@@ -119,8 +119,8 @@ def test_what_has_no_file_format_is_refused(
 ) -> None:
     frames, labels = digits
     path = tmp_path / "no.h5"
-    with pytest.raises(AnalysisError, match="class Ridge cannot be saved"):
-        save_model(path, make_pipeline(StandardScaler(), Ridge()).fit(frames.reshape(-1, 64), labels), {})
+    with pytest.raises(AnalysisError, match="class Lasso cannot be saved"):
+        save_model(path, make_pipeline(StandardScaler(), Lasso()).fit(frames.reshape(-1, 64), labels), {})
     with pytest.raises(NotFittedError):
         save_model(path, softmax_classifier(), {})
     with pytest.raises(AnalysisError, match="cannot be saved with a readout"):
