@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from labctl.analysis.intervals import Verdict
-from labctl.reports.page import Result, embedded, write_report
+from labctl.reports.page import CarryOut, Result, embedded, write_report
 from labctl.runs.format.origin import Origin
 
 
@@ -77,6 +78,7 @@ def experiments_report(
     entries: Sequence[ExperimentEntry],
     provenance: Mapping[str, Any],
     title: str,
+    carried_out: CarryOut[tuple[str, str]],
 ) -> Path:
     """Write the report and, in `figures/` beside it, each figure as PNG, SVG and PDF; returns the path of the report.
 
@@ -85,12 +87,17 @@ def experiments_report(
         entries: The experiments, in their order on the page.
         provenance: Versions, seeds, station, times; may be nested.
         title: Headline.
+        carried_out: Who lets the figures be drawn.
     """
     folder = path.parent / "figures"
-    sources = {
-        (entry.name, drawn.stem): embedded(drawn.figure, folder / f"{entry.name}-{drawn.stem}", entry.origin)
-        for entry in entries
-        for drawn in entry.figures
-    }
+    sources = carried_out(
+        {
+            (entry.name, drawn.stem): partial(
+                embedded, drawn.figure, folder / f"{entry.name}-{drawn.stem}", entry.origin
+            )
+            for entry in entries
+            for drawn in entry.figures
+        }
+    )
     write_report(path, "experiments.html", title=title, entries=entries, sources=sources, manifest=provenance)
     return path

@@ -5,10 +5,10 @@ there.
 """
 
 import base64
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
@@ -18,6 +18,10 @@ from labctl.errors import writing
 from labctl.reports.figure_files import save_figure
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.origin import Origin
+
+Name = TypeVar("Name")
+CarryOut = Callable[[Mapping[Name, Callable[[], str]]], Mapping[Name, str]]
+"""Who lets figures be `embedded`, one after the other or side by side: what each returns, under its name."""
 
 LARGEST_SVG = 600_000
 """Figures whose SVG has more bytes than this go into a report as PNG."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from labctl.reports.canvas import Series
 from labctl.reports.figures.confusion import confusion_figure
 from labctl.reports.figures.traces import traces_figure
 from labctl.reports.figures.window import accuracy_figure
-from labctl.reports.page import Result, embedded, write_report
+from labctl.reports.page import CarryOut, Result, embedded, write_report
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.read.run import Run, open_run, volts
@@ -39,6 +40,7 @@ def recognition_report(
     results: Sequence[Result],
     confusions: Sequence[Confusion],
     classes: Sequence[str],
+    carried_out: CarryOut[str],
 ) -> Path:
     """Write `figures/` and `report.html` of the run in `directory` and return the path of the report.
 
@@ -50,6 +52,7 @@ def recognition_report(
         results: Paper against here.
         confusions: One matrix each.
         classes: Names of the classes, in the order of the matrices.
+        carried_out: Who lets the figures be drawn.
     """
     paths = RunPaths(directory)
     curves = [Series.of(name, accuracy, unit=1e-9) for name, accuracy in accuracies.items()]
@@ -70,9 +73,12 @@ def recognition_report(
         names=list(accuracies),
         rows=_rows(accuracies),
         manifest=manifest,
-        pictures={
-            name: embedded(figure, paths.figures / name, Origin.of(manifest)) for name, figure in figures.items()
-        },
+        pictures=carried_out(
+            {
+                name: partial(embedded, figure, paths.figures / name, Origin.of(manifest))
+                for name, figure in figures.items()
+            }
+        ),
     )
     return paths.report
 

@@ -21,6 +21,7 @@ from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.recognition import Settings, confusions
 from labctl.studies.paper.report import as_json, results
 from labctl.studies.paper.reproduction import Plan, Reproduced, reproduce
+from labctl.studies.processes import side_by_side
 from labctl.studies.tasks import Interrupted
 from protocols.base import Measurement
 
@@ -136,4 +137,5 @@ def _report(found: Reproduced, images: int) -> Path:
             for name, counts in confusions(column.findings, settings).items()
         ],
         classes=settings.classes,
+        carried_out=side_by_side,
     )

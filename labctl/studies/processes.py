@@ -15,10 +15,12 @@ from multiprocessing.synchronize import Event
 from threading import Thread
 from typing import TypeVar
 
+from labctl.bench.signals import Interruption
 from labctl.errors import WorkerKilled
 from labctl.printable import log_printably
-from labctl.studies.tasks import CALLER, Workers, timed
+from labctl.studies.tasks import CALLER, Workers, in_parallel, one_by_one, timed
 
+Name = TypeVar("Name")
 Found = TypeVar("Found")
 
 OWN = ("labctl", "protocols", "instruments", "sim_backends")
@@ -102,6 +104,14 @@ def processes(tasks: int) -> Iterator[Workers]:
         finally:
             shared.stop.set()
             executor.shutdown(wait=True, cancel_futures=True)
+
+
+def side_by_side(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:
+    """Result of every task; one alone is carried out in this process."""
+    if len(tasks) < 2:
+        return one_by_one(tasks)
+    found = in_parallel(tasks, engine=processes, interruption=Interruption(), progress=lambda *_: None)
+    return {name: result for name, (result, _) in found.items()}
 
 
 def _context() -> BaseContext:

@@ -38,6 +38,7 @@ from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.masks import Masks
 from labctl.studies.readout_file import load_metadata, load_model, save_model
+from labctl.studies.tasks import one_by_one
 
 MOST_NUMBERS = 1 << 25
 """Samples of all records that are judged at once, 134 MB; of a run with more of them evenly spread ones are."""
@@ -220,6 +221,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         ],
         confusions=[Confusion(f"{window_key(trained.window_s)} ns", random.confusion)],
         classes=[str(label) for label in random.classes],
+        carried_out=one_by_one,
     )
     return found | {"report": str(report)}
 

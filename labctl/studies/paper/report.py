@@ -13,6 +13,8 @@ from labctl.runs.format.provenance import git_revision, versions
 from labctl.studies.paper.experiments import Experiment, Requirement
 from labctl.studies.paper.reproduction import Plan, Reproduced
 from labctl.studies.paper.verdict import Comparison, Judged, averages_only, cause, comparisons, passed, verdicts
+from labctl.studies.processes import side_by_side
+from labctl.studies.tasks import one_by_one
 
 
 def as_json(reproduced: Reproduced) -> dict[str, Any]:
@@ -119,6 +121,7 @@ def write_report(
         else "Experiments on this bench",
         entries=entries,
         provenance=_provenance(plan) | {"skipped": skipped, "failed": failed},
+        carried_out=side_by_side,
     )
 
 
@@ -136,7 +139,11 @@ def write_sensitivity_report(plan: Plan, experiment: Experiment, figure: Experim
         settings={"sensitivity": experiment.sensitivity.model_dump() if experiment.sensitivity else {}},
     )
     return experiments_report(
-        plan.folder / "report.html", entries=[entry], provenance=_provenance(plan), title="What the result rests on"
+        plan.folder / "report.html",
+        entries=[entry],
+        provenance=_provenance(plan),
+        title="What the result rests on",
+        carried_out=one_by_one,
     )
 
 
@@ -154,7 +161,11 @@ def write_fit_report(plan: Plan, experiment: Experiment, figure: ExperimentFigur
         settings={"fit": experiment.fit.model_dump() if experiment.fit else {}},
     )
     return experiments_report(
-        plan.folder / "report.html", entries=[entry], provenance=_provenance(plan), title="The number that is fitted"
+        plan.folder / "report.html",
+        entries=[entry],
+        provenance=_provenance(plan),
+        title="The number that is fitted",
+        carried_out=one_by_one,
     )
 
 

@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from labctl.analysis.intervals import Verdict
 from labctl.reports.experiments import ExperimentEntry, ExperimentFigure, experiments_report
 from labctl.reports.figures.images import ImageRow, image_rows_figure
-from labctl.reports.page import Averaged, Result
+from labctl.reports.page import Averaged, CarryOut, Result
 from labctl.runs.format.origin import Origin
+from labctl.studies.processes import side_by_side
+from labctl.studies.tasks import one_by_one
 from tests.labctl.reports.html import Page
 
 REPEATS = "3 × 10"  # noqa: RUF001
@@ -57,7 +59,11 @@ def entries() -> list[ExperimentEntry]:
 
 def write(directory: Path) -> Path:
     return experiments_report(
-        directory / "report.html", entries=entries(), provenance={"versions": {"numpy": "2.4"}}, title="All"
+        directory / "report.html",
+        entries=entries(),
+        provenance={"versions": {"numpy": "2.4"}},
+        title="All",
+        carried_out=one_by_one,
     )
 
 
@@ -132,7 +138,11 @@ def test_baseline_and_mean_have_columns_where_there_are_any(tmp_path: Path) -> N
 def test_names_cannot_break_out_of_an_attribute(tmp_path: Path) -> None:
     drawn = ExperimentFigure("images", image_rows_figure([ImageRow("a", np.eye(28)[np.newaxis])]), "")
     entry = ExperimentEntry('"x<', '"><b>', "", [Result("a", "", "", "", None)], Origin.REAL, figures=[drawn])
-    page = Page(experiments_report(tmp_path / "report.html", entries=[entry], provenance={}, title="All"))
+    page = Page(
+        experiments_report(
+            tmp_path / "report.html", entries=[entry], provenance={}, title="All", carried_out=one_by_one
+        )
+    )
     assert page.attributes["id"] == ['"x<']
     assert page.attributes["href"] == ['#"x<']
     assert page.attributes["alt"] == ['"><b>: images']
@@ -145,7 +155,7 @@ def test_any_text_survives(tmp_path_factory: pytest.TempPathFactory, one: str, o
         one, other, one, [result], Origin.REAL, settings={one: {other: one}}, notes=[other], cause=one
     )
     path = tmp_path_factory.getbasetemp() / "any.html"
-    page = Page(experiments_report(path, entries=[entry], provenance={one: [other]}, title=one))
+    page = Page(experiments_report(path, entries=[entry], provenance={one: [other]}, title=one, carried_out=one_by_one))
     name, *cells = page.rows[1]
     assert [name, *cells[:6]] == [one, one, other, other, one, "reached", one]
     assert [one, other, one, other, "reached", one] in page.rows
@@ -156,3 +166,18 @@ def test_any_text_survives(tmp_path_factory: pytest.TempPathFactory, one: str, o
         assert words in text
     assert page.tags.count("h1") == page.tags.count("li") == 1
     assert page.tags.count("details") == 2
+
+
+def test_figures_are_the_same_whoever_draws_them(tmp_path: Path) -> None:
+    def written(carried_out: CarryOut[tuple[str, str]], folder: Path) -> dict[str, bytes]:
+        figures = [
+            ExperimentFigure(name, image_rows_figure([ImageRow(name, np.eye(28)[np.newaxis])]), "")
+            for name in ("one", "other")
+        ]
+        entry = ExperimentEntry("fig6", "images", "", [], Origin.SIMULATED, figures=figures)
+        experiments_report(folder / "report.html", entries=[entry], provenance={}, title="All", carried_out=carried_out)
+        return {path.name: path.read_bytes() for path in folder.rglob("*.*")}
+
+    here, side = written(one_by_one, tmp_path / "here"), written(side_by_side, tmp_path / "side")
+    assert here == side
+    assert len(here) == 7
