@@ -27,6 +27,8 @@ if TYPE_CHECKING:  # a bench of real instruments does without
 
 SIMULATED_LASER = Path(str(files("sim_backends") / "virtual" / "tlg220" / "commands.toml"))
 """Command table of the simulated laser."""
+SIMULATION = "sim_backends.faults.bench"
+"""The module that is loaded when the first simulated bench is made."""
 SIMULATED_DRIVERS = (*USUAL.values(), "ti-dlpc900")
 """The drivers whose instruments the simulated bench has without a plug-in."""
 

@@ -13,9 +13,6 @@ from labctl.commands.options import FirstSeedOption
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SchedulerOption, StoreOption, engine_of
-from labctl.studies.demonstration import SEVERAL, SINGLE, demonstrate, paper_says
-from labctl.studies.paper.experiments import experiments
-from labctl.studies.paper.reproduction import Plan
 
 
 def demo(
@@ -27,6 +24,11 @@ def demo(
     as_json: JsonOption = False,
 ) -> int:
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
+    engine = engine_of(scheduler, "labctl.studies.demonstration")
+    from labctl.studies.demonstration import demonstrate
+    from labctl.studies.paper.experiments import experiments
+    from labctl.studies.paper.reproduction import Plan
+
     (experiment,) = experiments(["demonstration"])
     with interruptible(UNDER_WAY) as interruption, progress_bar("demo") as progress:
         plan = Plan(
@@ -35,7 +37,7 @@ def demo(
             out or Path("runs"),
             first_seed=first_seed,
             access=access_of(context),
-            engine=engine_of(scheduler),
+            engine=engine,
             store=store,
         )
         result = demonstrate(plan, interruption=interruption, progress=progress.progress)
@@ -50,6 +52,8 @@ def demo(
 
 
 def _print_demo(result: dict[str, Any]) -> None:
+    from labctl.studies.demonstration import SEVERAL, SINGLE, paper_says
+
     last = result["first_seed"] + result["twins"] - 1
     say(
         f"Digits 0-3, {result['shots']} images, ports 2-6, {result['twins']} simulated benches (seeds "

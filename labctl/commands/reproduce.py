@@ -60,15 +60,15 @@ def reproduce(
 
     Exit 0 if every figure is reached or open, 1 if one is not reached or an experiment of 'all' had to be skipped.
     """
+    wanted = names or ["all"]
+    chosen = experiments(wanted)
+    engine = engine_of(scheduler, "labctl.studies.paper.report", "labctl.studies.paper.recognition")
     from labctl.studies.paper.feasibility import check
     from labctl.studies.paper.reproduction import Plan
 
-    wanted = names or ["all"]
-    chosen = experiments(wanted)
     by_name = SERIES.keys().isdisjoint(wanted)
     folder = out or Path("runs") / run_name(datetime.now(UTC), "reproduce", " ".join(wanted))
     access = access_of(context, attended=attended, armed=armed)
-    engine = engine_of(scheduler)
     plan = Plan(chosen, read_station(station), folder, quick, seeds, first_seed, data, access, engine, store=store)
     problems = check(plan)
     if problems and (by_name or len(problems) == len(chosen)):

@@ -45,16 +45,20 @@ StoreOption = Annotated[
 ]
 
 
-def engine_of(scheduler: str) -> "Engine":
-    """What `--scheduler` names.
+def engine_of(scheduler: str, *modules: str) -> "Engine":
+    """What `--scheduler` names; if it is processes of this machine, they load `modules` from now on.
 
     Raises:
         UsageError: dask is not installed.
     """
     from labctl.studies.cluster import cluster
-    from labctl.studies.processes import processes
+    from labctl.studies.processes import load_meanwhile, processes
 
-    return processes if scheduler == LOCAL else cluster(scheduler, tell)
+    if scheduler != LOCAL:
+        return cluster(scheduler, tell)
+    if modules:
+        load_meanwhile(*modules)
+    return processes
 
 
 def carrying(scheduler: str | None, title: str) -> Callable[[Mapping[Name, Callable[[], Found]]], dict[Name, Found]]:

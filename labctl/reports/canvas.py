@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, Locator, NullLocator
+from matplotlib.ticker import Locator, NullLocator, StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
@@ -146,7 +146,7 @@ def panel(height: float = 4.0) -> tuple[Figure, Axes]:
 def number_ticks(axis: Axis, locator: Locator) -> None:
     """Plain numbers where `locator` puts tick marks and nothing between them, on logarithmic axes too."""
     axis.set_major_locator(locator)
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_locator(NullLocator())
 
 

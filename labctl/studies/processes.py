@@ -9,6 +9,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
@@ -16,6 +17,7 @@ from threading import Thread
 from typing import TypeVar
 
 from labctl.bench.signals import Interruption
+from labctl.bench.simulation import SIMULATION
 from labctl.errors import WorkerKilled
 from labctl.printable import log_printably
 from labctl.studies.tasks import CALLER, Workers, in_parallel, one_by_one, timed
@@ -25,6 +27,8 @@ Found = TypeVar("Found")
 
 OWN = ("labctl", "protocols", "instruments", "sim_backends")
 """Our packages; what they need comes with them."""
+LATE = (SIMULATION, "pint")
+"""What tasks load when they need it, and most do."""
 
 
 @dataclass(frozen=True)
@@ -114,16 +118,21 @@ def side_by_side(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]
     return {name: result for name, (result, _) in found.items()}
 
 
-def _context() -> BaseContext:
-    """How processes begin: as copies of one that has loaded what this one has, or where that is not safe, from nothing.
+def load_meanwhile(*modules: str) -> None:
+    """Load what processes will need in the one that they will be copies of, while this process goes on.
 
-    To load scikit-learn takes seconds. The one that is copied begins with the first of them and ends with this process.
+    To load scikit-learn takes seconds. Where to copy a process is not safe there is no such one, and each loads it.
     """
+    if sys.platform == "linux":
+        multiprocessing.get_context("forkserver").set_forkserver_preload([*modules, *LATE])
+        forkserver.ensure_running()
+
+
+def _context() -> BaseContext:
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([name for name in tuple(sys.modules) if name.partition(".")[0] in OWN])
-    return context
+    load_meanwhile(*(name for name in tuple(sys.modules) if name.partition(".")[0] in OWN))
+    return multiprocessing.get_context("forkserver")
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from labctl.reports.canvas import Level, Series, draw_series, label_curves, panel, place_legend, styled
 
@@ -23,7 +23,7 @@ def sweep_figure(curves: Sequence[Series], *, axis: str, ticks: Sequence[str] | 
     draw_series(axes, drawn, highest=100)
     if ticks is not None:
         axes.xaxis.set_major_locator(FixedLocator(list(range(len(ticks)))))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda _, place: ticks[place or 0]))
+        axes.xaxis.set_major_formatter(FixedFormatter(ticks))
         axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlabel(axis)
     axes.set_ylabel("accuracy (%), 95 % interval")

@@ -1,13 +1,13 @@
 """Figures against acquisition time: accuracy, and the error of reconstructed images."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
-from numpy.typing import ArrayLike, NDArray
+from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, StrMethodFormatter
 
 from labctl.reports.canvas import (
     GREY,
@@ -130,9 +130,11 @@ def _window_axis(axes: Axes, curves: Sequence[Series], tau_s: float) -> None:
     number_ticks(axes.xaxis, FixedLocator(marks))
     axes.set_xlabel("acquisition time $T_N$ (ns)")
     percent_per_ns = 100 * 1e-9 / tau_s / PIXELS
-    ratio = axes.secondary_xaxis("top", functions=(_times(percent_per_ns), _times(1 / percent_per_ns)))
+    ratio = axes.secondary_xaxis(
+        "top", functions=(partial(np.multiply, percent_per_ns), partial(np.multiply, 1 / percent_per_ns))
+    )
     ratio.xaxis.set_major_locator(FixedLocator([mark * percent_per_ns for mark in marks]))
-    ratio.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2f}"))
+    ratio.xaxis.set_major_formatter(StrMethodFormatter("{x:.2f}"))
     ratio.xaxis.set_minor_formatter(NullFormatter())
     ratio.xaxis.set_minor_locator(NullLocator())
     ratio.set_xlabel(f"compressive ratio $C = N$ / {PIXELS} (%)")
@@ -145,7 +147,3 @@ def _readable(values: Sequence[float]) -> list[float]:
         if np.log(value / kept[-1]) > nearest:
             kept.append(value)
     return kept
-
-
-def _times(factor: float) -> Callable[[ArrayLike], NDArray[np.float64]]:
-    return lambda values: factor * np.asarray(values, np.float64)

@@ -364,7 +364,7 @@ def test_a_demonstration_is_an_object_for_scripts_and_a_table_for_people(
     text = (FOLDER / "demonstration.toml").read_text("utf-8")
     small = text.replace("images = 1000", "images = 40").replace("twins = 5", "twins = 1")
     (tmp_path / "demonstration.toml").write_text(small, encoding="utf-8")
-    monkeypatch.setattr("labctl.commands.demo.experiments", partial(experiments, folder=tmp_path))
+    monkeypatch.setattr("labctl.studies.paper.experiments.experiments", partial(experiments, folder=tmp_path))
     status, found = as_json(capsys, "demo", "--out", tmp_path, "--first-seed", 3)
     keys = {"experiment", "shots", "shots_per_second", "accuracy", "accuracy_without_reservoir", "paper", "passed"}
     assert keys | {"run", "seconds"} <= found.keys()
@@ -374,7 +374,7 @@ def test_a_demonstration_is_an_object_for_scripts_and_a_table_for_people(
         {"mean", "sd", "low", "high"} <= found["accuracy"]["0.4"].keys() == found["averaged"]["accuracy"]["0.4"].keys()
     )
 
-    monkeypatch.setattr("labctl.commands.demo.demonstrate", lambda *_, **__: found)
+    monkeypatch.setattr("labctl.studies.demonstration.demonstrate", lambda *_, **__: found)
     again, out, _ = labctl(capsys, "demo")
     assert again == status
     assert "1 simulated benches (seeds 3 to 3), 10 splits each" in out
@@ -389,7 +389,7 @@ def test_a_demonstration_that_is_interrupted_says_what_is_next(
         interruption.requested = True
         return demonstrate(plan, interruption=interruption, progress=progress)
 
-    monkeypatch.setattr("labctl.commands.demo.demonstrate", interrupted)
+    monkeypatch.setattr("labctl.studies.demonstration.demonstrate", interrupted)
     status, _, err = labctl(capsys, "demo", "--out", tmp_path)
     assert status == 130
     assert f"next: labctl demo begins again, labctl runs {tmp_path} lists what was measured" in err.replace("\n", " ")
