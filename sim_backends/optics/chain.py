@@ -12,6 +12,7 @@ themselves, as large as a picture times a record, are never made.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,11 @@ class DriveLight:
     def period_s(self) -> float:
         """Period of the drive (s)."""
         return self.field.size * self.step_s
+
+    @cached_property
+    def spectrum(self) -> NDArray[np.complex64]:
+        """Of the field, (n,)."""
+        return np.asarray(np.fft.fft(self.field))
 
 
 def idle_light(parameters: Parameters) -> DriveLight:
@@ -113,7 +119,7 @@ def port_fields(
     ]
     if behind_chip:
         response = periodic_transfer(transfer[[port - 1 for _, port, _ in behind_chip]], light.field.size)
-        answers = np.fft.ifft(np.fft.fft(light.field) * response, axis=-1)
+        answers = np.fft.ifft(light.spectrum * response, axis=-1)
         for (channel, _, size), answer in zip(behind_chip, answers, strict=True):
             fields[channel] = size * answer
     for channel, (port, size) in enumerate(amplitudes):
@@ -247,7 +253,7 @@ def power_factors(light: DriveLight, taps: NDArray[np.complex64]) -> NDArray[np.
     """
     points, depth = light.field.size, taps.shape[-1]
     share = np.sqrt(np.mean(np.abs(taps) ** 2, axis=(0, 1), dtype=np.float64))
-    correlation = np.fft.ifft(np.abs(np.fft.fft(light.field)) ** 2) / points
+    correlation = np.fft.ifft(np.abs(light.spectrum) ** 2) / points
     lag = (np.arange(depth)[np.newaxis, :] - np.arange(depth)[:, np.newaxis]) % points
     power, vectors = np.linalg.eigh(share[:, np.newaxis] * correlation[lag].conj() * share)
     kept = np.cumsum(power) > _POWER_LEFT_OUT * power.sum()

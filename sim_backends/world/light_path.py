@@ -18,7 +18,7 @@ from sim_backends.optics import chain, mirrors, receiver
 from sim_backends.parameters import Parameters
 from sim_backends.world.signals import Acquisition
 from sim_backends.world.triggers import level_crossings
-from sim_backends.world.twin import Optics, Setting, Twin
+from sim_backends.world.twin import Optics, Setting, drawn_twin
 
 IMAGE_BLOCK = 4
 COLUMN_BLOCK = 256
@@ -68,7 +68,7 @@ class LightPath:
     """
 
     def __init__(self, parameters: Parameters, twin_seed: int) -> None:
-        twin = Twin(parameters, twin_seed)
+        twin = drawn_twin(parameters, twin_seed)
         self.optics = lru_cache(_KEPT_SETTINGS)(twin.optics)
         self._parameters = parameters
         self._pages: OrderedDict[tuple[bytes, float, float, int], NDArray[np.complex64]] = OrderedDict()

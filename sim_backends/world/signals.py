@@ -61,6 +61,12 @@ class Playback:
         if self.lengths is None and self.runs_on:
             raise ValueError("playback: only a triggered playback runs on: give lengths")
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Playback) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
     @property
     def period(self) -> float:
         """Period (s); of a triggered playback the duration of all segments together."""

@@ -16,6 +16,7 @@ from sim_backends.world.signals import BYPASS, Emission, Playback
 _LEAD_S = 2e-9  # more than the band limits smear the start of a segment forward
 _FILTERS_S = 1e-9  # more than generator, amplifier and modulator remember
 _KEPT = 8  # of what a fibre that drifts leaves as it is
+_KEPT_TWINS = 2
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,8 @@ class Twin:
         self._light = lru_cache(_KEPT)(self._made_light)
         self._transfer = lru_cache(_KEPT)(self._made_transfer)
         self._fields = lru_cache(_KEPT)(self._made_fields)
+        self._taps = lru_cache(_KEPT)(self._made_taps)
+        self._factors = lru_cache(_KEPT)(self._made_factors)
         self._modes = chain.draw_fibre(parameters, self._generator("fibre"))
         self._laser_wander, self._chip_wander = (
             OrnsteinUhlenbeck.draw(self._generator(what), np.array([math.sqrt(2) * rms_hz]), parameters.wander_time_s)
@@ -122,13 +125,13 @@ class Twin:
             for port in setting.ports
         )
         laws = [chain.port_noise(constants, transfer, port, light.step_s) for port in setting.ports]
-        taps, early = fibre.delay_taps(self._modes, frequency_hz=frequency, step=light.step_s, time_s=time_s)
+        taps, early = self._taps(frequency, light.step_s, time_s)
         factors = None
         if constants.light_path == "projector" and constants.amplifier_gain > 1 and setting.emission is not None:
             watts = laser.power_w * constants.projector_transmission * constants.amplifier_gain
             # A segment is taken as if it repeated for ever, for a slow amplifier's mean.
-            mean = light if setting.periodic else self._light(replace(setting.played, repeats=0))[0]
-            factors = np.float32(math.sqrt(watts)) * chain.power_factors(mean, taps)
+            mean = setting.played if setting.periodic else replace(setting.played, repeats=0)
+            factors = np.float32(math.sqrt(watts)) * self._factors(mean, frequency, time_s)
         return Optics(
             setting.key,
             self._fields(setting.played, nearest_nm, detuning, wanted),
@@ -152,6 +155,16 @@ class Twin:
         """Behind the wanted ports (port, amplitude)."""
         light, _ = self._light(played)
         return chain.port_fields(light, self._transfer(nearest_nm, light.step_s, detuning_hz), wanted)
+
+    def _made_taps(self, frequency_hz: float, step_s: float, time_s: float) -> tuple[NDArray[np.complex64], int]:
+        """Of the fibre, and how many come before the one without delay."""
+        return fibre.delay_taps(self._modes, frequency_hz=frequency_hz, step=step_s, time_s=time_s)
+
+    def _made_factors(self, played: Setting, frequency_hz: float, time_s: float) -> NDArray[np.float32]:
+        """Of the mean power, for light that a watt was launched with."""
+        light, _ = self._light(played)
+        taps, _ = self._taps(frequency_hz, light.step_s, time_s)
+        return chain.power_factors(light, taps)
 
     def _made_light(self, setting: Setting) -> tuple[chain.DriveLight, float | None]:
         """Light behind the modulator and, unless it is periodic, how long it idles before the segment starts.
@@ -190,3 +203,9 @@ class Twin:
 
     def _generator(self, *purpose: str | int) -> np.random.Generator:
         return generator(digest(self._seed, *purpose))
+
+
+@lru_cache(_KEPT_TWINS)
+def drawn_twin(parameters: Parameters, seed: int) -> Twin:
+    """The twin of this seed; it is the same whenever it is drawn, and the latest ones are kept."""
+    return Twin(parameters, seed)

@@ -142,8 +142,7 @@ class World:
 
     def play(self, playback: Playback | None) -> None:
         """Generator output; None leaves the modulator idle and the marker without edges."""
-        before = self._playback.digest if self._playback else None
-        if (playback.digest if playback else None) == before:
+        if playback == self._playback:
             return
         self._playback, self._starts, self._edges, self._marker_phases = playback, None, {}, np.empty(0)
         if playback is not None:
