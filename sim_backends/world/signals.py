@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -22,7 +22,7 @@ class Emission:
     power_w: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Playback:
     """What the generator's channel 1 is putting out.
 
@@ -34,13 +34,14 @@ class Playback:
     runs_on: the last segment, once reached, repeats for ever.
     skew_s: how much later than its place in the period or the segment each of `volts` comes out; negative: sooner.
     marker_delay_s: how much later than its place the marker comes out.
+    digest: names the playback; those that say the same are the same.
 
     Raises:
         ValueError: `volts` and `marker` are not equally long, or `lengths` do not add up to them.
     """
 
-    volts: NDArray[np.float32]
-    marker: NDArray[np.bool_]
+    volts: NDArray[np.float32] = field(compare=False)
+    marker: NDArray[np.bool_] = field(compare=False)
     marker_low_v: float
     marker_high_v: float
     sample_rate: float
@@ -48,6 +49,7 @@ class Playback:
     runs_on: bool = False
     skew_s: float = 0.0
     marker_delay_s: float = 0.0
+    digest: bytes = field(init=False)
 
     def __post_init__(self) -> None:
         if self.volts.ndim != 1 or self.volts.size == 0 or self.marker.shape != self.volts.shape:
@@ -60,12 +62,7 @@ class Playback:
             )
         if self.lengths is None and self.runs_on:
             raise ValueError("playback: only a triggered playback runs on: give lengths")
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Playback) and self.digest == other.digest
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
+        object.__setattr__(self, "digest", self._named())
 
     @property
     def period(self) -> float:
@@ -80,9 +77,7 @@ class Playback:
         part = slice(begin, begin + self.lengths[number])
         return self.volts[part], self.marker[part]
 
-    @cached_property
-    def digest(self) -> bytes:
-        """Names the playback, computed once."""
+    def _named(self) -> bytes:
         triggered: tuple[Purpose, ...] = () if self.lengths is None else ("triggered", *self.lengths, self.runs_on)
         late = (self.skew_s, self.marker_delay_s) if self.skew_s or self.marker_delay_s else ()
         return digest(
