@@ -112,14 +112,11 @@ def apply_filter(
     if wanted > intensities.shape[-1]:
         given, intensities = intensities, np.zeros((*intensities.shape[:-1], wanted), np.float32)
         intensities[..., : given.shape[-1]] = given
-    both = np.empty((2, *intensities.shape[:-1], blocks * sampling.samples), np.float32)
-    for block in range(blocks):
-        window = intensities[..., block * advance : block * advance + sampling.points]
-        # One product a picture: BLAS sums in another order for other numbers of rows.
-        filtered = np.matmul(window, sampling.matrix)
-        samples_of_block = slice(block * sampling.samples, (block + 1) * sampling.samples)
-        both[0, ..., samples_of_block] = filtered[..., : sampling.samples]
-        both[1, ..., samples_of_block] = filtered[..., sampling.samples :]
+    windows = np.lib.stride_tricks.sliding_window_view(intensities, sampling.points, axis=-1)
+    windows = np.swapaxes(windows[..., : blocks * advance : advance, :], -3, -2)
+    # One product a picture and block: BLAS sums in another order for other numbers of rows.
+    filtered = np.matmul(windows, sampling.matrix).reshape(*windows.shape[:-1], 2, sampling.samples)
+    both = np.moveaxis(filtered, (-2, -4), (0, -2)).reshape(2, *intensities.shape[:-1], -1)
     volts, slope = both[..., :samples]
     return volts, slope
 

@@ -195,11 +195,14 @@ class LightPath:
         if points <= in_period:
             return self._inside(optics, sent, start_s, step, points)
         table = self._inside(optics, sent, start_s, period / in_period, in_period)
-        index, weight = chain.interpolation(np.arange(points) * (step * in_period / period), in_period)
-        field: NDArray[np.complex64] = table[..., index[1]] * weight[1]
-        if np.any(weight[[0, 2, 3]]):
-            for corner in (0, 2, 3):
-                field += table[..., index[corner]] * weight[corner]
+        every = step * in_period / period
+        if _on_grid(every, points):
+            field: NDArray[np.complex64] = np.take(table, np.arange(points) * round(every) % in_period, axis=-1)
+            return field
+        index, weight = chain.interpolation(np.arange(points) * every, in_period)
+        field = table[..., index[1]] * weight[1]
+        for corner in (0, 2, 3):
+            field += table[..., index[corner]] * weight[corner]
         return field
 
     def _inside(
@@ -207,7 +210,7 @@ class LightPath:
     ) -> NDArray[np.complex64]:
         """Root volts at light times within one period, page by page."""
         every = step / optics.step_s
-        on_grid = every > 0.5 and abs(every - round(every)) * points < _OFF_GRID
+        on_grid = _on_grid(every, points)
         pages = []
         for begin in range(0, points, _PAGE_POINTS):
             count = min(points - begin, _PAGE_POINTS)
@@ -255,6 +258,11 @@ def snapped(phases: NDArray[np.float64], period: float, marks: NDArray[np.float6
     nearest = away.argmin(axis=1)
     close = away[np.arange(phases.size), nearest] < _SAME_PHASE_S
     return np.where(close, marks[nearest], on_grid)
+
+
+def _on_grid(every: float, points: int) -> bool:
+    """Whether `points` times, `every` grid steps apart, are on the grid if the first one is."""
+    return every > 0.5 and abs(every - round(every)) * points < _OFF_GRID
 
 
 def _sent(optics: Optics, amplitudes: NDArray[np.float32]) -> NDArray[np.complex64]:
