@@ -8,7 +8,6 @@ from instruments.remedies import unreadable
 from instruments.toml_files import TomlError, read_toml
 from labctl.bench.recording.format import FORMAT as RECORDING
 from labctl.bench.recording.format import Kind, read_recording
-from labctl.bench.station import read_station
 from labctl.errors import UsageError
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, walked
 from labctl.runs.format.readout import FORMAT as READOUT
@@ -97,6 +96,8 @@ def _recording(path: Path) -> dict[str, Any]:
 
 
 def _station(path: Path) -> dict[str, Any]:
+    from labctl.bench.station import read_station  # with every driver, which no other file needs
+
     return {"station": str(path)} | read_station(path).model_dump(mode="json", exclude={"source"})
 
 
