@@ -67,9 +67,7 @@ def _status(words: list[str], *, debug: bool) -> int:
     except (KeyboardInterrupt, Abort):
         return INTERRUPTED
     except TyperException as error:
-        return _complain(
-            f"{' '.join(error.format_message().split())} `labctl --help` lists what there is", WRONG_USE, words
-        )
+        return _complain(_misused(error, words), WRONG_USE, words)
     except LabctlError as error:
         if debug:
             raise
@@ -83,6 +81,13 @@ def _status(words: list[str], *, debug: bool) -> int:
             raise
         return _complain(_unexpected(error), FELL_SHORT, words, notes(error))
     return status if isinstance(status, int) else 0
+
+
+def _misused(error: TyperException, words: list[str]) -> str:
+    what = " ".join(error.format_message().split())
+    if what.startswith("Got unexpected extra argument") and "--set" in words:
+        return f"{what}: write --set before each setting"
+    return f"{what} `labctl --help` lists what there is"
 
 
 def _unexpected(error: Exception) -> str:

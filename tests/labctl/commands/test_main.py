@@ -90,6 +90,7 @@ class TestWrongUse:
             (["run", "wavelength-scan", "--set", "ports=0,0"], "ports = '0,0': (0, 0) names one twice: list each once"),
             (["run", "image-readout", "--bogus"], "No such option: --bogus"),
             (["fly"], "No such command 'fly'"),
+            (["run", "image-readout", "--set", "images=40", "seed=7"], "(seed=7): write --set before each setting"),
             (["run", "image-readout", "--set", "images=many"], "images = 'many'"),
             (["run", "image-readout", "--set", "ports=10"], "port 10 is not patched"),
             (["run", "image-readout", "--set", "dataset=nothing"], "no data set is called 'nothing'"),
