@@ -1,8 +1,9 @@
 """One twin: its fibre and its chips, drawn from a seed, and what the instruments' settings make of their light."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,26 +88,30 @@ class Optics:
         return replace(self, key=digest(self.key, amplitudes.tobytes()), taps=taps, power_factors=factors)
 
 
+_Light = tuple[chain.DriveLight, float | None]
+_Taps = tuple[NDArray[np.complex64], int]
+
+
 class Twin:
     """A fibre, and a cavity a nanometre."""
 
     def __init__(self, parameters: Parameters, seed: int) -> None:
         self._parameters = parameters
-        self._seed = seed
-        self._chips: dict[int, cavity.Cavity] = {}
-        self._light = lru_cache(_KEPT)(self._made_light)
-        self._transfer = lru_cache(_KEPT)(self._made_transfer)
-        self._fields = lru_cache(_KEPT)(self._made_fields)
-        self._taps = lru_cache(_KEPT)(self._made_taps)
-        self._factors = lru_cache(_KEPT)(self._made_factors)
-        self._modes = chain.draw_fibre(parameters, self._generator("fibre"))
+        self._modes = chain.draw_fibre(parameters, _generator(seed, "fibre"))
         self._laser_wander, self._chip_wander = (
-            OrnsteinUhlenbeck.draw(self._generator(what), np.array([math.sqrt(2) * rms_hz]), parameters.wander_time_s)
+            OrnsteinUhlenbeck.draw(_generator(seed, what), np.array([math.sqrt(2) * rms_hz]), parameters.wander_time_s)
             for what, rms_hz in (
                 ("laser wander", parameters.laser_wander_hz),
                 ("chip wander", parameters.chip_wander_hz),
             )
         )
+        # Not methods: a twin that refers to itself would stay in memory until somebody looks for such circles.
+        self._chip = cache(partial(_drawn_chip, parameters, seed))
+        self._light = lru_cache(_KEPT)(partial(_made_light, parameters, float(self._modes.delays_s.max())))
+        self._transfer = lru_cache(_KEPT)(partial(_made_transfer, parameters, self._chip))
+        self._fields = lru_cache(_KEPT)(partial(_made_fields, self._light, self._transfer))
+        self._taps = lru_cache(_KEPT)(partial(_made_taps, self._modes))
+        self._factors = lru_cache(_KEPT)(partial(_made_factors, self._light, self._taps))
 
     def optics(self, setting: Setting) -> Optics:
         """What `setting` fixes."""
@@ -144,65 +149,78 @@ class Twin:
             constants.light_delay_s + (setting.playback.skew_s if setting.playback else 0.0) - early * light.step_s,
         )
 
-    def _made_transfer(self, nearest_nm: int, step_s: float, detuning_hz: float) -> NDArray[np.complex128]:
-        """Of the chip at a nanometre, by so much beside it."""
-        chip = self._chip(nearest_nm)
-        return chain.chip_transfer(self._parameters, chip, step_s=step_s, detuning_hz=detuning_hz)
 
-    def _made_fields(
-        self, played: Setting, nearest_nm: int, detuning_hz: float, wanted: tuple[tuple[int, float], ...]
-    ) -> NDArray[np.complex64]:
-        """Behind the wanted ports (port, amplitude)."""
-        light, _ = self._light(played)
-        return chain.port_fields(light, self._transfer(nearest_nm, light.step_s, detuning_hz), wanted)
+def _made_light(parameters: Parameters, longest_delay_s: float, setting: Setting) -> _Light:
+    """Light behind the modulator and, unless it is periodic, how long it idles before the segment starts.
 
-    def _made_taps(self, frequency_hz: float, step_s: float, time_s: float) -> tuple[NDArray[np.complex64], int]:
-        """Of the fibre, and how many come before the one without delay."""
-        return fibre.delay_taps(self._modes, frequency_hz=frequency_hz, step=step_s, time_s=time_s)
+    After the segment it idles for longer than fibre and chip remember, so that the end of the field is the beginning.
+    A segment is taken to start from idle light: the one before ended some 10 ns earlier at least.
+    """
+    playback = setting.playback
+    waiting = playback is not None and playback.lengths is not None and setting.segment is None
+    if playback is None or waiting:
+        return chain.idle_light(parameters), None
+    rate = playback.sample_rate
+    volts, _ = playback.segment(setting.segment or 0)
+    if setting.periodic:
+        return chain.driven_light(parameters, volts, rate), None
+    step = 1.0 / (rate * drive.oversampling(rate, parameters.drive_step_s))
+    remembered = chain.IMPULSE_POINTS * step + longest_delay_s + _FILTERS_S
+    lead, tail = math.ceil(_LEAD_S * rate), math.ceil(remembered * rate)
+    volts = np.concatenate([np.zeros(lead, np.float32), np.tile(volts, setting.repeats), np.zeros(tail, np.float32)])
+    return chain.driven_light(parameters, volts, rate), lead / rate
 
-    def _made_factors(self, played: Setting, frequency_hz: float, time_s: float) -> NDArray[np.float32]:
-        """Of the mean power, for light that a watt was launched with."""
-        light, _ = self._light(played)
-        taps, _ = self._taps(frequency_hz, light.step_s, time_s)
-        return chain.power_factors(light, taps)
 
-    def _made_light(self, setting: Setting) -> tuple[chain.DriveLight, float | None]:
-        """Light behind the modulator and, unless it is periodic, how long it idles before the segment starts.
+def _drawn_chip(parameters: Parameters, seed: int, wavelength_nm: int) -> cavity.Cavity:
+    """One independent cavity a nanometre (125 GHz, many linewidths); small detunings shift the same one."""
+    return cavity.draw_cavity(
+        _generator(seed, "chip", wavelength_nm),
+        modes=parameters.chip_modes,
+        density=derived.mode_density_per_hz(parameters),
+        ports=parameters.chip_ports,
+        transmission=parameters.chip_coupling,
+    )
 
-        After the segment it idles for longer than fibre and chip remember, so that the end of the field is the
-        beginning. A segment is taken to start from idle light: the one before ended some 10 ns earlier at least.
-        """
-        constants, playback = self._parameters, setting.playback
-        waiting = playback is not None and playback.lengths is not None and setting.segment is None
-        if playback is None or waiting:
-            return chain.idle_light(constants), None
-        rate = playback.sample_rate
-        volts, _ = playback.segment(setting.segment or 0)
-        if setting.periodic:
-            return chain.driven_light(constants, volts, rate), None
-        step = 1.0 / (rate * drive.oversampling(rate, constants.drive_step_s))
-        remembered = chain.IMPULSE_POINTS * step + float(self._modes.delays_s.max()) + _FILTERS_S
-        lead, tail = math.ceil(_LEAD_S * rate), math.ceil(remembered * rate)
-        volts = np.concatenate(
-            [np.zeros(lead, np.float32), np.tile(volts, setting.repeats), np.zeros(tail, np.float32)]
-        )
-        return chain.driven_light(constants, volts, rate), lead / rate
 
-    def _chip(self, wavelength_nm: int) -> cavity.Cavity:
-        """One independent cavity a nanometre (125 GHz, many linewidths); small detunings shift the same one."""
-        if wavelength_nm not in self._chips:
-            constants = self._parameters
-            self._chips[wavelength_nm] = cavity.draw_cavity(
-                self._generator("chip", wavelength_nm),
-                modes=constants.chip_modes,
-                density=derived.mode_density_per_hz(constants),
-                ports=constants.chip_ports,
-                transmission=constants.chip_coupling,
-            )
-        return self._chips[wavelength_nm]
+def _made_transfer(
+    parameters: Parameters, chip: Callable[[int], cavity.Cavity], nearest_nm: int, step_s: float, detuning_hz: float
+) -> NDArray[np.complex128]:
+    """Of the chip at a nanometre, by so much beside it."""
+    return chain.chip_transfer(parameters, chip(nearest_nm), step_s=step_s, detuning_hz=detuning_hz)
 
-    def _generator(self, *purpose: str | int) -> np.random.Generator:
-        return generator(digest(self._seed, *purpose))
+
+def _made_fields(
+    lights: Callable[[Setting], _Light],
+    transfer: Callable[[int, float, float], NDArray[np.complex128]],
+    played: Setting,
+    nearest_nm: int,
+    detuning_hz: float,
+    wanted: tuple[tuple[int, float], ...],
+) -> NDArray[np.complex64]:
+    """Behind the wanted ports (port, amplitude)."""
+    light, _ = lights(played)
+    return chain.port_fields(light, transfer(nearest_nm, light.step_s, detuning_hz), wanted)
+
+
+def _made_taps(modes: fibre.FibreModes, frequency_hz: float, step_s: float, time_s: float) -> _Taps:
+    """Of the fibre, and how many come before the one without delay."""
+    return fibre.delay_taps(modes, frequency_hz=frequency_hz, step=step_s, time_s=time_s)
+
+
+def _made_factors(
+    lights: Callable[[Setting], _Light],
+    taps: Callable[[float, float, float], _Taps],
+    played: Setting,
+    frequency_hz: float,
+    time_s: float,
+) -> NDArray[np.float32]:
+    """Of the mean power, for light that a watt was launched with."""
+    light, _ = lights(played)
+    return chain.power_factors(light, taps(frequency_hz, light.step_s, time_s)[0])
+
+
+def _generator(seed: int, *purpose: str | int) -> np.random.Generator:
+    return generator(digest(seed, *purpose))
 
 
 @lru_cache(_KEPT_TWINS)
