@@ -30,7 +30,7 @@ EXTRAS = {
 }
 """What each extra is for."""
 
-MODULES = {"scikit-learn": "sklearn", "pillow": "PIL", "pyvisa-py": "pyvisa_py"}
+MODULES = {"fonttools": "fontTools", "pillow": "PIL", "pyvisa-py": "pyvisa_py", "scikit-learn": "sklearn"}
 """Packages that are imported by another name than they are installed by."""
 
 NETWORK = ("TCPIP SOCKET", "TCPIP INSTR")

@@ -1,8 +1,13 @@
 """Figures as files: PNG and SVG for a screen, PDF at the width of a journal's column; simulated ones are marked so."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from fontTools import subset
+from fontTools.ttLib import TTFont
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_mixed import MixedModeRenderer
 from matplotlib.backends.backend_pdf import Op, PdfFile, RendererPdf
@@ -20,6 +25,8 @@ REDUCED = 7 / 9
 """Text that is laid out with 9 points is printed in a column with 7."""
 NARROWEST = 6.4
 """Figures across both columns are laid out for at least this width, inches."""
+LAYOUT_TABLES = ("GDEF", "GPOS", "GSUB")
+"""Of a font, what chooses glyphs and their places, as OpenType has it; of no use where both are chosen, as in a PDF."""
 LEAST_PANEL = 0.5
 """A panel that is a smaller part of its figure's width has no place in one column."""
 
@@ -87,6 +94,28 @@ def _print(figure: Figure, width: float, path: Path) -> None:
         renderer = MixedModeRenderer(figure, across, up, dpi, RendererPdf(file, dpi, up, across))
         figure.draw(renderer)  # type: ignore[arg-type]  # it hands every call on to one
         renderer.finalize()
-        file.finalize()
+        with _glyphs_alone():
+            file.finalize()
     finally:
         file.close()
+
+
+@contextmanager
+def _glyphs_alone() -> Iterator[None]:
+    """Fonts are embedded without `LAYOUT_TABLES`, which most of the time goes into: they would be made smaller too.
+
+    matplotlib has no setting for it, and lets fontTools load the fonts.
+    """
+    load = subset.load_font
+
+    def load_glyphs(*what: Any, **how: Any) -> TTFont:
+        font = load(*what, **how)
+        for table in set(LAYOUT_TABLES) & set(font.keys()):
+            del font[table]
+        return font
+
+    subset.load_font = load_glyphs
+    try:
+        yield
+    finally:
+        subset.load_font = load

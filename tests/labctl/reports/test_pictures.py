@@ -1,9 +1,13 @@
+import io
 import re
+import zlib
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fontTools import subset
+from fontTools.ttLib import TTFont
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -28,6 +32,13 @@ def panels() -> Figure:
     return traces_figure(time_s, np.ones((2, 3, 50)), shots=["a", "b"], ports=["port 2", "port 3", "port 4"])
 
 
+def fonts_in(pdf: Path) -> list[TTFont]:
+    """The TrueType fonts inside, which begin with their version, 1.0."""
+    packed = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf.read_bytes(), re.DOTALL)
+    streams = [zlib.decompress(stream) for stream in packed if stream[:1] == b"\x78"]
+    return [TTFont(io.BytesIO(stream)) for stream in streams if stream.startswith(b"\0\1\0\0")]
+
+
 def width_mm(pdf: Path) -> float:
     (width,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ", pdf.read_bytes())
     return round(float(width) * 25.4 / 72, 1)
@@ -41,6 +52,17 @@ def test_one_panel_is_as_wide_as_a_column_and_several_as_two(tmp_path: Path) -> 
 def test_what_would_be_cut_off_in_a_column_is_given_two(tmp_path: Path) -> None:
     names = [f"with the chip {number}" for number in range(6)]
     assert width_mm(save_figure(curves(*names), tmp_path / "many", Origin.REAL).pdf) == 178
+
+
+def test_a_pdf_holds_the_glyphs_of_its_fonts_and_nothing_that_chooses_them(tmp_path: Path) -> None:
+    load = subset.load_font
+    fonts = fonts_in(save_figure(curves("chip"), tmp_path / "curves", Origin.REAL).pdf)
+    assert fonts
+    for font in fonts:
+        assert len(font.getGlyphOrder()) < 100
+        assert "glyf" in font
+        assert not {"GDEF", "GPOS", "GSUB"} & set(font.keys())
+    assert subset.load_font is load
 
 
 def test_no_number_at_an_axis_touches_another(tmp_path: Path) -> None:
