@@ -9,6 +9,7 @@ IMAGING := $(VENV)/.imaging
 DOCS := $(VENV)/.docs
 INTEROP := .venv-interop
 AUDIT := $(VENV)/audit
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 LOCKS := requirements-dev.lock requirements-hardware.lock requirements-imaging.lock requirements-torch.txt requirements-docs.lock \
 	requirements-interop.lock
 MINUTES ?= 60
@@ -20,6 +21,9 @@ SOURCES := $(PACKAGES) tests benchmarks docs
 ifneq ($(wildcard ../shared/data),)
 export LABCTL_DATA ?= $(abspath ../shared/data)
 endif
+
+# Hundreds of processes begin: not each is to compile all modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test tested test-full test-kill test-light docs picture interop truth fuzz audit check format lock clean
 
@@ -106,23 +110,24 @@ clean:
 
 $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(PIP) --require-hashes --requirement requirements.lock
+	$(PIP) --no-deps --no-build-isolation --editable .
 	touch $@
 
+# Of what tests and documents need, less is imported than compiled: it is compiled when it is imported.
 $(TESTED): requirements-dev.lock $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements-dev.lock
+	$(PIP) --no-compile --require-hashes --requirement requirements-dev.lock
 	touch $@
 
 # torch, for the tests of the extra `imaging` and their types; the demo does without. Its wheels differ from index to
 # index (CPU or CUDA), so it alone is pinned without a hash, and what a CUDA wheel needs beyond the lock comes with it.
 $(IMAGING): requirements-imaging.lock requirements-torch.txt $(TESTED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements-imaging.lock
-	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements-torch.txt
+	$(PIP) --no-compile --require-hashes --requirement requirements-imaging.lock
+	$(PIP) --no-compile --requirement requirements-torch.txt
 	touch $@
 
 $(DOCS): requirements-docs.lock $(INSTALLED)
-	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements-docs.lock
+	$(PIP) --no-compile --require-hashes --requirement requirements-docs.lock
 	touch $@
 
 $(INTEROP)/.installed: requirements-interop.lock

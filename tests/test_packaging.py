@@ -9,15 +9,15 @@ from subprocess import run
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.checkout import ROOT, files_below
+
 PACKAGES = ("labctl", "instruments", "protocols", "sim_backends")
 
 
 def files_of(*folders: str) -> set[str]:
     """Every file of some folders of the checkout that was not made there, by its path in it."""
-    found = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file())
-    kept = (path for path in found if path.suffix != ".pyc" and ROOT / "docs" / "made" not in path.parents)
-    return {path.relative_to(ROOT).as_posix() for path in kept}
+    found = (path for folder in folders for path in files_below(ROOT / folder))
+    return {path.relative_to(ROOT).as_posix() for path in found if path.suffix != ".pyc"}
 
 
 @pytest.fixture(scope="module")

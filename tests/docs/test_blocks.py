@@ -15,10 +15,9 @@ from instruments.sections import InstrumentSection
 from labctl.bench.drivers import installed
 from labctl.bench.station import Station, read_station
 from labctl.commands.main import main
+from tests.checkout import PAGES, README, ROOT
 from tests.labctl.reports.figures.drawn import check_figure, legend, noise
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted((ROOT / "docs").rglob("*.md"))
 BLOCK = re.compile(r"^ *```(\S*)[^\n]*\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 
 
@@ -81,7 +80,7 @@ def test_the_lasers_commands_are_taken() -> None:
 def test_the_readme_reads_a_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (block,) = blocks(ROOT / "README.md", "python")
+    (block,) = blocks(README, "python")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
         main(["run", "image-readout", "--set", "images=4", "--set", "window=0.4 ns", "--out", "runs/a"])

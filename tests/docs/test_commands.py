@@ -4,7 +4,6 @@ import re
 import shlex
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,9 +14,8 @@ from typer.main import get_command
 from labctl.bench.schema import names
 from labctl.commands.main import app
 from protocols.registry import read_protocol
+from tests.checkout import PAGES, README, ROOT
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"])
 BLOCK = re.compile(r"^ *```(\S*)[^\n]*\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 LINE = re.compile(r"^ *(?:\$ )?labctl ([^:].*)", re.MULTILINE)
 SPAN = re.compile(r"`labctl ([^`]+)`")
@@ -43,14 +41,14 @@ def options_of(command: Any) -> set[str]:
 
 LINES = [
     pytest.param(line, id=f"{page.stem}: {line}")
-    for page in PAGES
+    for page in (*PAGES, README)
     for language, block in BLOCK.findall(page.read_text("utf-8"))
     if language in ("", "{typed}")
     for line in LINE.findall(block)
 ]
 SPANS = [
     pytest.param(span.replace("\\|", "|"), id=f"{page.stem}: {span}")
-    for page in PAGES
+    for page in (*PAGES, README)
     for span in SPAN.findall(page.read_text("utf-8"))
 ]
 

@@ -26,6 +26,11 @@ def queue(folder: Path, command: str, *words: object) -> tuple[int, dict[str, An
     return answer("queue", command, "--folder", folder, "--json", *words)[:2]
 
 
+def put(folder: Path, words: tuple[str, ...], out: Path) -> None:
+    """Add an item as `labctl queue add` does once its plan is made, which takes a process of its own."""
+    Queue(folder).add((*words, "--out", str(out)), out, {}, "ada")
+
+
 def states(folder: Path) -> list[tuple[int, str]]:
     return [(item["number"], item["state"]) for item in queue(folder, "list")[1]["items"]]
 
@@ -83,8 +88,8 @@ def test_what_is_said_of_an_item_is_said_of_its_runs_whatever_it_reads_like(tmp_
 
 
 def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> None:
-    queue(tmp_path, "add", *SMALL)
-    queue(tmp_path, "add", *LONG)
+    put(tmp_path, SMALL, tmp_path / "queue-0001")
+    put(tmp_path, LONG, tmp_path / "queue-0002")
     worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)], start_new_session=True)
     try:
         until_stored(worker, tmp_path / "queue-0002")
@@ -101,8 +106,8 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
 
 def test_a_failure_ends_it_or_not_as_is_told(tmp_path: Path) -> None:
     taken = tmp_path / "taken"
-    for words in ((*SMALL, "--out", taken), SMALL, SMALL):
-        queue(tmp_path, "add", *words)
+    for out in (taken, tmp_path / "second", tmp_path / "third"):
+        put(tmp_path, SMALL, out)
     taken.mkdir()
     (taken / "something").touch()
     status, found = queue(tmp_path, "start")
@@ -110,13 +115,13 @@ def test_a_failure_ends_it_or_not_as_is_told(tmp_path: Path) -> None:
     [first, *_] = queue(tmp_path, "list")[1]["items"]
     assert str(taken) in first["message"]
     queue(tmp_path, "remove", 1)
-    queue(tmp_path, "add", *SMALL, "--out", taken)
+    put(tmp_path, SMALL, taken)
     queue(tmp_path, "move", 4, "--to", 1)
     assert queue(tmp_path, "start", "--on-failure", "go-on") == (1, {"done": 2, "failed": 1, "waiting": 0})
 
 
 def test_while_it_runs_others_add_and_stop_and_nobody_starts_it_twice(tmp_path: Path) -> None:
-    queue(tmp_path, "add", *LONG)
+    put(tmp_path, LONG, tmp_path / "queue-0001")
     worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])
     until_stored(worker, tmp_path / "queue-0001")
     assert queue(tmp_path, "stop", "--now")[0] == 0
@@ -127,11 +132,11 @@ def test_while_it_runs_others_add_and_stop_and_nobody_starts_it_twice(tmp_path: 
 
     worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])
     until_stored(worker, tmp_path / "queue-0001", shards=stored + 1)
-    added = Queue(tmp_path).add([*SMALL, "--out", str(tmp_path / "more")], tmp_path / "more", {}, "somebody")
+    put(tmp_path, SMALL, tmp_path / "more")
     status, found = queue(tmp_path, "start")
     assert status == 1
     assert "another process carries this queue out" in found["error"]
     assert worker.wait() == 0
-    assert states(tmp_path) == [(1, "done"), (added.number, "done")]
+    assert states(tmp_path) == [(1, "done"), (2, "done")]
     assert complete(tmp_path / "queue-0001")
     assert complete(tmp_path / "more")

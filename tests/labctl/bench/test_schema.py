@@ -12,13 +12,13 @@ import pytest
 from labctl.bench.schema import STATION, names, schema_of
 from labctl.bench.station import read_station, write_addresses
 from labctl.commands.main import main
+from tests.checkout import PAGES, README, ROOT
 
-ROOT = Path(__file__).parents[3]
 STORED = ROOT / "docs" / "reference" / "schemas"
 BLOCK = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
 BLOCKS = [
     pytest.param(block, id=f"{path.stem}-{place}")
-    for path in sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"])
+    for path in (*PAGES, README)
     for place, block in enumerate(BLOCK.findall(path.read_text("utf-8")))
     if tomllib.loads(block).keys() & {"protocol", "name", *schema_of(STATION)["properties"]}
     and "over" not in tomllib.loads(block)  # a sweep
