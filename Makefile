@@ -63,7 +63,7 @@ truth: $(TESTED) $(INTEROP)/.installed
 # Figures and the small run of the examples are measured anew, in docs/made. The dashboard is photographed with Chromium;
 # where there is none, the page says that its pictures are missing.
 docs: $(INSTALLED) $(DOCS)
-	$(BIN)/sphinx-build --quiet --fail-on-warning --fresh-env --doctree-dir build/docs/doctrees --builder html docs build/docs/html
+	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs auto --fresh-env --doctree-dir build/docs/doctrees --builder html docs build/docs/html
 	$(BIN)/sphinx-build --quiet --fail-on-warning --doctree-dir build/docs/doctrees --builder doctest docs build/docs/doctest
 	$(BIN)/sphinx-build --quiet --fail-on-warning --doctree-dir build/docs/doctrees --builder linkcheck docs build/docs/linkcheck
 

@@ -14,21 +14,31 @@ RUN = ("image-readout", "--set", "images=200", "--set", "seed=7", "--set", "wind
 
 
 def draw(app: Sphinx) -> None:
-    """Acquire one small run, look at it, train a readout, evaluate it; align the bench. The HTML is drawn anew."""
+    """Acquire one small run, look at it, train and evaluate a readout; align the bench meanwhile. Anew for HTML."""
     made = Path(app.srcdir) / "made"
     if made.exists() and app.builder.name != "html":
         return
     shutil.rmtree(made, ignore_errors=True)
     run, readout = made / "runs" / "mine", made / "readout.h5"
-    _labctl("run", *RUN, "--out", run)
-    _labctl("show", run)
-    _labctl("train", run, "--window", "1 ns", "--ports", "2-6", "--out", readout)
-    _labctl("evaluate", readout, run)
-    _labctl("align", "--out", made / "calibration")
+    with _begun("align", "--out", made / "calibration") as alignment:
+        for words in (
+            ("run", *RUN, "--out", run),
+            ("show", run),
+            ("train", run, "--window", "1 ns", "--ports", "2-6", "--out", readout),
+            ("evaluate", readout, run),
+        ):
+            with _begun(*words) as command:
+                _succeeded(command)
+        _succeeded(alignment)
 
 
-def _labctl(*words: str | Path) -> None:
-    subprocess.run([sys.executable, "-m", "labctl", *words], check=True, stdout=subprocess.DEVNULL)
+def _begun(*words: str | Path) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, "-m", "labctl", *words], stdout=subprocess.DEVNULL)
+
+
+def _succeeded(command: subprocess.Popen[bytes]) -> None:
+    if status := command.wait():
+        raise subprocess.CalledProcessError(status, command.args)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -12,7 +12,6 @@ labctl train runs/digits
 `:hide:` shows the commands only: their answer is long, or says nothing to whom it may be of use.
 """
 
-import atexit
 import os
 import re
 import shlex
@@ -33,6 +32,7 @@ from sphinx.util.docutils import SphinxDirective
 LABCTL = (sys.executable, "-m", "labctl")
 LONGEST_S = 300
 PLAIN = {"COLUMNS": "132", "NO_COLOR": "1", "TERM": "dumb", "PYTHONUNBUFFERED": "1"}
+_served: list[subprocess.Popen[str]] = []
 
 
 class Typed(SphinxDirective):
@@ -101,13 +101,20 @@ def _interrupt(process: subprocess.Popen[str], journal: Path) -> None:
 
 
 def _serve(folder: Path, station: str) -> None:
-    """The simulated bench as a service until the build ends."""
+    """The simulated bench as a service until the page ends."""
     if (folder / station).exists():
         return
     command = [*LABCTL, "sim", "serve", "--save-station", station, "--json"]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
-    atexit.register(process.send_signal, signal.SIGINT)
+    _served.append(process)
     process.stdout.readline()
+
+
+def end(_app: Sphinx, _page: nodes.document) -> None:
+    """No bench is served any longer than its page is read."""
+    while _served:
+        with _served.pop() as process:
+            process.send_signal(signal.SIGINT)
 
 
 def begin(app: Sphinx) -> None:
@@ -119,5 +126,6 @@ def begin(app: Sphinx) -> None:
 def setup(app: Sphinx) -> dict[str, bool]:
     """Sphinx calls this."""
     app.connect("builder-inited", begin)
+    app.connect("doctree-read", end)
     app.add_directive("typed", Typed)
-    return {"parallel_read_safe": False, "parallel_write_safe": True}
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
