@@ -20,25 +20,21 @@ def draw(app: Sphinx) -> None:
         return
     shutil.rmtree(made, ignore_errors=True)
     run, readout = made / "runs" / "mine", made / "readout.h5"
-    with _begun("align", "--out", made / "calibration") as alignment:
-        for words in (
-            ("run", *RUN, "--out", run),
-            ("show", run),
-            ("train", run, "--window", "1 ns", "--ports", "2-6", "--out", readout),
-            ("evaluate", readout, run),
-        ):
-            with _begun(*words) as command:
-                _succeeded(command)
-        _succeeded(alignment)
+    with subprocess.Popen(_command("align", "--out", made / "calibration"), stdout=subprocess.DEVNULL) as alignment:
+        _labctl("run", *RUN, "--out", run)
+        _labctl("show", run)
+        _labctl("train", run, "--window", "1 ns", "--ports", "2-6", "--out", readout)
+        _labctl("evaluate", readout, run)
+    if alignment.returncode:
+        raise subprocess.CalledProcessError(alignment.returncode, alignment.args)
 
 
-def _begun(*words: str | Path) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, "-m", "labctl", *words], stdout=subprocess.DEVNULL)
+def _labctl(*words: str | Path) -> None:
+    subprocess.run(_command(*words), check=True, stdout=subprocess.DEVNULL)
 
 
-def _succeeded(command: subprocess.Popen[bytes]) -> None:
-    if status := command.wait():
-        raise subprocess.CalledProcessError(status, command.args)
+def _command(*words: str | Path) -> list[str | Path]:
+    return [sys.executable, "-m", "labctl", *words]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
