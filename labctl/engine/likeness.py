@@ -147,6 +147,7 @@ class Likeness:
         self._light = np.ones(1)  # of the reference, codes
         self._lit_level = np.zeros(1)  # mean code of the records with light that came last
         self._usual: NDArray[np.float64] | None = None  # mean squares of what different pictures differ by
+        self._differ_usually = (np.empty(0), np.empty(0), (math.nan, math.nan))  # of usual and noise
         self._lit_once = False  # a record was further from darkness than chance takes it
         self._agreed = 0  # the last shot whose record showed again what one before had shown
         self._repeats: list[float] = []  # by how much records of the reference differed
@@ -402,8 +403,12 @@ class Likeness:
         """
         if self._usual is None or len(self._usual) < ENOUGH:
             return math.nan, math.nan
-        nearly_all, half = np.quantile(_times(self._usual, noise), (FEW, 0.5))
-        return float(nearly_all), float(half)
+        usual, against, differ = self._differ_usually
+        if usual is not self._usual or against is not noise:
+            nearly_all, half = np.quantile(_times(self._usual, noise), (FEW, 0.5))
+            differ = float(nearly_all), float(half)
+            self._differ_usually = self._usual, noise, differ
+        return differ
 
     def _part_of_usual(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
         """The difference of two records, or of pairs of them, of what those of different pictures differ by."""

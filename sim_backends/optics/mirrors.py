@@ -15,11 +15,18 @@ _LIT = SIDE * MIRRORS_PER_SUPERPIXEL
 _TOP, _LEFT = (ROWS - _LIT) // 2, (COLUMNS - _LIT) // 2
 _FIRST_BYTE, _LAST_BYTE = _LEFT // 8, -(-(_LEFT + _LIT) // 8)
 
-_FIRST_BITS = _LEFT - 8 * _FIRST_BYTE + MIRRORS_PER_SUPERPIXEL * np.arange(SIDE)
-_BYTES = _FIRST_BITS[:, None] // 8 + np.arange(8)
-_SHIFTS = (64 - MIRRORS_PER_SUPERPIXEL - _FIRST_BITS % 8).astype(np.uint64)
-_COLUMNS_MASK = np.uint64((1 << MIRRORS_PER_SUPERPIXEL) - 1)
-_AT_ONCE = 16  # patterns counted together: their words fit the cache
+_AT_ONCE = 8  # patterns counted together: their words fit the cache
+
+
+def _masks() -> NDArray[np.uint64]:
+    """The lit columns of every superpixel in each word of a row, (28, words)."""
+    columns = np.arange(8 * _FIRST_BYTE, 8 * _LAST_BYTE) - _LEFT
+    return np.packbits(columns // MIRRORS_PER_SUPERPIXEL == np.arange(SIDE)[:, np.newaxis], axis=1).view(np.uint64)
+
+
+_WORDS = np.array([np.flatnonzero(of_one)[[0, -1]] for of_one in _masks()]).T  # first and last of a superpixel's
+_MASKS = _masks()[np.arange(SIDE), _WORDS]
+_MASKS[1, _WORDS[0] == _WORDS[1]] = 0
 
 
 def on_counts(packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
@@ -36,46 +43,49 @@ def on_counts(packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """
     if packed.shape[-2:] != (ROWS, COLUMNS // 8) or packed.dtype != np.uint8:
         raise ValueError(f"mirrors are {packed.dtype} {packed.shape}: give packed bits, uint8 ({ROWS}, {COLUMNS // 8})")
-    patterns = packed.reshape(-1, ROWS, COLUMNS // 8)
-    counts = np.empty((len(patterns), SIDE * SIDE), np.uint16)
-    for begin in range(0, len(patterns), _AT_ONCE):
-        block = patterns[begin : begin + _AT_ONCE]
-        counts[begin : begin + len(block)] = _counted(block)
+    lit = packed.reshape(-1, ROWS, COLUMNS // 8)[:, _TOP : _TOP + _LIT, _FIRST_BYTE:_LAST_BYTE]
+    rows = lit.reshape(len(lit), SIDE, MIRRORS_PER_SUPERPIXEL, _LAST_BYTE - _FIRST_BYTE).transpose(2, 0, 1, 3)
+    counts = np.empty((len(lit), SIDE * SIDE), np.uint16)
+    few = min(_AT_ONCE, len(lit))
+    words = np.empty((MIRRORS_PER_SUPERPIXEL, few, SIDE, rows.shape[-1]), np.uint8)
+    room = np.empty((2, MIRRORS_PER_SUPERPIXEL // 3, few, SIDE, rows.shape[-1] // 8), np.uint64)
+    for begin in range(0, len(lit), _AT_ONCE):
+        part = slice(begin, begin + _AT_ONCE)
+        here = slice(len(counts[part]))
+        words[:, here] = rows[:, part]
+        counts[part] = _added(words[:, here].view(np.uint64), room[:, :, here])
     return counts.reshape(*packed.shape[:-2], SIDE * SIDE)
 
 
-def _counted(patterns: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Counts of a few patterns: 27 rows of bits are added up 64 columns at a time, then 27 columns of every digit.
+def _added(words: NDArray[np.uint64], room: NDArray[np.uint64]) -> NDArray[np.uint16]:
+    """Counts (n, 784) of rows of bits, (27, n, 28, words), which are overwritten; `room` for two thirds of them.
 
     Three words of bits add to a sum and a carry word (a full adder a bit): 27 rows become the five binary digits of
-    their sums; a superpixel's 27 bits of a digit are shifted out of eight bytes and counted.
+    their sums, and what is lit of a superpixel's columns in a digit's words is counted.
     """
-    lit = np.ascontiguousarray(patterns[:, _TOP : _TOP + _LIT, _FIRST_BYTE:_LAST_BYTE]).view(np.uint64)
-    rows = lit.reshape(len(patterns), SIDE, MIRRORS_PER_SUPERPIXEL, -1)
-    waiting = [[rows[:, :, row] for row in range(MIRRORS_PER_SUPERPIXEL)]]
-    counts = np.zeros((len(patterns), SIDE, SIDE), np.uint16)
-    weight = 1
-    while waiting:
-        words = waiting.pop()
+    counts = np.zeros((*words.shape[1:3], *_WORDS.shape), np.uint16)
+    digit = 0
+    while True:
         carries = []
-        while len(words) > 1:
-            first, second = words.pop(), words.pop()
-            third = words.pop() if words else None
-            either, both = first ^ second, first & second
-            if third is None:
-                words.append(either)
-                carries.append(both)
-            else:
-                carries.append(both | (either & third))
-                words.append(either ^ third)
-        digit = np.zeros((len(patterns), SIDE, _LAST_BYTE - _FIRST_BYTE + 8), np.uint8)
-        digit[:, :, : _LAST_BYTE - _FIRST_BYTE] = words[0].view(np.uint8)
-        bits = np.take(digit, _BYTES, axis=-1).view(">u8")[..., 0].astype(np.uint64)
-        counts += np.bitwise_count((bits >> _SHIFTS) & _COLUMNS_MASK).astype(np.uint16) * np.uint16(weight)
-        weight *= 2
-        if carries:
-            waiting.append(carries)
-    return counts.reshape(len(patterns), -1)
+        while (third := len(words) // 3) > 0:
+            first, second, last = (words[place * third : (place + 1) * third] for place in range(3))
+            either, both = room[:, :third]
+            np.bitwise_xor(first, second, out=either)
+            np.bitwise_and(first, second, out=first)
+            first |= np.bitwise_and(either, last, out=both)
+            last ^= either
+            carries.append(first)
+            words = words[2 * third :]
+        if len(words) == 2:
+            carries.append(words[:1] & words[1:])
+            words = words[:1] ^ words[1:]
+        lit = np.take(words[0], _WORDS, axis=-1)
+        lit &= _MASKS
+        counts += np.bitwise_count(lit).astype(np.uint16) << digit
+        if not carries:
+            return np.asarray(counts.sum(axis=-2, dtype=np.uint16).reshape(len(counts), -1))
+        words = np.concatenate(carries)
+        digit += 1
 
 
 def on_fraction(packed: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -8,6 +8,7 @@ and no triggers.
 import math
 from collections import OrderedDict
 from functools import lru_cache
+from threading import Lock
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -72,6 +73,7 @@ class LightPath:
         self.optics = lru_cache(_KEPT_SETTINGS)(twin.optics)
         self._parameters = parameters
         self._pages: OrderedDict[tuple[bytes, float, float, int], NDArray[np.complex64]] = OrderedDict()
+        self._paging = Lock()
 
     def amplitudes(self, on: NDArray[np.float32]) -> NDArray[np.float32]:
         """What superpixels reflect, (images, 784), with these parts of their mirrors on; direct: all, (images, 1)."""
@@ -231,20 +233,21 @@ class LightPath:
         otherwise a matrix.
         """
         key = (optics.key, start_s, step, points)
-        if key in self._pages:
-            self._pages.move_to_end(key)
-            return self._pages[key]
-        depth = optics.taps.shape[-1]
-        if every is None:
-            times = start_s + step * np.arange(points, dtype=np.float64)
-            page = chain.delayed(optics.fields, depth, times, optics.step_s)
-        else:
-            start = start_s / optics.step_s
-            page = chain.window_spectrum(optics.fields, depth, start=start, points=points, every=every)
-        self._pages[key] = page
-        while sum(kept.nbytes for kept in self._pages.values()) > _KEPT_BYTES and len(self._pages) > 1:
-            self._pages.popitem(last=False)
-        return page
+        with self._paging:  # what another thread is making is waited for
+            if key in self._pages:
+                self._pages.move_to_end(key)
+                return self._pages[key]
+            depth = optics.taps.shape[-1]
+            if every is None:
+                times = start_s + step * np.arange(points, dtype=np.float64)
+                page = chain.delayed(optics.fields, depth, times, optics.step_s)
+            else:
+                start = start_s / optics.step_s
+                page = chain.window_spectrum(optics.fields, depth, start=start, points=points, every=every)
+            self._pages[key] = page
+            while sum(kept.nbytes for kept in self._pages.values()) > _KEPT_BYTES and len(self._pages) > 1:
+                self._pages.popitem(last=False)
+            return page
 
 
 def snapped(phases: NDArray[np.float64], period: float, marks: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -308,11 +311,11 @@ def in_blocks(rows: NDArray[Numbers], matrix: NDArray[Numbers]) -> NDArray[Numbe
     tail = np.zeros((IMAGE_BLOCK, rows.shape[1]), rows.dtype)
     products = np.empty((IMAGE_BLOCK, matrix.shape[1]), rows.dtype)
     tail[: images - whole] = rows[whole:]
+    blocks = rows[:whole].reshape(-1, IMAGE_BLOCK, rows.shape[1])
     for left in range(0, matrix.shape[1], COLUMN_BLOCK):
         block = slice(left, left + COLUMN_BLOCK)
-        columns = matrix[:, block]
-        for top in range(0, whole, IMAGE_BLOCK):
-            np.matmul(rows[top : top + IMAGE_BLOCK], columns, out=out[top : top + IMAGE_BLOCK, block])
+        columns, place = matrix[:, block], out[:whole, block]
+        np.matmul(blocks, columns, out=place.reshape(-1, IMAGE_BLOCK, place.shape[1]))
         if whole < images:
             np.matmul(tail, columns, out=products[:, block])
     out[whole:] = products[: images - whole]

@@ -178,4 +178,4 @@ def _date(seconds: int) -> str:
 
 def _grouped(picoseconds: int) -> str:
     digits = f"{picoseconds:012}"
-    return " ".join(digits[start : start + 3] for start in range(0, 12, 3))
+    return f"{digits[:3]} {digits[3:6]} {digits[6:9]} {digits[9:]}"
