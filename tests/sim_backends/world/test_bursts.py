@@ -144,6 +144,17 @@ def test_batch_size_changes_no_byte() -> None:
     assert together.keys[3] != together.keys[4]
 
 
+def test_pictures_computed_side_by_side_have_the_same_bytes() -> None:
+    counts = np.random.default_rng(6).integers(0, 730, (400, 784), np.uint16)
+    frames = []
+    for at_once in (400, 20):  # the cores share the first; one of them computes each of the others
+        world = bench()
+        world.project(Projection(counts, world.clock.now, PICTURE_S, SYNCH_S))
+        times = np.split(coming(world, len(counts)), len(counts) // at_once)
+        frames.append(np.concatenate([world.record(LATER, part).volts for part in times]))
+    assert np.array_equal(*frames)
+
+
 def test_repeats_of_a_pattern_have_noise_of_their_own() -> None:
     world = bench(noise="by-state")
     burst(world, 2, repeats=2)
