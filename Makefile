@@ -9,7 +9,8 @@ IMAGING := $(VENV)/.imaging
 DOCS := $(VENV)/.docs
 INTEROP := .venv-interop
 AUDIT := $(VENV)/audit
-PIP := $(BIN)/pip install --quiet --disable-pip-version-check
+# Less is imported than pip would compile: it is compiled when it is imported.
+PIP := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile
 LOCKS := requirements-dev.lock requirements-hardware.lock requirements-imaging.lock requirements-torch.txt requirements-docs.lock \
 	requirements-interop.lock
 MINUTES ?= 60
@@ -114,20 +115,19 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(PIP) --no-deps --no-build-isolation --editable .
 	touch $@
 
-# Of what tests and documents need, less is imported than compiled: it is compiled when it is imported.
 $(TESTED): requirements-dev.lock $(INSTALLED)
-	$(PIP) --no-compile --require-hashes --requirement requirements-dev.lock
+	$(PIP) --require-hashes --requirement requirements-dev.lock
 	touch $@
 
 # torch, for the tests of the extra `imaging` and their types; the demo does without. Its wheels differ from index to
 # index (CPU or CUDA), so it alone is pinned without a hash, and what a CUDA wheel needs beyond the lock comes with it.
 $(IMAGING): requirements-imaging.lock requirements-torch.txt $(TESTED)
-	$(PIP) --no-compile --require-hashes --requirement requirements-imaging.lock
-	$(PIP) --no-compile --requirement requirements-torch.txt
+	$(PIP) --require-hashes --requirement requirements-imaging.lock
+	$(PIP) --requirement requirements-torch.txt
 	touch $@
 
 $(DOCS): requirements-docs.lock $(INSTALLED)
-	$(PIP) --no-compile --require-hashes --requirement requirements-docs.lock
+	$(PIP) --require-hashes --requirement requirements-docs.lock
 	touch $@
 
 $(INTEROP)/.installed: requirements-interop.lock
