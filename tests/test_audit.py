@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.audit import NOT_CHECKED, NotChecked, environment, known, report
+from tests.checkout import ROOT
 
 WHOLE = {
     "dependencies": [
@@ -52,7 +53,7 @@ def test_where_it_cannot_be_checked_one_line_says_so_and_the_status_is_its_own(t
     (tmp_path / ".installed").touch()
     ended = subprocess.run(
         [sys.executable, "-m", "tests.audit", str(tmp_path), "requirements.lock"],
-        cwd=Path(__file__).parents[1],
+        cwd=ROOT,
         check=False,
         capture_output=True,
         text=True,

@@ -1,11 +1,11 @@
 """What the environments are made from: every package is pinned with its hashes, torch alone by version."""
 
 import re
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.checkout import ROOT
+
 LOCKS = sorted(path.name for path in ROOT.glob("requirements*.lock"))
 PINNED = re.compile(r"^([A-Za-z0-9._-]+)==(\S+)(.*)", re.MULTILINE)
 

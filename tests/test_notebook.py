@@ -7,7 +7,9 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-FOLDER = Path(__file__).parents[1] / "docs" / "how-to"
+from tests.checkout import ROOT
+
+FOLDER = ROOT / "docs" / "how-to"
 SHOWN = {"look-at-a-run": "unseen images", "from-a-notebook": "shots kept apart"}
 notebooks = pytest.mark.parametrize("name", SHOWN)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.checkout import ROOT
+
 SOURCES = sorted(
     path
     for package in ("labctl", "instruments", "protocols", "sim_backends")

@@ -6,7 +6,7 @@ together changes no byte.
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple, Protocol
@@ -130,7 +130,8 @@ class ProcessorReceivers:
         order = np.argsort(which, kind="stable")
         after, before = np.divmod(pairs, len(amplitudes))
         points = acquisition.samples / (acquisition.sample_rate * self._parameters.record_step_s) + 100
-        block = max(1, int(_BLOCK_BYTES / (16 * len(acquisition.channels) * points * IMAGE_BLOCK))) * IMAGE_BLOCK
+        fitting = int(_BLOCK_BYTES / (16 * len(acquisition.channels) * points * IMAGE_BLOCK))
+        block = max(1, fitting) * IMAGE_BLOCK
         at_once = max(1, _BLOCK_BYTES // volts[0].nbytes)
         seen_by = which[order]
 
@@ -158,7 +159,11 @@ class ProcessorReceivers:
                 traces += lateness[own, np.newaxis, np.newaxis].astype(np.float32) * slope[image]
                 volts[own] = receiver.limited(traces, self._parameters.detector_limit_v)
 
-        _side_by_side(part, range(0, len(pairs), block))
+        parts = range(0, len(pairs), block)
+        if fitting and len(parts) > 1:  # long records, side by side, would take the memory of as many
+            list(_threads().map(part, parts))
+        else:
+            list(map(part, parts))
 
     def digitised(
         self,
@@ -195,13 +200,7 @@ def jitter_s(parameters: Parameters) -> float:
     return math.hypot(parameters.trigger_jitter_s, parameters.awg_jitter_s)
 
 
-def _side_by_side(task: Callable[[int], None], parts: Sequence[int]) -> None:
-    """Carry out `task` on every part, as many at once as there are cores: NumPy lets others go on while it computes."""
-    side_by_side = map if len(parts) == 1 else _threads().map
-    for _ in side_by_side(task, parts):
-        pass
-
-
 @lru_cache(maxsize=1)
 def _threads() -> ThreadPoolExecutor:
+    """One for each core: NumPy lets others go on while it computes."""
     return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="physics")

@@ -6,9 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests.checkout import ROOT
 from tests.docs.test_blocks import BLOCK
 
-ROOT = Path(__file__).parents[2]
 PACKAGES = ("labctl", "protocols", "instruments", "sim_backends", "data")
 DECLARED = ')\n"""The columns of `/shots`."""\n'
 FIELD = "    next_label: int = -1\n"

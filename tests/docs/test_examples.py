@@ -15,8 +15,8 @@ import jsonschema
 import pytest
 
 from labctl.runs.read.run import open_run
+from tests.checkout import ROOT
 
-ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "how-to" / "examples"
 
 Labctl = Callable[..., subprocess.CompletedProcess[str]]

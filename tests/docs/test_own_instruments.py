@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from labctl.runs.read.run import open_run
+from tests.checkout import ROOT
 
-ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "how-to" / "examples" / "own_instruments"
 HERE = "\n".join(line for line in (EXAMPLE / "bench.toml").read_text("utf-8").splitlines() if "address" not in line)
 """The station file of the guide, its instruments simulated."""

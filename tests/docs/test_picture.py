@@ -8,8 +8,9 @@ import pytest
 from PIL import Image, ImageChops
 
 from labctl.commands.main import main
+from tests.checkout import ROOT
 
-KEPT = Path(__file__).parents[2] / "docs" / "accuracy.png"
+KEPT = ROOT / "docs" / "accuracy.png"
 VISIBLE = 25
 """Grey levels."""
 MOVED = 0.02

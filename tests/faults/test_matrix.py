@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from sim_backends.faults.catalogue import FRAMES, HISLIP, VXI11
+from tests.checkout import ROOT
 from tests.faults.document import DOCUMENT, document, documented
 from tests.faults.matrix import (
     BEHIND,
@@ -25,7 +26,7 @@ from tests.faults.matrix import (
 
 pytestmark = pytest.mark.usefixtures("forked_supervisors")
 
-WRITTEN = (Path(__file__).parents[2] / DOCUMENT).read_text(encoding="utf-8")
+WRITTEN = (ROOT / DOCUMENT).read_text(encoding="utf-8")
 DOCUMENTED = documented(WRITTEN)
 WITHHELD = ("late", "no reply", "no end", "cleared")
 """What leaves everybody waiting for the end of a reply, even where that does no harm."""

@@ -12,9 +12,11 @@ from typing import Any
 
 import pytest
 
+from tests.checkout import ROOT
+
 pytest.importorskip("tm_devices", reason="tm_devices is absent: `make interop` runs this")
 
-DRIVERS = Path(__file__).parents[2] / "instruments"
+DRIVERS = ROOT / "instruments"
 HEADER = re.compile(r":?(\*[A-Z]{2,4}|[A-Z\x00][\w\x00]*(?::[\w\x00]+)+|[A-Z]{2,}[a-z]*(?=\?$| [A-Z]+$))(?=[ ?]|$)")
 PLACE = "\x00"
 """Stands for what an f-string fills in."""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.checkout import ROOT
 from tests.knobs.document import DOCUMENT, document, documented
 from tests.knobs.lies import LIES
 from tests.knobs.settings import KNOBS
@@ -11,7 +12,7 @@ from tests.knobs.table import MODES, Case, Ended, carried_out, cases, outcome, u
 
 pytestmark = pytest.mark.usefixtures("forked_supervisors")
 
-WRITTEN = (Path(__file__).parents[2] / DOCUMENT).read_text(encoding="utf-8")
+WRITTEN = (ROOT / DOCUMENT).read_text(encoding="utf-8")
 DOCUMENTED = documented(WRITTEN)
 
 

@@ -15,6 +15,7 @@ from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.hands import Hands, in_hands
 from labctl.errors import LabctlError, RunError, StationError
 from labctl.runs.format.origin import Origin
+from tests.checkout import ROOT
 
 
 class Emission(Observer):
@@ -27,7 +28,7 @@ class Emission(Observer):
         self.seen.append(on)
 
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "api.md"
+PAGE = ROOT / "docs" / "reference" / "api.md"
 
 
 def test_what_is_public_is_listed_and_described() -> None:

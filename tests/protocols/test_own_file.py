@@ -7,8 +7,9 @@ import pytest
 
 from protocols.base import Judgement, ProtocolError
 from protocols.registry import protocol_class, read_protocol
+from tests.checkout import ROOT
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "how-to" / "examples" / "bench_extras.py"
+EXAMPLE = ROOT / "docs" / "how-to" / "examples" / "bench_extras.py"
 IMPORTS = "from typing import ClassVar\nfrom protocols.image_readout import ImageReadout\n"
 
 

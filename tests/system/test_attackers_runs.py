@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from labctl.commands.main import main
+from tests.checkout import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs links, pipes and fork")
 
@@ -156,7 +157,7 @@ def commands(run: Path, whole: Path, out: Path) -> list[list[str]]:
 def carried_out(words: list[list[str]]) -> list[dict[str, Any]]:
     ended = subprocess.run(
         [sys.executable, str(Path(__file__).with_name("watched_commands.py"))],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         input=json.dumps(words),
         stdout=subprocess.PIPE,
         check=True,

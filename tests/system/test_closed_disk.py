@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from labctl.commands.main import main
+from tests.checkout import ROOT
 from tests.system.test_full_disk import APART
 
 SETTINGS = ("classes=0,1", "images=40", "window=0.4 ns", "ports=2,3", "reference_every=20")
@@ -40,7 +41,7 @@ def test_every_command_that_writes_says_what_to_do(what: str, run: Path, tmp_pat
     script = Path(__file__).with_name("on_a_closed_disk.py")
     ended = subprocess.run(
         [*APART, sys.executable, str(script), str(tmp_path), str(run), what],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,

@@ -21,6 +21,7 @@ from PIL import Image
 from labctl.bench.recording.format import CHECK, RECORD, Kind
 from labctl.bench.simulation import SIMULATED_LASER
 from sim_backends.virtual.awg70002a.wfmx import WaveformFile, write_wfmx
+from tests.checkout import ROOT
 from tests.fuzz.readers import PICTURE
 from tests.system.hostile_runs import RUNS, Made
 from tests.system.limited_reader import SECONDS
@@ -342,7 +343,7 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Outcome
     before = sorted(folder.rglob("*"))
     ended = subprocess.run(
         [sys.executable, str(Path(__file__).with_name("limited_reader.py"))],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         input=json.dumps(asked),
         check=False,
         capture_output=True,

@@ -12,6 +12,7 @@ import pytest
 
 from labctl.commands.main import main
 from labctl.runs.read.run import open_run
+from tests.checkout import ROOT
 
 PROTOCOL = ("image-readout", "--set", "images=10", "--set", "ports=2", "--set", "window=0.8 ns")
 STATION = """
@@ -45,7 +46,7 @@ def found(small_disk: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     script = Path(__file__).with_name("on_a_small_disk.py")
     ended = subprocess.run(
         [*APART, sys.executable, str(script), str(small_disk), str(station), *PROTOCOL],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,

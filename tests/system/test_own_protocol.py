@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 
 from labctl.runs.read.run import open_run
+from tests.checkout import ROOT
 from tests.command_line import answer
 from tests.system.waiting import until_stored
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "how-to" / "examples" / "bench_extras.py"
+EXAMPLE = ROOT / "docs" / "how-to" / "examples" / "bench_extras.py"
 READOUT = '''"""Digits, under a name of their own."""
 
 from typing import ClassVar

@@ -3,12 +3,11 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
+from tests.checkout import ROOT
 from tests.truth.descriptions import FAMILIES, Described, Form, described, short_form
 from tests.truth.wire import Answer, Instrument
 
-ROOT = Path(__file__).parents[2]
 EVENTS = {"scope": "ALLEv?", "awg": "SYSTem:ERRor:ALL?"}
 MODELS = {"scope": "VirtualDpo72504dx", "awg": "VirtualAwg70002a"}
 PRESET = {"scope": "*RST;*CLS;HEADer OFF;VERBose ON", "awg": "*RST;*CLS"}

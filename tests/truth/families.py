@@ -6,9 +6,9 @@ It runs in the environment of `make interop`, which has tm_devices; the twins re
 import sys
 from pathlib import Path
 
+from tests.checkout import ROOT
 from tests.truth.descriptions import FAMILIES, Described, described, version
 
-ROOT = Path(__file__).parents[2]
 PACKAGES = {"scope": "dpo72504dx", "awg": "awg70002a"}
 
 _HEAD = """\

@@ -12,8 +12,7 @@ import pytest
 
 from labctl.bench.environment import BROKEN, EXTRAS, MISSING, OK, Finding, examine
 from labctl.commands.main import main
-
-ROOT = Path(__file__).parents[3]
+from tests.checkout import ROOT
 
 
 @pytest.fixture(scope="module")

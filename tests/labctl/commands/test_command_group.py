@@ -17,8 +17,8 @@ from labctl.bench.station import Station
 from labctl.commands import COMMANDS
 from labctl.commands.command_group import Unloaded
 from labctl.commands.main import app
+from tests.checkout import ROOT
 
-ROOT = Path(__file__).parents[3]
 HEAVY = (
     *("torch", "sklearn", "matplotlib", "scipy", "scipy.special", "h5py", "pyvisa", "numpy"),
     *("pint", "pydantic", "rich", "PIL", "pooch", "sim_backends.world.world"),

@@ -6,8 +6,7 @@ import pytest
 from sim_backends.scpi.arguments import boolean
 from sim_backends.scpi.commands import Action, Query, Setting
 from sim_backends.virtual import catalogue
-
-ROOT = Path(__file__).parents[3]
+from tests.checkout import ROOT
 
 
 @pytest.mark.parametrize(

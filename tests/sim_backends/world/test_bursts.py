@@ -146,13 +146,14 @@ def test_batch_size_changes_no_byte() -> None:
 
 def test_pictures_computed_side_by_side_have_the_same_bytes() -> None:
     counts = np.random.default_rng(6).integers(0, 730, (400, 784), np.uint16)
-    frames = []
-    for at_once in (400, 20):  # the cores share the first; one of them computes each of the others
+
+    def frames(at_once: int) -> Array:
         world = bench()
         world.project(Projection(counts, world.clock.now, PICTURE_S, SYNCH_S))
         times = np.split(coming(world, len(counts)), len(counts) // at_once)
-        frames.append(np.concatenate([world.record(LATER, part).volts for part in times]))
-    assert np.array_equal(*frames)
+        return np.concatenate([world.record(LATER, part).volts for part in times])
+
+    assert np.array_equal(frames(400), frames(20))  # the cores share 400; 20 are computed by one of them
 
 
 def test_repeats_of_a_pattern_have_noise_of_their_own() -> None:

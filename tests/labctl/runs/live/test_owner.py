@@ -17,6 +17,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import writer_of
 from labctl.runs.write.writer import RunWriter
+from tests.checkout import ROOT
 
 
 def states(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) -> dict[str, str]:
@@ -39,7 +40,7 @@ def test_a_run_is_running_as_long_as_its_writer_lives(
 ) -> None:
     folder, live = cut.parent, cut.parent / "live"
     command = [sys.executable, str(Path(__file__).with_name("running_writer.py")), str(live)]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[4])}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     talk = partial(subprocess.Popen[str], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     with talk(command, env=environment) as process:
         assert process.stdout is not None

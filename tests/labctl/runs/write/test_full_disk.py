@@ -13,6 +13,7 @@ from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from labctl.runs.write.writer import RunWriter
+from tests.checkout import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs setrlimit")
 
@@ -48,7 +49,7 @@ def test_a_full_disk_takes_nothing_that_was_stored(
         [sys.executable, str(Path(__file__).with_name("limited_writer.py")), str(directory)]
         + [str(number) for number in (limit, samples, shots)]
         + ["at once" if complete < 0 else "begun"],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[4])},
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         check=True,
         capture_output=True,
         text=True,

@@ -14,6 +14,7 @@ from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from labctl.runs.write.writer import RunWriter
+from tests.checkout import ROOT
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
@@ -30,7 +31,7 @@ def test_a_killed_writer_loses_at_most_what_the_durability_allows(
 ) -> None:
     whole = open_run(write_whole(tmp_path / "whole", small, shots)).digest()
     script = Path(__file__).with_name("killed_writer.py")
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[4])}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     killed = subprocess.run(
         [sys.executable, str(script), str(tmp_path), str(shots)],
         env=environment,

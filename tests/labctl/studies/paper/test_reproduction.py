@@ -18,8 +18,9 @@ from labctl.studies.paper.experiments import Experiment, experiments
 from labctl.studies.paper.feasibility import check
 from labctl.studies.paper.reproduction import Plan, name_by_settings
 from labctl.studies.paper.twin_runs import TwinRuns
+from tests.checkout import ROOT
 
-GUIDE = Path(__file__).parents[4] / "docs" / "how-to" / "run-the-experiments-on-your-bench.md"
+GUIDE = ROOT / "docs" / "how-to" / "run-the-experiments-on-your-bench.md"
 
 
 @pytest.fixture

@@ -12,8 +12,9 @@ from labctl.runs.sweep import Sweep
 from labctl.runs.sweep_axes import Order
 from labctl.studies.sweeps.declaration import points, read_sweep
 from protocols.image_readout import ImageReadout
+from tests.checkout import ROOT
 
-PAGE = Path(__file__).parents[4] / "docs" / "how-to" / "sweep.md"
+PAGE = ROOT / "docs" / "how-to" / "sweep.md"
 
 
 def sweep(**over: tuple[str, ...]) -> Sweep:
