@@ -17,15 +17,10 @@ _FIRST_BYTE, _LAST_BYTE = _LEFT // 8, -(-(_LEFT + _LIT) // 8)
 
 _AT_ONCE = 8  # patterns counted together: their words fit the cache
 
-
-def _masks() -> NDArray[np.uint64]:
-    """The lit columns of every superpixel in each word of a row, (28, words)."""
-    columns = np.arange(8 * _FIRST_BYTE, 8 * _LAST_BYTE) - _LEFT
-    return np.packbits(columns // MIRRORS_PER_SUPERPIXEL == np.arange(SIDE)[:, np.newaxis], axis=1).view(np.uint64)
-
-
-_WORDS = np.array([np.flatnonzero(of_one)[[0, -1]] for of_one in _masks()]).T  # first and last of a superpixel's
-_MASKS = _masks()[np.arange(SIDE), _WORDS]
+_PLACE = (np.arange(8 * _FIRST_BYTE, 8 * _LAST_BYTE) - _LEFT) // MIRRORS_PER_SUPERPIXEL  # of a column's superpixel
+_OF_ONE = np.packbits(np.arange(SIDE)[:, np.newaxis] == _PLACE, axis=1).view(np.uint64)
+_WORDS = np.array([np.flatnonzero(of_one)[[0, -1]] for of_one in _OF_ONE]).T  # first and last of a superpixel's
+_MASKS = _OF_ONE[np.arange(SIDE), _WORDS]  # its columns in these
 _MASKS[1, _WORDS[0] == _WORDS[1]] = 0
 
 

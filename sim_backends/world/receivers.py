@@ -163,7 +163,8 @@ class ProcessorReceivers:
         if fitting and len(parts) > 1:  # long records, side by side, would take the memory of as many
             list(_threads().map(part, parts))
         else:
-            list(map(part, parts))
+            for begin in parts:
+                part(begin)
 
     def digitised(
         self,
