@@ -37,6 +37,7 @@ STYLE: dict[Any, object] = {
     "axes.spines.right": False,
     "axes.spines.top": False,
     "axes.titlesize": "medium",
+    "axes.titley": 1.0,  # where it belongs: to look for room above the panel costs a quarter of a layout
     "figure.constrained_layout.use": True,
     "figure.facecolor": "white",
     "font.family": "DejaVu Sans",

@@ -38,7 +38,8 @@ def on_counts(packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """
     if packed.shape[-2:] != (ROWS, COLUMNS // 8) or packed.dtype != np.uint8:
         raise ValueError(f"mirrors are {packed.dtype} {packed.shape}: give packed bits, uint8 ({ROWS}, {COLUMNS // 8})")
-    lit = packed.reshape(-1, ROWS, COLUMNS // 8)[:, _TOP : _TOP + _LIT, _FIRST_BYTE:_LAST_BYTE]
+    pictures = np.ascontiguousarray(packed).reshape(-1, ROWS, COLUMNS // 8)
+    lit = pictures[:, _TOP : _TOP + _LIT, _FIRST_BYTE:_LAST_BYTE]
     rows = lit.reshape(len(lit), SIDE, MIRRORS_PER_SUPERPIXEL, _LAST_BYTE - _FIRST_BYTE).transpose(2, 0, 1, 3)
     counts = np.empty((len(lit), SIDE * SIDE), np.uint16)
     few = min(_AT_ONCE, len(lit))
@@ -46,10 +47,22 @@ def on_counts(packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
     room = np.empty((2, MIRRORS_PER_SUPERPIXEL // 3, few, SIDE, rows.shape[-1] // 8), np.uint64)
     for begin in range(0, len(lit), _AT_ONCE):
         part = slice(begin, begin + _AT_ONCE)
-        here = slice(len(counts[part]))
-        words[:, here] = rows[:, part]
-        counts[part] = _added(words[:, here].view(np.uint64), room[:, :, here])
+        if _rows_are_alike(pictures[part]):
+            counts[part] = MIRRORS_PER_SUPERPIXEL * _counted(np.ascontiguousarray(rows[0, part]).view(np.uint64))
+        else:
+            here = slice(len(counts[part]))
+            words[:, here] = rows[:, part]
+            counts[part] = _added(words[:, here].view(np.uint64), room[:, :, here])
     return counts.reshape(*packed.shape[:-2], SIDE * SIDE)
+
+
+def _rows_are_alike(pictures: NDArray[np.uint8]) -> bool:
+    """Whether each superpixel's rows of mirrors are the same in all pictures (n, 768, 128), as where it is a pixel."""
+    words = pictures.reshape(len(pictures), -1).view(np.uint64)
+    row = COLUMNS // 64
+    first, end = _TOP * row, (_TOP + _LIT) * row
+    differs = words[:, first:end] != words[:, first - row : end - row]  # from the row above
+    return not differs.reshape(len(pictures), SIDE, -1)[:, :, row:].any()
 
 
 def _added(words: NDArray[np.uint64], room: NDArray[np.uint64]) -> NDArray[np.uint16]:
@@ -58,7 +71,7 @@ def _added(words: NDArray[np.uint64], room: NDArray[np.uint64]) -> NDArray[np.ui
     Three words of bits add to a sum and a carry word (a full adder a bit): 27 rows become the five binary digits of
     their sums, and what is lit of a superpixel's columns in a digit's words is counted.
     """
-    counts = np.zeros((*words.shape[1:3], *_WORDS.shape), np.uint16)
+    counts = np.zeros((words.shape[1], SIDE * SIDE), np.uint16)
     digit = 0
     while True:
         carries = []
@@ -74,13 +87,19 @@ def _added(words: NDArray[np.uint64], room: NDArray[np.uint64]) -> NDArray[np.ui
         if len(words) == 2:
             carries.append(words[:1] & words[1:])
             words = words[:1] ^ words[1:]
-        lit = np.take(words[0], _WORDS, axis=-1)
-        lit &= _MASKS
-        counts += np.bitwise_count(lit).astype(np.uint16) << digit
+        counts += _counted(words[0]) << digit
         if not carries:
-            return np.asarray(counts.sum(axis=-2, dtype=np.uint16).reshape(len(counts), -1))
+            return counts
         words = np.concatenate(carries)
         digit += 1
+
+
+def _counted(row: NDArray[np.uint64]) -> NDArray[np.uint16]:
+    """Mirrors turned to the fibre of one row of every superpixel, (n, 28, words): (n, 784)."""
+    lit = np.take(row, _WORDS, axis=-1)
+    lit &= _MASKS
+    left, right = np.moveaxis(np.bitwise_count(lit), -2, 0)
+    return np.asarray((left + right).astype(np.uint16).reshape(len(row), -1))
 
 
 def on_fraction(packed: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -27,6 +27,23 @@ def test_on_fraction_is_the_mean_of_every_superpixel(seed: int, fill: float) -> 
     np.testing.assert_allclose(mirrors.on_fraction(packed), naive(packed), atol=1e-6)
 
 
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.lists(st.tuples(st.integers(0, 2), st.integers(0, 767), st.integers(0, 1023)), max_size=3),
+)
+def test_pictures_of_superpixels_count_as_any_other(seed: int, stray: list[tuple[int, int, int]]) -> None:
+    """Also with a few mirrors turned the other way, inside the square or beside it."""
+    bits = np.zeros((3, 768, 1024), bool)
+    pixels = np.random.default_rng(seed).random((3, 28, 28)) < 0.5
+    bits[:, 6:762, 134:890] = pixels.repeat(27, axis=1).repeat(27, axis=2)
+    for place in stray:
+        bits[place] ^= True
+    packed = np.packbits(bits, axis=2)
+    expected = [np.rint(729 * naive(picture)) for picture in packed]
+    assert np.array_equal(mirrors.on_counts(packed), expected)
+
+
 def test_mirrors_outside_the_square_do_not_count() -> None:
     bits = np.ones((768, 1024), bool)
     bits[6:762, 134:890] = False
