@@ -5,6 +5,7 @@ out leaves its repeats in, and the regularisation comes out too weak. Images are
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -112,11 +113,7 @@ class KernelReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         with threadpool_limits(1):
             self._scaler = StandardScaler().fit(features)
             self._shots = self._scaler.transform(features)
-            targets = images.reshape(len(images), -1)
-            self.mean_ = targets.mean(axis=0)
-            turned, spreads, components = np.linalg.svd(targets - self.mean_, full_matrices=False)
-            some = spreads > NEGLIGIBLE * spreads[0]  # pixels that no training image lights leave many without any
-            scores, components = turned[:, some] * spreads[some], components[some]
+            self.mean_, scores, components = _components(images.tobytes(), len(images))
             distances = _distances(self._shots, self._shots)
             fits = [_fit(np.exp(-gamma * distances), scores, np.asarray(self.alphas)) for gamma in self.gammas]
             best = min(range(len(fits)), key=lambda position: fits[position].error)
@@ -137,6 +134,22 @@ class KernelReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
             images = (kernel - self._column_means) @ self.dual_coef_ + self.mean_
         shaped = np.asarray(images.reshape(len(features), *self._pixels))
         return shaped.clip(*self.range_) if self.clip else shaped
+
+
+@lru_cache(maxsize=2)
+def _components(images: bytes, shots: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Mean (pixels,), scores (shots, components) and principal components (components, pixels) of images, float64.
+
+    The images of two splits are the same for every acquisition time and number of wavelengths.
+    """
+    targets = np.frombuffer(images).reshape(shots, -1)
+    mean = targets.mean(axis=0)
+    turned, spreads, components = np.linalg.svd(targets - mean, full_matrices=False)
+    some = spreads > NEGLIGIBLE * spreads[0]  # pixels that no training image lights leave many without any
+    found = mean, turned[:, some] * spreads[some], components[some]
+    for one in found:
+        one.flags.writeable = False
+    return found
 
 
 class _Split(NamedTuple):
