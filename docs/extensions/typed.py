@@ -77,7 +77,11 @@ class Typed(SphinxDirective):
             )
             if "interrupt" in self.options:
                 _interrupt(process, folder / self.options["interrupt"] / "journal.jsonl")
-            answer, _ = process.communicate(timeout=LONGEST_S)
+            try:
+                answer, _ = process.communicate(timeout=LONGEST_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise self.error(f"labctl {' '.join(rest)}: did not end in {LONGEST_S} s") from None
             if process.returncode != self.options.get("exit", 0):
                 raise self.error(f"labctl {' '.join(rest)}: ended in {process.returncode}: {answer}")
             kept.write_text(_as_seen(answer), "utf-8")

@@ -30,9 +30,9 @@ NEGLIGIBLE = 1e-10
 class LinearReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no types there
     """Each pixel a linear function of the standardised features, with ridge penalty and a free bias.
 
-    The penalty is the same for all pixels and chosen by the leave-one-out error inside the training set: what
-    `ridge_readout` does, without the weights of every penalty that is not chosen, which cost the most by far where
-    there are hundreds of pixels.
+    The penalty is the same for all pixels and chosen by the leave-one-out error inside the training set, which is
+    taken to have one valley over it: what `ridge_readout` does, without the weights of every penalty that is not
+    chosen, which cost the most by far where there are hundreds of pixels.
 
     Args:
         alphas: Penalties to choose from.
@@ -56,8 +56,9 @@ class LinearReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         targets = images.reshape(len(images), -1)
         with threadpool_limits(1):
             shots = StandardScaler().fit_transform(features)
-            errors = _left_out(_split(shots @ shots.T, targets - targets.mean(axis=0)))
-            self.alpha_ = float(min(self.alphas, key=lambda alpha: errors(alpha, slice(None)).sum()))
+            of_pixels = _left_out(_split(shots @ shots.T, targets - targets.mean(axis=0)))
+            errors = _over_penalties(lambda alpha, _: of_pixels(alpha, slice(None)).sum(), self.alphas, 1)
+            self.alpha_ = float(self.alphas[int(errors.argmin())])
             self.pipeline_ = make_pipeline(StandardScaler(), Ridge(self.alpha_)).fit(features, images)
         self.range_ = (float(images.min()), float(images.max()))
         return self
@@ -212,15 +213,24 @@ def _left_out(split: _Split) -> Callable[[float, Any], NDArray[np.float64]]:
 
 
 def _fit(kernel: NDArray[np.float64], scores: NDArray[np.float64], alphas: NDArray[np.float64]) -> _Fit:
-    """The penalty of least leave-one-out error for each column of `scores` (shots, components), and the weights.
+    """The penalty of least leave-one-out error for each column of `scores` (shots, components), and the weights."""
+    split = _split(kernel, scores)
+    penalties = alphas * split.values.sum() / len(kernel)
+    errors = _over_penalties(_left_out(split), penalties, scores.shape[1])
+    best = errors.argmin(axis=0)
+    weights = split.vectors @ (split.coordinates / (split.values[:, np.newaxis] + penalties[best]))
+    return _Fit(float(errors.min(axis=0).sum()), alphas[best], weights - weights.mean(axis=0))
+
+
+def _over_penalties(
+    error: Callable[[float, Any], ArrayLike], penalties: Sequence[float] | NDArray[np.float64], columns: int
+) -> NDArray[np.float64]:
+    """Errors (penalties, columns) around the least of each column; inf where nobody looked.
 
     Over the penalty an error has one valley, looked for in steps of four, of two and of one.
     """
-    split = _split(kernel, scores)
-    penalties = alphas * split.values.sum() / len(kernel)
-    error = _left_out(split)
-    errors = np.full((alphas.size, scores.shape[1]), np.inf)
-    for position in range(0, alphas.size, 4):
+    errors = np.full((len(penalties), columns), np.inf)
+    for position in range(0, len(penalties), 4):
         errors[position] = error(penalties[position], slice(None))
     for step in (2, 1):
         best = errors.argmin(axis=0)
@@ -228,9 +238,7 @@ def _fit(kernel: NDArray[np.float64], scores: NDArray[np.float64], alphas: NDArr
             beside = np.flatnonzero(np.abs(best - position) == step)
             if beside.size:
                 errors[position, beside] = error(penalty, beside)
-    best = errors.argmin(axis=0)
-    weights = split.vectors @ (split.coordinates / (split.values[:, np.newaxis] + penalties[best]))
-    return _Fit(float(errors.min(axis=0).sum()), alphas[best], weights - weights.mean(axis=0))
+    return errors
 
 
 def _distances(shots: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -64,7 +64,8 @@ ENOUGH = 3
 """Differences that what is usual is taken from at least."""
 LIT = (ShotKind.IMAGE, ShotKind.REFERENCE)
 LATE = "bench: {}: pictures or records come late; switch oscilloscope and DMD off and on"
-NOT_SHOWN = "dmd: shot {}: its record {}, within noise: its picture was not shown; switch the DMD off and on"
+NOT_SHOWN = "dmd: shot {}: its record is {}, within noise: its picture was not shown{}; switch the DMD off and on"
+DARK, BEFORE = ("dark", ", or has hardly a lit pixel"), ("that of the shot before", "")
 STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
 NO_LIGHT = "bench: records with light differ from dark ones by noise alone: check laser, fibres and DMD"
 
@@ -376,14 +377,14 @@ class Likeness:
         noise = _times(self._most_noise**2 + self._noise_of_light * light, self._most_noise)
         from_before = _times(differences, self._most_noise) / (allowed * noise)
         dark_ones = self._from_dark.unlike(begin + lit, from_dark / allowed, faint)
-        found = dict.fromkeys(dark_ones, "is dark")
-        found |= dict.fromkeys(self._from_before.unlike(shots, from_before, faint), "is that of the shot before")
+        found = dict.fromkeys(dark_ones, DARK)
+        found |= dict.fromkeys(self._from_before.unlike(shots, from_before, faint), BEFORE)
         for shot in self._confirmed:
             found.pop(shot, None)
         if not found:
             return None
         first = min(found)
-        return Finding(first, NOT_SHOWN.format(first, found[first]), tuple(sorted(found)))
+        return Finding(first, NOT_SHOWN.format(first, *found[first]), tuple(sorted(found)))
 
     @property
     def _hidden(self) -> bool:

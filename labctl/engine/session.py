@@ -22,13 +22,8 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.kept import KeptBench
 from labctl.engine.plan import Request, aliasing, durability_of
 from labctl.engine.profile import Profile
-from labctl.engine.resume import (
-    own_station,
-    protocol_of_manifest,
-    refuse_edited,
-    refuse_other_inputs,
-    station_of_manifest,
-)
+from labctl.engine.recorded_protocol import protocol_of_manifest, refuse_other_inputs
+from labctl.engine.resume import own_station, refuse_edited, station_of_manifest
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.logs import CommandLog, EventLog

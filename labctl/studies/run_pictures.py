@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from labctl.engine.inputs import images_for
-from labctl.engine.resume import protocol_of_manifest, refuse_other_inputs
+from labctl.engine.recorded_protocol import protocol_of_manifest, refuse_other_inputs
 from labctl.errors import DatasetError, RunError
 from labctl.reports.figures.codes import codes_figure
 from labctl.reports.figures.drift import drift_figure

@@ -12,7 +12,8 @@ from instruments.bench import Observer, Observers
 from labctl.bench.signals import Interruption
 from labctl.engine.engine import Outcome
 from labctl.engine.inputs import inputs_for
-from labctl.engine.resume import MAY_CHANGE, refuse_other_inputs
+from labctl.engine.recorded_protocol import refuse_other_inputs
+from labctl.engine.resume import MAY_CHANGE
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths

@@ -20,7 +20,7 @@ from labctl.engine.control import Control, controlled
 from labctl.engine.engine import Outcome
 from labctl.engine.forecast import forecast
 from labctl.engine.kept import kept
-from labctl.engine.resume import own_protocol
+from labctl.engine.recorded_protocol import own_protocol
 from labctl.engine.session import Acquisition, Resumption
 from labctl.engine.start import this_process
 from labctl.errors import RunError, RunExists, StationError, writing

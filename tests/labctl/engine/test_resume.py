@@ -9,14 +9,8 @@ import numpy as np
 import pytest
 
 from labctl.bench.station import Station
-from labctl.engine.resume import (
-    SettingsChanged,
-    own_station,
-    protocol_of_manifest,
-    refuse_changed_instruments,
-    refuse_other_inputs,
-    station_of_manifest,
-)
+from labctl.engine.recorded_protocol import protocol_of_manifest, refuse_other_inputs
+from labctl.engine.resume import SettingsChanged, own_station, refuse_changed_instruments, station_of_manifest
 from labctl.engine.session import Resumption, resume
 from labctl.errors import RunError, StationError
 from labctl.runs.format.version import FORMAT_VERSION
