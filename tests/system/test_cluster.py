@@ -189,7 +189,8 @@ def test_interrupted_runs_end_and_none_is_in_place(dask: Cluster, tmp_path: Path
         assert client.run(len, ()) is not None, "the workers are there for the next"
 
 
-def test_nobody_answers(tmp_path: Path) -> None:
+def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("labctl.studies.cluster.CONNECT_S", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(address, print))
