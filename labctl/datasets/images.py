@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -92,7 +93,7 @@ def read_image_set(
             positions = choose(album.labels, classes=classes, images=images, seed=seed)
             grey = album.pictures(positions, (card.shape[1], card.shape[2]))
         return ImageSet(card.name, grey, album.labels[positions], positions, card.origin, card.binarisation)
-    everything = _records(card, folder) if card.bundled else _idx_files(card, folder)
+    everything = _everything(card, folder, tuple(store.version(folder, file) for file in card.files))
     return everything.take(choose(everything.labels, classes=classes, images=images, seed=seed))
 
 
@@ -126,6 +127,15 @@ def _array(archive: ZipFile, path: Path, name: str) -> NDArray[Any]:
     if len(content) > MAX_ARRAY_BYTES:
         raise DatasetError(f"{path}: {name} unpacks to more than {MAX_ARRAY_BYTES} bytes: store fewer images")
     return parse_npy(content, f"{path}: {name}")
+
+
+@lru_cache(maxsize=1)
+def _everything(card: Card, folder: Path, _versions: tuple[tuple[int, int], ...]) -> ImageSet:
+    """All images of a set, for reading alone: every run of an experiment takes its choice of them."""
+    found = _records(card, folder) if card.bundled else _idx_files(card, folder)
+    for array in (found.images, found.labels, found.indices):
+        array.flags.writeable = False
+    return found
 
 
 def _idx_files(card: Card, folder: Path) -> ImageSet:

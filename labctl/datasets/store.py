@@ -173,6 +173,15 @@ def _download(url: str, output_file: str, retriever: object) -> None:
         pooch.HTTPDownloader(timeout=DOWNLOAD_TIMEOUT_S)(url, _Bounded(file), retriever)
 
 
+def version(folder: Path, file: DataFile) -> tuple[int, int]:
+    """When a file was written (ns) and its length (bytes), which tell whether it is still the same; 0 if missing."""
+    try:
+        found = (folder / file.name).stat()
+    except OSError:
+        return 0, 0
+    return found.st_mtime_ns, found.st_size
+
+
 def read(folder: Path, file: DataFile) -> bytes:
     """The decompressed content of one file.
 

@@ -204,6 +204,15 @@ def test_idx_files_become_an_image_set(tiny: Card, tmp_path: Path) -> None:
         binary.binarised("oztu")
 
 
+def test_what_was_read_once_is_read_anew_when_its_file_is_another(tiny: Card, tmp_path: Path) -> None:
+    folder = tmp_path / "source" / "tiny"
+    read_image_set(tiny, folder).images[:] = 0
+    np.testing.assert_array_equal(read_image_set(tiny, folder).images, IMAGES)
+    (folder / tiny.files[0].name).write_bytes(b"something else")
+    with pytest.raises(datasets.DatasetError, match="replace the file"):
+        read_image_set(tiny, folder)
+
+
 def test_loading_what_is_nowhere_tries_the_source(no_other_place: None, monkeypatch: pytest.MonkeyPatch) -> None:
     for variable in ("HTTPS_PROXY", "https_proxy"):
         monkeypatch.setenv(variable, "http://127.0.0.1:9")
