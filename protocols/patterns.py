@@ -31,21 +31,24 @@ class Patterns:
         self._place = {int(index): place for place, index in enumerate(images.indices)}
 
     def block(self, shots: Sequence[Shot]) -> NDArray[np.uint8]:
-        """The packed mirror bits of several shots, shape (n, rows, columns / 8); dark shots turn every mirror away."""
-        images = np.zeros((len(shots), *self._images.shape[1:]), bool)
-        lit = [place for place, shot in enumerate(shots) if shot.kind is not ShotKind.DARK]
-        images[lit] = self._images[np.array([self._place[shots[place].dataset_index] for place in lit], np.intp)]
-
-        _, height, width = images.shape
-        lines = np.zeros((len(shots), height, self._shape[1]), bool)
-        lines[..., self._column : self._column + width * self._pitch] = np.repeat(images, self._pitch, axis=2)
-        packed = np.packbits(lines, axis=2)
-        mirrors = np.zeros((len(shots), self._shape[0], packed.shape[2]), np.uint8)
-        rows = mirrors[:, self._row : self._row + height * self._pitch]
-        rows.reshape(*packed.shape[:2], self._pitch, -1)[:] = packed[:, :, np.newaxis]
+        """The packed mirror bits of several shots, shape (n, rows, columns / 8)."""
+        mirrors = np.zeros((len(shots), self._shape[0], self._shape[1] // 8), np.uint8)
+        for place, shot in enumerate(shots):
+            self._draw(shot, mirrors[place])
         return mirrors
 
     def __getitem__(self, shot: Shot) -> NDArray[np.uint8]:
-        """The packed mirror bits of `shot`, shape (rows, columns / 8)."""
+        """The packed mirror bits of `shot`, shape (rows, columns / 8); a dark shot turns every mirror away."""
         mirrors: NDArray[np.uint8] = self.block((shot,))[0]
         return mirrors
+
+    def _draw(self, shot: Shot, mirrors: NDArray[np.uint8]) -> None:
+        """Set the bits of `shot` in `mirrors`, which are all off."""
+        if shot.kind is ShotKind.DARK:
+            return
+        image = self._images[self._place[shot.dataset_index]]
+        lines = np.zeros((image.shape[0], self._shape[1]), bool)
+        lines[:, self._column : self._column + image.shape[1] * self._pitch] = np.repeat(image, self._pitch, axis=1)
+        packed = np.packbits(lines, axis=1)
+        rows = mirrors[self._row : self._row + len(packed) * self._pitch]
+        rows.reshape(len(packed), self._pitch, -1)[:] = packed[:, np.newaxis]
