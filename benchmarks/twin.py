@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from benchmarks.rows import Goal, Row, Timing, interleaved
-from sim_backends.optics.mirrors import MIRRORS_PER_SUPERPIXEL, SIDE
+from sim_backends.optics.mirrors import COLUMNS, MIRRORS_PER_SUPERPIXEL, ROWS, SIDE, on_counts
 from sim_backends.optics.receiver import digitiser_noise_codes
 from sim_backends.parameters import Parameters
 from sim_backends.world.receivers import Codes, Device, FrontEnd
@@ -27,6 +27,7 @@ from sim_backends.world.world import CHANNELS, World
 RATE, PERIOD, PICTURE_S = 25e9, 2500, 44e-6
 PICTURES, SHOTS = 2000, 20
 CARD_PICTURES = 8000
+UPLOADED = 250
 FRONT_END = FrontEnd(0.05, 0.0, -3.0)
 
 
@@ -107,6 +108,25 @@ def burst_rows(samples: int) -> list[Row]:
     ]
 
 
+def mirrors_rows() -> list[Row]:
+    """Mirrors of uploaded pictures counted: where pixels are superpixels, and of any others, beside reading them."""
+    drawn = np.zeros((UPLOADED, ROWS, COLUMNS), bool)
+    pixels = pictures(UPLOADED).reshape(-1, SIDE, SIDE) > 0
+    drawn[:, 6:762, 134:890] = pixels.repeat(MIRRORS_PER_SUPERPIXEL, axis=1).repeat(MIRRORS_PER_SUPERPIXEL, axis=2)
+    superpixels = np.packbits(drawn, axis=2)
+    others = np.random.default_rng(4).integers(0, 256, superpixels.shape, np.uint8)
+    counted, any_counted, read = (
+        1e6 * one.wall_s / UPLOADED
+        for one in interleaved(
+            partial(on_counts, superpixels), partial(on_counts, others), superpixels.view(np.uint64).max
+        )
+    )
+    return [
+        Row("mirrors of a picture of superpixels counted", counted, "us", None, "its bytes read once", read),
+        Row("mirrors of any picture counted", any_counted, "us", None, "its bytes read once", read),
+    ]
+
+
 def shot_rows(triggers: int, samples: int) -> list[Row]:
     """One software-timed shot of so many triggers."""
     world, shown = lit_world(triggered=False), pictures(SHOTS)
@@ -162,7 +182,7 @@ def rows() -> list[Row]:
     with threadpool_limits(1):
         bursts = [row for samples in (20, 50, 200) for row in burst_rows(samples)]
         shots = [row for triggers, samples in ((1, 50), (16, 50), (1, 500)) for row in shot_rows(triggers, samples)]
-    return bursts + shots + [row for samples in (20, 50, 200) for row in card_rows(samples)]
+    return bursts + mirrors_rows() + shots + [row for samples in (20, 50, 200) for row in card_rows(samples)]
 
 
 def main() -> None:
