@@ -21,6 +21,7 @@ from protocols.sequence_readout import SequenceReadout
 from protocols.wavelength_scan import WavelengthScan
 from sim_backends.faults.bench import Befalling, FaultyBench
 from sim_backends.faults.catalogue import Fault, Moment
+from tests.data_sets import require
 
 CHANNELS, SAMPLES, NOISE = 4, 10, 8.0
 
@@ -105,6 +106,8 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_nothing_is_recorded_without_light(log: Any, protocol: Measurement[Any]) -> None:
     station = Station(wiring=WiringSection(burst=True), sim=SimSection(parameters={"fibre_loss_db": 300.0}))
+    if isinstance(protocol, SequenceReadout):
+        require(protocol.dataset)
     inputs = inputs_for(protocol)
     with opened(station, log) as found, pytest.raises(InstrumentError, match="no light"):
         next(protocol.acquire(found.bench, inputs, protocol.parts(found.bench, inputs)))

@@ -20,10 +20,10 @@ import pytest
 
 from labctl import datasets
 from labctl.commands.main import main
-from labctl.errors import DatasetError
 from labctl.runs.read.run import open_run
 from labctl.studies.paper.experiments import FOLDER, Experiment, experiments
 from protocols.registry import protocol_from
+from tests.data_sets import require
 
 pytestmark = pytest.mark.timeout(1200)  # the first test waits for all experiments, whatever else the machine does
 
@@ -144,10 +144,7 @@ def require_data(experiment: Experiment) -> None:
     """Skip where a data set that does not come with the program is not at hand."""
     for protocol in experiment.protocols.values():
         name = datasets.card(protocol.model_dump()["dataset"]).name
-        try:
-            datasets.path(name)
-        except DatasetError:
-            pytest.skip(f"LABCTL_DATA does not point to {name}")
+        require(name)
 
 
 def above_chance(classes: int, tested: int) -> float:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from labctl.runs.read.run import open_run
 from tests.command_line import as_json
+from tests.data_sets import require
 
 WIRED = "[wiring]\nburst = true\n"
 STATIONS = {
@@ -82,6 +83,8 @@ def test_a_mean_of_triggers_is_as_fine(
 def test_what_samples_faster_is_refused_before_there_is_light(
     command: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if "sequence-readout" in command:
+        require("santa-fe")
     station, out = tmp_path / "bench.toml", tmp_path / "out"
     station.write_text("[scope]\ndriver = 'tektronix-mso6b'\n[wiring]\nprojector = false\n")
     status, found = as_json(capsys, *command, "--station", station, "--out", out)

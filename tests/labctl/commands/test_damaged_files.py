@@ -9,8 +9,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from labctl import datasets
 from tests.damage import of_hdf5, of_json
+from tests.data_sets import require
 from tests.labctl.commands.conftest import Typed
 
 ONE_IN = 6
@@ -153,5 +153,6 @@ def test_a_changed_manifest_is_read_or_refused(
 def test_a_setting_that_no_run_can_have_is_refused_by_a_dry_run(
     refused: Callable[..., int], protocol: str, setting: str
 ) -> None:
-    datasets.load_sequences("santa-fe")  # a download, where it is not on this machine, is told in a line of its own
+    if protocol == "sequence-readout":
+        require("santa-fe")
     assert refused(setting, "run", protocol, "--set", setting, "--dry-run") == 2

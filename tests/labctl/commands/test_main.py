@@ -15,15 +15,14 @@ from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import InstrumentError
 from instruments.safe_state import UnsafeBench
 from instruments.tektronix_dpo72504dx import Dpo72504dx
-from labctl import datasets
 from labctl.bench.signals import Interruption, StoppedBySignal
 from labctl.commands.main import main
-from labctl.errors import DatasetError
 from labctl.runs.live.logs import EventLog
 from labctl.studies.demonstration import demonstrate
 from labctl.studies.paper.experiments import FOLDER, experiments
 from labctl.studies.paper.reproduction import Plan
 from tests.command_line import as_json, labctl
+from tests.data_sets import require
 
 SMALL = ("--set", "images=40", "--set", "window=0.8 ns")
 
@@ -480,10 +479,7 @@ class TestReadout:
     def test_a_run_of_both_parts_of_a_set_is_judged_by_the_sets_own_split_too(
         self, capsys: pytest.CaptureFixture[str], tmp_path: Path
     ) -> None:
-        try:
-            datasets.path("mnist")
-        except DatasetError:
-            pytest.skip("LABCTL_DATA does not point to mnist")
+        require("mnist")
         run = tmp_path / "run"
         settings = ["dataset=mnist", "images=300", "window=0.4 ns", "timing=burst"]
         options = [word for setting in settings for word in ("--set", setting)]

@@ -5,12 +5,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from labctl import datasets
 from labctl.engine.inputs import inputs_for
-from labctl.errors import DatasetError
 from protocols.base import Images, ProtocolError, Sequences
 from protocols.image_readout import ImageReadout
 from protocols.sequence_readout import SequenceReadout
+from tests.data_sets import require
 
 
 class Misdeclared(ImageReadout):
@@ -32,10 +31,7 @@ def test_all_images_are_those_that_the_set_has_of_the_classes() -> None:
 
 
 def test_a_stretch_is_loaded_for_who_plays_it() -> None:
-    try:
-        datasets.path("santa-fe")
-    except DatasetError:
-        pytest.skip("LABCTL_DATA does not point to santa-fe")
+    require("santa-fe")
     inputs = inputs_for(SequenceReadout(symbols=50))
     assert isinstance(inputs, Sequences)
     assert inputs.values.shape == (1, 50)

@@ -14,6 +14,7 @@ from labctl.studies.paper.experiments import Experiment, experiments
 from labctl.studies.paper.reproduction import Plan, Reproduced, reproduce
 from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.base import Measurement
+from tests.data_sets import require
 
 pytestmark = pytest.mark.usefixtures("one_core")
 
@@ -32,6 +33,7 @@ def small() -> Experiment:
 
 @pytest.fixture(scope="module")
 def reproduced(tmp_path_factory: pytest.TempPathFactory) -> Reproduced:
+    require("mnist")
     plan = Plan((small(),), SIMULATED_STATION, tmp_path_factory.mktemp("runs"), seeds=1, first_seed=101)
     (found,), failed = reproduce(plan, interruption=Interruption())
     assert not failed

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from labctl import datasets
 from labctl.engine.inputs import images_for
-from labctl.errors import AnalysisError, DatasetError
+from labctl.errors import AnalysisError
 from labctl.studies.beyond.whole_sets import Settings, conclude, examine
 from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.base import ShotKind
 from protocols.image_readout import ImageReadout
+from tests.data_sets import require
 from tests.labctl.studies.paper.conftest import write
 
 CLASSES = tuple("0123456789")
@@ -41,10 +41,7 @@ def twin_runs(folder: Path, dataset: str, images: int) -> TwinRuns:
 
 
 def test_readouts_of_traces_and_of_pixels_are_judged_on_the_sets_own_test_part(tmp_path: Path) -> None:
-    try:
-        datasets.path("mnist")
-    except DatasetError:
-        pytest.skip("LABCTL_DATA does not point to mnist")
+    require("mnist")
     twin = twin_runs(tmp_path, "mnist", 1000)
     found = examine(twin, settings())
     digits = found["digits"]

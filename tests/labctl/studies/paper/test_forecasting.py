@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labctl import datasets
 from labctl.engine.inputs import sequences_for
-from labctl.errors import AnalysisError, DatasetError
+from labctl.errors import AnalysisError
 from labctl.studies.paper.forecasting import Findings, Settings, chosen_ports, conclude, examine, stretch_and_next
 from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.sequence_readout import SequenceReadout
+from tests.data_sets import require
 
 WriteRun = Callable[..., Path]
 PORTS = (1, 2, 3)
@@ -19,10 +19,7 @@ SMALL = Settings(train=200, test=90, washout=10, held_out=50, nodes=30)
 @pytest.fixture
 def played(tmp_path: Path, write_run: WriteRun) -> TwinRuns:
     """Port 1 shows noise, port 2 the value played, port 3 the one before; four samples a symbol."""
-    try:
-        datasets.path("santa-fe")
-    except DatasetError:
-        pytest.skip("LABCTL_DATA does not point to santa-fe")
+    require("santa-fe")
     protocol = SequenceReadout(symbols=300, ports=PORTS)
     inputs = sequences_for(protocol)
     values = inputs.values[0]

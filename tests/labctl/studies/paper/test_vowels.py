@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labctl import datasets
 from labctl.engine.inputs import sequences_for
-from labctl.errors import AnalysisError, DatasetError
+from labctl.errors import AnalysisError
 from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.paper.vowels import WAYS, Findings, Settings, conclude, examine
 from protocols.sequence_readout import SequenceReadout
+from tests.data_sets import require
 
 WriteRun = Callable[..., Path]
 PORTS = (1, 2)
@@ -19,10 +19,7 @@ CLASSES = (0, 2, 4, 6)
 @pytest.fixture
 def played(tmp_path: Path, write_run: WriteRun) -> TwinRuns:
     """Port 1 shows noise, port 2 the numbers themselves."""
-    try:
-        datasets.path("vowels")
-    except DatasetError:
-        pytest.skip("LABCTL_DATA does not point to vowels")
+    require("vowels")
     protocol = SequenceReadout(dataset="vowels", classes=CLASSES, ports=PORTS)
     inputs = sequences_for(protocol)
     shots = list(protocol.shots(inputs))
