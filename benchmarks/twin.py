@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from benchmarks.rows import Goal, Row, Timing, interleaved
+from protocols.base import Images, Shot, ShotKind
+from protocols.patterns import Patterns
 from sim_backends.optics.mirrors import COLUMNS, MIRRORS_PER_SUPERPIXEL, ROWS, SIDE, on_counts
 from sim_backends.optics.receiver import digitiser_noise_codes
 from sim_backends.parameters import Parameters
@@ -110,10 +112,10 @@ def burst_rows(samples: int) -> list[Row]:
 
 def mirrors_rows() -> list[Row]:
     """Mirrors of uploaded pictures counted: where pixels are superpixels, and of any others, beside reading them."""
-    drawn = np.zeros((UPLOADED, ROWS, COLUMNS), bool)
-    pixels = pictures(UPLOADED).reshape(-1, SIDE, SIDE) > 0
-    drawn[:, 6:762, 134:890] = pixels.repeat(MIRRORS_PER_SUPERPIXEL, axis=1).repeat(MIRRORS_PER_SUPERPIXEL, axis=2)
-    superpixels = np.packbits(drawn, axis=2)
+    numbers = np.arange(UPLOADED)
+    images = Images(pictures(UPLOADED).reshape(-1, SIDE, SIDE) > 0, numbers, numbers)
+    shots = [Shot(number, ShotKind.IMAGE, number, 0, number) for number in range(UPLOADED)]
+    superpixels = Patterns(images, (ROWS, COLUMNS)).block(shots)
     others = np.random.default_rng(4).integers(0, 256, superpixels.shape, np.uint8)
     counted, any_counted, read = (
         1e6 * one.wall_s / UPLOADED

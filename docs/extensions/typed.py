@@ -81,6 +81,7 @@ class Typed(SphinxDirective):
                 answer, _ = process.communicate(timeout=LONGEST_S)
             except subprocess.TimeoutExpired:
                 process.kill()
+                process.wait()
                 raise self.error(f"labctl {' '.join(rest)}: did not end in {LONGEST_S} s") from None
             if process.returncode != self.options.get("exit", 0):
                 raise self.error(f"labctl {' '.join(rest)}: ended in {process.returncode}: {answer}")

@@ -38,7 +38,7 @@ def on_counts(packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """
     if packed.shape[-2:] != (ROWS, COLUMNS // 8) or packed.dtype != np.uint8:
         raise ValueError(f"mirrors are {packed.dtype} {packed.shape}: give packed bits, uint8 ({ROWS}, {COLUMNS // 8})")
-    pictures = np.ascontiguousarray(packed).reshape(-1, ROWS, COLUMNS // 8)
+    pictures = packed.reshape(-1, ROWS, COLUMNS // 8)
     lit = pictures[:, _TOP : _TOP + _LIT, _FIRST_BYTE:_LAST_BYTE]
     rows = lit.reshape(len(lit), SIDE, MIRRORS_PER_SUPERPIXEL, _LAST_BYTE - _FIRST_BYTE).transpose(2, 0, 1, 3)
     counts = np.empty((len(lit), SIDE * SIDE), np.uint16)
@@ -58,7 +58,7 @@ def on_counts(packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
 
 def _rows_are_alike(pictures: NDArray[np.uint8]) -> bool:
     """Whether each superpixel's rows of mirrors are the same in all pictures (n, 768, 128), as where it is a pixel."""
-    words = pictures.reshape(len(pictures), -1).view(np.uint64)
+    words = np.ascontiguousarray(pictures).reshape(len(pictures), -1).view(np.uint64)
     row = COLUMNS // 64
     first, end = _TOP * row, (_TOP + _LIT) * row
     differs = words[:, first:end] != words[:, first - row : end - row]  # from the row above
