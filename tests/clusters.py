@@ -1,4 +1,4 @@
-"""A dask cluster on this machine's loopback: processes of their own, as anybody starts them."""
+"""A dask cluster on this machine's loopback: processes of their own."""
 
 import socket
 import subprocess

@@ -24,8 +24,6 @@ from tests.faults.matrix import (
     undisturbed,
 )
 
-pytestmark = pytest.mark.usefixtures("forked_supervisors")
-
 WRITTEN = (ROOT / DOCUMENT).read_text(encoding="utf-8")
 DOCUMENTED = documented(WRITTEN)
 WITHHELD = ("late", "no reply", "no end", "cleared")
@@ -59,7 +57,7 @@ def _chosen() -> list[object]:
 
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory: pytest.TempPathFactory, forked_supervisors: None) -> dict[Way, Ended]:
+def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[Way, Ended]:
     ways = {case.way: case for case in cases()}
     return {way: undisturbed(tmp_path_factory.mktemp("undisturbed"), case) for way, case in ways.items()}
 

@@ -8,7 +8,10 @@ import pytest
 
 from tests.kills.light import STRIKES, strike
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="needs /proc"),
+    pytest.mark.usefixtures("started_anew"),
+]
 
 SUPERVISED = {"supervisor"}
 ITSELF = {"the run itself"}

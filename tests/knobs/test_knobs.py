@@ -10,8 +10,6 @@ from tests.knobs.lies import LIES
 from tests.knobs.settings import KNOBS
 from tests.knobs.table import MODES, Case, Ended, carried_out, cases, outcome, undisturbed
 
-pytestmark = pytest.mark.usefixtures("forked_supervisors")
-
 WRITTEN = (ROOT / DOCUMENT).read_text(encoding="utf-8")
 DOCUMENTED = documented(WRITTEN)
 
@@ -28,7 +26,7 @@ def _chosen() -> list[object]:
 
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory: pytest.TempPathFactory, forked_supervisors: None) -> dict[str, Ended]:
+def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ended]:
     return {mode: undisturbed(mode, tmp_path_factory.mktemp("undisturbed")) for mode in MODES}
 
 

@@ -27,6 +27,8 @@ from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from tests.system.waiting import until, until_stored
 
+pytestmark = pytest.mark.usefixtures("started_anew")
+
 Served = tuple[dict[str, Any], Path]
 
 DARK_WITHIN_S = 1.0

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from labctl.analysis.course import MOST, begun
-from labctl.analysis.spectrum import spectrum
 
 
 def test_a_course_reaches_from_the_start_to_now_however_long_it_is() -> None:
@@ -26,11 +25,3 @@ def test_another_shape_is_less_alike_and_a_constant_one_is_like_nothing() -> Non
     course = begun(first).with_more(0.0, first).with_more(1.0, 1 - first).with_more(2.0, np.ones((1, 4)))
     assert course.likeness[:2, 0] == pytest.approx([1, -1])
     assert np.isnan(course.likeness[2, 0])
-
-
-def test_the_power_of_noise_is_found_in_its_spectrum() -> None:
-    noise = np.random.default_rng(1).normal(scale=2e-3, size=(200, 2, 500))
-    found = spectrum(noise, 40e-12)
-    assert found.frequency_hz[-1] == pytest.approx(12.5e9)
-    assert found.density.shape == (2, 250)
-    assert found.density.sum(axis=1) * found.frequency_hz[0] == pytest.approx([4e-6, 4e-6], rel=0.02)

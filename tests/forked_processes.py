@@ -1,0 +1,267 @@
+"""Processes of labctl that begin as copies of one that has loaded it: to load it anew takes each one or two seconds.
+
+A copy has what `subprocess.Popen` was asked for: number, files, folder, environment, session; it is a child of whoever
+asked, ends like any process, and starts others in the same way. It differs from one that starts for a user in that all
+is loaded already: tests of how something starts have the fixture `started_anew`.
+
+The one that is copied must have no thread but one, so it is none of those that ask: they have it started beside them.
+"""
+
+import atexit
+import ctypes
+import gc
+import importlib
+import inspect
+import os
+import pickle
+import pkgutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
+from typing import Any, NamedTuple, NoReturn
+from unittest.mock import patch
+
+from instruments.units import quantity
+from labctl.bench.station import Station
+from sim_backends.parameters import Parameters
+from sim_backends.world.twin import drawn_twin
+from tests.checkout import ROOT
+
+COMMAND, SUPERVISOR, DASK = "labctl.commands.main", "labctl.bench.supervisor", "dask.__main__"
+TYPED = f"from {COMMAND} import main; main()"
+FROM_FOLDER = ""
+"""What `sys.path` begins with unless `-P` forbids it."""
+KNOWN: Mapping[tuple[str, ...], str] = {
+    ("-m", "labctl"): COMMAND,
+    ("-P", "-m", "labctl"): COMMAND,
+    ("-c", TYPED): COMMAND,
+    ("-P", "-c", TYPED): COMMAND,
+    ("-P", "-m", SUPERVISOR): SUPERVISOR,
+    ("-m", "dask"): DASK,
+}
+"""How processes of labctl and of dask are started, and the module whose `main` each carries out."""
+AT_START = ("PYTHON", "LD_", "OMP_", "OPENBLAS_", "LANG", "LC_", "TZ", "MPL")
+"""What the variables begin with that are read when a process starts: with other ones than here, it starts anew."""
+LOADED = ("labctl", "protocols", "instruments", "sim_backends")
+NOT_LOADED = ("sim_backends.world.card", "labctl.__main__")
+"""torch, and what works when it is loaded."""
+MESSAGE, FILES = 1 << 20, 64
+"""The largest message, bytes, and the largest number of files that come with it."""
+AWAY = 512
+"""Descriptors that a copy keeps to itself are at least this."""
+PR_SET_CHILD_SUBREAPER = 36
+
+STARTED_ANEW = subprocess.Popen
+
+
+class Asked(NamedTuple):
+    """A process that is to be: the numbers of the files that come with it, in their order, and as Popen has it."""
+
+    module: str
+    words: tuple[str, ...]
+    files: tuple[int, ...]
+    folder: str
+    environment: dict[str, str]
+    own_session: bool
+    from_folder: bool
+
+
+class Source:
+    """The process that is copied, for the one that asks it over `link`."""
+
+    def __init__(self, link: socket.socket) -> None:
+        """Nobody else asks over `link`."""
+        self._link, self._lock = link, threading.Lock()
+        self._reaper = ctypes.CDLL(None, use_errno=True).prctl
+
+    def copy(self, asked: Asked, files: list[int]) -> int:
+        """Begin a process, a child of this one: its number."""
+        with self._lock:
+            # Whose parent has ended goes to the next above that adopts: the copy's parent is one that ends at once.
+            self._reaper(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+            try:
+                socket.send_fds(self._link, [pickle.dumps(asked)], files)
+                return int(self._link.recv(MESSAGE))
+            finally:
+                self._reaper(PR_SET_CHILD_SUBREAPER, 0, 0, 0, 0)
+
+
+class ForkedPopen(subprocess.Popen[Any]):
+    """`subprocess.Popen`, by a copy where that is the same."""
+
+    source: Callable[[], Source]
+
+    def _execute_child(self, *given: Any) -> None:
+        anew = super()._execute_child  # type: ignore[misc]
+        started = inspect.signature(anew).bind(*given).arguments
+        asked = as_copy(started)
+        if asked is None:
+            anew(*given)
+            return
+        ends = [started[name] for name in ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")]
+        files = [number if end == -1 else end for number, end in enumerate((ends[0], ends[3], ends[5]))]
+        self.pid = type(self).source().copy(asked, [*files, *asked.files[3:]])
+        self._child_created = True
+        self._close_pipe_fds(*ends)  # type: ignore[attr-defined]
+
+
+def as_copy(started: Mapping[str, Any]) -> Asked | None:
+    """The copy that does what `_execute_child` is asked for; None where only a process that starts anew does."""
+    if isinstance(started["args"], str | bytes | os.PathLike) or started["executable"] or started["preexec_fn"]:
+        return None
+    python, *words = map(os.fsdecode, started["args"])
+    known = next((known for known in KNOWN if tuple(words[: len(known)]) == known), None)
+    environment = dict(os.environ if started["env"] is None else started["env"])
+    if python != sys.executable or known is None or read_at_start(environment) != AS_STARTED:
+        return None
+    files = (0, 1, 2, *sorted(started["pass_fds"]))
+    return Asked(
+        module=KNOWN[known],
+        words=tuple(words[len(known) :]),
+        files=files,
+        folder=os.path.abspath(started["cwd"] or "."),
+        environment=environment,
+        own_session=started["start_new_session"],
+        from_folder="-P" not in known,
+    )
+
+
+def read_at_start(environment: Mapping[str, str]) -> dict[str, str]:
+    """The variables that are read when a process starts."""
+    return {name: value for name, value in environment.items() if name.startswith(AT_START)}
+
+
+AS_STARTED = read_at_start(os.environ)
+
+
+def copies(link: socket.socket) -> Asked:
+    """Copy this process whenever that is asked for over `link`; returns in the copies alone, as what each was asked."""
+    while True:
+        message, files, _, _ = socket.recv_fds(link, MESSAGE, FILES)
+        if not message:
+            os._exit(0)
+        heard, told = os.pipe()
+        if not (between := os.fork()):
+            if os.fork():
+                os._exit(0)
+            os.close(told)
+            os.read(heard, 1)  # ends when it has its parent
+            link.send(str(os.getpid()).encode())
+            link.close()
+            return begun(pickle.loads(message), files)  # noqa: S301 -- of our own
+        for number in (heard, *files):
+            os.close(number)
+        os.waitpid(between, 0)
+        os.close(told)
+
+
+def begun(asked: Asked, files: list[int]) -> Asked:
+    """Make this copy what it is to be; it has a copy of its own for what it starts. Returns in those too, as theirs."""
+    if asked.own_session:
+        os.setsid()
+    files = [os.dup2(number, AWAY + place, inheritable=False) for place, number in enumerate(files)]
+    ours, theirs = (
+        socket.socket(fileno=os.dup2(end.detach(), AWAY + FILES + place, inheritable=False))
+        for place, end in enumerate(socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET))
+    )
+    os.closerange(3, AWAY)
+    if not os.fork():
+        ours.close()
+        for number in files:
+            os.close(number)
+        nothing = os.open(os.devnull, os.O_RDWR)
+        for number in range(3):
+            os.dup2(nothing, number)
+        return copies(theirs)
+    theirs.close()
+    for number, found in zip(asked.files, files, strict=True):
+        os.dup2(found, number)
+        os.close(found)
+    source = Source(ours)
+    ForkedPopen.source = lambda: source
+    return asked
+
+
+def carry_out(asked: Asked) -> None:
+    """What a process does that starts for it."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.chdir(asked.folder)
+    os.environ.clear()
+    os.environ.update(asked.environment)
+    time.tzset()
+    sys.argv[1:] = asked.words
+    if not asked.from_folder:
+        sys.path.remove(FROM_FOLDER)
+    sys.stdin = open(0, encoding=sys.stdin.encoding)  # noqa: SIM115
+    sys.stdout = open(1, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)  # noqa: SIM115
+    sys.stderr = open(2, "w", 1, encoding=sys.stderr.encoding, errors=sys.stderr.errors)  # noqa: SIM115
+    ended(sys.modules[asked.module].main)
+
+
+def ended(main: Callable[[], object]) -> NoReturn:
+    """Carry out `main` and end as a process does, but for taking down what was loaded, which takes longer than most."""
+    status: object = 0
+    try:
+        main()
+    except SystemExit as error:
+        status = error.code
+    except BaseException:  # noqa: BLE001 -- as the interpreter does
+        sys.excepthook(*sys.exc_info())
+        status = 1
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(int(str(status or 0)))
+
+
+def load() -> None:
+    """Load labctl, and compute what all benches have in common."""
+    for name in LOADED:
+        package = importlib.import_module(name)
+        for module in pkgutil.walk_packages(package.__path__, f"{name}."):
+            if module.name not in NOT_LOADED:
+                with suppress(ImportError):  # of an extra that is not installed
+                    importlib.import_module(module.name)
+    importlib.import_module(DASK)
+    quantity("1 ns", "s")
+    drawn_twin(Parameters(), Station().sim.twin_seed)
+
+
+def serve(number: int) -> None:
+    """Be the process that is copied, for whoever has the other end of the socket with this number."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for those who ask
+    load()
+    gc.collect()
+    gc.freeze()
+    subprocess.Popen = ForkedPopen  # type: ignore[misc]
+    carry_out(copies(socket.socket(fileno=number)))
+
+
+@contextmanager
+def forked() -> Iterator[None]:
+    """Processes of labctl that this one starts inside the block are copies, on Linux."""
+    if sys.platform != "linux":
+        yield
+        return
+    with ExitStack() as stack:
+
+        @cache
+        def source() -> Source:
+            ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            command = [sys.executable, "-c", f"from {__name__} import serve; serve({theirs.fileno()})"]
+            with theirs:
+                process = STARTED_ANEW(command, cwd=ROOT, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
+            stack.enter_context(process)
+            stack.callback(process.kill)
+            return Source(stack.enter_context(ours))
+
+        ForkedPopen.source = source
+        with patch("subprocess.Popen", ForkedPopen):
+            yield
