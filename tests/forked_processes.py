@@ -12,6 +12,7 @@ import ctypes
 import gc
 import importlib
 import inspect
+import multiprocessing.util
 import os
 import pickle
 import pkgutil
@@ -21,7 +22,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from typing import Any, NamedTuple, NoReturn
@@ -33,19 +34,23 @@ from sim_backends.parameters import Parameters
 from sim_backends.world.twin import drawn_twin
 from tests.checkout import ROOT
 
-COMMAND, SUPERVISOR, DASK = "labctl.commands.main", "labctl.bench.supervisor", "dask.__main__"
-TYPED = f"from {COMMAND} import main; main()"
-FROM_FOLDER = ""
-"""What `sys.path` begins with unless `-P` forbids it."""
+TYPED, SUPERVISOR, DASK = (
+    f"from {module} import main; main()"
+    for module in ("labctl.commands.main", "labctl.bench.supervisor", "dask.__main__")
+)
 KNOWN: Mapping[tuple[str, ...], str] = {
-    ("-m", "labctl"): COMMAND,
-    ("-P", "-m", "labctl"): COMMAND,
-    ("-c", TYPED): COMMAND,
-    ("-P", "-c", TYPED): COMMAND,
-    ("-P", "-m", SUPERVISOR): SUPERVISOR,
+    ("-m", "labctl"): TYPED,
+    ("-P", "-m", "labctl"): TYPED,
+    ("-c", TYPED): TYPED,
+    ("-P", "-c", TYPED): TYPED,
+    ("-P", "-m", "labctl.bench.supervisor"): SUPERVISOR,
     ("-m", "dask"): DASK,
 }
-"""How processes of labctl and of dask are started, and the module whose `main` each carries out."""
+"""How processes of labctl and of dask are started, and what each carries out."""
+WORKERS = ("from multiprocessing.spawn import", "from multiprocessing.forkserver import")
+"""What the processes carry out that Python's own pools start, up to the numbers of their files."""
+FROM_FOLDER = ""
+"""What `sys.path` begins with unless `-P` forbids it."""
 AT_START = ("PYTHON", "LD_", "OMP_", "OPENBLAS_", "LANG", "LC_", "TZ", "MPL")
 """What the variables begin with that are read when a process starts: with other ones than here, it starts anew."""
 LOADED = ("labctl", "protocols", "instruments", "sim_backends")
@@ -57,13 +62,13 @@ AWAY = 512
 """Descriptors that a copy keeps to itself are at least this."""
 PR_SET_CHILD_SUBREAPER = 36
 
-STARTED_ANEW = subprocess.Popen
+STARTED_ANEW, SPAWNED_ANEW = subprocess.Popen, multiprocessing.util.spawnv_passfds
 
 
 class Asked(NamedTuple):
     """A process that is to be: the numbers of the files that come with it, in their order, and as Popen has it."""
 
-    module: str
+    code: str
     words: tuple[str, ...]
     files: tuple[int, ...]
     folder: str
@@ -76,7 +81,8 @@ class Source:
     """The process that is copied, for the one that asks it over `link`."""
 
     def __init__(self, link: socket.socket) -> None:
-        """Nobody else asks over `link`."""
+        """Nobody else asks over `link`; of a process that this one forks, the copies would not be children."""
+        self.asker = os.getpid()
         self._link, self._lock = link, threading.Lock()
         self._reaper = ctypes.CDLL(None, use_errno=True).prctl
 
@@ -100,10 +106,14 @@ class ForkedPopen(subprocess.Popen[Any]):
     def _execute_child(self, *given: Any) -> None:
         anew = super()._execute_child  # type: ignore[misc]
         started = inspect.signature(anew).bind(*given).arguments
-        asked = as_copy(started)
+        strange = (
+            isinstance(started["args"], str | bytes | os.PathLike) or started["executable"] or started["preexec_fn"]
+        )
+        asked = None if strange else as_copy(started["args"], started["env"], started["pass_fds"])
         if asked is None:
             anew(*given)
             return
+        asked = asked._replace(folder=os.path.abspath(started["cwd"] or "."), own_session=started["start_new_session"])
         ends = [started[name] for name in ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")]
         files = [number if end == -1 else end for number, end in enumerate((ends[0], ends[3], ends[5]))]
         self.pid = type(self).source().copy(asked, [*files, *asked.files[3:]])
@@ -111,23 +121,36 @@ class ForkedPopen(subprocess.Popen[Any]):
         self._close_pipe_fds(*ends)  # type: ignore[attr-defined]
 
 
-def as_copy(started: Mapping[str, Any]) -> Asked | None:
-    """The copy that does what `_execute_child` is asked for; None where only a process that starts anew does."""
-    if isinstance(started["args"], str | bytes | os.PathLike) or started["executable"] or started["preexec_fn"]:
+def spawned(path: Any, args: Sequence[Any], passfds: Sequence[int]) -> int:
+    """`multiprocessing.util.spawnv_passfds`, by a copy where that is the same."""
+    asked = as_copy([path, *args[1:]], None, passfds)
+    return SPAWNED_ANEW(path, args, passfds) if asked is None else ForkedPopen.source().copy(asked, list(asked.files))
+
+
+def as_copy(args: Iterable[Any], env: Mapping[str, str] | None, files: Iterable[int]) -> Asked | None:
+    """The copy that is what `args` would start, here; None where only a process that starts anew is."""
+    python, *words = map(os.fsdecode, args)
+    known = next((known for known in KNOWN if tuple(words[: len(known)]) == known), ())
+    environment = dict(os.environ if env is None else env)
+    if words[:1] == ["-c"] and words[1].startswith(WORKERS):
+        known, code = ("-c", words[1]), words[1]
+    elif known:
+        code = KNOWN[known]
+    else:
         return None
-    python, *words = map(os.fsdecode, started["args"])
-    known = next((known for known in KNOWN if tuple(words[: len(known)]) == known), None)
-    environment = dict(os.environ if started["env"] is None else started["env"])
-    if python != sys.executable or known is None or read_at_start(environment) != AS_STARTED:
+    if (
+        python != sys.executable
+        or read_at_start(environment) != AS_STARTED
+        or ForkedPopen.source().asker != os.getpid()
+    ):
         return None
-    files = (0, 1, 2, *sorted(started["pass_fds"]))
     return Asked(
-        module=KNOWN[known],
+        code=code,
         words=tuple(words[len(known) :]),
-        files=files,
-        folder=os.path.abspath(started["cwd"] or "."),
+        files=(0, 1, 2, *sorted(files)),
+        folder=os.getcwd(),
         environment=environment,
-        own_session=started["start_new_session"],
+        own_session=False,
         from_folder="-P" not in known,
     )
 
@@ -201,14 +224,14 @@ def carry_out(asked: Asked) -> None:
     sys.stdin = open(0, encoding=sys.stdin.encoding)  # noqa: SIM115
     sys.stdout = open(1, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)  # noqa: SIM115
     sys.stderr = open(2, "w", 1, encoding=sys.stderr.encoding, errors=sys.stderr.errors)  # noqa: SIM115
-    ended(sys.modules[asked.module].main)
+    ended(asked.code)
 
 
-def ended(main: Callable[[], object]) -> NoReturn:
-    """Carry out `main` and end as a process does, but for taking down what was loaded, which takes longer than most."""
+def ended(code: str) -> NoReturn:
+    """Carry out `code` and end as a process does, but for taking down what was loaded, which takes longer than most."""
     status: object = 0
     try:
-        main()
+        exec(code, vars(sys.modules["__main__"]))  # noqa: S102 -- what is typed behind -c
     except SystemExit as error:
         status = error.code
     except BaseException:  # noqa: BLE001 -- as the interpreter does
@@ -229,7 +252,7 @@ def load() -> None:
             if module.name not in NOT_LOADED:
                 with suppress(ImportError):  # of an extra that is not installed
                     importlib.import_module(module.name)
-    importlib.import_module(DASK)
+    importlib.import_module("dask.__main__")
     quantity("1 ns", "s")
     drawn_twin(Parameters(), Station().sim.twin_seed)
 
@@ -241,6 +264,7 @@ def serve(number: int) -> None:
     gc.collect()
     gc.freeze()
     subprocess.Popen = ForkedPopen  # type: ignore[misc]
+    multiprocessing.util.spawnv_passfds = spawned
     carry_out(copies(socket.socket(fileno=number)))
 
 
@@ -263,5 +287,5 @@ def forked() -> Iterator[None]:
             return Source(stack.enter_context(ours))
 
         ForkedPopen.source = source
-        with patch("subprocess.Popen", ForkedPopen):
+        with patch("subprocess.Popen", ForkedPopen), patch("multiprocessing.util.spawnv_passfds", spawned):
             yield
