@@ -34,9 +34,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name != "test_every_experiment.py")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection() -> None:
+    """What is loaded and collected is there for good: it is not looked through again and again while it grows."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
-    """What is there for good is not looked through again by each `gc.collect()` of a test."""
+    """Nor is it later, by each `gc.collect()` of a test."""
     gc.freeze()
+    gc.enable()
 
 
 class MessageLog:

@@ -16,11 +16,12 @@ from tests.checkout import PAGES, README, ROOT
 
 STORED = ROOT / "docs" / "reference" / "schemas"
 BLOCK = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
+KEYS = {"protocol", "name", *schema_of(STATION)["properties"]}
 BLOCKS = [
     pytest.param(block, id=f"{path.stem}-{place}")
     for path in (*PAGES, README)
     for place, block in enumerate(BLOCK.findall(path.read_text("utf-8")))
-    if tomllib.loads(block).keys() & {"protocol", "name", *schema_of(STATION)["properties"]}
+    if tomllib.loads(block).keys() & KEYS
     and "over" not in tomllib.loads(block)  # a sweep
 ]
 
