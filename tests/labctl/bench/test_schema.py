@@ -21,8 +21,7 @@ BLOCKS = [
     pytest.param(block, id=f"{path.stem}-{place}")
     for path in (*PAGES, README)
     for place, block in enumerate(BLOCK.findall(path.read_text("utf-8")))
-    if tomllib.loads(block).keys() & KEYS
-    and "over" not in tomllib.loads(block)  # a sweep
+    if tomllib.loads(block).keys() & KEYS and "over" not in tomllib.loads(block)  # a sweep
 ]
 
 
