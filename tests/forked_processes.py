@@ -28,10 +28,6 @@ from functools import cache
 from typing import Any, NamedTuple, NoReturn
 from unittest.mock import patch
 
-from instruments.units import quantity
-from labctl.bench.station import Station
-from sim_backends.parameters import Parameters
-from sim_backends.world.twin import drawn_twin
 from tests.checkout import ROOT
 
 TYPED, SUPERVISOR, DASK = (
@@ -101,7 +97,7 @@ class Source:
 class ForkedPopen(subprocess.Popen[Any]):
     """`subprocess.Popen`, by a copy where that is the same."""
 
-    source: Callable[[], Source]
+    source: Callable[[str], Source]
 
     def _execute_child(self, *given: Any) -> None:
         anew = super()._execute_child  # type: ignore[misc]
@@ -116,7 +112,7 @@ class ForkedPopen(subprocess.Popen[Any]):
         asked = asked._replace(folder=os.path.abspath(started["cwd"] or "."), own_session=started["start_new_session"])
         ends = [started[name] for name in ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")]
         files = [number if end == -1 else end for number, end in enumerate((ends[0], ends[3], ends[5]))]
-        self.pid = type(self).source().copy(asked, [*files, *asked.files[3:]])
+        self.pid = type(self).source(asked.code).copy(asked, [*files, *asked.files[3:]])
         self._child_created = True
         self._close_pipe_fds(*ends)  # type: ignore[attr-defined]
 
@@ -124,7 +120,11 @@ class ForkedPopen(subprocess.Popen[Any]):
 def spawned(path: Any, args: Sequence[Any], passfds: Sequence[int]) -> int:
     """`multiprocessing.util.spawnv_passfds`, by a copy where that is the same."""
     asked = as_copy([path, *args[1:]], None, passfds)
-    return SPAWNED_ANEW(path, args, passfds) if asked is None else ForkedPopen.source().copy(asked, list(asked.files))
+    return (
+        SPAWNED_ANEW(path, args, passfds)
+        if asked is None
+        else ForkedPopen.source(asked.code).copy(asked, list(asked.files))
+    )
 
 
 def as_copy(args: Iterable[Any], env: Mapping[str, str] | None, files: Iterable[int]) -> Asked | None:
@@ -141,7 +141,7 @@ def as_copy(args: Iterable[Any], env: Mapping[str, str] | None, files: Iterable[
     if (
         python != sys.executable
         or read_at_start(environment) != AS_STARTED
-        or ForkedPopen.source().asker != os.getpid()
+        or ForkedPopen.source(code).asker != os.getpid()
     ):
         return None
     return Asked(
@@ -185,7 +185,10 @@ def copies(link: socket.socket) -> Asked:
 
 
 def begun(asked: Asked, files: list[int]) -> Asked:
-    """Make this copy what it is to be; it has a copy of its own for what it starts. Returns in those too, as theirs."""
+    """Make this copy what it is to be; it has a copy of its own for what it starts. Returns in those too, as theirs.
+
+    A supervisor starts nothing.
+    """
     if asked.own_session:
         os.setsid()
     files = [os.dup2(number, AWAY + place, inheritable=False) for place, number in enumerate(files)]
@@ -194,7 +197,7 @@ def begun(asked: Asked, files: list[int]) -> Asked:
         for place, end in enumerate(socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET))
     )
     os.closerange(3, AWAY)
-    if not os.fork():
+    if asked.code != SUPERVISOR and not os.fork():
         ours.close()
         for number in files:
             os.close(number)
@@ -207,7 +210,7 @@ def begun(asked: Asked, files: list[int]) -> Asked:
         os.dup2(found, number)
         os.close(found)
     source = Source(ours)
-    ForkedPopen.source = lambda: source
+    ForkedPopen.source = lambda _code: source
     return asked
 
 
@@ -244,23 +247,33 @@ def ended(code: str) -> NoReturn:
     os._exit(int(str(status or 0)))
 
 
-def load() -> None:
-    """Load labctl, and compute what all benches have in common."""
-    for name in LOADED:
-        package = importlib.import_module(name)
-        for module in pkgutil.walk_packages(package.__path__, f"{name}."):
+def load(code: str) -> None:
+    """Load what carries `code` out: labctl, and what all benches have in common, unless it is the supervisor alone."""
+    from instruments.units import quantity
+    from labctl.bench.station import SIMULATED_STATION, USUAL
+
+    if code == SUPERVISOR:
+        importlib.import_module("labctl.bench.supervisor")
+        for name in USUAL:
+            SIMULATED_STATION.driver_of(name)
+        return
+    from sim_backends.parameters import Parameters
+    from sim_backends.world.twin import drawn_twin
+
+    for package in LOADED:
+        for module in pkgutil.walk_packages(importlib.import_module(package).__path__, f"{package}."):
             if module.name not in NOT_LOADED:
                 with suppress(ImportError):  # of an extra that is not installed
                     importlib.import_module(module.name)
     importlib.import_module("dask.__main__")
     quantity("1 ns", "s")
-    drawn_twin(Parameters(), Station().sim.twin_seed)
+    drawn_twin(Parameters(), SIMULATED_STATION.sim.twin_seed)
 
 
-def serve(number: int) -> None:
-    """Be the process that is copied, for whoever has the other end of the socket with this number."""
+def serve(number: int, code: str) -> None:
+    """Be the process that is copied for `code`, for whoever has the other end of the socket with this number."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for those who ask
-    load()
+    load(code)
     gc.collect()
     gc.freeze()
     subprocess.Popen = ForkedPopen  # type: ignore[misc]
@@ -277,14 +290,17 @@ def forked() -> Iterator[None]:
     with ExitStack() as stack:
 
         @cache
-        def source() -> Source:
+        def started(code: str) -> Source:
             ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-            command = [sys.executable, "-c", f"from {__name__} import serve; serve({theirs.fileno()})"]
+            command = [sys.executable, "-c", f"from {__name__} import serve; serve({theirs.fileno()}, {code!r})"]
             with theirs:
                 process = STARTED_ANEW(command, cwd=ROOT, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
             stack.enter_context(process)
             stack.callback(process.kill)
             return Source(stack.enter_context(ours))
+
+        def source(code: str) -> Source:
+            return started(SUPERVISOR if code == SUPERVISOR else TYPED)
 
         ForkedPopen.source = source
         with patch("subprocess.Popen", ForkedPopen), patch("multiprocessing.util.spawnv_passfds", spawned):
