@@ -40,8 +40,8 @@ def spectrum(volts: ArrayLike, sample_interval_s: float) -> Spectrum:
     samples = records.shape[-1]
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(samples) / samples)
     lines = np.fft.rfft(window * (records - records.mean(axis=-1, keepdims=True)))[..., 1:]
-    density = 2 * sample_interval_s / (window**2).sum() * (np.abs(lines) ** 2).mean(axis=0)
+    density = 2 * sample_interval_s * (np.abs(lines) ** 2).mean(axis=0) / (window**2).sum()
     if samples % 2 == 0:
         density[:, -1] /= 2  # half the sample rate stands for itself; every other line for its negative too
-    frequency_hz = np.arange(1, len(density[0]) + 1) / (samples * sample_interval_s)
+    frequency_hz = np.arange(1, density.shape[-1] + 1) / (samples * sample_interval_s)
     return Spectrum(frequency_hz, density)
