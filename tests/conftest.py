@@ -2,7 +2,6 @@
 
 import gc
 import os
-import subprocess
 from collections.abc import Iterator
 
 # Tests run side by side and have one core each; BLAS threads without a core of their own wait for each other, busily.
@@ -19,7 +18,7 @@ from instruments.bench import Bench
 from labctl.bench.opening import OpenBench, opened
 from labctl.bench.station import Station
 from sim_backends.bench import SimulatedBench
-from tests.forked_processes import STARTED_ANEW, forked
+from tests import forked_processes as copied
 from tests.supervisors import none_left
 
 threadpool_limits(1)  # of a library that a plugin has loaded before
@@ -76,15 +75,14 @@ def no_supervisor_outlives_its_test() -> Iterator[None]:
 @pytest.fixture(autouse=True, scope="session")
 def forked_processes() -> Iterator[None]:
     """Processes of labctl are there at once, unless a module is about how one starts."""
-    with forked():
+    with copied.forked():
         yield
 
 
 @pytest.fixture(scope="module")
-def started_anew() -> Iterator[None]:
+def started_anew(forked_processes: None) -> Iterator[None]:
     """For modules about how processes start, what they start, and what they hold."""
-    with pytest.MonkeyPatch.context() as processes:
-        processes.setattr(subprocess, "Popen", STARTED_ANEW)
+    with copied.started_anew():
         yield
 
 

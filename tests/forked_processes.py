@@ -2,7 +2,8 @@
 
 A copy has what `subprocess.Popen` was asked for: number, files, folder, environment, session; it is a child of whoever
 asked, ends like any process, and starts others in the same way. It differs from one that starts for a user in that all
-is loaded already: tests of how something starts have the fixture `started_anew`.
+is loaded already: tests of how something starts, or of what a process holds, have the
+fixture `started_anew`.
 
 The one that is copied must have no thread but one, so it is none of those that ask: they have it started beside them.
 """
@@ -28,19 +29,17 @@ from functools import cache
 from typing import Any, NamedTuple, NoReturn
 from unittest.mock import patch
 
+from labctl.bench import supervision
+from labctl.dashboard import launcher
 from tests.checkout import ROOT
 
-TYPED, SUPERVISOR, DASK = (
-    f"from {module} import main; main()"
-    for module in ("labctl.commands.main", "labctl.bench.supervisor", "dask.__main__")
-)
+TYPED, SUPERVISOR, DASK = launcher.COMMAND[-1], f"from {supervision.COMMAND[-1]} import main; main()", "dask.__main__"
 KNOWN: Mapping[tuple[str, ...], str] = {
     ("-m", "labctl"): TYPED,
-    ("-P", "-m", "labctl"): TYPED,
     ("-c", TYPED): TYPED,
-    ("-P", "-c", TYPED): TYPED,
-    ("-P", "-m", "labctl.bench.supervisor"): SUPERVISOR,
-    ("-m", "dask"): DASK,
+    launcher.COMMAND[1:]: TYPED,
+    supervision.COMMAND[1:]: SUPERVISOR,
+    ("-m", "dask"): f"from {DASK} import main; main()",
 }
 """How processes of labctl and of dask are started, and what each carries out."""
 WORKERS = ("from multiprocessing.spawn import", "from multiprocessing.forkserver import")
@@ -102,9 +101,7 @@ class ForkedPopen(subprocess.Popen[Any]):
     def _execute_child(self, *given: Any) -> None:
         anew = super()._execute_child  # type: ignore[misc]
         started = inspect.signature(anew).bind(*given).arguments
-        strange = (
-            isinstance(started["args"], str | bytes | os.PathLike) or started["executable"] or started["preexec_fn"]
-        )
+        strange = any(started[name] for name in ("executable", "preexec_fn", "shell"))
         asked = None if strange else as_copy(started["args"], started["env"], started["pass_fds"])
         if asked is None:
             anew(*given)
@@ -120,29 +117,24 @@ class ForkedPopen(subprocess.Popen[Any]):
 def spawned(path: Any, args: Sequence[Any], passfds: Sequence[int]) -> int:
     """`multiprocessing.util.spawnv_passfds`, by a copy where that is the same."""
     asked = as_copy([path, *args[1:]], None, passfds)
-    return (
-        SPAWNED_ANEW(path, args, passfds)
-        if asked is None
-        else ForkedPopen.source(asked.code).copy(asked, list(asked.files))
-    )
+    if asked is None:
+        return SPAWNED_ANEW(path, args, passfds)
+    return ForkedPopen.source(asked.code).copy(asked, list(asked.files))
 
 
-def as_copy(args: Iterable[Any], env: Mapping[str, str] | None, files: Iterable[int]) -> Asked | None:
+def as_copy(args: Any, env: Mapping[str, str] | None, files: Iterable[int]) -> Asked | None:
     """The copy that is what `args` would start, here; None where only a process that starts anew is."""
-    python, *words = map(os.fsdecode, args)
-    known = next((known for known in KNOWN if tuple(words[: len(known)]) == known), ())
-    environment = dict(os.environ if env is None else env)
-    if words[:1] == ["-c"] and words[1].startswith(WORKERS):
-        known, code = ("-c", words[1]), words[1]
-    elif known:
-        code = KNOWN[known]
-    else:
+    if isinstance(args, str | bytes | os.PathLike):
         return None
-    if (
-        python != sys.executable
-        or read_at_start(environment) != AS_STARTED
-        or ForkedPopen.source(code).asker != os.getpid()
-    ):
+    python, *words = map(os.fsdecode, args)
+    known = next((known for known in KNOWN if tuple(words[: len(known)]) == known), None)
+    if words[:1] == ["-c"] and words[1].startswith(WORKERS):
+        known = ("-c", words[1])
+    environment = dict(os.environ if env is None else env)
+    if python != sys.executable or known is None or read_at_start(environment) != AS_STARTED:
+        return None
+    code = KNOWN.get(known, known[-1])
+    if ForkedPopen.source(code).asker != os.getpid():
         return None
     return Asked(
         code=code,
@@ -214,8 +206,8 @@ def begun(asked: Asked, files: list[int]) -> Asked:
     return asked
 
 
-def carry_out(asked: Asked) -> None:
-    """What a process does that starts for it."""
+def prepare(asked: Asked) -> None:
+    """Make of this copy what a process is that has just started."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.chdir(asked.folder)
     os.environ.clear()
@@ -227,10 +219,9 @@ def carry_out(asked: Asked) -> None:
     sys.stdin = open(0, encoding=sys.stdin.encoding)  # noqa: SIM115
     sys.stdout = open(1, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)  # noqa: SIM115
     sys.stderr = open(2, "w", 1, encoding=sys.stderr.encoding, errors=sys.stderr.errors)  # noqa: SIM115
-    ended(asked.code)
 
 
-def ended(code: str) -> NoReturn:
+def carry_out(code: str) -> NoReturn:
     """Carry out `code` and end as a process does, but for taking down what was loaded, which takes longer than most."""
     status: object = 0
     try:
@@ -265,7 +256,7 @@ def load(code: str) -> None:
             if module.name not in NOT_LOADED:
                 with suppress(ImportError):  # of an extra that is not installed
                     importlib.import_module(module.name)
-    importlib.import_module("dask.__main__")
+    importlib.import_module(DASK)
     quantity("1 ns", "s")
     drawn_twin(Parameters(), SIMULATED_STATION.sim.twin_seed)
 
@@ -278,7 +269,9 @@ def serve(number: int, code: str) -> None:
     gc.freeze()
     subprocess.Popen = ForkedPopen  # type: ignore[misc]
     multiprocessing.util.spawnv_passfds = spawned
-    carry_out(copies(socket.socket(fileno=number)))
+    asked = copies(socket.socket(fileno=number))
+    prepare(asked)
+    carry_out(asked.code)
 
 
 @contextmanager
@@ -305,3 +298,10 @@ def forked() -> Iterator[None]:
         ForkedPopen.source = source
         with patch("subprocess.Popen", ForkedPopen), patch("multiprocessing.util.spawnv_passfds", spawned):
             yield
+
+
+@contextmanager
+def started_anew() -> Iterator[None]:
+    """Inside the block, and inside that of `forked`, they start anew all the same."""
+    with patch("subprocess.Popen", STARTED_ANEW), patch("multiprocessing.util.spawnv_passfds", SPAWNED_ANEW):
+        yield

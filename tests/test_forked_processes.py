@@ -8,12 +8,26 @@ from pathlib import Path
 
 import pytest
 
-from tests.forked_processes import STARTED_ANEW, TYPED, ForkedPopen
+from labctl.bench import supervision
+from labctl.dashboard import launcher
+from tests.clusters import DASK
+from tests.forked_processes import STARTED_ANEW, TYPED, ForkedPopen, as_copy
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has copies")
 
 LABCTL = (sys.executable, "-c", TYPED)
 SERVE = (*LABCTL, "sim", "serve", "--json")
+
+
+@pytest.mark.parametrize(
+    "command", [supervision.COMMAND, launcher.COMMAND, DASK, LABCTL, (sys.executable, "-m", "labctl")]
+)
+def test_what_labctl_and_its_tests_start_is_copied_unless_it_would_start_otherwise(command: tuple[str, ...]) -> None:
+    asked = as_copy((*command, "one", "two"), None, ())
+    assert asked is not None
+    assert asked.words == ("one", "two")
+    assert as_copy(command, os.environ | {"PYTHONPATH": "elsewhere"}, ()) is None
+    assert as_copy(("python", *command[1:]), None, ()) is None
 
 
 @pytest.mark.parametrize(
@@ -42,6 +56,7 @@ def test_it_is_a_child_with_its_own_session_and_files_that_is_killed_like_any_ot
         assert process.stdout.readline()
         os.close(released)
         about = Path("/proc", str(process.pid))
+        assert ForkedPopen.__module__.encode() in about.joinpath("cmdline").read_bytes(), "it is a copy"
         assert int(about.joinpath("stat").read_text().rpartition(")")[2].split()[1]) == os.getpid()
         assert os.getsid(process.pid) == process.pid
         assert about.joinpath("cwd").readlink() == tmp_path

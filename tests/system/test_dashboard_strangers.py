@@ -30,6 +30,7 @@ WAITING = 64
 PATIENCE_S = 60.0
 SMALL = 16 << 20
 
+pytestmark = pytest.mark.usefixtures("started_anew")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 
 
