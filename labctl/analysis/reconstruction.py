@@ -55,9 +55,9 @@ class LinearReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         features, images = _checked(self, X, y)
         targets = images.reshape(len(images), -1)
         with threadpool_limits(1):
-            shots = StandardScaler().fit_transform(features)
-            of_pixels = _left_out(_split(shots @ shots.T, targets - targets.mean(axis=0)))
-            errors = _over_penalties(lambda alpha, _: of_pixels(alpha, slice(None)).sum(), self.alphas, 1)
+            directions = _directions_of(StandardScaler().fit_transform(features))
+            of_pixels = _left_out(directions, targets - targets.mean(axis=0), np.asarray(self.alphas))
+            errors = _over_penalties(lambda place, _: of_pixels(place, slice(None)).sum(), len(self.alphas), 1)
             self.alpha_ = float(self.alphas[int(errors.argmin())])
             self.pipeline_ = make_pipeline(StandardScaler(), Ridge(self.alpha_)).fit(features, images)
         self.range_ = (float(images.min()), float(images.max()))
@@ -116,11 +116,10 @@ class KernelReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
             self._shots = self._scaler.transform(features)
             self.mean_, scores, components = _components(images.tobytes(), len(images))
             distances = _distances(self._shots, self._shots)
-            fits = [_fit(np.exp(-gamma * distances), scores, np.asarray(self.alphas)) for gamma in self.gammas]
-            best = min(range(len(fits)), key=lambda position: fits[position].error)
-            self.gamma_ = float(self.gammas[best])
-            self.alphas_ = fits[best].alphas
-            self.dual_coef_ = fits[best].weights @ components
+            alphas = np.asarray(self.alphas)
+            best = min((_fit(distances, gamma, scores, alphas) for gamma in self.gammas), key=lambda fit: fit.error)
+            self.gamma_, self.alphas_ = best.gamma, alphas[best.places]
+            self.dual_coef_ = best.weights(scores) @ components
             self._column_means = np.exp(-self.gamma_ * distances).mean(axis=0)
         self._pixels = images.shape[1:]
         self.range_ = (float(images.min()), float(images.max()))
@@ -153,91 +152,105 @@ def _components(images: bytes, shots: int) -> tuple[NDArray[np.float64], NDArray
     return found
 
 
-class _Split(NamedTuple):
-    """Centred targets (shots, columns) in the directions of a centred kernel of the shots.
-
-    values: (directions,) eigenvalues. vectors: (shots, directions) eigenvectors. coordinates: (directions, columns) of
-    the targets. outside: (shots, columns) what of the targets lies in none of the directions.
-    """
+class _Directions(NamedTuple):
+    """Eigenvalues (directions,) and eigenvectors (shots, directions) of a centred kernel of the shots."""
 
     values: NDArray[np.float64]
     vectors: NDArray[np.float64]
-    coordinates: NDArray[np.float64]
-    outside: NDArray[np.float64]
 
 
 class _Fit(NamedTuple):
-    """Kernel ridge at one width: leave-one-out error, penalties (components,), weights (shots, components)."""
+    """Kernel ridge at one width, by its leave-one-out error: penalties, and for each component which of them."""
 
     error: float
-    alphas: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    gamma: float
+    directions: _Directions
+    penalties: NDArray[np.float64]
+    places: NDArray[np.intp]
+
+    def weights(self, scores: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of each shot in each component (shots, components)."""
+        values, vectors = self.directions
+        found = vectors @ (vectors.T @ scores / (values[:, np.newaxis] + self.penalties[self.places]))
+        return np.asarray(found - found.mean(axis=0))
 
 
-def _split(kernel: NDArray[np.float64], targets: NDArray[np.float64]) -> _Split:
-    """In the directions that hold more of the kernel's variance than rounding does."""
+def _directions(kernel: NDArray[np.float64]) -> _Directions:
+    """Of a kernel (shots, shots), those that hold more of its variance than rounding does."""
     row_means = kernel.mean(axis=0)
-    values, vectors = np.linalg.eigh(kernel - row_means - row_means[:, np.newaxis] + row_means.mean())
+    return _above_rounding(*np.linalg.eigh(kernel - row_means - row_means[:, np.newaxis] + row_means.mean()))
+
+
+def _directions_of(shots: NDArray[np.float64]) -> _Directions:
+    """The same of the products of centred shots (shots, features): by way of the features where these are fewer."""
+    if shots.shape[1] >= len(shots):
+        return _directions(shots @ shots.T)
+    vectors, spreads, _ = np.linalg.svd(shots, full_matrices=False)
+    return _above_rounding(spreads**2, vectors)
+
+
+def _above_rounding(values: NDArray[np.float64], vectors: NDArray[np.float64]) -> _Directions:
     kept = values > NEGLIGIBLE * max(float(values.sum()), NEGLIGIBLE)
-    values, vectors = values[kept], vectors[:, kept]
-    coordinates = vectors.T @ targets
-    complete = values.size == len(kernel) - 1  # all but that of the mean, in which nothing that is centred lies
-    outside = np.zeros_like(targets) if complete else targets - vectors @ coordinates
-    return _Split(values, vectors, coordinates, outside)
+    return _Directions(values[kept], vectors[:, kept])
 
 
-def _left_out(split: _Split) -> Callable[[float, Any], NDArray[np.float64]]:
-    """Mean squared leave-one-out error of ridge regression at a penalty, for some columns of the targets.
+def _left_out(
+    directions: _Directions, targets: NDArray[np.float64], penalties: NDArray[np.float64]
+) -> Callable[[int, Any], NDArray[np.float64]]:
+    """Mean squared leave-one-out error of ridge regression at one of the penalties, for some columns of the targets.
 
     With the centred kernel K = Q diag(w) Q', the fit is 1/n + Q diag(w / (w + a)) Q' =: H, and leaving shot i out gives
     the error (y - H y)_i / (1 - H_ii).
     """
-    values = split.values
-    shots = len(split.vectors)
-    squared = split.vectors**2
-    narrow_vectors, narrow_coordinates, outside = (  # a choice needs no more than single precision
-        one.astype(np.float32) for one in (split.vectors, split.coordinates, split.outside)
-    )
+    values, vectors = directions
+    shots = len(vectors)
+    missed = penalties / (values[:, np.newaxis] + penalties)
+    left = 1 - 1 / shots - vectors**2 @ (1 - missed)
+    # A choice needs no more than single precision.
+    missed, left, narrow = missed.astype(np.float32), left.astype(np.float32), vectors.astype(np.float32)
+    outside = targets.astype(np.float32)  # what of the targets lies in none of the directions
+    coordinates = narrow.T @ outside
+    if values.size == shots - 1:  # all but that of the mean, in which nothing that is centred lies
+        outside[:] = 0
+    else:
+        outside -= narrow @ coordinates
 
-    def error(penalty: float, columns: Any) -> NDArray[np.float64]:
+    def error(place: int, columns: Any) -> NDArray[np.float64]:
         if not values.size:  # a single shot, or all alike: nothing but the mean can be learnt
-            return np.asarray(np.mean(split.outside[:, columns] ** 2, axis=0))
-        missed = penalty / (values + penalty)
-        left = 1 - 1 / shots - squared @ (1 - missed)
-        residual = narrow_vectors @ (missed.astype(np.float32)[:, np.newaxis] * narrow_coordinates[:, columns])
+            return np.asarray(np.mean(targets[:, columns] ** 2, axis=0))
+        residual = narrow @ (missed[:, place, np.newaxis] * coordinates[:, columns])
         residual += outside[:, columns]
-        residual /= left.astype(np.float32)[:, np.newaxis]
+        residual /= left[:, place, np.newaxis]
         return np.asarray(np.einsum("nc,nc->c", residual, residual) / shots)
 
     return error
 
 
-def _fit(kernel: NDArray[np.float64], scores: NDArray[np.float64], alphas: NDArray[np.float64]) -> _Fit:
-    """The penalty of least leave-one-out error for each column of `scores` (shots, components), and the weights."""
-    split = _split(kernel, scores)
-    penalties = alphas * split.values.sum() / len(kernel)
-    errors = _over_penalties(_left_out(split), penalties, scores.shape[1])
-    best = errors.argmin(axis=0)
-    weights = split.vectors @ (split.coordinates / (split.values[:, np.newaxis] + penalties[best]))
-    return _Fit(float(errors.min(axis=0).sum()), alphas[best], weights - weights.mean(axis=0))
+def _fit(
+    distances: NDArray[np.float64], gamma: float, scores: NDArray[np.float64], alphas: NDArray[np.float64]
+) -> _Fit:
+    """The penalty of least leave-one-out error for each column of `scores` (shots, components), at one width."""
+    kernel = np.exp(-gamma * distances)
+    directions = _directions(kernel)
+    penalties = alphas * directions.values.sum() / len(kernel)
+    errors = _over_penalties(_left_out(directions, scores, penalties), len(penalties), scores.shape[1])
+    return _Fit(float(errors.min(axis=0).sum()), float(gamma), directions, penalties, errors.argmin(axis=0))
 
 
-def _over_penalties(
-    error: Callable[[float, Any], ArrayLike], penalties: Sequence[float] | NDArray[np.float64], columns: int
-) -> NDArray[np.float64]:
+def _over_penalties(error: Callable[[int, Any], ArrayLike], penalties: int, columns: int) -> NDArray[np.float64]:
     """Errors (penalties, columns) around the least of each column; inf where nobody looked.
 
     Over the penalty an error has one valley, looked for in steps of four, of two and of one.
     """
-    errors = np.full((len(penalties), columns), np.inf)
-    for position in range(0, len(penalties), 4):
-        errors[position] = error(penalties[position], slice(None))
+    errors = np.full((penalties, columns), np.inf)
+    for place in range(0, penalties, 4):
+        errors[place] = error(place, slice(None))
     for step in (2, 1):
         best = errors.argmin(axis=0)
-        for position, penalty in enumerate(penalties):
-            beside = np.flatnonzero(np.abs(best - position) == step)
+        for place in range(penalties):
+            beside = np.flatnonzero(np.abs(best - place) == step)
             if beside.size:
-                errors[position, beside] = error(penalty, beside)
+                errors[place, beside] = error(place, beside)
     return errors
 
 
