@@ -34,14 +34,16 @@ from labctl.dashboard import launcher
 from tests.checkout import ROOT
 
 TYPED, SUPERVISOR, DASK = launcher.COMMAND[-1], f"from {supervision.COMMAND[-1]} import main; main()", "dask.__main__"
+WATCHED = "tests.system.watched_commands"
 KNOWN: Mapping[tuple[str, ...], str] = {
     ("-m", "labctl"): TYPED,
     ("-c", TYPED): TYPED,
     launcher.COMMAND[1:]: TYPED,
     supervision.COMMAND[1:]: SUPERVISOR,
     ("-m", "dask"): f"from {DASK} import main; main()",
+    ("-m", WATCHED): f"from {WATCHED} import main; main()",
 }
-"""How processes of labctl and of dask are started, and what each carries out."""
+"""How processes of labctl, of dask and of tests of its commands are started, and what each carries out."""
 WORKERS = ("from multiprocessing.spawn import", "from multiprocessing.forkserver import")
 """What the processes carry out that Python's own pools start, up to the numbers of their files."""
 FROM_FOLDER = ""

@@ -1,6 +1,7 @@
 """What commands say on a disk that takes nothing, on a small file system of its own.
 
-Usage: `on_a_closed_disk.py FOLDER RUN full|read-only|few-files`: started where it may mount one. One line of JSON.
+Usage: `on_a_closed_disk.py FOLDER RUN KIND...`, each full, read-only or few-files: started where it may mount one for
+each. One line of JSON.
 """
 
 import json
@@ -9,8 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests.forked_processes import TYPED, load
 from tests.system.on_a_small_disk import SIZE, fill
-from tests.system.watched_commands import carry_out, load
+from tests.system.watched_commands import carry_out
 
 MOUNT = shutil.which("mount") or "mount"
 FILES = 10
@@ -49,12 +51,20 @@ def said(folder: Path, run: Path, what: str) -> dict[str, tuple[int, str, str]]:
         },
     }
     limit = few_files if what == "few-files" else lambda: None
-    load()
     ended = {name: carry_out([*map(str, words), "--json"], limit) for name, words in commands.items()}
     return {name: (one["status"], one["out"], one["said"]) for name, one in ended.items()}
 
 
+def main(folder: str, run: str, *kinds: str) -> None:
+    load(TYPED)
+    found = {}
+    for what in kinds:
+        where = Path(folder) / what
+        where.mkdir()
+        subprocess.run([MOUNT, "-t", "tmpfs", "-o", f"size={4 * SIZE}", "none", str(where)], check=True)
+        found[what] = said(where, Path(run), what)
+    print(json.dumps(found))  # noqa: T201
+
+
 if __name__ == "__main__":
-    where = Path(sys.argv[1])
-    subprocess.run([MOUNT, "-t", "tmpfs", "-o", f"size={4 * SIZE}", "none", str(where)], check=True)
-    print(json.dumps(said(where, Path(sys.argv[2]), sys.argv[3])))  # noqa: T201
+    main(*sys.argv[1:])

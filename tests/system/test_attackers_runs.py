@@ -16,6 +16,7 @@ import pytest
 
 from labctl.commands.main import main
 from tests.checkout import ROOT
+from tests.forked_processes import WATCHED
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs links, pipes and fork")
 
@@ -156,8 +157,8 @@ def commands(run: Path, whole: Path, out: Path) -> list[list[str]]:
 
 def carried_out(words: list[list[str]]) -> list[dict[str, Any]]:
     ended = subprocess.run(
-        [sys.executable, str(Path(__file__).with_name("watched_commands.py"))],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        [sys.executable, "-m", WATCHED],
+        cwd=ROOT,
         input=json.dumps(words),
         stdout=subprocess.PIPE,
         check=True,

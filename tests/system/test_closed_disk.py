@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,6 +21,10 @@ ADVICE = {
 }
 
 
+Said = dict[str, tuple[int, str, str]]
+"""Exit status, output and errors of each command."""
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with a readout."""
@@ -34,22 +37,29 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-@pytest.mark.parametrize("what", ADVICE)
-def test_every_command_that_writes_says_what_to_do(what: str, run: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def said(run: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Said]:
+    """What the commands say, by what is wrong."""
     if shutil.which("unshare") is None or subprocess.run([*APART, "true"], check=False).returncode:
         pytest.skip("no file system may be mounted here")
     script = Path(__file__).with_name("on_a_closed_disk.py")
     ended = subprocess.run(
-        [*APART, sys.executable, str(script), str(tmp_path), str(run), what],
+        [*APART, sys.executable, str(script), str(tmp_path_factory.mktemp("disks")), str(run), *ADVICE],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,
     )
     assert ended.returncode == 0, ended.stderr
-    said: dict[str, Any] = json.loads(ended.stdout)
-    refused = {name: found for name, found in said.items() if found[0]}
-    assert set(said) - set(refused) <= ({"show", "init", "schema"} if what != "few-files" else set(said))
+    found: dict[str, Said] = json.loads(ended.stdout)
+    return found
+
+
+@pytest.mark.parametrize("what", ADVICE)
+def test_every_command_that_writes_says_what_to_do(what: str, said: dict[str, Said]) -> None:
+    refused = {name: found for name, found in said[what].items() if found[0]}
+    allowed = {"show", "init", "schema"} if what != "few-files" else set(said[what])
+    assert set(said[what]) - set(refused) <= allowed
     for name, (status, out, err) in refused.items():
         first = next(line for line in err.splitlines() if line.startswith("labctl: "))
         assert status in (1, 2), name

@@ -2,26 +2,20 @@
 
 On standard input a JSON list of command lines; on standard output a line of JSON for each. What was touched are the
 files that Python opened, the folders it made, and the connections and processes it began: Python's audit events.
+
+Usage: `python -m tests.system.watched_commands`, which the tests carry out in a process that has loaded all of labctl.
 """
 
 import json
 import os
-import pkgutil
 import sys
 import tempfile
 from collections.abc import Callable
 from typing import Any
 
-from labctl.commands import COMMANDS
-from labctl.commands.main import main
+from labctl.commands.main import main as labctl
 
 TOLD = ("open", "os.mkdir", "os.remove", "os.rename", "os.truncate", "socket.connect", "subprocess.Popen")
-
-
-def load() -> None:
-    """Once, what the commands are made of: not in every process anew."""
-    for place in COMMANDS.values():
-        pkgutil.resolve_name(place)
 
 
 def carry_out(words: list[str], limit: Callable[[], None] = lambda: None) -> dict[str, Any]:
@@ -35,7 +29,7 @@ def carry_out(words: list[str], limit: Callable[[], None] = lambda: None) -> dic
             said.close()
             limit()
             try:
-                main(words)
+                labctl(words)
             except SystemExit as ended:
                 sys.stdout.flush()
                 os._exit(ended.code if isinstance(ended.code, int) else 1)
@@ -63,7 +57,6 @@ def watch(descriptor: int) -> None:
     sys.addaudithook(note)
 
 
-if __name__ == "__main__":
-    load()
+def main() -> None:
     for command in json.load(sys.stdin):
         print(json.dumps(carry_out(command)), flush=True)  # noqa: T201

@@ -2,11 +2,16 @@
 
 import platform
 import subprocess
-from importlib.metadata import version
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 
 DISTRIBUTION = "photonic-labctl"
 PACKAGES = (DISTRIBUTION, "numpy", "scipy", "scikit-learn", "h5py", "pydantic", "pyvisa", "pyvisa-py")
+
+
+version = cache(metadata.version)
+"""Of an installed distribution, as this process first found it."""
 
 
 def versions() -> dict[str, str]:
@@ -20,8 +25,12 @@ def this_version() -> str:
     return version(DISTRIBUTION) + (f", git {revision}" if revision else "")
 
 
+@cache
 def git_revision() -> str | None:
-    """The commit of the checkout that labctl runs from, with "-dirty" for local changes; None outside a checkout."""
+    """The commit of the checkout that labctl runs from, with "-dirty" for local changes; None outside a checkout.
+
+    As this process first found it: what changes later is not what it runs.
+    """
     root = Path(__file__).parents[3]
     if not (root / ".git").exists():
         return None
