@@ -244,6 +244,7 @@ def load(code: str) -> None:
     """Load what carries `code` out: labctl, and what all benches have in common, unless it is the supervisor alone."""
     from instruments.units import quantity
     from labctl.bench.station import SIMULATED_STATION, USUAL
+    from labctl.runs.format.provenance import git_revision, versions
 
     if code == SUPERVISOR:
         importlib.import_module("labctl.bench.supervisor")
@@ -260,6 +261,8 @@ def load(code: str) -> None:
                     importlib.import_module(module.name)
     importlib.import_module(DASK)
     quantity("1 ns", "s")
+    versions()
+    git_revision()
     drawn_twin(Parameters(), SIMULATED_STATION.sim.twin_seed)
 
 

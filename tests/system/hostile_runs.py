@@ -67,7 +67,8 @@ def huge(file: h5py.File, name: str) -> None:
 def packed(file: h5py.File, name: str) -> None:
     shape, kind = file[name].shape, file[name].dtype
     del file[name]
-    wide = file.create_dataset(name, (1 << 16, *shape[1:], 1 << 14), kind, chunks=True, compression="gzip")
+    row = (*shape[1:], 1 << 14)
+    wide = file.create_dataset(name, (1 << 16, *row), kind, chunks=(1, *row), compression="gzip")
     wide[0] = 0
 
 
