@@ -10,13 +10,13 @@ from sklearn.linear_model import LinearRegression
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
-from threadpoolctl import threadpool_limits
 
 from labctl.analysis.anomaly import Roc, roc
 from labctl.analysis.evaluation import CrossValidation, validate, validate_softmax
 from labctl.analysis.kernel import KernelClassifier
 from labctl.analysis.regression import nmse, ridge_readout, rmse
 from labctl.analysis.splits import Split
+from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError
 
 MAX_ITERATIONS = 5000
@@ -182,7 +182,7 @@ def echo_state_nmse(
     inputs = 2 * (values[:-1] - low) / max(high - low, np.finfo(float).tiny) - 1
     states = np.zeros((train + test, nodes))
     state = np.zeros(nodes)
-    with threadpool_limits(1):
+    with one_thread():
         for step in range(train + test):
             state = np.tanh(recurrent @ state + weights * inputs[step] + bias)
             states[step] = state

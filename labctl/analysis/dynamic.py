@@ -11,8 +11,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 from sklearn.utils import get_tags
-from threadpoolctl import threadpool_limits
 
+from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError
 
 
@@ -73,7 +73,7 @@ def sliding_probabilities(readout: Any, windows: NDArray[Any]) -> NDArray[np.flo
     """
     first = readout[0] if isinstance(readout, Pipeline) else readout
     takes_records = get_tags(first).input_tags.three_d_array
-    with threadpool_limits(1):
+    with one_thread():
         return np.asarray(readout.predict_proba(windows if takes_records else windows.reshape(len(windows), -1)))
 
 

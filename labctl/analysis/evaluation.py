@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.preprocessing import StandardScaler
-from threadpoolctl import threadpool_limits
 
 from labctl.analysis.softmax import deviations, held_out_answers
 from labctl.analysis.splits import Split, random_splits
+from labctl.analysis.threads import one_thread
 from labctl.analysis.windows import WindowFeatures, as_float, compressive_ratio
 from labctl.errors import AnalysisError
 
@@ -132,7 +132,7 @@ def _judged(
     for train, _ in ways:
         if not np.ptp(members[train]):
             raise AnalysisError(f"all {train.size} shots to train on are of one class: acquire more images")
-    with threadpool_limits(1):  # small matrices: threads cost more than they give, and sums change with their number
+    with one_thread():
         answered = answers(members, ways)
     confusion = np.zeros((classes.size, classes.size), np.int64)
     scores = []

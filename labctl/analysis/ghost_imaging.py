@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
-from threadpoolctl import threadpool_limits
 
+from labctl.analysis.threads import one_thread
 from labctl.analysis.total_variation import least_total_variation
 from labctl.errors import AnalysisError
 
@@ -78,7 +78,7 @@ class GhostImaging(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no t
         self.n_features_in_ = seen.shape[1]
         self._shape = (patterns.shape[1], patterns.shape[2])
         pixels = patterns.reshape(len(patterns), -1)
-        with threadpool_limits(1):
+        with one_thread():
             covariance = self._calibrate(seen, pixels, learnt)
             self._choose_strength(seen[learnt:], patterns[learnt:])
             self.masks_ = next(_masks(pixels, seen / self.noise_, covariance, (self.penalty_,)))
@@ -96,7 +96,7 @@ class GhostImaging(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # no t
             raise AnalysisError(
                 f"measurements {seen.shape}, masks of {self.n_features_in_} samples: measure both alike"
             )
-        with threadpool_limits(1):
+        with one_thread():
             return self._images(seen, self.strength_)
 
     def _calibrate(self, seen: NDArray[np.float64], pixels: NDArray[np.float64], learnt: int) -> NDArray[np.float64]:

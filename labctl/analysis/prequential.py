@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from sklearn.linear_model import RidgeClassifierCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from threadpoolctl import threadpool_limits
 
 from labctl.analysis.online import NormalisedLeastMeanSquares, OnlineClassifier
 from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.regression import ALPHAS
+from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError
 
 FOLLOWING = {"rls": "recursive least squares", "nlms": "NLMS"}
@@ -62,7 +62,7 @@ def prequential(features: NDArray[Any], labels: NDArray[Any], groups: NDArray[An
     if not places.size:
         raise AnalysisError(f"all images after the first {first} shots were shown before: acquire more images")
     right = {}
-    with threadpool_limits(1):
+    with one_thread():
         for name, readout in _readouts().items():
             readout.fit(features[:first], labels[:first])
             later = features[first:]

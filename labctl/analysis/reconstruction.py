@@ -15,9 +15,9 @@ from sklearn.linear_model import Ridge
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted, validate_data
-from threadpoolctl import threadpool_limits
 
 from labctl.analysis.regression import ALPHAS
+from labctl.analysis.threads import one_thread
 
 GAMMAS = (0.03, 0.1, 0.3, 1.0)
 """Widths to choose from: a pair of images differs by 2 in the mean square of its standardised features."""
@@ -54,7 +54,7 @@ class LinearReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         """Learn from features (shots, features) and images (shots, pixels), or (shots,) values."""
         features, images = _checked(self, X, y)
         targets = images.reshape(len(images), -1)
-        with threadpool_limits(1):
+        with one_thread():
             directions = _directions_of(StandardScaler().fit_transform(features))
             of_pixels = _left_out(directions, targets - targets.mean(axis=0), np.asarray(self.alphas))
             errors = _over_penalties(lambda place, _: of_pixels(place, slice(None)).sum(), len(self.alphas), 1)
@@ -67,7 +67,7 @@ class LinearReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         """Images of features (shots, features), shaped as in training."""
         check_is_fitted(self)
         features = validate_data(self, X, dtype=np.float64, reset=False)
-        with threadpool_limits(1):
+        with one_thread():
             images = np.asarray(self.pipeline_.predict(features))
         return images.clip(*self.range_) if self.clip else images
 
@@ -111,7 +111,7 @@ class KernelReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:  # noqa: N803
         """Learn from features (shots, features) and images (shots, pixels), or (shots,) values."""
         features, images = _checked(self, X, y)
-        with threadpool_limits(1):
+        with one_thread():
             self._scaler = StandardScaler().fit(features)
             self._shots = self._scaler.transform(features)
             self.mean_, scores, components = _components(images.tobytes(), len(images))
@@ -129,7 +129,7 @@ class KernelReconstruction(MultiOutputMixin, RegressorMixin, BaseEstimator):  # 
         """Images of features (shots, features), shaped as in training."""
         check_is_fitted(self)
         features = validate_data(self, X, dtype=np.float64, reset=False)
-        with threadpool_limits(1):
+        with one_thread():
             kernel = np.exp(-self.gamma_ * _distances(self._scaler.transform(features), self._shots))
             images = (kernel - self._column_means) @ self.dual_coef_ + self.mean_
         shaped = np.asarray(images.reshape(len(features), *self._pixels))

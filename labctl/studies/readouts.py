@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
-from threadpoolctl import threadpool_limits
 
 from instruments.toml_files import describe
 from labctl.analysis.evaluation import (
@@ -27,6 +26,7 @@ from labctl.analysis.evaluation import (
 from labctl.analysis.intervals import Verdict, interval
 from labctl.analysis.readouts import softmax_classifier, softmax_readout
 from labctl.analysis.splits import SEEDS, Split, enough_splits, forward_in_time_split, own_split, random_splits
+from labctl.analysis.threads import one_thread
 from labctl.analysis.windows import WindowFeatures
 from labctl.datasets import catalogue
 from labctl.errors import AnalysisError, one_line, writing
@@ -99,7 +99,7 @@ def train_readout(
     train, test = kept_apart(records, seed)
     if np.unique(records.labels[train]).size < 2:
         raise AnalysisError(f"{directory}: all images are of one class: there is nothing to tell apart")
-    with threadpool_limits(1):
+    with one_thread():
         pipeline.fit(records.traces[train], records.labels[train])
     right = pipeline.predict(records.traces[test]) == records.labels[test]
     path = out or RunPaths(directory).models / file_name(window_s, tau_s, inverse_penalty, chosen)

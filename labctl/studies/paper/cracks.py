@@ -8,12 +8,12 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt
-from threadpoolctl import threadpool_limits
 
 from instruments.units import Seconds
 from labctl.analysis.anomaly import CovarianceScore, NormalityScore, Roc, roc
 from labctl.analysis.baselines import dark_pixels, dark_share
 from labctl.analysis.intervals import Statistic, pooled
+from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.images import ImageRow, image_rows_figure
@@ -151,7 +151,7 @@ def _by_rule(twin: TwinRuns, rule: RuleSettings, settings: Settings) -> RuleFind
     scores: dict[str, list[ScoredSplit]] = {name: [] for name in makers}
     counted = []
     cracks = np.flatnonzero(records.labels == CRACK)
-    with threadpool_limits(1):
+    with one_thread():
         for train, test in _splits(records, settings.train, twin):
             tested = np.concatenate([test, cracks])
             for name, make in makers.items():

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import PositiveInt
-from threadpoolctl import threadpool_limits
 
 from instruments.ports import port_name
 from labctl.analysis.baselines import autoregressive_nmse, echo_state_nmse
 from labctl.analysis.intervals import pooled
 from labctl.analysis.regression import nmse, ridge_readout
 from labctl.analysis.symbols import one_step_ahead, require_causal, symbol_features
+from labctl.analysis.threads import one_thread
 from labctl.datasets.sequences import load_sequences
 from labctl.errors import AnalysisError
 from labctl.reports.canvas import Level, Series
@@ -126,7 +126,7 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
     fitted, tested = slice(settings.washout, settings.train), slice(settings.train, steps)
     score = partial(_error, features, targets)
     everything = range(len(ports))
-    with threadpool_limits(1):
+    with one_thread():
         chosen = chosen_ports(features[fitted], targets[fitted], held_out=settings.held_out)
         predicted = _predicted(features, targets, list(everything), fitted, tested)
         in_order, by_choice = (

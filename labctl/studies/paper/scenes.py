@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from sklearn.pipeline import Pipeline
-from threadpoolctl import threadpool_limits
 
 from instruments.units import Seconds
 from labctl.analysis.dynamic import short_time_correlation, sliding_probabilities, switch_time
 from labctl.analysis.intervals import Statistic, pooled
 from labctl.analysis.readouts import softmax_readout
+from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.switch import switch_figure
@@ -172,7 +172,7 @@ def _readout(seen: Switching, settings: Settings) -> Pipeline:
     train = ~np.isin(seen.still.groups, seen.pairs)
     interval = seen.still.sample_interval_s
     readout = softmax_readout(ports=None, window_s=settings.window, sample_interval_s=interval)
-    with threadpool_limits(1):
+    with one_thread():
         readout.fit(seen.at_rest[train], seen.still.labels[train])
     return readout
 

@@ -1,0 +1,17 @@
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from labctl.analysis.threads import one_thread
+
+
+def numbers() -> list[int]:
+    return [library["num_threads"] for library in threadpool_info()]
+
+
+def test_every_library_has_one_thread_inside_and_what_it_had_behind() -> None:
+    for wanted in (2, 3):  # by a look at what is loaded, and by what was found
+        with threadpool_limits(wanted):
+            before = numbers()
+            assert wanted in before
+            with one_thread():
+                assert set(numbers()) == {1}
+            assert numbers() == before
