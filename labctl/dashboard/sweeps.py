@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labctl.dashboard.listing import EVERY_S, RESTS
-from labctl.errors import LabctlError
+from labctl.errors import LabctlError, RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.store import is_elsewhere
 from labctl.runs.index import RunRow, is_there, run_row
@@ -102,11 +102,23 @@ class Sweeps:
         if before is not None and before.sweep is not None and len(done) == len(before.points):
             return before
         try:
-            sweep = before.sweep if before is not None and before.sweep is not None else read(directory).sweep
+            sweep = before.sweep if before is not None and before.sweep is not None else _of_runs_here(directory)
             every = places(sweep)
         except LabctlError as error:
             return SweepState(name, problem=str(error))
         return SweepState(name, sweep, tuple(done.get(run) or _point(directory / run, values) for run, values in every))
+
+
+def _of_runs_here(directory: Path) -> Sweep:
+    """The sweep of a folder that holds its runs; a place elsewhere is not looked at because a file names it.
+
+    Raises:
+        RunError: It holds no sweep, or its runs are in a store.
+    """
+    file = read(directory)
+    if file.store:
+        raise RunError(f"{directory}: its runs are in {file.store}: look at them with 'labctl dashboard {file.store}'")
+    return file.sweep
 
 
 def _point(directory: Path, values: Mapping[str, str]) -> Point:

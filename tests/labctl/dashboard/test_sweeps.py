@@ -45,6 +45,16 @@ def test_how_far_a_sweep_is_and_which_of_its_runs_are_pages(folder: Path) -> Non
     assert [state.name for state in sweeps.all()] == ["broken"]
 
 
+def test_a_sweep_whose_runs_are_in_a_store_says_where_to_look(tmp_path: Path) -> None:
+    sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns", "1 ns")})
+    begin(tmp_path / "runs" / "far", sweep, ImageReadout, SIMULATED_STATION, store=tmp_path / "store")
+    (far,) = Sweeps(tmp_path / "runs").all()
+    assert far.points == ()
+    assert far.problem.endswith(
+        f"its runs are in {tmp_path}/store: look at them with 'labctl dashboard {tmp_path}/store'"
+    )
+
+
 def test_a_laser_of_a_sweep_that_did_not_go_dark_is_told_until_somebody_has_seen_it_dark(folder: Path) -> None:
     now = [0.0]
     sweeps = Sweeps(folder, lambda: now[0])
