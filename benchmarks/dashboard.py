@@ -21,7 +21,8 @@ import numpy as np
 
 from benchmarks.rows import Goal, Row
 from labctl.runs.live.events import EventReader
-from tests.dashboard.browser import LABCTL, browser, chromium, dashboard, enter, opened
+from tests.command_line import LABCTL
+from tests.dashboard.browser import browser, chromium, dashboard, enter, opened
 
 SETTINGS = ("images=4000", "ports=2-5", "wavelengths=" + ", ".join(f"{1540 + n / 2} nm" for n in range(40)))
 """A pass on four ports, again at every wavelength: as long as is needed, and each pass as fast as the one before."""

@@ -20,8 +20,8 @@ import numpy as np
 
 from benchmarks.rows import Goal, Row
 from labctl.runs.live.events import EventReader
+from tests.command_line import LABCTL
 
-LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 SETTINGS = ("ports=2,3", "window=0.4 ns", "reference_every=50")
 PIXELS = 28
 POINTS = 10

@@ -1,6 +1,7 @@
-"""The command line in this process: what a person types, and what comes back."""
+"""The command line, in this process and in one of its own: what a person types, and what comes back."""
 
 import json
+import sys
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from typing import Any
@@ -8,6 +9,10 @@ from typing import Any
 import pytest
 
 from labctl.commands.main import main
+from labctl.dashboard import launcher
+
+LABCTL = (sys.executable, "-c", launcher.COMMAND[-1])
+"""How a process of the command is started."""
 
 
 def labctl(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:

@@ -6,7 +6,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +15,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
+from tests.command_line import LABCTL
+
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 LINK = "/?token="
 WIDE, NARROW = (1280, 900), (390, 844)

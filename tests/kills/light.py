@@ -23,9 +23,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tests.command_line import LABCTL
 from tests.system.waiting import until_stored
 
-LABCTL = (sys.executable, "-P", "-c", "from labctl.commands.main import main; main()")
 RUN = ("run", "image-readout", "--set", "images=2000", "--set", "window=0.8 ns")
 DARK_WITHIN_S = 1.0
 PATIENCE_S = 20.0

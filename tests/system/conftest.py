@@ -4,7 +4,6 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -12,12 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.command_line import as_json
+from tests.command_line import LABCTL, as_json
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
-
-LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 
 
 @pytest.fixture(scope="session")

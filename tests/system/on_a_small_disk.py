@@ -15,10 +15,10 @@ from typing import Any
 from labctl.errors import RunError
 from labctl.runs.verification import verify_run
 from labctl.runs.write.writer import RunWriter
+from tests.command_line import LABCTL
 from tests.labctl.runs.conftest import SMALL, begin, measure_missing
 from tests.system.waiting import until_stored
 
-LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 SIZE = 1 << 21
 PAGE = 1 << 12
 

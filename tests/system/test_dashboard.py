@@ -23,8 +23,8 @@ from labctl.runs.live.logs import EventLog
 from labctl.runs.notes import read_notes
 from labctl.runs.read.run import open_run
 from protocols.image_readout import ImageReadout
+from tests.command_line import LABCTL
 from tests.dashboard.browser import (
-    LABCTL,
     Dashboard,
     connected,
     dashboard,

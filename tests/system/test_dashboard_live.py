@@ -17,8 +17,8 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.sight import LIVE
 from labctl.runs.notes import read_notes
+from tests.command_line import LABCTL
 from tests.dashboard.browser import (
-    LABCTL,
     Dashboard,
     connected,
     dashboard,

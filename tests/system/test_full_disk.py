@@ -14,7 +14,7 @@ from labctl.commands.main import main
 from labctl.runs.read.run import open_run
 from tests.checkout import ROOT
 
-PROTOCOL = ("image-readout", "--set", "images=10", "--set", "ports=2", "--set", "window=0.8 ns")
+PROTOCOL = ("image-readout", "--set", "images=60", "--set", "ports=2", "--set", "window=0.8 ns")
 STATION = """
 [durability]
 shots = 2

@@ -22,8 +22,7 @@ from labctl.runs.format.origin import Origin
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.sight import LIVE, Sight, Wishes, ask_for, read_sight
-from tests.command_line import as_json, labctl
-from tests.system.conftest import LABCTL
+from tests.command_line import LABCTL, as_json, labctl
 from tests.system.test_one_holder import running, under_another_name
 from tests.system.waiting import until
 

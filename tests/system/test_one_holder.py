@@ -22,8 +22,7 @@ from labctl.errors import BenchInUse
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep import places, read
 from sim_backends.bench import SimulatedBench
-from tests.command_line import as_json, labctl
-from tests.system.conftest import LABCTL
+from tests.command_line import LABCTL, as_json, labctl
 from tests.system.waiting import until_stored
 
 RUN = ("run", "image-readout", "--set", "window=0.4 ns")

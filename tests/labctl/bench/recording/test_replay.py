@@ -5,7 +5,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -25,9 +24,8 @@ from labctl.bench.recording.wire import RecordingRequest, Wire
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import SimSection, Station, read_station
 from labctl.errors import StationError
-from tests.command_line import labctl
+from tests.command_line import LABCTL, labctl
 
-LABCTL = (sys.executable, "-c", "from labctl.commands.main import main; main()")
 MOST_POLLS = 1000
 STORED = Path(__file__).with_name("check.rec")
 """`labctl record check.rec --mask -- check`, on the simulated bench: make it anew when a driver is meant to differ."""
