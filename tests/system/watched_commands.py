@@ -60,3 +60,7 @@ def watch(descriptor: int) -> None:
 def main() -> None:
     for command in json.load(sys.stdin):
         print(json.dumps(carry_out(command)), flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
