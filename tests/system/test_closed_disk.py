@@ -25,10 +25,10 @@ Said = dict[str, tuple[int, str, str]]
 """Exit status, output and errors of each command."""
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
     """A run with a readout."""
-    directory = tmp_path_factory.mktemp("runs") / "run"
+    directory = tmp_path / "runs" / "run"
     words = [word for one in SETTINGS for word in ("--set", one)]
     for command in (["run", "image-readout", *words, "--out", str(directory)], ["train", str(directory)]):
         with pytest.raises(SystemExit) as ended:
@@ -37,33 +37,28 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-@pytest.fixture(scope="module")
-def said(run: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Said]:
-    """What the commands say, by what is wrong."""
-    if shutil.which("unshare") is None or subprocess.run([*APART, "true"], check=False).returncode:
+@pytest.mark.skipif(shutil.which("unshare") is None, reason="no file system may be mounted here")
+def test_every_command_that_writes_says_what_to_do(run: Path, tmp_path: Path) -> None:
+    if subprocess.run([*APART, "true"], check=False).returncode:
         pytest.skip("no file system may be mounted here")
     script = Path(__file__).with_name("on_a_closed_disk.py")
     ended = subprocess.run(
-        [*APART, sys.executable, str(script), str(tmp_path_factory.mktemp("disks")), str(run), *ADVICE],
+        [*APART, sys.executable, str(script), str(tmp_path), str(run), *ADVICE],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,
     )
     assert ended.returncode == 0, ended.stderr
-    found: dict[str, Said] = json.loads(ended.stdout)
-    return found
-
-
-@pytest.mark.parametrize("what", ADVICE)
-def test_every_command_that_writes_says_what_to_do(what: str, said: dict[str, Said]) -> None:
-    refused = {name: found for name, found in said[what].items() if found[0]}
-    allowed = {"show", "init", "schema"} if what != "few-files" else set(said[what])
-    assert set(said[what]) - set(refused) <= allowed
-    for name, (status, out, err) in refused.items():
-        first = next(line for line in err.splitlines() if line.startswith("labctl: "))
-        assert status in (1, 2), name
-        assert all(part in first for part in ADVICE[what]), (name, first)
-        assert "Traceback" not in err, name
-        assert "did not expect" not in err, name
-        assert json.loads(out)["error"] == first.removeprefix("labctl: "), name
+    said: dict[str, Said] = json.loads(ended.stdout)
+    for what, advice in ADVICE.items():
+        refused = {name: found for name, found in said[what].items() if found[0]}
+        allowed = {"show", "init", "schema"} if what != "few-files" else set(said[what])
+        assert set(said[what]) - set(refused) <= allowed, what
+        for name, (status, out, err) in refused.items():
+            first = next(line for line in err.splitlines() if line.startswith("labctl: "))
+            assert status in (1, 2), (what, name)
+            assert all(part in first for part in advice), (what, name, first)
+            assert "Traceback" not in err, (what, name)
+            assert "did not expect" not in err, (what, name)
+            assert json.loads(out)["error"] == first.removeprefix("labctl: "), (what, name)
