@@ -244,13 +244,13 @@ def load(code: str) -> None:
     """Load what carries `code` out: labctl, and what all benches have in common, unless it is the supervisor alone."""
     from instruments.units import quantity
     from labctl.bench.station import SIMULATED_STATION, USUAL
-    from labctl.runs.format.provenance import git_revision, versions
 
     if code == SUPERVISOR:
         importlib.import_module("labctl.bench.supervisor")
         for name in USUAL:
             SIMULATED_STATION.driver_of(name)
         return
+    from labctl.runs.format.provenance import git_revision, versions
     from sim_backends.parameters import Parameters
     from sim_backends.world.twin import drawn_twin
 

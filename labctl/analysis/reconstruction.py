@@ -160,7 +160,7 @@ class _Directions(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    """Kernel ridge at one width, by its leave-one-out error: penalties, and for each component which of them."""
+    """Kernel ridge at one width: its leave-one-out error, and which of the penalties each component has."""
 
     error: float
     gamma: float

@@ -37,9 +37,8 @@ def run(tmp_path: Path) -> Path:
     return directory
 
 
-@pytest.mark.skipif(shutil.which("unshare") is None, reason="no file system may be mounted here")
 def test_every_command_that_writes_says_what_to_do(run: Path, tmp_path: Path) -> None:
-    if subprocess.run([*APART, "true"], check=False).returncode:
+    if shutil.which("unshare") is None or subprocess.run([*APART, "true"], check=False).returncode:
         pytest.skip("no file system may be mounted here")
     script = Path(__file__).with_name("on_a_closed_disk.py")
     ended = subprocess.run(

@@ -29,7 +29,7 @@ def this_version() -> str:
 def git_revision() -> str | None:
     """The commit of the checkout that labctl runs from, with "-dirty" for local changes; None outside a checkout.
 
-    As this process first found it: what changes later is not what it runs.
+    As this process first found it.
     """
     root = Path(__file__).parents[3]
     if not (root / ".git").exists():
