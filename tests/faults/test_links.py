@@ -29,6 +29,8 @@ from sim_backends.servers.disturbed import Disturbed
 from tests.faults.matrix import SMALL
 
 Through = Callable[..., VisaLink]
+PATIENCE_S = 10.0  # for what comes, however busy the machine is
+SILENCE_S = 0.3  # for what does not come
 BREAKING = ("refused", "lost before", "lost inside", "no end", "empty", "frame longer", "frame shorter", "number ahead")
 LONG_WAITS = (("lost inside", "vxi11"), ("frame shorter", "vxi11"))
 """pyvisa-py waits for seconds then, whatever the timeout; the short form of the matrix has both faults on VXI-11."""
@@ -40,10 +42,15 @@ def through(log: Any) -> Iterator[Through]:
     with ExitStack() as stack:
 
         def connect(
-            fault: Fault, moment: str, role: str = "awg", count: int = 1, transport: str = "socket"
+            fault: Fault,
+            moment: str,
+            role: str = "awg",
+            count: int = 1,
+            transport: str = "socket",
+            timeout_s: float = PATIENCE_S,
         ) -> VisaLink:
             bench = stack.enter_context(FaultyBench([Befalling(role, fault, Moment(moment, count))], SMALL))
-            link = VisaLink(bench.resources[role][transport], name=role, timeout_s=0.3, transcript=log)
+            link = VisaLink(bench.resources[role][transport], name=role, timeout_s=timeout_s, transcript=log)
             stack.callback(link.close)
             return link
 
@@ -78,7 +85,7 @@ def test_a_reply_that_came_twice_is_no_answer_to_the_next_question(through: Thro
 def test_a_late_reply_is_no_answer_to_the_next_question(through: Through) -> None:
     link = through(WIRE["late"], "*IDN?")
     with pytest.raises(LinkError, match="did not answer in time"):
-        link.query("*IDN?")
+        link.query("*IDN?", timeout_s=SILENCE_S)
     assert link.query("CLOCk:SOURce?") == "INT"
 
 
@@ -167,13 +174,14 @@ def test_a_link_that_is_refused_says_so(through: Through) -> None:
 
 @pytest.mark.parametrize("name", ["block longer", "block shorter", "header #A"])
 def test_a_block_is_as_long_as_its_header_says(name: str, through: Through) -> None:
-    link = through(TRACE[name], "WLISt:WAVeform:DATA?")
+    link = through(TRACE[name], "WLISt:WAVeform:DATA?", timeout_s=SILENCE_S)
     samples = np.linspace(-1, 1, 2400, dtype="<f4")
     link.write('WLISt:WAVeform:NEW "w",2400')
     link.write_block('WLISt:WAVeform:DATA "w",', samples)
     if name != "header #A":
         with pytest.raises(LinkError, match=r"goes on with|did not answer in time"):
             link.read_block('WLISt:WAVeform:DATA? "w"', np.empty(2400, "<f4"))
+    link.timeout_s = PATIENCE_S
     assert np.array_equal(link.read_block('WLISt:WAVeform:DATA? "w"', np.empty(2400, "<f4")), samples)
 
 
@@ -187,9 +195,10 @@ def test_a_block_is_as_long_as_its_header_says(name: str, through: Through) -> N
     ],
 )
 def test_whatever_breaks_a_session_is_an_error_of_the_link(fault: str, transport: str, through: Through) -> None:
-    link = through((WIRE | FRAMES)[fault], "*IDN?", transport=transport)
+    link = through((WIRE | FRAMES)[fault], "*IDN?", transport=transport, timeout_s=SILENCE_S)
     with pytest.raises(LinkError, match="awg at TCPIP"):
         link.query("*IDN?")
+    link.timeout_s = PATIENCE_S
     if fault != "refused":
         assert link.query("CLOCk:SOURce?") == "INT"
 

@@ -292,7 +292,7 @@ class TestScope:
         link = VisaLink(
             simulation.resources["scope"]["socket"],
             name="scope",
-            timeout_s=0.3,
+            timeout_s=1,
             transcript=log,
             error_queue=tektronix_event_queue,
         )

@@ -48,7 +48,7 @@ def test_packets_are_found_however_they_arrive(at_once: int) -> None:
 def test_a_reply_that_does_not_come_is_a_lost_link_once(fault: str, told: str) -> None:
     with FaultyBench([read_fault(f"dmd:{fault}")], SMALL, dmd=VirtualDlpc900) as bench:
         address = bench.resources["dmd"]["socket"]
-        dmd = DRIVER.open(TiDlpc900Section(driver="ti-dlpc900", timeout=0.2), opening(address))
+        dmd = DRIVER.open(TiDlpc900Section(driver="ti-dlpc900", timeout=1), opening(address))
         assert isinstance(dmd, TiDlpc900)
         with pytest.raises(LinkError, match=told):
             dmd.identify()
