@@ -229,7 +229,7 @@ def test_a_laser_that_no_longer_answers_is_told_to_be_dark_all_the_same(
 ) -> None:
     station = tmp_path / "station.toml"
     table = tmp_path / "laser.toml"
-    table.write_text(SIMULATED_LASER.read_text().replace("timeout_s = 2.0", "timeout_s = 0.2"))
+    table.write_text(SIMULATED_LASER.read_text().replace("timeout_s = 2.0", "timeout_s = 1.0"))
     with Hanging(served[0]["laser"]["socket"], hears=True) as hanging, CommandLog() as log:
         addressed(served, station, "laser", hanging)
         station.write_text(station.read_text().replace('commands = "simulated"', f'commands = "{table}"'))
@@ -322,7 +322,7 @@ def test_what_a_run_prints_ends_with_it_while_the_supervisor_goes_on_trying(
 ) -> None:
     address, station, run = served[0]["laser"]["socket"], tmp_path / "station.toml", tmp_path / "run"
     table = tmp_path / "laser.toml"
-    table.write_text(SIMULATED_LASER.read_text().replace("timeout_s = 2.0", "timeout_s = 0.2"))
+    table.write_text(SIMULATED_LASER.read_text().replace("timeout_s = 2.0", "timeout_s = 1.0"))
     with Hanging(address) as cable:
         addressed(served, station, "laser", cable)
         station.write_text(station.read_text().replace('commands = "simulated"', f'commands = "{table}"'))
