@@ -20,7 +20,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from sphinx.application import Sphinx
 
 LABCTL = (sys.executable, "-m", "labctl")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 FLAGS = ["--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--disable-background-networking"]
 WIDE, NARROW = (1280, 900), (390, 844)
 PATIENCE_MS = 120_000

@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.command_line import LABCTL
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 LINK = "/?token="
 WIDE, NARROW = (1280, 900), (390, 844)
 PATIENCE_MS = 120_000

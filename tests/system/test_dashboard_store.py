@@ -75,7 +75,7 @@ def shown(page: Page, *path: str) -> None:
 
 
 def test_runs_in_a_store_are_listed_and_searched(page: Page) -> None:
-    connected(page)
+    shown(page, "")
     rows, search = page.locator("a.run"), page.get_by_label("Search")
     expect(rows).to_have_count(3)
     says(page, ".elsewhere", r"s3://shelf/lab is elsewhere: it is shown as it was at \d\d:\d\d:\d\d UTC")
@@ -136,6 +136,8 @@ def test_a_store_that_breaks_off_is_one_line_on_the_page(
     window: Browser, lab: Path, bucket: Traffic, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same page works when the store does again."""
+    with dashboard(BUCKET):
+        """The next one knows what is there, and reads what is looked at."""
     with dashboard(BUCKET) as served, let_in(window, served) as page:
         monkeypatch.setattr(bucket, "cut", "journal")
         shown(page, "run", "first")
