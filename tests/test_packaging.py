@@ -68,7 +68,7 @@ def test_it_measures_from_an_empty_directory_without_the_checkout(installed: Pat
         text=True,
         check=False,
         cwd=tmp_path,
-        env=environment | {"PYTHONPATH": str(installed)},
+        env=environment | {"PYTHONPATH": str(installed), "PYTHONDONTWRITEBYTECODE": "1"},
     )
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr.startswith(str(installed))

@@ -292,15 +292,17 @@ def test_what_is_said_of_a_run_is_kept_with_it_and_finds_it(page: Page, runs: Pa
 
 
 def test_a_report_is_shown_without_its_scripts(page: Page, runs: Path) -> None:
-    (runs / "past-one" / "report.html").write_text("<h1>Report</h1><script>document.title = 'stolen'</script>")
-    (runs / "past-other" / "report.html").symlink_to("/etc/hostname")
+    for name in ("with-report", "with-link"):
+        copytree(runs / "past-one", runs / name)
+    (runs / "with-report" / "report.html").write_text("<h1>Report</h1><script>document.title = 'stolen'</script>")
+    (runs / "with-link" / "report.html").symlink_to("/etc/hostname")
     base = page.url
-    page.goto(f"{base}run/past-one")
+    page.goto(f"{base}run/with-report")
     with page.expect_popup() as opening:
         page.get_by_text("Open the report").click()
     expect(opening.value.locator("h1")).to_have_text("Report")
     assert opening.value.title() != "stolen"
-    for name in ("past-other", "nothing", "..%2fpast-one"):
+    for name in ("with-link", "nothing", "..%2fwith-report"):
         assert page.request.get(f"{base}report/{name}").status == 404
     page.goto(f"{base}run/nothing")
     expect(page.get_by_text("has no run nothing")).to_be_visible()

@@ -19,14 +19,14 @@ from tests.dashboard.browser import connected, dashboard, fits, let_in, narrow, 
 pytestmark = needs_chromium
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("lab") / "runs"
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    folder = tmp_path / "runs"
     folder.mkdir()
     return folder
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def page(window: Browser, runs: Path) -> Iterator[Page]:
     with dashboard(runs) as served, let_in(window, served) as found:
         yield found

@@ -81,7 +81,10 @@ def test_differences_are_named_and_rounding_is_none() -> None:
 
 
 def test_runs_are_filtered(bench_run: Path, changed: Path, as_json: AsJson, typed: Typed) -> None:
-    shutil.copytree(bench_run, changed.parent / "first", ignore=shutil.ignore_patterns("figures"))
+    first = changed.parent / "first"
+    shutil.copytree(bench_run, first, ignore=shutil.ignore_patterns("figures"))
+    said_of_it = (first / "manifest.json").read_text()
+    (first / "manifest.json").write_text(json.dumps(json.loads(said_of_it) | {"started": "2026-11-21T00:00:00+00:00"}))
     status, found = as_json("runs", changed.parent)
     assert (status, [Path(row["run"]).name for row in found["runs"]]) == (0, ["first", "changed"])
     assert {row["state"] for row in found["runs"]} == {"complete"}
