@@ -8,6 +8,7 @@ fixture `started_anew`.
 The one that is copied must have no thread but one, so it is none of those that ask: they have it started beside them.
 """
 
+import asyncio
 import atexit
 import ctypes
 import gc
@@ -114,6 +115,30 @@ class ForkedPopen(subprocess.Popen[Any]):
         self.pid = type(self).source(asked.code).copy(asked, [*files, *asked.files[3:]])
         self._child_created = True
         self._close_pipe_fds(*ends)  # type: ignore[attr-defined]
+
+
+class AwaitedCopy:
+    """What `asyncio.create_subprocess_exec` gives, as far as labctl uses it: uvloop starts processes by itself."""
+
+    def __init__(self, *words: str, **how: Any) -> None:
+        """Begin the process."""
+        self._process = ForkedPopen(words, **how)
+        self.kill = self._process.kill
+
+    @classmethod
+    async def begin(cls, *words: str, **how: Any) -> "AwaitedCopy":
+        """The process, begun."""
+        return cls(*words, **how)
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit status; None while it goes on."""
+        return self._process.poll()
+
+    async def communicate(self) -> tuple[bytes, bytes]:
+        """All that it says on both streams."""
+        said: tuple[bytes, bytes] = await asyncio.to_thread(self._process.communicate)
+        return said
 
 
 def spawned(path: Any, args: Sequence[Any], passfds: Sequence[int]) -> int:
@@ -273,6 +298,7 @@ def serve(number: int, code: str) -> None:
     gc.collect()
     gc.freeze()
     subprocess.Popen = ForkedPopen  # type: ignore[misc]
+    asyncio.create_subprocess_exec = AwaitedCopy.begin  # type: ignore[assignment]
     multiprocessing.util.spawnv_passfds = spawned
     asked = copies(socket.socket(fileno=number))
     prepare(asked)
