@@ -27,6 +27,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 from unittest.mock import patch
 
@@ -51,6 +52,8 @@ FROM_FOLDER = ""
 """What `sys.path` begins with unless `-P` forbids it."""
 AT_START = ("PYTHON", "LD_", "OMP_", "OPENBLAS_", "LANG", "LC_", "TZ", "MPL")
 """What the variables begin with that are read when a process starts: with other ones than here, it starts anew."""
+ADDED = "PYTHONPATH"
+"""The one of them of which a copy takes what it adds, unless labctl itself is there."""
 LOADED = ("labctl", "protocols", "instruments", "sim_backends")
 NOT_LOADED = ("sim_backends.world.card", "labctl.__main__")
 """torch, and what works when it is loaded."""
@@ -158,7 +161,7 @@ def as_copy(args: Any, env: Mapping[str, str] | None, files: Iterable[int]) -> A
     if words[:1] == ["-c"] and words[1].startswith(WORKERS):
         known = ("-c", words[1])
     environment = dict(os.environ if env is None else env)
-    if python != sys.executable or known is None or read_at_start(environment) != AS_STARTED:
+    if python != sys.executable or known is None or read_at_start(environment) != AS_STARTED or is_other(environment):
         return None
     code = KNOWN.get(known, known[-1])
     if ForkedPopen.source(code).asker != os.getpid():
@@ -176,10 +179,21 @@ def as_copy(args: Any, env: Mapping[str, str] | None, files: Iterable[int]) -> A
 
 def read_at_start(environment: Mapping[str, str]) -> dict[str, str]:
     """The variables that are read when a process starts."""
-    return {name: value for name, value in environment.items() if name.startswith(AT_START)}
+    return {name: value for name, value in environment.items() if name.startswith(AT_START) and name != ADDED}
 
 
 AS_STARTED = read_at_start(os.environ)
+
+
+def added(environment: Mapping[str, str]) -> list[str]:
+    """The folders that are searched for modules before all others."""
+    return [folder for folder in environment.get(ADDED, "").split(os.pathsep) if folder]
+
+
+def is_other(environment: Mapping[str, str]) -> bool:
+    """Whether labctl would be found elsewhere."""
+    elsewhere = (Path(folder) for folder in added(environment) if Path(folder) != ROOT)
+    return any((folder / package).exists() for folder in elsewhere for package in LOADED)
 
 
 def copies(link: socket.socket) -> Asked:
@@ -241,8 +255,8 @@ def prepare(asked: Asked) -> None:
     os.environ.update(asked.environment)
     time.tzset()
     sys.argv[1:] = asked.words
-    if not asked.from_folder:
-        sys.path.remove(FROM_FOLDER)
+    place = sys.path.index(FROM_FOLDER)
+    sys.path[place : place + 1] = [FROM_FOLDER] * asked.from_folder + added(asked.environment)
     sys.stdin = open(0, encoding=sys.stdin.encoding)  # noqa: SIM115
     sys.stdout = open(1, "w", encoding=sys.stdout.encoding, errors=sys.stdout.errors)  # noqa: SIM115
     sys.stderr = open(2, "w", 1, encoding=sys.stderr.encoding, errors=sys.stderr.errors)  # noqa: SIM115

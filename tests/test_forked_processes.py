@@ -22,11 +22,16 @@ SERVE = (*LABCTL, "sim", "serve", "--json")
 @pytest.mark.parametrize(
     "command", [supervision.COMMAND, launcher.COMMAND, DASK, LABCTL, (sys.executable, "-m", "labctl")]
 )
-def test_what_labctl_and_its_tests_start_is_copied_unless_it_would_start_otherwise(command: tuple[str, ...]) -> None:
+def test_what_labctl_and_its_tests_start_is_copied_unless_it_would_start_otherwise(
+    command: tuple[str, ...], tmp_path: Path
+) -> None:
     asked = as_copy((*command, "one", "two"), None, ())
     assert asked is not None
     assert asked.words == ("one", "two")
-    assert as_copy(command, os.environ | {"PYTHONPATH": "elsewhere"}, ()) is None
+    assert as_copy(command, os.environ | {"PYTHONHASHSEED": "1"}, ()) is None
+    assert as_copy(command, os.environ | {"PYTHONPATH": str(tmp_path)}, ()) is not None
+    (tmp_path / "labctl").mkdir()
+    assert as_copy(command, os.environ | {"PYTHONPATH": str(tmp_path)}, ()) is None
     assert as_copy(("python", *command[1:]), None, ()) is None
 
 
@@ -41,8 +46,9 @@ def test_what_labctl_and_its_tests_start_is_copied_unless_it_would_start_otherwi
     ],
 )
 def test_it_prints_and_ends_alike(words: tuple[str, ...], tmp_path: Path) -> None:
+    environment = os.environ | {"COLUMNS": "70"}
     copied, anew = (
-        start((*LABCTL, *words), cwd=tmp_path, env=os.environ | {"COLUMNS": "70"}, stdout=-1, stderr=-1, text=True)
+        start((*LABCTL, *words), cwd=tmp_path, env=environment, stdout=-1, stderr=-1, text=True)
         for start in (ForkedPopen, STARTED_ANEW)
     )
     assert copied.communicate() == anew.communicate()

@@ -47,10 +47,14 @@ def take(app: Sphinx) -> None:
         print("no Chromium: the pages are built without the pictures of the dashboard, and say so", file=sys.stderr)
         return
     with tempfile.TemporaryDirectory() as folder, _chromium(executable) as browser:
-        for name, settings in FINISHED.items():
-            subprocess.run(_run(name, settings), cwd=folder, check=True, stdout=subprocess.DEVNULL)
-        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        with _ended(subprocess.Popen(_run(RUNNING, LONG), cwd=folder, **silent)), _served(folder) as link:
+        unheard = {"cwd": folder, "stdout": subprocess.DEVNULL}
+        for run in [subprocess.Popen(_run(*finished), **unheard) for finished in FINISHED.items()]:
+            if run.wait():
+                raise subprocess.CalledProcessError(run.returncode, run.args)
+        with (
+            _ended(subprocess.Popen(_run(RUNNING, LONG), **unheard, stderr=subprocess.DEVNULL)),
+            _served(folder) as link,
+        ):
             _photograph(browser, link, made)
 
 
