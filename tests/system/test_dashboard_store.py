@@ -137,7 +137,7 @@ def test_a_store_that_breaks_off_is_one_line_on_the_page(
 ) -> None:
     """The same page works when the store does again."""
     with dashboard(BUCKET):
-        """The next one knows what is there, and reads what is looked at."""
+        pass  # the next one knows what is there, and reads what is looked at
     with dashboard(BUCKET) as served, let_in(window, served) as page:
         monkeypatch.setattr(bucket, "cut", "journal")
         shown(page, "run", "first")
