@@ -27,6 +27,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 from unittest.mock import patch
@@ -53,7 +54,7 @@ FROM_FOLDER = ""
 AT_START = ("PYTHON", "LD_", "OMP_", "OPENBLAS_", "LANG", "LC_", "TZ", "MPL")
 """What the variables begin with that are read when a process starts: with other ones than here, it starts anew."""
 ADDED = "PYTHONPATH"
-"""The one of them of which a copy takes what it adds, unless labctl itself is there."""
+"""The one of them of which a copy takes what it adds, unless that would be taken in place of what is loaded."""
 LOADED = ("labctl", "protocols", "instruments", "sim_backends")
 NOT_LOADED = ("sim_backends.world.card", "labctl.__main__")
 """torch, and what works when it is loaded."""
@@ -191,9 +192,10 @@ def added(environment: Mapping[str, str]) -> list[str]:
 
 
 def is_other(environment: Mapping[str, str]) -> bool:
-    """Whether labctl would be found elsewhere."""
-    elsewhere = (Path(folder) for folder in added(environment) if Path(folder) != ROOT)
-    return any((folder / package).exists() for folder in elsewhere for package in LOADED)
+    """Whether a module that is found without `PYTHONPATH` would be found elsewhere with it: it may be loaded."""
+    elsewhere = (Path(folder) for folder in added(environment) if folder not in (str(ROOT), *sys.path))
+    names = {path.name.partition(".")[0] for folder in elsewhere if folder.is_dir() for path in folder.iterdir()}
+    return any(PathFinder.find_spec(name) is not None for name in names)
 
 
 def copies(link: socket.socket) -> Asked:

@@ -30,7 +30,9 @@ def test_what_labctl_and_its_tests_start_is_copied_unless_it_would_start_otherwi
     assert asked.words == ("one", "two")
     assert as_copy(command, os.environ | {"PYTHONHASHSEED": "1"}, ()) is None
     assert as_copy(command, os.environ | {"PYTHONPATH": str(tmp_path)}, ()) is not None
-    (tmp_path / "labctl").mkdir()
+    (tmp_path / "own.py").touch()
+    assert as_copy(command, os.environ | {"PYTHONPATH": str(tmp_path)}, ()) is not None
+    (tmp_path / "h5py.py").touch()
     assert as_copy(command, os.environ | {"PYTHONPATH": str(tmp_path)}, ()) is None
     assert as_copy(("python", *command[1:]), None, ()) is None
 
