@@ -48,9 +48,8 @@ def test_what_labctl_and_its_tests_start_is_copied_unless_it_would_start_otherwi
     ],
 )
 def test_it_prints_and_ends_alike(words: tuple[str, ...], tmp_path: Path) -> None:
-    environment = os.environ | {"COLUMNS": "70"}
     copied, anew = (
-        start((*LABCTL, *words), cwd=tmp_path, env=environment, stdout=-1, stderr=-1, text=True)
+        start((*LABCTL, *words), cwd=tmp_path, env=os.environ | {"COLUMNS": "70"}, stdout=-1, stderr=-1, text=True)
         for start in (ForkedPopen, STARTED_ANEW)
     )
     assert copied.communicate() == anew.communicate()

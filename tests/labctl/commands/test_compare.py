@@ -83,8 +83,8 @@ def test_differences_are_named_and_rounding_is_none() -> None:
 def test_runs_are_filtered(bench_run: Path, changed: Path, as_json: AsJson, typed: Typed) -> None:
     first = changed.parent / "first"
     shutil.copytree(bench_run, first, ignore=shutil.ignore_patterns("figures"))
-    said_of_it = (first / "manifest.json").read_text()
-    (first / "manifest.json").write_text(json.dumps(json.loads(said_of_it) | {"started": "2026-11-21T00:00:00+00:00"}))
+    manifest = json.loads((first / "manifest.json").read_text()) | {"started": "2026-11-21T00:00:00+00:00"}
+    (first / "manifest.json").write_text(json.dumps(manifest))
     status, found = as_json("runs", changed.parent)
     assert (status, [Path(row["run"]).name for row in found["runs"]]) == (0, ["first", "changed"])
     assert {row["state"] for row in found["runs"]} == {"complete"}
