@@ -16,6 +16,7 @@ from labctl.dashboard.settings_fields import Setting, about, refused, settings_o
 from labctl.dashboard.starting import begin
 from labctl.dashboard.wording import duration
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.sweep import is_sweep
 
 TYPED_MS = 500
 """After the last key that was pressed, what is asked for is checked."""
@@ -132,8 +133,9 @@ class Form:
 
         def leads_to(_process: int) -> str:
             self._watching.listing.look_again()
-            is_there = RunPaths(directory).manifest.exists() or (asked.over and directory.exists())
-            return f"/{'sweep' if asked.over else 'run'}/{directory.name}" if is_there else ""
+            if asked.over:
+                return f"/sweep/{directory.name}" if is_sweep(directory) else ""
+            return f"/run/{directory.name}" if RunPaths(directory).manifest.exists() else ""
 
         words = [*asked.words, f"--out={directory}"]
         self._armed.set_value(False)

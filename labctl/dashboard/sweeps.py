@@ -75,14 +75,16 @@ class Sweeps:
         return list(self._states.values())
 
     def named(self, name: str) -> SweepState | None:
-        """The sweep of that name."""
-        return next((state for state in self.all() if state.name == name), None)
+        """The sweep of that name; one that has come since the last look is looked at."""
+        if self._known(name) is None:
+            self._look_for(self._folder / name / FILE)
+        return self._known(name)
 
     def has_point(self, name: str) -> bool:
-        """Whether `name`, written as sweep/run, is a run of a sweep that has begun."""
-        sweep, _, run = name.partition("/")
-        state = self.named(sweep)
-        return state is not None and any(point.name == run and point.row is not None for point in state.points)
+        """Whether `name`, written as sweep/run, is a run of a sweep that has begun, were it since the last look."""
+        if not self._knows_point(name):
+            self._look_for(RunPaths(self._folder / name).manifest)
+        return self._knows_point(name)
 
     def running(self) -> list[str]:
         """The runs that are measured now, as sweep/run."""
@@ -91,6 +93,19 @@ class Sweeps:
     def alarms(self) -> list[str]:
         """The runs whose laser did not go dark, as sweep/run."""
         return [name for name, point in self._points() if point.alarm]
+
+    def _known(self, name: str) -> SweepState | None:
+        return next((state for state in self.all() if state.name == name), None)
+
+    def _knows_point(self, name: str) -> bool:
+        sweep, _, run = name.partition("/")
+        state = self._known(sweep)
+        return state is not None and any(point.name == run and point.row is not None for point in state.points)
+
+    def _look_for(self, file: Path) -> None:
+        """The next question is answered by a fresh look, if there is such a file: of a folder elsewhere never."""
+        if not is_elsewhere(self._folder) and is_there(file):
+            self._due = self._clock()
 
     def _points(self) -> list[tuple[str, Point]]:
         return [(f"{state.name}/{point.name}", point) for state in self.all() for point in state.points]

@@ -27,7 +27,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import StorePath
-from labctl.runs.index import RunRow, is_running, run_directories, run_row
+from labctl.runs.index import RunRow, is_running, is_there, run_directories, run_row
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.notes import Notes, read_notes
 from labctl.runs.search import condition, unknown, words_in
@@ -136,7 +136,15 @@ class Catalogue:
         return frozenset(key for (key,) in database.execute("SELECT DISTINCT key FROM fact"))
 
     def has(self, name: str) -> bool:
-        """Whether there is a run of that name."""
+        """Whether there is a run of that name; one that has come since the last look is looked at."""
+        if self._knows(name):
+            return True
+        if isinstance(self._folder, StorePath) or not is_there(RunPaths(self._folder / name).manifest):
+            return False
+        self.look_again()
+        return self._knows(name)
+
+    def _knows(self, name: str) -> bool:
         with self._open() as database:
             return bool(database.execute("SELECT 1 FROM run WHERE name = ?", [os.fsencode(name)]).fetchone())
 

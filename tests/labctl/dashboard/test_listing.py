@@ -8,6 +8,7 @@ import pytest
 from labctl.bench.station import Station
 from labctl.dashboard.listing import Listing, Wanted
 from labctl.engine.session import Acquisition, acquire
+from labctl.runs.catalogue import Catalogue
 from labctl.runs.read.follower import Follower
 from protocols.image_readout import ImageReadout
 
@@ -40,6 +41,15 @@ def test_what_was_found_is_kept_for_a_while_and_is_looked_for_when_told(folder: 
     assert listing.names("alarm = 1") == []
     assert listing.has("second")
     assert not listing.has("..")
+
+
+def test_a_run_that_has_just_come_has_its_page_at_once(folder: Path) -> None:
+    catalogue = Catalogue(folder, rests=1e9)
+    assert not catalogue.has("late")
+    shutil.copytree(folder / "first", folder / "late")
+    assert catalogue.has("late")
+    for name in ("nothing", "..", "first/shards", "\0", str(folder / "first")):
+        assert not catalogue.has(name)
 
 
 def test_a_picture_is_found_in_a_run_by_its_place_in_the_data_set(folder: Path) -> None:

@@ -45,6 +45,20 @@ def test_how_far_a_sweep_is_and_which_of_its_runs_are_pages(folder: Path) -> Non
     assert [state.name for state in sweeps.all()] == ["broken"]
 
 
+def test_what_has_just_come_has_its_page_at_once(folder: Path) -> None:
+    sweeps = Sweeps(folder, lambda: 0.0)
+    known = sweeps.named("power")
+    assert known is not None
+    (done, waiting), late = known.points, folder / "late"
+    assert sweeps.named("late") is None
+    shutil.copytree(folder / "power", late)
+    assert sweeps.named("late") is not None
+    assert not sweeps.has_point(f"late/{waiting.name}")
+    shutil.copytree(late / done.name, late / waiting.name)
+    assert sweeps.has_point(f"late/{waiting.name}")
+    assert not sweeps.has_point("nothing/here")
+
+
 def test_a_sweep_whose_runs_are_in_a_store_says_where_to_look(tmp_path: Path) -> None:
     sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns", "1 ns")})
     begin(tmp_path / "runs" / "far", sweep, ImageReadout, SIMULATED_STATION, store=tmp_path / "store")
