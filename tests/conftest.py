@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 from collections.abc import Iterator
 
 # Tests run side by side and have one core each; BLAS threads without a core of their own wait for each other, busily.
@@ -73,7 +74,19 @@ def no_supervisor_outlives_its_test() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def forked_processes() -> Iterator[None]:
+def closed_terminals_are_heard() -> Iterator[None]:
+    """What tests start ends with its terminal, also where the tests themselves are to outlive theirs (`nohup`)."""
+    hang_up = getattr(signal, "SIGHUP", None)
+    if hang_up is None or signal.getsignal(hang_up) is not signal.SIG_IGN:
+        yield
+        return
+    signal.signal(hang_up, lambda *_: None)  # unlike one that is ignored, it is not handed down to what is started
+    yield
+    signal.signal(hang_up, signal.SIG_IGN)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def forked_processes(closed_terminals_are_heard: None) -> Iterator[None]:
     """Processes of labctl are there at once, unless a module is about how one starts."""
     with copied.forked():
         yield
