@@ -87,7 +87,8 @@ def require_light(
 ) -> None:
     """See that light reaches the oscilloscope; where noise hides it in one probe, all of them are taken in pairs.
 
-    A record of one or two samples has no course in time, and nothing is said of it.
+    A record of one or two samples has no course in time, and nothing is said of it. A laser that knows that it is dark
+    is asked before more probes are taken.
 
     Args:
         bench: takes the probes.
@@ -97,12 +98,14 @@ def require_light(
         dark: takes a frame of dark mirrors, where there are any.
 
     Raises:
-        InstrumentError: no light was found.
+        InstrumentError: no light was found, or the laser's went out.
     """
     if first.codes.shape[2] < FEWEST_SAMPLES:
         return
     common, brightness = InCommon(), Brightness()
     common.add(first, again)
+    if common.certainty < SURE:
+        bench.laser.require_emission()
     began_s, pairs = bench.now(), 1
     while common.certainty < SURE and brightness.certainty < SURELY_BRIGHTER:
         if common.samples > MOST_SAMPLES or bench.now() - began_s > LONGEST_S:

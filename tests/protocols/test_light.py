@@ -1,6 +1,6 @@
 """Is there light? What two records of one picture have in common, and a bench without light records nothing."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from instruments.bench import Bench
 from instruments.errors import InstrumentError
 from instruments.values import Frames, Timebase
 from labctl.bench.opening import opened
@@ -20,10 +21,17 @@ from protocols.light import MOST_SAMPLES, SURE, InCommon, require_light
 from protocols.sequence_readout import SequenceReadout
 from protocols.wavelength_scan import WavelengthScan
 from sim_backends.faults.bench import Befalling, FaultyBench
-from sim_backends.faults.catalogue import Fault, Moment
+from sim_backends.faults.catalogue import LASER, Fault, Moment
 from tests.data_sets import require
 
 CHANNELS, SAMPLES, NOISE = 4, 10, 8.0
+
+
+@pytest.fixture
+def lit(bench: Bench) -> Iterator[Bench]:
+    """The laser emits, as in every acquisition: whether there is light is another question."""
+    with bench.emitting(1550.0):
+        yield bench
 
 
 def probe(course: Any = 0.0, seed: int = 1) -> Callable[[], Frames]:
@@ -61,28 +69,28 @@ def test_records_that_never_change_have_nothing_in_common() -> None:
     assert common.certainty == 0
 
 
-def test_light_of_a_fifth_of_the_noise_is_found_in_more_probes(bench: Any) -> None:
-    bench.configure(Timebase(25e9, SAMPLES), (1, 2, 3, 4))
+def test_light_of_a_fifth_of_the_noise_is_found_in_more_probes(lit: Bench) -> None:
+    lit.configure(Timebase(25e9, SAMPLES), (1, 2, 3, 4))
     dark = probe()
     with pytest.raises(InstrumentError, match=r"^bench: no light: probes have nothing in common but noise"):
-        require_light(bench, [dark], dark(), dark())
+        require_light(lit, [dark], dark(), dark())
     courses = np.random.default_rng(2).normal(0, NOISE / 5, (10, CHANNELS, SAMPLES))
     for seed in range(10):
         probes = [probe(course, seed) for course in courses]
-        require_light(bench, probes, probes[0](), probes[0]())
+        require_light(lit, probes, probes[0](), probes[0]())
 
 
-def test_light_without_a_course_is_brighter_than_a_dark_frame(bench: Any) -> None:
-    bench.configure(Timebase(25e9, SAMPLES), (1, 2, 3, 4))
+def test_light_without_a_course_is_brighter_than_a_dark_frame(lit: Bench) -> None:
+    lit.configure(Timebase(25e9, SAMPLES), (1, 2, 3, 4))
     dark, drifting = probe(seed=3), iter(range(10**6))
     with pytest.raises(InstrumentError, match=r"^bench: no light"):
-        require_light(bench, [dark], dark(), dark(), dark)
+        require_light(lit, [dark], dark(), dark(), dark)
     wander = partial(shifted, dark, lambda: next(drifting) / 1000)
     with pytest.raises(InstrumentError, match=r"^bench: no light"):
-        require_light(bench, [wander], wander(), wander(), wander)
+        require_light(lit, [wander], wander(), wander(), wander)
     for seed in range(10):
         faint = probe(NOISE / 5, seed)
-        require_light(bench, [faint], faint(), faint(), dark)
+        require_light(lit, [faint], faint(), faint(), dark)
 
 
 @pytest.fixture
@@ -125,14 +133,24 @@ def test_mirrors_that_give_no_light(log: Any) -> None:
 
 
 @pytest.mark.usefixtures("soon")
-def test_a_laser_that_only_says_so(log: Any) -> None:
-    dark = Fault("obeys and answers, and emits nothing", happens=lambda laser: laser.world.emit(None), lasting=True)
+@pytest.mark.parametrize(
+    ("laser", "said"),
+    [
+        (
+            Fault("obeys and answers, and emits nothing", happens=lambda laser: laser.world.emit(None), lasting=True),
+            r"^bench: no light: .*check that the laser emits",
+        ),
+        (LASER["drops out"], r"^laser: the light went out by itself \(.*\): check interlock and front panel$"),
+    ],
+    ids=["only says so", "knows"],
+)
+def test_a_laser_that_is_dark(log: Any, laser: Fault, said: str) -> None:
     protocol = ImageReadout(images=40)
     inputs = images_for(protocol)
-    with FaultyBench([Befalling("laser", dark, Moment())]) as broken:
+    with FaultyBench([Befalling("laser", laser, Moment("OUTPUT"))]) as broken:
         addresses: dict[str, dict[str, Any]] = {
             role: {"address": found["socket"]} for role, found in broken.resources.items()
         }
         addresses["laser"] |= {"commands": "simulated", "armed": True}
-        with opened(Station.model_validate(addresses), log) as found, pytest.raises(InstrumentError, match="no light"):
+        with opened(Station.model_validate(addresses), log) as found, pytest.raises(InstrumentError, match=said):
             next(protocol.acquire(found.bench, inputs, protocol.parts(found.bench, inputs)))
