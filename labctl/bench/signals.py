@@ -1,7 +1,9 @@
 """Stopping a run from outside: Ctrl-C once finishes the shot; twice, SIGTERM or a closed terminal stop at once."""
 
 import os
+import select
 import signal
+import socket
 import sys
 import threading
 import time
@@ -37,10 +39,21 @@ class StoppedBySignal(KeyboardInterrupt):
 
 
 @contextmanager
-def on_stop_signal(stop: Callable[[], None]) -> Iterator[None]:
-    """Call `stop` at whatever asks a process to end inside the block, and nothing else."""
-    with _handling(lambda _number, _frame: stop(), _taken_over()):
-        yield
+def stops_heard() -> Iterator[Callable[[float], bool]]:
+    """Inside the block, whatever asks the process to end does nothing else than end a wait.
+
+    What is yielded waits for so many seconds at most, and says whether the process was asked to end. A signal can come
+    at any line, so that what handles it takes no lock: the wait of a `threading.Event` would hold it up for ever.
+    """
+    waiting, telling = socket.socketpair()
+    telling.settimeout(0)
+
+    def on_signal(_number: int, _frame: FrameType | None) -> None:
+        with suppress(BlockingIOError):  # it was told often enough
+            telling.send(b"\0")
+
+    with waiting, telling, _handling(on_signal, _taken_over()):
+        yield lambda seconds: bool(select.select([waiting], [], [], seconds)[0])
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """`labctl record`: keep what goes over the wire. `labctl replay`: instruments that answer as recorded, nothing else."""
 
-import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +10,7 @@ from labctl.bench.recording.format import Recording, read_recording
 from labctl.bench.recording.recorder import recordings
 from labctl.bench.recording.replay import Replay, addresses, replay_of
 from labctl.bench.recording.wire import RecordingRequest, Wire
-from labctl.bench.signals import on_stop_signal
+from labctl.bench.signals import stops_heard
 from labctl.bench.station import write_addresses
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.options import PortBaseOption, SaveStationOption
@@ -105,8 +104,7 @@ def _play_to(
 
 
 def _serve(served: Replay, resources: Mapping[str, str], as_json: bool) -> int:
-    stop = threading.Event()
-    with on_stop_signal(stop.set):
+    with stops_heard() as stopped:
         show(
             {"resources": {name: {"socket": address} for name, address in resources.items()}},
             as_json,
@@ -114,7 +112,7 @@ def _serve(served: Replay, resources: Mapping[str, str], as_json: bool) -> int:
         )
         if not as_json:
             say("serving; Ctrl-C ends")
-        while served.running and not stop.is_set() and not served.ended.wait(POLL_S):
+        while served.running and not stopped(0) and not served.ended.wait(POLL_S):
             pass
     if served.difference is not None:
         tell(f"replay: {served.difference}")

@@ -1,12 +1,11 @@
 """The simulated bench."""
 
 import ipaddress
-import threading
 from typing import Annotated
 
 import typer
 
-from labctl.bench.signals import on_stop_signal
+from labctl.bench.signals import stops_heard
 from labctl.bench.simulation import known_faults, simulated_bench, without_card
 from labctl.bench.station import read_station, write_addresses
 from labctl.commands.exit_status import DONE
@@ -60,9 +59,8 @@ def serve(
         asked = asked.twin(twin_seed)
     if projector is not None:
         asked = asked.cabled(projector=projector)
-    stop = threading.Event()
     with (
-        on_stop_signal(stop.set),
+        stops_heard() as stopped,
         serving(
             simulated_bench(asked, host=host, port_base=port_base, faults=fault or ()), "--host, --port-base"
         ) as bench,
@@ -82,7 +80,7 @@ def serve(
         )
         if not as_json:
             say("serving; Ctrl-C ends")
-        while bench.running and not stop.wait(POLL_S):
+        while bench.running and not stopped(POLL_S):
             pass
     return DONE
 

@@ -1,9 +1,13 @@
 """Signals."""
 
+import itertools
 import os
 import signal
+import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from types import FrameType
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -14,10 +18,13 @@ from labctl.bench.signals import (
     Interruption,
     StoppedBySignal,
     interruptible,
-    on_stop_signal,
     stops_deferred,
+    stops_heard,
 )
 from labctl.bench.station import Station
+
+if TYPE_CHECKING:
+    from _typeshed import TraceFunction
 
 STOPS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 AT_ONCE = [[signal.SIGINT, signal.SIGINT], [signal.SIGTERM], [signal.SIGHUP]]
@@ -88,10 +95,34 @@ def test_other_threads_run_without_signals() -> None:
 
 @pytest.mark.parametrize("number", STOPS)
 def test_a_service_is_told_to_stop(number: signal.Signals) -> None:
-    stop = threading.Event()
-    with on_stop_signal(stop.set):
+    with stops_heard() as stopped:
+        assert not stopped(0)
         os.kill(os.getpid(), number)
-        assert stop.wait(1)
+        assert stopped(60)
+
+
+@pytest.mark.parametrize("line", range(8))
+def test_a_service_is_told_to_stop_at_whatever_line_it_is(line: int) -> None:
+    """Also where it begins or ends to wait: a lock that it has there must not be what hears the signal waits for."""
+    lines = itertools.count()
+
+    def signalled(_frame: FrameType, event: str, _argument: object) -> "TraceFunction":
+        if event == "line" and next(lines) == line:
+            signal.raise_signal(signal.SIGTERM)
+        return signalled
+
+    def serve(stopped: Callable[[float], bool]) -> None:
+        while not stopped(1e-3):
+            pass
+
+    before = sys.gettrace()
+    with stops_heard() as stopped:
+        sys.settrace(signalled)
+        try:
+            serve(stopped)
+        finally:
+            sys.settrace(before)
+    assert next(lines) > line
 
 
 class SignalsInTheCleanUp:
