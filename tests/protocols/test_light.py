@@ -147,7 +147,7 @@ def test_mirrors_that_give_no_light(log: Any) -> None:
 def test_a_laser_that_is_dark(log: Any, laser: Fault, said: str) -> None:
     protocol = ImageReadout(images=40)
     inputs = images_for(protocol)
-    with FaultyBench([Befalling("laser", laser, Moment("OUTPUT"))]) as broken:
+    with FaultyBench([Befalling("laser", laser, Moment())]) as broken:
         addresses: dict[str, dict[str, Any]] = {
             role: {"address": found["socket"]} for role, found in broken.resources.items()
         }
