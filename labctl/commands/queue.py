@@ -28,12 +28,7 @@ def add(
 ) -> int:
     """Add a run or a sweep; what it asks for is checked now. Options of the queue come before the command."""
     plan = forecast(words)
-    queue = Queue(folder)
-    directory = _out(words)
-    if directory is None:
-        directory = folder / f"queue-{_next_number(queue):04d}"
-        words = [*words, "--out", str(directory)]
-    item = queue.add(words, directory, _kept(plan), getpass.getuser())
+    item = Queue(folder).add(words, _out(words), _kept(plan), getpass.getuser())
     show(_described(item), as_json, lambda: say(f"{item.number}: {_what(item)}, {_time(item)} on a real bench"))
     return DONE
 
@@ -112,10 +107,6 @@ def _out(words: list[str]) -> Path | None:
         if word.startswith("--out="):
             return Path(word.removeprefix("--out="))
     return None
-
-
-def _next_number(queue: Queue) -> int:
-    return max((item.number for item in queue.items()), default=0) + 1
 
 
 def _kept(plan: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import StrEnum
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -77,10 +78,13 @@ class Queue:
             rows = database.execute(f"SELECT {_COLUMNS} FROM item ORDER BY place")  # noqa: S608 -- constants
             return [_item(row) for row in rows]
 
-    def add(self, words: Sequence[str], directory: Path, plan: Mapping[str, Any], added_by: str) -> Item:
-        """One more, behind all others."""
+    def add(self, words: Sequence[str], directory: Path | None, plan: Mapping[str, Any], added_by: str) -> Item:
+        """One more, behind all others; without a `directory` into a new one, of which its words say so."""
         with self._open(make=True) as database:
             (last,) = database.execute("SELECT coalesce(max(place), 0) FROM item").fetchone()
+            if directory is None:
+                directory = self._new_directory(database)
+                words = [*words, "--out", str(directory)]
             values = (last + 1, json.dumps(list(words)), str(directory), json.dumps(dict(plan)), State.WAITING)
             number = database.execute(
                 "INSERT INTO item (place, words, directory, plan, state, added_by, added, began, ended, message) "
@@ -119,16 +123,18 @@ class Queue:
             database.execute("DELETE FROM item WHERE number = ?", (number,))
 
     def claim(self) -> Item | None:
-        """The next one, which is running from now on; None where none waits."""
+        """The next one, as it waited: it is running from now on. None where none waits."""
         with self._open() as database:
-            found = _waiting(database).fetchone()
-            if found is None:
+            waiting = f"SELECT {_COLUMNS} FROM item WHERE state = ? ORDER BY place"  # noqa: S608 -- constants
+            row = database.execute(waiting, (State.WAITING,)).fetchone()
+            if row is None:
                 return None
+            item = _item(row)
             database.execute(
                 "UPDATE item SET state = ?, began = ?, ended = '', message = '' WHERE number = ?",
-                (State.RUNNING, _now(), found[0]),
+                (State.RUNNING, _now(), item.number),
             )
-        return next(item for item in self.items() if item.number == found[0])
+        return item
 
     def end(self, number: int, state: State, message: str = "") -> None:
         """An item that ran is done, failed, or waits again."""
@@ -153,6 +159,12 @@ class Queue:
         """What it is asked for."""
         with self._open() as database:
             return {Wish(word) for (word,) in database.execute("SELECT word FROM wish")}
+
+    def _new_directory(self, database: sqlite3.Connection) -> Path:
+        """A directory of the folder that is not there and that no item has."""
+        named = {Path(one) for (one,) in database.execute("SELECT directory FROM item")}
+        ways = (self.folder / f"queue-{number:04d}" for number in count(1))
+        return next(way for way in ways if way not in named and not way.exists())
 
     def _require_waiting(self, database: sqlite3.Connection, number: int) -> None:
         if (number,) not in _waiting(database).fetchall():

@@ -104,6 +104,26 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
     assert complete(tmp_path / "queue-0002")
 
 
+def test_what_others_measured_is_not_taken_for_an_item_s_own(tmp_path: Path) -> None:
+    taken = tmp_path / "taken"
+    put(tmp_path, SMALL, taken)
+    put(tmp_path, LONG, taken)
+    assert queue(tmp_path, "start") == (1, {"done": 1, "failed": 1, "waiting": 0})
+    [_, second] = queue(tmp_path, "list")[1]["items"]
+    assert str(taken) in second["message"]
+
+
+def test_an_item_without_a_place_gets_one_that_nobody_has_had(tmp_path: Path) -> None:
+    def added() -> str:
+        return Queue(tmp_path).add(SMALL, None, {}, "ada").words[-1]
+
+    assert [added(), added()] == [str(tmp_path / name) for name in ("queue-0001", "queue-0002")]
+    (tmp_path / "queue-0001").mkdir()
+    Queue(tmp_path).remove(1)
+    (tmp_path / "queue-0003").mkdir()
+    assert added() == str(tmp_path / "queue-0004"), "what was measured for an item that was removed stays"
+
+
 def test_a_failure_ends_it_or_not_as_is_told(tmp_path: Path) -> None:
     taken = tmp_path / "taken"
     for out in (taken, tmp_path / "second", tmp_path / "third"):

@@ -111,7 +111,7 @@ def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
     """Exit status of an item's command, and its error."""
     if changed := [path for path in _protocols(item.words) if not is_own(path)]:
         return 1, f"{changed[0]}: is not what it was when this was added here: add it again"
-    begun = RunPaths(item.directory).manifest.exists() or is_sweep(item.directory)
+    begun = item.began and (RunPaths(item.directory).manifest.exists() or is_sweep(item.directory))
     words = ["resume", str(item.directory), *_kept(item.words)] if begun else item.words
     process = subprocess.Popen(  # noqa: S603 -- labctl itself
         _command([*words, "--json"]), stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True
