@@ -89,6 +89,7 @@ class Series:
         tag: Short name to write next to the curve; empty = the label, where all labels are short.
         joined: False draws points alone: a few single results, not a dependence.
         alike: Position of the curve whose colour and marker these points take; None = their own.
+        intervals: (k, 2) ends of the spread where it is not `sd` to either side; empty = it is.
     """
 
     label: str
@@ -98,6 +99,7 @@ class Series:
     tag: str = ""
     joined: bool = True
     alike: int | None = None
+    intervals: Sequence[tuple[float, float]] = ()
 
     @classmethod
     def of(cls, label: str, results: Mapping[Any, Mapping[str, float]], *, unit: float = 1.0, **drawn: Any) -> Self:
@@ -107,16 +109,32 @@ class Series:
 
     @classmethod
     def with_intervals(cls, label: str, results: Mapping[Any, Mapping[str, Any]], *, unit: float = 1.0) -> Self:
-        """The same of `{"mean", "low", "high"}`, with half the width of the interval as spread; None = no interval."""
-        half = [0.0 if one["low"] is None else (one["high"] - one["low"]) / 2 for one in results.values()]
+        """The same of `{"mean", "low", "high"}`, with the interval as spread; None = no interval."""
+        means = [one["mean"] for one in results.values()]
         return cls(
-            label, [float(position) * unit for position in results], [one["mean"] for one in results.values()], half
+            label,
+            [float(position) * unit for position in results],
+            means,
+            [0.0] * len(means),
+            intervals=[
+                (one["mean"], one["mean"]) if one["low"] is None else (one["low"], one["high"])
+                for one in results.values()
+            ],
         )
+
+    @property
+    def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper end (k,) of the spread at every position."""
+        if self.intervals:
+            low, high = np.array(self.intervals, np.float64).T
+            return low, high
+        mean, sd = np.asarray(self.mean, np.float64), np.nan_to_num(np.asarray(self.sd, np.float64))
+        return mean - sd, mean + sd
 
     @property
     def top(self) -> float:
         """The highest point of the curve with its spread."""
-        return float(np.max(np.asarray(self.mean) + np.nan_to_num(self.sd)))
+        return float(np.max(self.ends[1]))
 
     def scaled(self, x: float, y: float) -> Self:
         """The same series in other units: positions times `x`, quantity times `y`."""
@@ -125,6 +143,7 @@ class Series:
             x=[x * value for value in self.x],
             mean=[y * value for value in self.mean],
             sd=[y * value for value in self.sd],
+            intervals=[(y * low, y * high) for low, high in self.intervals],
         )
 
 
@@ -162,13 +181,14 @@ def draw_series(axes: Axes, series: Sequence[Series], *, highest: float = np.inf
     bands = len(series) <= MOST_BANDS
     for position, one in enumerate(series):
         style = look(position if one.alike is None else one.alike)
-        x, mean, sd = (np.asarray(values, np.float64) for values in (one.x, one.mean, np.nan_to_num(one.sd)))
-        spread = np.any(sd > 0)
-        upper = np.minimum(mean + sd, np.maximum(highest, mean))
+        x, mean = (np.asarray(values, np.float64) for values in (one.x, one.mean))
+        lower, upper = one.ends
+        spread = np.any(upper > lower)
+        upper = np.minimum(upper, np.maximum(highest, mean))
         if spread and bands and one.joined:
-            axes.fill_between(x, mean - sd, upper, color=style.colour, alpha=0.18, linewidth=0)
+            axes.fill_between(x, lower, upper, color=style.colour, alpha=0.18, linewidth=0)
         elif spread:
-            axes.vlines(x, mean - sd, upper, color=style.colour, linewidth=0.9)
+            axes.vlines(x, lower, upper, color=style.colour, linewidth=0.9)
         axes.plot(
             x,
             mean,

@@ -205,7 +205,8 @@ class Catalogue:
                 changed, each(_known_of, [one[2] for one in changed]), strict=True
             ):
                 _forget(database, name)
-                _enter(database, name, stamp, row, facts)
+                # What cannot be read may be mended where no stamp shows it: it is read again at the next look.
+                _enter(database, name, None if row.problem else stamp, row, facts)
 
 
 @contextmanager

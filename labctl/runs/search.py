@@ -135,11 +135,14 @@ class _Search:
 def _comparison(key: str, operator: str, value: str) -> Condition:
     if operator == "~":
         return _HAS.format("fact.text LIKE ? ESCAPE '\\'"), [key, f"%{_literally(value)}%"]
-    sign = "=" if operator == "!=" else operator
-    number = _number(value)
-    column = "text" if number is None else "number"
-    sql = _HAS.format(f"fact.{column} {sign} ?")
-    return (f"NOT {sql}" if operator == "!=" else sql), [key, value if number is None else number]
+    if operator == "!=":
+        sql, values = _comparison(key, "=", value)
+        return f"NOT {sql}", values
+    if (number := _number(value)) is None:
+        return _HAS.format(f"fact.text {operator} ?"), [key, value]
+    if operator == "=":  # a tag or a name may read like a number
+        return _HAS.format("(fact.number = ? OR fact.text = ?)"), [key, number, value]
+    return _HAS.format(f"fact.number {operator} ?"), [key, number]
 
 
 def _number(value: str) -> float | None:

@@ -97,8 +97,8 @@ def interval_figure(curves: Sequence[Series], *, tau_s: float, quantity: str, le
     """Accuracies, or their differences, against acquisition time, as large as their intervals allow.
 
     Args:
-        curves: x = acquisition times, s; mean of the quantity (-1..1), and as `sd` half the width of its interval. The
-            first curve gives the tick marks.
+        curves: x = acquisition times, s; mean of the quantity (-1..1), and its interval. The first curve gives the tick
+            marks.
         tau_s: Sampling interval, s.
         quantity: What it is, with its unit: per cent or points.
         levels: Values (-1..1) to compare with.
@@ -110,8 +110,7 @@ def interval_figure(curves: Sequence[Series], *, tau_s: float, quantity: str, le
     draw_series(axes, drawn)
     axes.set_ylabel(f"{quantity}, 95 % interval")
     highest = max([*(one.top for one in drawn), *(level.value for level in compared)])
-    ends = [mean - half for one in drawn for mean, half in zip(one.mean, one.sd, strict=True)]
-    lowest = min([*ends, *(level.value for level in compared)])
+    lowest = min([*(float(np.min(one.ends[0])) for one in drawn), *(level.value for level in compared)])
     margin = 0.08 * max(highest - lowest, 1)
     axes.set_ylim(lowest - margin, highest + margin)
     label_curves(axes, drawn, compared)

@@ -94,8 +94,10 @@ def _figure(rows: list[dict[str, Any]], axes: list[str]) -> Any:
     drawn = []
     for label in sorted(curves, key=_by_number):
         points = sorted(curves[label], key=lambda point: point[0])
-        half = [(row["interval"][1] - row["interval"][0]) / 2 for _, row in points]
-        drawn.append(Series(label, [place for place, _ in points], [row["accuracy"] for _, row in points], half))
+        positions, accuracies, intervals = zip(
+            *((place, row["accuracy"], row["interval"]) for place, row in points), strict=True
+        )
+        drawn.append(Series(label, positions, accuracies, [0.0] * len(points), intervals=intervals))
     return sweep_figure(drawn, axis=f"{along} ({unit})" if unit else along, ticks=texts, chance=rows[0]["chance"])
 
 

@@ -64,6 +64,17 @@ def test_many_curves_carry_bars_in_place_of_bands(count: int, bands: int) -> Non
     assert len(kinds) == count
 
 
+def test_an_interval_is_drawn_from_end_to_end() -> None:
+    accuracy = {1.0: {"mean": 0.98, "low": 0.91, "high": 0.99}, 2.0: {"mean": 1.0, "low": 0.94, "high": 1.0}}
+    axes = Figure().add_subplot()
+    curve = Series.with_intervals("a", accuracy).scaled(1, 100)
+    draw_series(axes, [curve], highest=100)
+    [band] = axes.collections
+    corners = {(float(x), round(float(y), 6)) for path in band.get_paths() for x, y in path.vertices}
+    assert corners == {(1, 91), (1, 99), (2, 94), (2, 100)}
+    assert curve.top == pytest.approx(100)
+
+
 def test_a_spread_of_nothing_is_not_drawn() -> None:
     axes = Figure().add_subplot()
     draw_series(axes, [Series("a", [1, 2], [0, 1], [float("nan"), 0])])

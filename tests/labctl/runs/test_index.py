@@ -40,6 +40,16 @@ def test_a_damaged_run_is_a_row_with_its_problem(cut: Path) -> None:
     assert not row.complete
 
 
+def test_what_was_wrong_with_a_run_is_forgotten_when_it_is_mended(whole: Path) -> None:
+    link = whole / "shards" / "link"
+    link.symlink_to("/etc/hostname")
+    assert [row.problem for row in rows(whole.parent)] == [
+        f"{link}: is a link to another place: put the file itself there"
+    ]
+    link.unlink()
+    assert [(row.problem, row.state) for row in rows(whole.parent)] == [("", "complete")]
+
+
 def test_no_folder_no_runs(tmp_path: Path) -> None:
     assert rows(tmp_path / "runs") == []
 

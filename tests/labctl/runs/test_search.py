@@ -13,7 +13,7 @@ from labctl.runs.search import LONGEST, condition, words_in
 RUNS: dict[str, dict[str, list[str | float]]] = {
     "a-image": {"protocol": ["image-readout"], "images": [300.0], "window": [1e-9], "tag": ["good", "shown twice"]},
     "b-image": {"protocol": ["image-readout"], "images": [100.0, 500.0], "accuracy": [0.8, 0.93]},
-    "c-scene": {"protocol": ["dynamic-scene"], "tag": ["50% off"], "note": ["the fibre was touched"]},
+    "c-scene": {"protocol": ["dynamic-scene"], "tag": ["50% off", "007"], "note": ["the fibre was touched"]},
 }
 KEYS = frozenset(key for facts in RUNS.values() for key in facts)
 
@@ -55,6 +55,9 @@ def found(words: str) -> str:
         ("tag ~ 50%", "c"),
         ("tag ~ %", "c"),
         ("note ~ fibre was", "c"),
+        ("tag = 007", "c"),
+        ("tag = '007'", "c"),
+        ("tag != 007", "ab"),
         ("Tag = GOOD", "a"),
         ("not tag = good", "bc"),
         ("not (tag = good or accuracy > 0)", "c"),

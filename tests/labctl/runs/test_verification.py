@@ -4,8 +4,10 @@ from pathlib import Path
 import h5py
 import pytest
 
+from instruments.values import Frames
 from labctl.errors import RunError
 from labctl.runs.format.journal import Entry, JournalFile
+from labctl.runs.format.shape import RunShape
 from labctl.runs.verification import Damage, RunReport, verify_run
 from labctl.runs.write.writer import RunWriter
 
@@ -128,6 +130,20 @@ def test_a_data_file_made_before_a_resume_is_stale(cut: Path, measure_missing: C
     report = verify_run(cut)
     assert (report.complete, report.data_file, report.problems) == (True, "stale", ())
     assert any("data.h5 is stale" in note for note in report.notes)
+
+
+def test_a_data_file_is_stale_where_its_shots_were_measured_again(
+    whole: Path, small: RunShape, measure: Callable[[RunShape, int, int], Frames]
+) -> None:
+    flip(whole / "shards" / "000001.h5", 700)
+    flip(whole / "shards" / "000005.h5", 700)
+    writer = RunWriter.resume(whole)
+    writer.scales(0, 1e-3, 0.05)
+    for shot in writer.missing(0):
+        writer.append(0, int(shot), measure(small, 0, int(shot) + 100), 1)
+    writer.abandon()
+    report = verify_run(whole)
+    assert (report.complete, report.data_file, report.problems) == (False, "stale", ())
 
 
 def test_problems_of_the_journal(whole: Path) -> None:
