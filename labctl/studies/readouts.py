@@ -56,7 +56,9 @@ class _Trained(BaseModel):
     ports: tuple[int, ...]
     seed: int = Field(ge=0, lt=SEEDS)
     test_groups: tuple[int, ...]
-    masks: Masks | None = None  # earlier readouts say nothing of them
+    masks: Masks | None = None  # earlier readouts say nothing of them, nor of the next two
+    dataset: str | None = None
+    training_groups: tuple[int, ...] | None = None
 
     @classmethod
     def of(cls, model: Path) -> "_Trained":
@@ -87,7 +89,7 @@ def train_readout(
     """
     with open_run(directory) as run:
         records, left_out = bounded_records(run)
-        digest, masks = run.digest(), Masks.of(run)
+        digest, masks, dataset = run.digest(), Masks.of(run), _dataset(run)
     chosen = ports or records.ports
     pipeline = softmax_readout(
         ports=ports,
@@ -108,6 +110,7 @@ def train_readout(
         "run": str(directory),
         "frames_sha256": digest,
         "masks": masks.model_dump(mode="json"),
+        "dataset": dataset,
         "window_s": window_s,
         "ports": list(chosen),
         "tau_s": tau_s or records.sample_interval_s,
@@ -117,6 +120,7 @@ def train_readout(
         "training_shots": int(train.size),
         "test_shots": int(test.size),
         "left_out": left_out,
+        "training_groups": np.unique(records.groups[train]).tolist(),
         "test_groups": np.unique(records.groups[test]).tolist(),
         "accuracy": float(np.mean(right)),
         "interval": interval(int(right.sum()), right.size),
@@ -124,7 +128,7 @@ def train_readout(
     with writing(path, "name another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
     save_model(path, pipeline, metadata)
-    kept = metadata.keys() - {"test_groups", "masks"}
+    kept = metadata.keys() - {"training_groups", "test_groups", "masks"}
     return {"model": str(path)} | {key: value for key, value in metadata.items() if key in kept}
 
 
@@ -141,12 +145,13 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     """Test a saved readout on a run, and the same kind of readout trained anew on parts of that run.
 
     Random splits are as many as the number of images needs; where the run shows training and test part of a data set,
-    the set's own split is one more. On the run it was trained on only the shots kept apart are tested. Controls train
-    on what says nothing about the labels (shuffled labels, a fixed image, darkness), on ports and window of this
-    readout, and must stay at chance. Writes figures and report of the run.
+    the set's own split is one more. Only shots of images that the readout was not trained on are tested, whichever run
+    showed them. Controls train on what says nothing about the labels (shuffled labels, a fixed image, darkness), on
+    ports and window of this readout, and must stay at chance. Writes figures and report of the run.
 
     Raises:
-        AnalysisError: not a readout, or a run it does not fit: of another drive, bench, wavelength or sampling.
+        AnalysisError: not a readout, a run it does not fit (of another drive, bench, wavelength or sampling), or one of
+            nothing but the images it was trained on.
         RunError: no such run.
     """
     readout, trained = load_model(model), _Trained.of(model)
@@ -154,7 +159,12 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         if trained.masks is not None and (why := trained.masks.unlike(Masks.of(run))) is not None:
             raise AnalysisError(f"{model}: cannot work on {directory}: {why}")
         records, left_out = bounded_records(run)
-        test = _unseen(records, trained, run.digest())
+        test = _unseen(run, records, trained)
+        if not test.size:
+            raise AnalysisError(
+                f"{model}: was trained on every image of {directory}: test it on a run of others, as with "
+                "--set image_seed=2"
+            )
         splits = enough_splits(np.unique(records.groups).size)
         with _used(model, directory):
             controls = _controls(run, records, readout[0], splits=splits, seed=trained.seed)
@@ -168,7 +178,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
             records.traces,
             records.labels,
             records.groups,
-            windows_s=windows_to_try(records.traces.shape[2], records.sample_interval_s),
+            windows_s=_windows_to_try(records, readout[0]),
             window=readout[0],
             splits=splits,
             seed=trained.seed,
@@ -226,6 +236,12 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     return found | {"report": str(report)}
 
 
+def _windows_to_try(records: Records, window: WindowFeatures) -> list[float]:
+    """Acquisition times, s, that hold a whole number of the window's own samples."""
+    every = round((window.tau_s or records.sample_interval_s) / records.sample_interval_s)
+    return windows_to_try(records.traces.shape[2] // every, every * records.sample_interval_s)
+
+
 def _judged(
     readout: Pipeline, records: Records, test: NDArray[np.intp], ways: Iterable[Iterable[Split]]
 ) -> tuple[NDArray[np.bool_], list[CrossValidation]]:
@@ -275,18 +291,21 @@ def _learner(readout: Pipeline) -> Pipeline | None:
     return None if alike else unfitted
 
 
-def _unseen(records: Records, trained: _Trained, digest: str) -> NDArray[np.intp]:
-    """Places of the shots the readout was not trained on: all of another run, the kept ones of its own."""
-    if trained.frames_sha256 != digest:
-        return np.arange(records.labels.size)
-    return np.flatnonzero(np.isin(records.groups, trained.test_groups))
+def _unseen(run: Run, records: Records, trained: _Trained) -> NDArray[np.intp]:
+    """Places of the shots of images that the readout was not trained on.
+
+    A readout that does not say which those are was trained on all but the kept ones of its own run.
+    """
+    if trained.training_groups is None:
+        own = trained.frames_sha256 == run.digest()
+        return np.flatnonzero(np.isin(records.groups, trained.test_groups) | (not own))
+    same = trained.dataset == _dataset(run)
+    return np.flatnonzero(np.isin(records.groups, trained.training_groups if same else (), invert=True))
 
 
 def _own_split(run: Run, records: Records) -> Split | None:
     """The split that the run's data set has itself; None where it has none, or the run shows one part only."""
-    protocol = run.manifest.get("protocol")
-    settings = protocol.get("settings") if isinstance(protocol, dict) else None
-    name = settings.get("dataset") if isinstance(settings, dict) else None
+    name = _dataset(run)
     first_test = next((card.first_test for card in catalogue() if card.name == name), None)
     if first_test is None:
         return None
@@ -294,6 +313,14 @@ def _own_split(run: Run, records: Records) -> Split | None:
         return own_split(run.shots["dataset_index"][records.indices], first_test)
     except AnalysisError:
         return None
+
+
+def _dataset(run: Run) -> str | None:
+    """Name of the set whose images a run shows; None where it says none."""
+    protocol = run.manifest.get("protocol")
+    settings = protocol.get("settings") if isinstance(protocol, dict) else None
+    name = settings.get("dataset") if isinstance(settings, dict) else None
+    return name if isinstance(name, str) else None
 
 
 def _controls(

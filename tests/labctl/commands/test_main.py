@@ -18,9 +18,11 @@ from instruments.tektronix_dpo72504dx import Dpo72504dx
 from labctl.bench.signals import Interruption, StoppedBySignal
 from labctl.commands.main import main
 from labctl.runs.live.logs import EventLog
+from labctl.runs.read.run import open_run
 from labctl.studies.demonstration import demonstrate
 from labctl.studies.paper.experiments import FOLDER, experiments
 from labctl.studies.paper.reproduction import Plan
+from labctl.studies.readout_file import load_metadata, load_model, save_model
 from tests.command_line import as_json, labctl
 from tests.data_sets import require
 
@@ -35,6 +37,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         main(["run", "image-readout", "--set", "images=80", "--out", str(directory)])
     assert ended.value.code == 0
     return directory
+
+
+def groups_of(directory: Path) -> list[int]:
+    """Which image each image shot of a run shows."""
+    with open_run(directory) as opened:
+        return [int(group) for group in opened.shots["group"][opened.shots["kind"] == "image"]]
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -435,7 +443,12 @@ class TestReadout:
             assert as_json(capsys, "run", "image-readout", *options)[0] == 0
 
         status, found = as_json(capsys, "evaluate", model, tmp_path / "image_seed=9")
-        assert (status, found["test_shots"]) == (0, 40)
+        seen = load_metadata(Path(model))["training_groups"]
+        assert (status, found["test_shots"]) == (
+            0,
+            np.isin(groups_of(tmp_path / "image_seed=9"), seen, invert=True).sum(),
+        )
+        assert found["test_shots"] >= 35
         assert found["interval"][0] > 0.4, "well above chance"
         assert found["controls"]["dark"] is None
         assert "too few such shots" in labctl(capsys, "evaluate", model, tmp_path / "image_seed=9")[1]
@@ -443,6 +456,33 @@ class TestReadout:
         status, _, err = labctl(capsys, "evaluate", model, tmp_path / "drive_seed=9")
         assert status == 2
         assert "its drive is not that of this run: measure with --set drive_seed=1, or train anew" in err
+
+    def test_images_it_was_trained_on_are_not_tested_whichever_run_shows_them(
+        self, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        trained = as_json(capsys, "train", run, "--out", tmp_path / "model.h5")[1]
+        again = ("--set", "images=80", "--set", "reference_every=11", "--out", tmp_path / "again")
+        assert as_json(capsys, "run", "image-readout", *again)[0] == 0
+        status, found = as_json(capsys, "evaluate", trained["model"], tmp_path / "again")
+        assert (status, found["test_shots"]) == (0, trained["test_shots"]) == (0, 8)
+
+        pipeline, metadata = load_model(tmp_path / "model.h5"), load_metadata(tmp_path / "model.h5")
+        groups = sorted(groups_of(run))
+        earlier = {"frames_sha256": "of a run that was not whole yet", "training_groups": groups[:50]}
+        save_model(tmp_path / "model.h5", pipeline, metadata | earlier)
+        assert as_json(capsys, "evaluate", trained["model"], run)[1]["test_shots"] == 30
+        save_model(tmp_path / "model.h5", pipeline, metadata | {"training_groups": groups})
+        status, _, err = labctl(capsys, "evaluate", trained["model"], run)
+        assert status == 2
+        assert f"was trained on every image of {run}: test it on a run of others" in err
+
+    def test_a_readout_of_every_second_sample_is_tested_at_times_of_whole_samples(
+        self, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        out = ("--out", tmp_path / "model.h5")
+        status, trained = as_json(capsys, "train", run, "--search", "tau=80 ps", *out)
+        assert (status, trained["tau_s"]) == (0, pytest.approx(80e-12))
+        assert as_json(capsys, "evaluate", trained["model"], run)[0] == 0
 
     def test_a_run_is_followed_shot_by_shot(self, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
         status, found = as_json(capsys, "evaluate", run, "--online", "--ports", "2-5")
