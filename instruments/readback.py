@@ -1,6 +1,7 @@
 """Settings read back: what an instrument made of a value is compared with what it was asked for."""
 
 import math
+from collections.abc import Sequence
 
 from instruments.errors import InstrumentError
 
@@ -22,3 +23,17 @@ def confirm(setting: str, asked: float, got: float, tolerance: float, *, unit: s
             f"{remedy or 'choose a value the instrument supports'}"
         )
     return got
+
+
+def confirm_off(what: str, answer: float, errors: Sequence[str], remedy: str) -> None:
+    """Require the answer 0 of an instrument that was switched off: that decides, whatever it reports besides.
+
+    An open interlock, say, makes a laser dark and fills its error queue. what: the case that it is not off, for the
+    message. errors: its error queue, which may say why. remedy: what to do then.
+
+    Raises:
+        InstrumentError: it is not off.
+    """
+    if answer != 0:
+        why = f" ({errors[0]})" if errors else ""
+        raise InstrumentError(f"{what}{why}: {remedy}")

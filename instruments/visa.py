@@ -29,7 +29,7 @@ MOST_TOLD = 5
 """Different errors that a message quotes."""
 LONGEST_ERROR = 300
 """Characters of an error that are kept: Tektronix quotes the whole command in it."""
-TEXT = re.compile(r'(?:[\t\r\n !#-~]++|"[^"]*+")++')
+TEXT = re.compile(r'(?!\Z)[\t\r\n !#-~]*(?:"[^"]*"[\t\r\n !#-~]*)*')
 """What a reply consists of: printable ASCII, and anything between quotation marks; it is never empty."""
 CACHE_LINE = 64
 """Bytes."""

@@ -71,6 +71,7 @@ def interruptible(finished_first: str = "this shot") -> Iterator[Interruption]:
         yield interruption
         return
     terminals = [stream for stream in (STANDARD_OUTPUT, STANDARD_ERROR) if os.isatty(stream)]
+    turned_off: set[signal.Signals] = set()
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
         if number == signal.SIGINT and not interruption.requested:
@@ -78,7 +79,8 @@ def interruptible(finished_first: str = "this shot") -> Iterator[Interruption]:
             _tell(f"\nstopping after {finished_first}; Ctrl-C again stops at once\n")
             return
         interruption.requested = True
-        for stop in _heeded():
+        turned_off.update(_heeded())
+        for stop in turned_off:
             signal.signal(stop, signal.SIG_IGN)
         _leave_closed(terminals)
         raise StoppedBySignal
@@ -86,7 +88,11 @@ def interruptible(finished_first: str = "this shot") -> Iterator[Interruption]:
     def on_suspend(_number: int, _frame: FrameType | None) -> None:
         _tell("\na run is not suspended, since its light would stay on; Ctrl-C ends it\n")
 
-    with _handling(on_signal, _taken_over()), _handling(on_suspend, SUSPEND):
+    def on_unheard() -> None:
+        for stop in turned_off:
+            signal.signal(stop, on_signal)
+
+    with _handling(on_signal, _taken_over()), _handling(on_suspend, SUSPEND), _told_of_unheard(on_unheard):
         try:
             yield interruption
         except KeyboardInterrupt as stopped:
@@ -94,6 +100,24 @@ def interruptible(finished_first: str = "this shot") -> Iterator[Interruption]:
                 for note in notes(stopped):
                     sys.stderr.write(f"labctl: {printable(note)}\n")
             raise
+
+
+@contextmanager
+def _told_of_unheard(tell: Callable[[], None]) -> Iterator[None]:
+    """Call `tell` where Python drops a stop: it lets no error out of what ends an object, or of what watches that."""
+    before = sys.unraisablehook
+
+    def on_dropped(dropped: "sys.UnraisableHookArgs") -> None:
+        if isinstance(dropped.exc_value, StoppedBySignal):
+            tell()
+        else:
+            before(dropped)
+
+    sys.unraisablehook = on_dropped
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 @contextmanager

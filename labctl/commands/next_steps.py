@@ -45,14 +45,22 @@ def options_again(
 
 @contextmanager
 def resumable(directory: Path, options: str = "") -> Iterator[None]:
-    """Whatever ends the block early has a note with the command that goes on with the run it began in `directory`."""
-    before = RunPaths(directory).journal.exists()
+    """Whatever ends the block early has a note with the command that goes on, where `directory` was measured into."""
+    before = _journal_bytes(directory)
     try:
         yield
     except BaseException as error:
-        if not before and RunPaths(directory).journal.exists():
+        if _journal_bytes(directory) != before:
             error.add_note(f"the run can go on: {resume_command(directory, options)}")
         raise
+
+
+def _journal_bytes(directory: Path) -> int | None:
+    """How long the journal of a run is; None where there is none."""
+    try:
+        return RunPaths(directory).journal.stat().st_size
+    except OSError:
+        return None
 
 
 def protocol_of(directory: Path) -> tuple[str, Judgement]:

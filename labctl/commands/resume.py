@@ -10,7 +10,7 @@ from labctl.bench.station import read_station
 from labctl.commands import sweep
 from labctl.commands.access import ArmOption, AttendedOption, access_of
 from labctl.commands.exit_status import DONE, INTERRUPTED, WRONG_USE
-from labctl.commands.next_steps import options_again
+from labctl.commands.next_steps import options_again, resumable
 from labctl.commands.options import DataOption
 from labctl.commands.output import JsonOption, say, show, table, warn
 from labctl.commands.progress import progress_bar
@@ -46,7 +46,7 @@ def resume(
         raise UsageError("--scheduler is for sweeps: a run is measured by one machine: leave it out")
     resumption = Resumption(run, named, data, access)
     try:
-        with interruptible() as interruption, progress_bar("resume") as progress:
+        with interruptible() as interruption, resumable(run, options), progress_bar("resume") as progress:
             outcome = session.resume(resumption, observer=progress, interruption=interruption)
     except SettingsChanged as changed:
         return _refuse(changed, as_json)

@@ -138,10 +138,13 @@ def _album(place: Path, names: list[str], class_folders: Sequence[str], read: Ca
 def _in_folders(folder: Path, class_folders: Sequence[str]) -> list[str]:
     names: list[str] = []
     for class_folder in class_folders:
-        with os.scandir(folder / class_folder) as entries:
-            names += (
-                f"{class_folder}/{entry.name}" for entry in entries if _is_picture(entry.name) and entry.is_file()
-            )
+        try:
+            with os.scandir(folder / class_folder) as entries:
+                pictures = [entry.name for entry in entries if _is_picture(entry.name) and entry.is_file()]
+        except OSError as error:
+            reason = error.strerror or one_line(error)
+            raise DatasetError(f"{folder / class_folder}: cannot be read ({reason}): let this user read it") from None
+        names += (f"{class_folder}/{name}" for name in pictures)
     if len(names) > MAX_PICTURES:
         raise DatasetError(f"{folder}: holds {len(names)} pictures, at most {MAX_PICTURES} are read")
     return names

@@ -27,12 +27,12 @@ _WHITE_BYTES = WHITE.encode()
 
 # As far as the first block: a `#` that begins an argument and is followed by a digit (or by A: ten digits; B, H and Q
 # begin numbers). Stops at a quote that nothing closes, too. A message never begins with a block, whatever came before.
-_UP_TO_BLOCK = re.compile(rb"""#?(?:[^"'#\n]+|"[^"\n]*"|'[^'\n]*'|#(?=[^0-9A])|(?<![\x00-\x09\x0b-\x20,])#)*+""")
+_UP_TO_BLOCK = re.compile(rb"""#?(?:[^"'#\n]+|"[^"\n]*"|'[^'\n]*'|#(?=[^0-9A])|(?<![\x00-\x09\x0b-\x20,])#)*""")
 _LONGEST_CACHED = 256  # bytes
-_UNIT = re.compile(r"""(?:[^"';]+|"[^"]*"|'[^']*')*+""")
+_UNIT = re.compile(r"""(?:[^"';]+|"[^"]*"|'[^']*')*""")
 _HEADER = re.compile(r"([^\x00-\x20]+)[\x00-\x20]*(.*)", re.DOTALL)
 _ARGUMENT = re.compile(
-    r"""(?:[^"',(]+|"[^"]*"|'[^']*'|\((?:[^()"']|"[^"]*"|'[^']*')*+\)|\()*+"""  # (@1,2) is one argument
+    r"""(?:[^"',(]+|"[^"]*"|'[^']*'|\((?:[^()"']|"[^"]*"|'[^']*')*\)|\()*"""  # (@1,2) is one argument
 )
 
 Argument = str | memoryview

@@ -33,7 +33,7 @@ def said(folder: Path, run: Path, what: str) -> dict[str, tuple[int, str, str]]:
     if what == "full":
         fill(folder / "ballast")
     if what == "read-only":
-        subprocess.run([MOUNT, "-o", "remount,ro", str(folder)], check=True)
+        subprocess.run([MOUNT, "-o", "remount,bind,ro", str(folder)], check=True)
     run, missing = folder / "run", folder / "missing"
     commands = {
         "verify": ("verify", run, "--rebuild"),

@@ -1,6 +1,6 @@
 """Aligning a bench: the pieces of `protocols.alignment` one after the other, what each says, and its picture."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -123,7 +123,7 @@ def align_bench(
             folder.mkdir(parents=True, exist_ok=True)
         require(folder, LARGEST_BYTES)
         log.stored_in(folder)
-        for result in _measured(station, bench, images):
+        for result in stack.enter_context(closing(_measured(station, bench, images))):
             for finding in result.findings:
                 tell(finding)
             results.append(result)
@@ -147,17 +147,18 @@ def align_bench(
     return Aligned(folder, kept, report, findings)
 
 
-def _measured(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
+def _measured(station: Station, bench: Bench, images: Images) -> Generator[Result, None, None]:
     """What each step says, in their order; those that cannot be measured say why."""
     done: set[str] = set()
     reason = ""
     try:
-        for result in _results(station, bench, images):
-            done.add(result.step)
-            yield result
-            reason = result.ends
-            if reason:
-                break
+        with closing(_results(station, bench, images)) as results:
+            for result in results:
+                done.add(result.step)
+                yield result
+                reason = result.ends
+                if reason:
+                    break
     except NoTrigger as error:
         reason = str(error)
     for step in STEPS:
@@ -165,7 +166,7 @@ def _measured(station: Station, bench: Bench, images: Images) -> Iterator[Result
             yield Result(step, (Finding(step, step, None, None, "1", f"not measured: {reason}"),))
 
 
-def _results(station: Station, bench: Bench, images: Images) -> Iterator[Result]:
+def _results(station: Station, bench: Bench, images: Images) -> Generator[Result, None, None]:
     ports = [port for port in station.patch_panel.ports if port != BYPASS_PORT] or [BYPASS_PORT]
     patching = bench.patchings_for(ports)[0]
     channels = tuple(patching)

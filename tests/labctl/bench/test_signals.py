@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -59,6 +60,33 @@ def test_the_second_interrupt_or_another_signal_stops_and_is_not_interrupted_its
             send(signals)
         send(STOPS)
         assert interruption.requested
+
+
+class _Thing:
+    pass
+
+
+def test_a_stop_that_python_drops_ends_the_run_later_and_the_next_one_is_heard() -> None:
+    """No error comes out of what is called when an object ends, and signals are handled there too."""
+    with interruptible() as interruption:
+        watched = weakref.ref(_Thing(), lambda _: signal.raise_signal(signal.SIGTERM))
+        assert watched() is None
+        assert interruption.requested
+        with pytest.raises(StoppedBySignal):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_what_python_drops_besides_is_told_as_always(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[BaseException | None] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda dropped: told.append(dropped.exc_value))
+
+    class Failing:
+        def __del__(self) -> None:
+            raise ValueError("of its own")
+
+    with interruptible():
+        Failing()
+    assert [str(error) for error in told] == ["of its own"]
 
 
 def test_a_run_is_not_suspended_with_its_light_on(capfd: pytest.CaptureFixture[str]) -> None:

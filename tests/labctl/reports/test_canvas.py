@@ -70,7 +70,8 @@ def test_an_interval_is_drawn_from_end_to_end() -> None:
     curve = Series.with_intervals("a", accuracy).scaled(1, 100)
     draw_series(axes, [curve], highest=100)
     [band] = axes.collections
-    corners = {(float(x), round(float(y), 6)) for path in band.get_paths() for x, y in path.vertices}
+    [path] = band.get_paths()
+    corners = {(round(x, 6), round(y, 6)) for x, y in np.asarray(path.vertices).tolist()}
     assert corners == {(1, 91), (1, 99), (2, 94), (2, 100)}
     assert curve.top == pytest.approx(100)
 

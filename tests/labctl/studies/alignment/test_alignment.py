@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from instruments.alnair_tlg220 import Tlg220
+from instruments.errors import InstrumentError
 from instruments.interfaces import BYPASS_PORT
+from instruments.safe_state import UnsafeBench
 from labctl.bench.lock import held
 from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
@@ -186,6 +189,22 @@ class TestFaults:
         assert not json.loads(Path(found["calibration"]).read_text("utf-8"))["good"]
         status, found, _ = command_line("", directory)
         assert (status, found["error"]) == (2, f"{directory}: is not empty: name a new directory")
+
+    def test_a_laser_that_does_not_obey_after_a_stop_is_an_error(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def refuse(_laser: Tlg220) -> None:
+            raise InstrumentError("laser: does not obey")
+
+        monkeypatch.setattr(Tlg220, "darken", refuse)
+        interruption = Interruption()
+
+        def stop(finding: Finding) -> None:
+            interruption.requested = finding.step == "range"
+
+        directory, station = tmp_path / "stopped", twin(1)
+        with held(station, "a test") as hold, pytest.raises(UnsafeBench, match="the laser may still emit"):
+            align_bench(station, Access(), hold, directory=directory, interruption=interruption, tell=stop)
 
     def test_a_full_disk_is_said_before_there_is_light(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("labctl.runs.write.room._free", lambda _directory: 1_000_000)
