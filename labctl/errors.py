@@ -22,7 +22,9 @@ __all__ = [
     "RecordingError",
     "RunError",
     "RunExists",
+    "RunInUse",
     "StationError",
+    "StoppedEarly",
     "UsageError",
     "WorkerKilled",
     "noted_on",
@@ -33,6 +35,12 @@ __all__ = [
 
 IMPORT_FAILURES = (ImportError, OSError, AttributeError, ValueError)
 """How a package that is incomplete, or that does not fit another, ends its import."""
+
+
+class StoppedEarly(LabctlError):
+    """The operator stopped a command, which has nothing to show then: one line that says what is kept."""
+
+    exit_status = 130
 
 
 class UsageError(LabctlError):
@@ -74,6 +82,10 @@ class DatasetError(LabctlError):
 
 class RunError(LabctlError):
     """A run cannot be written or read: one line that says what, where and what to do."""
+
+
+class RunInUse(RunError):
+    """Another process is writing the run."""
 
 
 class RunExists(RunError):

@@ -9,9 +9,10 @@ from labctl.bench.lock import held
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
-from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
+from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.options import StationOption
 from labctl.commands.output import JsonOption, say, show, tell
+from labctl.errors import StoppedEarly
 from labctl.studies.alignment.findings import COVERAGE, Finding
 
 
@@ -47,7 +48,7 @@ def align(
             tell=show_finding,
         )
     if aligned is None:
-        return INTERRUPTED
+        raise StoppedEarly("interrupted: the bench is in the safe state, and nothing is kept: begin again")
     short = sum(not finding.good for finding in aligned.findings)
     result: dict[str, Any] = {
         "good": aligned.good,

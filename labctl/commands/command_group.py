@@ -10,6 +10,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from labctl.commands import COMMANDS
+from labctl.errors import notes
 
 PLAIN: dict[str, Any] = {"rich_markup_mode": None, "pretty_exceptions_enable": False}
 """How every command prints its help and fails: as plain text, and by `labctl.commands.main`."""
@@ -38,6 +39,10 @@ class Unloaded(TyperCommand):
         return cast(TyperCommand | TyperGroup, get_command(app))
 
 
+class Stopped(Exception):
+    """The operator stopped a command; `args` are the notes on that."""
+
+
 class UnloadedCommands(TyperGroup):
     """The group of `COMMANDS`: one of them is loaded when it is run, or asked for its own help or completion."""
 
@@ -52,6 +57,17 @@ class UnloadedCommands(TyperGroup):
         """The command that `args` begin with, loaded, and what follows it."""
         name, found, rest = super().resolve_command(ctx, args)
         return name, found.load() if isinstance(found, Unloaded) else None, rest
+
+    def invoke(self, ctx: Any) -> Any:
+        """Carry the command out.
+
+        Raises:
+            Stopped: The operator stopped it. typer would make a status of that, and lose what is noted on it.
+        """
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            raise Stopped(*notes(stop)) from stop
 
 
 def first_line(place: str) -> str:

@@ -8,11 +8,12 @@ import typer
 from labctl.bench.signals import UNDER_WAY, interruptible
 from labctl.bench.station import SIMULATED_STATION
 from labctl.commands.access import access_of
-from labctl.commands.exit_status import DONE, INTERRUPTED
+from labctl.commands.exit_status import DONE
 from labctl.commands.options import FirstSeedOption
-from labctl.commands.output import JsonOption, say, show, table, tell
+from labctl.commands.output import JsonOption, say, show, table
 from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SchedulerOption, StoreOption, engine_of
+from labctl.errors import StoppedEarly
 
 
 def demo(
@@ -42,11 +43,10 @@ def demo(
         )
         result = demonstrate(plan, interruption=interruption, progress=progress.progress)
     if result is None:
-        tell(
+        raise StoppedEarly(
             f"interrupted: the bench is in the safe state; next: labctl demo begins again, "
             f"labctl runs {store or plan.folder} lists what was measured"
         )
-        return INTERRUPTED
     show(result, as_json, lambda: _print_demo(result))
     return DONE
 

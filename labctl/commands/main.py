@@ -11,7 +11,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from instruments.remedies import refusal
-from labctl.commands.command_group import PLAIN, UnloadedCommands
+from labctl.commands.command_group import PLAIN, Stopped, UnloadedCommands
 from labctl.commands.exit_status import FELL_SHORT, INTERRUPTED, WRONG_USE
 from labctl.commands.refusal import refuse_bench_in_use
 from labctl.errors import LabctlError, notes, one_line
@@ -64,7 +64,9 @@ def _status(words: list[str], *, debug: bool) -> int:
     try:
         refuse_bench_in_use(words)
         status = app(words, prog_name="labctl", standalone_mode=False)
-    except (KeyboardInterrupt, Abort):
+    except (Stopped, KeyboardInterrupt, Abort) as stopped:
+        if "--json" in words:
+            _show_error("interrupted", INTERRUPTED, stopped.args)
         return INTERRUPTED
     except TyperException as error:
         return _complain(_misused(error, words), WRONG_USE, words)
@@ -113,6 +115,9 @@ def _complain(message: str, status: int, words: list[str], further: Sequence[str
     for line in (message, *further):
         sys.stderr.write(f"labctl: {printable(line)}\n")
     if "--json" in words:
-        result = {"error": message, "exit": status} | ({"notes": list(further)} if further else {})
-        sys.stdout.write(json_line(result))
+        _show_error(message, status, further)
     return status
+
+
+def _show_error(message: str, status: int, further: Sequence[str]) -> None:
+    sys.stdout.write(json_line({"error": message, "exit": status} | ({"notes": list(further)} if further else {})))

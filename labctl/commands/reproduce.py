@@ -14,12 +14,12 @@ from labctl.analysis.intervals import Verdict
 from labctl.bench.signals import UNDER_WAY, interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
-from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
+from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.options import DataOption, FirstSeedOption, StationOption
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SchedulerOption, StoreOption, engine_of
-from labctl.errors import UsageError, one_line
+from labctl.errors import StoppedEarly, UsageError, one_line
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import run_name
 from labctl.studies.paper.experiments import SERIES, experiments
@@ -84,8 +84,8 @@ def reproduce(
             return _fit(plan, as_json)
         return _reproduce(plan, skipped, as_json, alone=by_name and len(wanted) == 1)
     except Interrupted:
-        tell(f"interrupted: the finished runs are in {store or folder}, the bench is in the safe state")
-        return INTERRUPTED
+        where = store or folder
+        raise StoppedEarly(f"interrupted: the finished runs are in {where}, the bench is in the safe state") from None
 
 
 def _reproduce(plan: "Plan", skipped: dict[str, str], as_json: bool, *, alone: bool) -> int:

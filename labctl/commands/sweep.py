@@ -80,6 +80,8 @@ def sweep(
     directory = out or folder.new_directory(every[0].protocol, datetime.now(UTC))
     access = access_of(context, attended=attended, armed=armed)
     if store is not None:
+        if not bench.wholly_simulated:
+            raise UsageError(f"--store = {store}: runs of a real bench are measured into --out: leave --store out")
         scheduler = scheduler or LOCAL
     engine = None if scheduler is None else engine_of(scheduler)
     plan = _plan(every, directory, data, access)
@@ -131,26 +133,22 @@ def measure(
 ) -> int:
     """Carry out what a sweep lacks, one run after the other or side by side by `engine`, and say how far it is."""
     command = resume_command(directory, options)
-    try:
-        with interruptible() as interruption:
-            if engine is None:
-                found = folder.carry_out(
-                    directory, every, data=data, access=access, interruption=interruption, follow=_follow
+    with interruptible() as interruption, _noting(f"the sweep can go on: {command}"):
+        if engine is None:
+            found = folder.carry_out(
+                directory, every, data=data, access=access, interruption=interruption, follow=_follow
+            )
+        else:
+            with progress_bar("sweep") as progress:
+                found = folder.carry_out_side_by_side(
+                    directory,
+                    every,
+                    engine=engine,
+                    data=data,
+                    access=access,
+                    interruption=interruption,
+                    progress=progress.progress,
                 )
-            else:
-                with progress_bar("sweep") as progress:
-                    found = folder.carry_out_side_by_side(
-                        directory,
-                        every,
-                        engine=engine,
-                        data=data,
-                        access=access,
-                        interruption=interruption,
-                        progress=progress.progress,
-                    )
-    except BaseException as error:
-        error.add_note(f"the sweep can go on: {command}")
-        raise
     whole = found.complete == found.runs
     judged = all(point.protocol.judgement is Judgement.READOUT for point in every)
     look = f"labctl {'evaluate' if judged else 'runs'} {quote(str(directory))}"
@@ -163,6 +161,15 @@ def measure(
     }
     show(result, as_json, lambda: _print(result))
     return DONE if whole else INTERRUPTED
+
+
+@contextmanager
+def _noting(note: str) -> Iterator[None]:
+    try:
+        yield
+    except BaseException as error:
+        error.add_note(note)
+        raise
 
 
 @contextmanager

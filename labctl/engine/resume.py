@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,17 +32,22 @@ class SettingsChanged(RunError):
     """The bench is not the one the run was begun on; nothing was lit.
 
     Attributes:
+        directory: the run.
         differences: everything that differs.
     """
 
     def __init__(self, directory: Path, differences: tuple[Difference, ...]) -> None:
         """Of the run in `directory`."""
-        self.differences = differences
+        self.directory, self.differences = directory, differences
         first = differences[0]
         super().__init__(
             f"{directory}: {len(differences)} settings are not those that the run was begun with, "
             f"{first.setting} first ({first.then} then, {first.now} now): set them back, or begin a new run"
         )
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Path, tuple[Difference, ...]]]:
+        """It passes from a process that carries out a task to the one that tells it."""
+        return type(self), (self.directory, self.differences)
 
 
 def refuse_edited(paths: RunPaths, manifest: Mapping[str, Any]) -> None:

@@ -48,11 +48,11 @@ def values_of(name: str, text: str) -> tuple[str, ...]:
     if (found := _RANGE.fullmatch(text)) is not None:
         first, last, number, unit = found.groups()
         if not 0 < int(number) <= MOST_POINTS:
-            raise UsageError(f"--over {name}={text}: {number} values: ask for 1 to {MOST_POINTS}")
+            raise UsageError(f"{name}={text}: {number} values: ask for 1 to {MOST_POINTS}")
         return tuple(f"{value:.12g} {unit}".rstrip() for value in np.linspace(float(first), float(last), int(number)))
     values = tuple(part.strip() for part in text.split(","))
     if not all(values):
-        raise UsageError(f"--over {name}={text}: a value is missing between two commas")
+        raise UsageError(f"{name}={text}: a value is missing between two commas")
     return values
 
 
@@ -64,7 +64,7 @@ def points_of(axes: Mapping[str, Sequence[str]], *, zipped: bool) -> list[dict[s
     """
     for name, values in axes.items():
         if len(set(values)) < len(values):
-            raise UsageError(f"--over {name}: a value is there twice: each point is measured once")
+            raise UsageError(f"{name}: a value is there twice: each point is measured once")
     if zipped and len({len(values) for values in axes.values()}) > 1:
         lengths = ", ".join(f"{name} has {len(values)}" for name, values in axes.items())
         raise UsageError(f"--zip: axes side by side have as many values each: {lengths}")

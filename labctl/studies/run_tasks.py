@@ -15,7 +15,7 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.recorded_protocol import refuse_other_inputs
 from labctl.engine.resume import MAY_CHANGE
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
-from labctl.errors import RunError
+from labctl.errors import RunError, RunInUse
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.provenance import versions
@@ -25,6 +25,8 @@ from labctl.runs.read.differences import differences
 from labctl.runs.write.placing import put_whole
 from labctl.studies.tasks import CALLER, Interrupted
 
+AGAIN_S = 0.5
+"""How often a run is tried that somebody else is writing."""
 OWN_BUSINESS = (
     *(f"station.{key}" for key in MAY_CHANGE),
     *(f"protocol.{key}" for key in ("digest", "judgement", "file.path", "file.text")),
@@ -49,7 +51,7 @@ class TaskObserver(Observer):
 
 
 def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
-    """Carry out one run in this process, unless it is in its place already; `others` follow it.
+    """Carry out one run in this process, or what it lacks of it where it is in its place already; `others` follow it.
 
     Raises:
         Interrupted: the caller said so; the bench is in the safe state.
@@ -57,8 +59,10 @@ def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
     """
     if run.directory is None:
         raise ValueError("a run among others needs a place")
-    if (known := _in_place(run, run.directory)) is not None:
-        return known
+    if RunPaths(alone(run.directory)).manifest.exists():
+        _refuse_another(run, run.directory)
+        known = _whole_in_place(run, run.directory)
+        return known or resume_run(Resumption(run.directory, run.station, run.data, run.access), *others)
     interruption = Interruption()
     following = Observers(TaskObserver(interruption), *others)
     with _placed(run.directory) as directory, nothing_left():
@@ -68,11 +72,22 @@ def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
 
 
 def resume_run(run: Resumption, *others: Observer) -> Outcome:
-    """Go on with a run in this process, as `acquire_run`."""
-    interruption = Interruption()
+    """Go on with a run in this process, as `acquire_run`.
+
+    On a cluster the same may be going on still where a worker is that was thought to be gone: it is waited for.
+    """
+    interruption, caller = Interruption(), CALLER.get()
     following = Observers(TaskObserver(interruption), *others)
-    with nothing_left():
-        return _whole(resume(run, observer=following, interruption=interruption))
+    while True:
+        try:
+            with nothing_left():
+                return _whole(resume(run, observer=following, interruption=interruption))
+        except RunInUse:
+            if caller.scratch is None:
+                raise
+            if caller.stopped():
+                raise Interrupted from None
+            interruption.wait(AGAIN_S)
 
 
 @contextmanager
@@ -109,15 +124,13 @@ def _placed(directory: Path) -> Iterator[Path]:
         put_whole(Path(meanwhile) / directory.name, directory)
 
 
-def _in_place(run: Acquisition, directory: Path) -> Outcome | None:
-    """How the run went that is in `directory` and lacks nothing; None if there is none.
+def _refuse_another(run: Acquisition, directory: Path) -> None:
+    """Require that what is in `directory`, whole or begun, is this run.
 
     Raises:
         RunError: it is not this run: protocol, seeds, bench, packages or inputs are others.
     """
     paths = RunPaths(alone(directory))
-    if not paths.manifest.exists() or not (row := run_row(paths)).complete:
-        return None
     then = Manifest.read(paths).values
     own_file = {} if (file := run.protocol.source_file) is None else {"file": {"sha256": file.sha256}}
     now: dict[str, Any] = {
@@ -131,6 +144,12 @@ def _in_place(run: Acquisition, directory: Path) -> Outcome | None:
             f"{directory}: another run is there ({first.setting} is {first.then}, not {first.now}): name another place"
         )
     refuse_other_inputs(directory, then, inputs_for(run.protocol, run.data))
+
+
+def _whole_in_place(run: Acquisition, directory: Path) -> Outcome | None:
+    """How the run went that is in `directory`, if it lacks nothing."""
+    if not (row := run_row(RunPaths(alone(directory)))).complete:
+        return None
     return Outcome(
         directory=directory,
         shots=row.shots,

@@ -22,7 +22,7 @@ from types import TracebackType
 from typing import Self
 
 from instruments.remedies import unreadable
-from labctl.errors import RunError
+from labctl.errors import RunError, RunInUse
 from labctl.runs.format.checked_line import TornLine, decode, encode
 from labctl.runs.format.durable import not_written, replace_file, write_all
 from labctl.runs.format.own_files import opened, read_own
@@ -144,7 +144,8 @@ class JournalFile:
         """Open for appending, after cutting off a line that a crash has torn.
 
         Raises:
-            RunError: another process is writing this run, or the file cannot be opened.
+            RunInUse: another process is writing this run.
+            RunError: the file cannot be opened.
         """
         self._path = path
         try:
@@ -212,7 +213,7 @@ class JournalFile:
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise RunError(
+            raise RunInUse(
                 f"{self._path.parent}: another process is writing this run; wait for it or stop it"
             ) from None
         except OSError:

@@ -228,7 +228,7 @@ def carry_out_side_by_side(
     for point in missing:
         run = alone(runs / point.name)
         begun = not is_elsewhere(run) and RunPaths(run).manifest.exists()
-        if begun and point.name not in complete:
+        if begun and not file.store and point.name not in complete:
             tasks[point.name] = partial(resume_run, Resumption(run, point.station, data, access), saying)
         else:  # one that is complete in a store is looked at: another sweep may have put it there
             tasks[point.name] = partial(acquire_run, _acquisition(point, run, data, access), saying)

@@ -1,5 +1,6 @@
 """Commands as they are typed: what comes out, and how they end."""
 
+import itertools
 import json
 import shutil
 import tempfile
@@ -590,7 +591,32 @@ class TestFailureAfterFailure:
             raise StoppedBySignal
 
         monkeypatch.setattr(Dpo72504dx, "wait", stop)
-        status, _, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run")
+        following = f"the run can go on: labctl resume {tmp_path / 'run'}"
+        status, out, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run", "--json")
         assert status == 130
         assert "labctl: the safe state is not confirmed (laser: laser: does not obey)" in told
-        assert told.splitlines()[-1] == f"labctl: the run can go on: labctl resume {tmp_path / 'run'}"
+        assert told.splitlines()[-1] == f"labctl: {following}"
+        found = json.loads(out)
+        assert (found["error"], found["exit"], found["notes"][-1]) == ("interrupted", 130, following)
+
+
+def test_who_stops_a_sweep_or_a_resumed_run_at_once_hears_how_to_go_on(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wait, waited = Dpo72504dx.wait, itertools.count(1)
+
+    def stop(scope: Dpo72504dx) -> None:
+        if next(waited) % 60 == 0:
+            raise StoppedBySignal
+        wait(scope)
+
+    monkeypatch.setattr(Dpo72504dx, "wait", stop)
+    sweep = tmp_path / "sweep"
+    status, _, told = labctl(capsys, "sweep", "image-readout", *SMALL, "--over", "power=10 mW,30 mW", "--out", sweep)
+    assert (status, told.splitlines()[-1]) == (130, f"labctl: the sweep can go on: labctl resume {sweep}")
+
+    run = tmp_path / "run"
+    options = ("--set", "images=40", "--set", "reference_every=5", "--out", run)
+    assert labctl(capsys, "run", "image-readout", *options)[0] == 130
+    status, _, told = labctl(capsys, "resume", run)
+    assert (status, told.splitlines()[-1]) == (130, f"labctl: the run can go on: labctl resume {run}")

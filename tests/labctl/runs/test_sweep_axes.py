@@ -39,7 +39,7 @@ def test_every_combination_or_side_by_side() -> None:
     ]
     with pytest.raises(UsageError, match="--zip: axes side by side have as many values each: a has 1, b has 2"):
         points_of({"a": ("1",), "b": ("1", "2")}, zipped=True)
-    with pytest.raises(UsageError, match="--over a: a value is there twice"):
+    with pytest.raises(UsageError, match="a: a value is there twice"):
         points_of({"a": ("1", "1")}, zipped=False)
     with pytest.raises(UsageError, match=f"at most {MOST_POINTS}"):
         points_of({name: tuple(map(str, range(200))) for name in "ab"}, zipped=False)

@@ -1,14 +1,24 @@
 """A run as one task among others: what it leaves behind."""
 
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition
+from labctl.errors import RunError, RunInUse
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import run_row
+from labctl.runs.write.writer import RunWriter
 from labctl.studies.run_tasks import acquire_run
-from labctl.studies.tasks import CALLER
+from labctl.studies.tasks import CALLER, Caller, Interrupted
 from protocols.image_readout import ImageReadout
 from sim_backends.world.twin import Twin
+
+FEW = ImageReadout(images=8, window=0.4e-9)
 
 
 class Alone:
@@ -23,15 +33,87 @@ class Alone:
         pass
 
 
+class Impatient(Alone):
+    """Wants the run to end after its first record."""
+
+    begun = False
+
+    def stopped(self) -> bool:
+        return self.begun
+
+    def measured(self, records: int) -> None:
+        self.begun = True
+
+
+class OnAWorker(Alone):
+    """Gives the same task to others, one of which writes the run until it is asked whether it should stop."""
+
+    def __init__(self, scratch: Path, writer: RunWriter) -> None:
+        self.scratch, self.writer = scratch, writer
+
+    def stopped(self) -> bool:
+        self.writer.abandon()
+        return False
+
+
+@contextmanager
+def waiting(caller: Caller) -> Iterator[None]:
+    token = CALLER.set(caller)
+    try:
+        yield
+    finally:
+        CALLER.reset(token)
+
+
+def acquisition(directory: Path, protocol: ImageReadout = FEW) -> Acquisition:
+    return Acquisition(protocol, SIMULATED_STATION, directory)
+
+
+def begin(directory: Path) -> None:
+    """A run that lacks most of its records."""
+    with waiting(Impatient()), pytest.raises(Interrupted):
+        acquire_run(acquisition(directory))
+    assert not run_row(RunPaths(directory)).complete
+
+
+def test_a_run_that_has_begun_in_its_place_is_gone_on_with(tmp_path: Path) -> None:
+    begin(tmp_path / "run")
+    with waiting(Alone()):
+        assert acquire_run(acquisition(tmp_path / "run")).complete
+        assert acquire_run(acquisition(tmp_path / "run")).measured == 0
+
+
+def test_another_run_that_has_begun_there_is_refused(tmp_path: Path) -> None:
+    begin(tmp_path / "run")
+    with (
+        waiting(Alone()),
+        pytest.raises(RunError, match=r"another run is there \(protocol.settings.images is 8, not 9\)"),
+    ):
+        acquire_run(acquisition(tmp_path / "run", FEW.model_copy(update={"images": 9})))
+
+
+def test_a_run_that_a_lost_worker_is_still_writing_is_waited_for(tmp_path: Path) -> None:
+    begin(tmp_path / "run")
+    with waiting(OnAWorker(tmp_path, RunWriter.resume(tmp_path / "run"))):
+        assert acquire_run(acquisition(tmp_path / "run")).complete
+
+
+def test_one_that_somebody_here_is_writing_is_refused(tmp_path: Path) -> None:
+    begin(tmp_path / "run")
+    writer = RunWriter.resume(tmp_path / "run")
+    with waiting(Alone()), pytest.raises(RunInUse):
+        acquire_run(acquisition(tmp_path / "run"))
+    writer.abandon()
+
+
 def test_the_simulated_bench_is_gone_when_its_run_is_over(tmp_path: Path) -> None:
     gc.collect()
     others = {id(found) for found in gc.get_objects() if type(found) is Twin}
     gc.disable()
-    caller = CALLER.set(Alone())
     try:
-        acquire_run(Acquisition(ImageReadout(images=8, window=0.4e-9), SIMULATED_STATION, tmp_path / "run"))
+        with waiting(Alone()):
+            acquire_run(acquisition(tmp_path / "run"))
         left = [found for found in gc.get_objects() if type(found) is Twin and id(found) not in others]
     finally:
-        CALLER.reset(caller)
         gc.enable()
     assert not left
