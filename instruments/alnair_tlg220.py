@@ -10,7 +10,7 @@ from pydantic import Field
 
 from instruments.command_table import UNKNOWN, Command
 from instruments.driver import Driver
-from instruments.errors import InstrumentError, NotConfigured
+from instruments.errors import InstrumentError, LightLost, NotConfigured
 from instruments.interfaces import TunableLaser
 from instruments.laser_table import DEFAULT_TABLE, LaserTable
 from instruments.readback import confirm, confirm_off
@@ -125,7 +125,7 @@ class Tlg220(TunableLaser):
         """Read-back of the emission; where there is none, the error queue may say why."""
         if self._number("get_output") != 1:
             reasons = "; ".join(self._link.errors()[:1]) or "it does not say why"
-            raise InstrumentError(f"laser: the light went out by itself ({reasons}): check interlock and front panel")
+            raise LightLost(f"laser: the light went out by itself ({reasons}): check interlock and front panel")
 
     def darken(self) -> None:
         """Emission off, by its own answer: what the error queue says, of an open interlock say, does not count."""

@@ -352,12 +352,15 @@ class Bench:
 
         Raises:
             OverLimit: the laser gives more than the limit, by its own answer or the power meter's; or the amplifier.
+            LightLost: light that was let through behind the laser no longer is.
             SettingChanged: something was changed from elsewhere; the message has its old and its new value.
             LinkError: an instrument does not answer.
         """
         self.limits.check_power(self.laser.power())
         if found := self.train.check_powers(self.limits):
             self.observer.powers(found)
+        if self.lit:
+            self.train.require_light()
         for name, instrument in self.instruments.items():
             for change in instrument.changes():
                 raise SettingChanged(

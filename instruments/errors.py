@@ -45,6 +45,10 @@ class SettingChanged(InstrumentError):
     """A setting is no longer what it was set to: somebody else changed it, by another program or at the front panel."""
 
 
+class LightLost(InstrumentError):
+    """Light that was let through no longer is, by another hand: it is not for this program to bring it back."""
+
+
 class DoubtfulRecord(InstrumentError):
     """The record of a shot looks like that of another picture: measured again, it shows whether it is."""
 

@@ -242,7 +242,7 @@ class TunableLaser(Instrument):
         """Check that the light that was switched on is still there, as far as the laser knows.
 
         Raises:
-            InstrumentError: it went out by itself.
+            LightLost: it went out by itself.
         """
 
     @abstractmethod
@@ -363,6 +363,14 @@ class Amplifier(Instrument):
         """Switch the pump on, confirmed. Its input must be lit: what is stored without comes out in one pulse."""
 
     @abstractmethod
+    def require_on(self) -> None:
+        """Check that the pump, which was switched on, still is.
+
+        Raises:
+            LightLost: it went off by itself, or somebody switched it off.
+        """
+
+    @abstractmethod
     def switch_off(self) -> None:
         """Switch the pump off, confirmed; this is the amplifier's safe state."""
 
@@ -376,6 +384,14 @@ class Attenuator(Instrument):
 
         Raises:
             OutOfRange: outside the attenuator's range.
+        """
+
+    @abstractmethod
+    def require_open(self) -> None:
+        """Check that it still lets light through, as it was told to.
+
+        Raises:
+            LightLost: it is shut.
         """
 
     @abstractmethod

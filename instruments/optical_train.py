@@ -86,6 +86,17 @@ class OpticalTrain:
             found["attenuation_db"] = self.attenuator.open(self.attenuation_db)
         return found
 
+    def require_light(self) -> None:
+        """Check that the light is let through still.
+
+        Raises:
+            LightLost: the amplifier is off, or the attenuator shut.
+        """
+        if self.amplifier is not None:
+            self.amplifier.require_on()
+        if self.attenuator is not None:
+            self.attenuator.require_open()
+
     def check_powers(self, limits: Limits) -> dict[str, float]:
         """Compare what the power meter sees, and what the amplifier says, with the limits of the station.
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 
 from instruments.driver import Driver, LaserRanges
-from instruments.errors import InstrumentError
+from instruments.errors import InstrumentError, LightLost
 from instruments.interfaces import TunableLaser
 from instruments.kept_settings import Setting
 from instruments.readback import confirm_off
@@ -129,10 +129,12 @@ class Tsl570(TunableLaser):
         self.require_emission()
 
     def require_emission(self) -> None:
-        """`:POWer:STATe?` must be 1; where it is not, an alert may say why."""
+        """`:POWer:STATe?` must be 1, where it is not an alert may say why; and the shutter must be open."""
         if self._link.number(":POWer:STATe?") != 1:
             alert = self._link.query(":SYSTem:ALERt?")
-            raise InstrumentError(f"laser: the light went out by itself ({alert}): check interlock and front panel")
+            raise LightLost(f"laser: the light went out by itself ({alert}): check interlock and front panel")
+        if self._link.number(":POWer:SHUTter?") != 0:
+            raise LightLost("laser: its shutter is closed and was open: check its front panel")
 
     def darken(self) -> None:
         """Emission off, by its own answer, whatever its error queue says."""

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from instruments.command_table import CommandTable
 from instruments.driver import Driver
-from instruments.errors import InstrumentError, NotConfigured
+from instruments.errors import InstrumentError, LightLost, NotConfigured
 from instruments.interfaces import Amplifier
 from instruments.readback import confirm_off
 from instruments.sections import SIMULATED, AmplifierSection, File
@@ -104,6 +104,11 @@ class TableAmplifier(Amplifier):
             self._link.send("output_on")
         if self._link.number("get_output") != 1:
             raise InstrumentError("amplifier: is off after output_on: check its interlock and front panel")
+
+    def require_on(self) -> None:
+        """Read-back of the pump."""
+        if self._link.number("get_output") != 1:
+            raise LightLost("amplifier: is off and was on: check its interlock and front panel")
 
     def switch_off(self) -> None:
         """Off, by its own answer, whatever its error queue says."""

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from instruments.command_table import CommandTable
 from instruments.driver import Driver
-from instruments.errors import InstrumentError, NotConfigured
+from instruments.errors import InstrumentError, LightLost, NotConfigured
 from instruments.interfaces import Attenuator
 from instruments.readback import confirm_off
 from instruments.sections import SIMULATED, AttenuatorSection, File
@@ -95,6 +95,11 @@ class TableAttenuator(Attenuator):
         if self._link.number("get_open") != 1:
             raise InstrumentError("attenuator: is shut after open: check its front panel")
         return self._set_db
+
+    def require_open(self) -> None:
+        """Read-back of the shutter."""
+        if self._link.number("get_open") != 1:
+            raise LightLost("attenuator: is shut and was open: check its front panel")
 
     def shut(self) -> None:
         """Shut, by its own answer, whatever its error queue says."""

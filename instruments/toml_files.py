@@ -41,7 +41,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     if max(map(len, content.splitlines()), default=0) > LONGEST_LINE:
         raise TomlError(f"it has a line of more than {LONGEST_LINE} bytes")
     try:
-        found = tomllib.loads(content.decode("utf-8"))
+        found = tomllib.loads(content.decode("utf-8-sig"))
     except RecursionError:
         raise TomlError("its lists or tables are too deep") from None
     except ValueError as error:  # of the parser, of the text's encoding, of a number with thousands of digits

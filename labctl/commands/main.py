@@ -1,7 +1,9 @@
 """The command `labctl`: how it starts, and how every one of its commands ends."""
 
+import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from tempfile import NamedTemporaryFile
 from traceback import format_exception
 from types import TracebackType
@@ -46,6 +48,7 @@ def labctl(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and end the process with its exit status."""
+    _replace_closed_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
     log_printably()
@@ -54,6 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     finally:
         sys.excepthook = _show_uncaught  # typer has set its own
     sys.exit(status)
+
+
+def _replace_closed_streams() -> None:
+    """What is printed where somebody has closed the output goes to nowhere."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  # as long as the process
 
 
 def _show_uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
@@ -69,27 +79,27 @@ def _status(words: list[str], *, debug: bool) -> int:
             _show_error("interrupted", INTERRUPTED, stopped.args)
         return INTERRUPTED
     except TyperException as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            sys.stderr.write(f"{error.format_message()}\n")
+            return WRONG_USE
         return _complain(_misused(error, words), WRONG_USE, words)
-    except LabctlError as error:
+    except Exception as error:  # noqa: BLE001  # of whatever kind, it ends in one line
         if debug:
-            raise
-        return _complain(one_line(error), error.exit_status, words, notes(error))
-    except OSError as error:
-        if debug:
-            raise
-        return _complain(refusal(error) or _unexpected(error), FELL_SHORT, words, notes(error))
-    except Exception as error:
-        if debug:
-            raise
-        return _complain(_unexpected(error), FELL_SHORT, words, notes(error))
+            _show_uncaught(type(error), error, error.__traceback__)
+        if isinstance(error, LabctlError):
+            return _complain(one_line(error), error.exit_status, words, notes(error))
+        known = refusal(error) if isinstance(error, OSError) else None
+        return _complain(known or _unexpected(error), FELL_SHORT, words, notes(error))
     return status if isinstance(status, int) else 0
 
 
 def _misused(error: TyperException, words: list[str]) -> str:
-    what = " ".join(error.format_message().split())
+    what = " ".join(error.format_message().split()).removesuffix(".")
     if what.startswith("Got unexpected extra argument") and "--set" in words:
         return f"{what}: write --set before each setting"
-    return f"{what} `labctl --help` lists what there is"
+    context = getattr(error, "ctx", None)
+    command = "labctl" if context is None else context.command_path
+    return f"{what}: `{command} --help` lists what there is"
 
 
 def _unexpected(error: Exception) -> str:
@@ -120,4 +130,5 @@ def _complain(message: str, status: int, words: list[str], further: Sequence[str
 
 
 def _show_error(message: str, status: int, further: Sequence[str]) -> None:
-    sys.stdout.write(json_line({"error": message, "exit": status} | ({"notes": list(further)} if further else {})))
+    with suppress(OSError):  # which may be what is wrong
+        sys.stdout.write(json_line({"error": message, "exit": status} | ({"notes": list(further)} if further else {})))

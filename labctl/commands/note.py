@@ -9,7 +9,7 @@ from labctl.commands.exit_status import DONE
 from labctl.commands.options import RunHereArgument
 from labctl.commands.output import JsonOption, say, show
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.notes import Notes, read_notes, say_of
+from labctl.runs.notes import Notes, read_notes, require_run, say_of
 
 
 def note(
@@ -28,6 +28,7 @@ def note(
     paths = RunPaths(run)
     if text or tags or untagged or star is not None or operator is not None:
         say_of(paths, text, tags=tags or (), untagged=untagged or (), star=star, operator=operator)
+    require_run(paths)
     found = read_notes(paths)
     show({"run": str(run)} | _listed(found), as_json, lambda: _print(run, found))
     return DONE

@@ -10,8 +10,9 @@ import typer
 from labctl.bench.signals import interruptible
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.output import JsonOption, say, show, table, tell
+from labctl.errors import UsageError
 from labctl.runs.queue import Item, Queue, Wish
-from labctl.studies.queue.work import OnFailure, Worked, forecast, settle, work
+from labctl.studies.queue.work import OnFailure, Worked, forecast, is_carried_out, settle, work
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 
@@ -27,8 +28,11 @@ def add(
     as_json: JsonOption = False,
 ) -> int:
     """Add a run or a sweep; what it asks for is checked now. Options of the queue come before the command."""
+    out = _out(words)
+    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise UsageError(f"--out = {out}: is not empty: name a new folder")
     plan = forecast(words)
-    item = Queue(folder).add(words, _out(words), _kept(plan), getpass.getuser())
+    item = Queue(folder).add(words, out, _kept(plan), getpass.getuser())
     show(_described(item), as_json, lambda: say(f"{item.number}: {_what(item)}, {_time(item)} on a real bench"))
     return DONE
 
@@ -88,8 +92,10 @@ def stop(
     as_json: JsonOption = False,
 ) -> int:
     """Stop the queue after the running item, or after its shot."""
-    wish = Wish.STOP_NOW if now else Wish.STOP
-    Queue(folder).ask(wish)
+    wish, queue = Wish.STOP_NOW if now else Wish.STOP, Queue(folder)
+    if not is_carried_out(queue):
+        raise UsageError(f"{folder}: no process of this machine carries this queue out: nothing to stop")
+    queue.ask(wish)
     show({"asked": wish}, as_json, lambda: say(f"{folder}: the queue ends after this {'shot' if now else 'item'}"))
     return DONE
 

@@ -81,6 +81,7 @@ def _for_people(plan: Mapping[str, Any]) -> list[tuple[str, str]]:
         "laser_power_w": ("laser power", lambda found: f"{1e3 * found:g} mW"),
         "estimated_seconds_on_a_real_bench": ("time on a real bench", lambda found: f"{found:.0f} s"),
         "dose_j": ("light in that time", lambda found: f"{found:.3g} J at most"),
+        "armed": ("laser armed", lambda found: "yes" if found else "no"),
         "bytes_needed": ("on disk", lambda found: f"{1e-6 * found:.1f} MB"),
         "ports": ("ports", lambda found: "; ".join(", ".join(map(str, one)) for one in found)),
     }

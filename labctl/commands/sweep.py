@@ -228,6 +228,7 @@ def _plan(every: list[Point], directory: Path, data: Path | None, access: Access
         "estimated_seconds_on_a_real_bench": sum(one["estimated_seconds_on_a_real_bench"] for one in each),
         "dose_j": sum(one["dose_j"] for one in each),
         "bytes_needed": sum(one["bytes_needed"] for one in each),
+        "armed": all(one["armed"] for one in each),
     }
 
 

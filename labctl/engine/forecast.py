@@ -40,5 +40,6 @@ def forecast(acquisition: Acquisition) -> dict[str, Any]:
             "estimated_seconds_on_a_real_bench": seconds,
             "dose_j": power_w * seconds,
             "bytes_needed": size,
+            "armed": bench.armed,
             **({} if aliased is None else {"aliasing": aliased}),
         }

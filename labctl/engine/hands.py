@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from instruments.bench import Bench, Observer, Observers
-from instruments.errors import NotConfigured, OutOfRange
+from instruments.errors import InstrumentError, NotConfigured, OutOfRange
 from instruments.units import quantity
 from instruments.values import Codes, Scaling, Timebase
 from labctl.bench.identity import who_they_are
@@ -155,19 +155,21 @@ class Hands:
         if not self._plays:
             raise NotConfigured("the drive is off, and the oscilloscope is triggered by its marker: switch it on")
         samples = max(1, round(window_s * SAMPLE_RATE))
-        if not self._bench.lit:
-            self._switch_on()
         asked = tuple(patchings[0].values()), samples, averages, self.laser.power
-        if self._configured != asked:
-            self._bench.connect(patchings[0])
-            self._bench.configure(Timebase(SAMPLE_RATE, samples), patchings[0], averages)
-            self._scalings = find_ranges(
-                self._bench.scope, self._bench.limits, [self._bench.capture], self._bench.require_unchanged
-            )
-            self._configured = asked
-        self._bench.observer.while_lit()
-        frames = self._bench.capture()
-        self._bench.limits.check_traces(tuple(patchings[0]), frames.codes, self._scalings)
+        with self._dark_on_failure():
+            if not self._bench.lit:
+                self._switch_on()
+            if self._configured != asked:
+                self._bench.connect(patchings[0])
+                self._bench.configure(Timebase(SAMPLE_RATE, samples), patchings[0], averages)
+                self._scalings = find_ranges(
+                    self._bench.scope, self._bench.limits, [self._bench.capture], self._bench.require_unchanged
+                )
+                self._configured = asked
+            self._bench.observer.while_lit()
+            frames = self._bench.capture()
+            self._bench.laser.require_emission()
+            self._bench.limits.check_traces(tuple(patchings[0]), frames.codes, self._scalings)
         volts = [one.scale_v * codes + one.offset_v for one, codes in zip(self._scalings, frames.codes[0], strict=True)]
         return Traces(
             np.array(volts),
@@ -215,6 +217,18 @@ class Hands:
         """
         self._configured = None
         self._light.close()
+
+    @contextmanager
+    def _dark_on_failure(self) -> Iterator[None]:
+        """Whatever ends the block early leaves no light behind; what that fails at is a note to the error."""
+        try:
+            yield
+        except BaseException as error:
+            try:
+                self.dark()
+            except (InstrumentError, OSError) as failure:
+                error.add_note(str(failure))
+            raise
 
     def _switch_on(self) -> None:
         self._light.enter_context(self._bench.emitting(self.laser.wavelength_nm))

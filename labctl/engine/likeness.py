@@ -69,6 +69,8 @@ DARK, BEFORE = ("dark", ", or has hardly a lit pixel"), ("that of the shot befor
 STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
 NO_LIGHT = "bench: records with light differ from dark ones by noise alone: check laser, fibres and DMD"
 
+WENT_OUT = "bench: reference shot {} and the one before it are dark, earlier ones were not: check laser, fibres and DMD"
+
 Alike = Callable[[Shot, Shot, float], bool]
 """Whether two shots show nearly the same, or differ by less than a part of the pixels that images usually have lit."""
 
@@ -156,6 +158,8 @@ class Likeness:
         self._repeats_of_light: list[float] = []  # the same, of the root of the light of both
         self._of_doubted: list[tuple[float, float]] = []  # of both, those of pairs that are doubted
         self._from_darkness: list[float] = []  # times the noise that records of the reference differed from dark ones
+        self._lit_references: list[float] = []  # the same, whether or not records tell pictures apart
+        self._lit_until = 0  # the last of these
         self._pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []  # of references: what differs, levels
         self._from_before = Unlike(shots, alike, lambda shot: shots[shot - 1])
         self._from_dark = Unlike(shots, alike, lambda shot: replace(shots[shot], kind=ShotKind.DARK))
@@ -281,6 +285,8 @@ class Likeness:
         known, self._reference = self._reference, record
         if known is None:
             return None
+        if self._went_out(record, before):
+            return Finding(self._lit_until, WENT_OUT.format(shot), told_by=shot)
         own = _squares(values - known.values)
         self._pairs = [*self._pairs, (own, _mean(values))][-REMEMBERED:]
         if self._dark_record is None or not self._tells_apart(self._noise):
@@ -310,6 +316,22 @@ class Likeness:
             self._agreed = shot
         self._followed = None if usual else (known, record)
         return None
+
+    def _went_out(self, record: Known, before: NDArray[np.float32] | None) -> bool:
+        """Whether a record of the reference and the lit one before it are dark, as no reference was before.
+
+        Asked first: records of a bench that went dark soon differ too little for anything else to be said of them.
+        """
+        if before is None or self._dark_record is None:
+            return False
+        both = np.stack([before, record.values]) - self._dark_record.values
+        times = _times(_squares(both), self._most_noise)
+        dark = times <= 1 + SURE / math.sqrt(before.size)
+        if not dark[1]:
+            self._lit_until = record.shot
+            self._lit_references = [*self._lit_references, float(times[1])][-REMEMBERED:]
+        usually = _quantile(self._lit_references, FEW) if self._lit_references else 0.0
+        return bool(dark.all() and self._lit[record.shot - 1] and usually >= CONTRAST)
 
     def _after_reference(self, record: Known) -> Finding | None:
         """The record after one of the reference picture is rather the one that this should have been."""

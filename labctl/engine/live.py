@@ -175,7 +175,8 @@ class _Looking:
             if self._looks % COMPARED_EVERY == 0:
                 self._compare()
             due = max(due + 1 / self.view.rate_hz, time.monotonic())
-            self.control.interruption.wait(max(0.0, due - time.monotonic()))
+            while (left := due - time.monotonic()) > 0 and not self._over(end):
+                self.control.interruption.wait(min(left, IDLE_S))
 
     def _over(self, end: float | None) -> bool:
         self.left = self.audience.has_left

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from instruments.bench import Bench
-from instruments.errors import DoubtfulRecord, InstrumentError, LinkError, SettingChanged
+from instruments.errors import DoubtfulRecord, InstrumentError, LightLost, LinkError, SettingChanged
 from instruments.values import Frames, Scaling
 from labctl.engine.control import Control
 from labctl.engine.glimpses import Glimpses
@@ -127,7 +127,7 @@ class Recorder:
         self._storage.wait()
         if self._unsure_from is None:
             self._writer.sync()
-        elif isinstance(error, SettingChanged | DoubtfulRecord | WrongRecord):
+        elif isinstance(error, SettingChanged | LightLost | DoubtfulRecord | WrongRecord):
             self._writer.doubt(str(error), *self._unsure_from)
         elif isinstance(error, LinkError):
             self._writer.sync_unsure()

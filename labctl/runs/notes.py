@@ -94,6 +94,16 @@ def read_notes(paths: RunPaths) -> Notes:
     return Notes(tuple(notes), tuple(sorted(tags)), star, operator, tuple(problems))
 
 
+def require_run(paths: RunPaths) -> None:
+    """Require a run of which something is or can be said.
+
+    Raises:
+        RunError: no such run.
+    """
+    if not paths.manifest.exists():
+        raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it): name a run")
+
+
 def say_of(
     paths: RunPaths,
     text: str = "",
@@ -109,8 +119,7 @@ def say_of(
     Raises:
         RunError: no such run, it cannot be written, nothing was said, or it is too long.
     """
-    if not paths.manifest.exists():
-        raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it): name a run")
+    require_run(paths)
     said = in_a_line(text, tags=tags, untagged=untagged, star=star, operator=operator)
     if not said and picture is None:
         raise RunError(f"{paths.directory}: nothing is said of it: write a note, a tag, a star or an operator")

@@ -38,6 +38,9 @@ class State(StrEnum):
     FAILED = "failed"
 
 
+UNDONE = (State.WAITING, State.RUNNING)
+
+
 class Wish(StrEnum):
     """What whoever carries a queue out is asked for: to stop after this item, or now."""
 
@@ -79,8 +82,16 @@ class Queue:
             return [_item(row) for row in rows]
 
     def add(self, words: Sequence[str], directory: Path | None, plan: Mapping[str, Any], added_by: str) -> Item:
-        """One more, behind all others; without a `directory` into a new one, of which its words say so."""
+        """One more, behind all others; without a `directory` into a new one, of which its words say so.
+
+        Raises:
+            UsageError: another item that waits or runs goes there.
+        """
         with self._open(make=True) as database:
+            undone = database.execute("SELECT number, directory FROM item WHERE state IN (?, ?)", UNDONE)
+            for number, taken in undone:
+                if Path(taken) == directory:
+                    raise UsageError(f"{directory}: is where item {number} of the queue goes: name another --out")
             (last,) = database.execute("SELECT coalesce(max(place), 0) FROM item").fetchone()
             if directory is None:
                 directory = self._new_directory(database)

@@ -97,9 +97,9 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         (True, True, (220, 220), 'current')
     """
     paths = RunPaths(Path(path))
-    require_own_files(paths.directory)
     if not paths.manifest.exists():
         raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)")
+    require_own_files(paths.directory)
     at = paths.manifest
     try:
         manifest = Manifest.read(paths)

@@ -15,7 +15,7 @@ from labctl.analysis.splits import enough_splits, random_splits
 from labctl.errors import UsageError
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep_axes import points_of
-from labctl.studies.readouts import bounded_records, kept_apart, train_readout
+from labctl.studies.readouts import bounded_records, kept_apart, require_replaceable, train_readout
 from labctl.studies.tasks import one_by_one
 
 AXES = {"window": "s", "tau": "s", "C": ""}
@@ -61,10 +61,11 @@ def search_readout(
         What `train_readout` returns, and `search`: for every choice its values, `accuracy`, `sd`, `features`.
 
     Raises:
-        UsageError: an axis or a value is none.
+        UsageError: an axis or a value is none, or `out` is there and is no readout.
         AnalysisError: a window, interval or port that the run does not have, or too few images.
         RunError: no such run.
     """
+    require_replaceable(out)
     grid = points_of(over, zipped=False)
     choices = [_choice(point, window_s) for point in grid]
     found = carried_out(
@@ -82,7 +83,8 @@ def _choice(point: Mapping[str, str], window_s: float) -> Choice:
     try:
         asked = {name: quantity(text, AXES[name]) if AXES[name] else float(text) for name, text in point.items()}
     except ValueError as error:
-        raise UsageError(f"--search: {error}") from None
+        said = ", ".join(f"{name}={text}" for name, text in point.items())
+        raise UsageError(f"--search {said}: {error}: write C as a number, window and tau as times") from None
     if wrong := [name for name, value in asked.items() if not 0 < value < np.inf]:
         raise UsageError(f"--search {wrong[0]}={point[wrong[0]]}: must be above 0")
     return Choice(asked.get("window", window_s), asked.get("tau"), asked.get("C", 1.0))

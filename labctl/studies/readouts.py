@@ -29,7 +29,7 @@ from labctl.analysis.splits import SEEDS, Split, enough_splits, forward_in_time_
 from labctl.analysis.threads import one_thread
 from labctl.analysis.windows import WindowFeatures
 from labctl.datasets import catalogue
-from labctl.errors import AnalysisError, one_line, writing
+from labctl.errors import AnalysisError, UsageError, one_line, writing
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.layout import RunPaths
@@ -85,8 +85,10 @@ def train_readout(
 
     Raises:
         AnalysisError: a port or window that the run does not have, or too few images.
+        UsageError: `out` is there and is no readout.
         RunError: no such run.
     """
+    require_replaceable(out)
     with open_run(directory) as run:
         records, left_out = bounded_records(run)
         digest, masks, dataset = run.digest(), Masks.of(run), _dataset(run)
@@ -130,6 +132,19 @@ def train_readout(
     save_model(path, pipeline, metadata)
     kept = metadata.keys() - {"training_groups", "test_groups", "masks"}
     return {"model": str(path)} | {key: value for key, value in metadata.items() if key in kept}
+
+
+def require_replaceable(out: Path | None) -> None:
+    """Require that a readout may be written to `out`: nothing is there, or an earlier readout.
+
+    Raises:
+        UsageError: something else is there.
+    """
+    if out is not None and out.exists():
+        try:
+            load_metadata(out)
+        except AnalysisError:
+            raise UsageError(f"--out = {out}: is there and is no readout: name another file") from None
 
 
 def kept_apart(records: Records, seed: int) -> Split:

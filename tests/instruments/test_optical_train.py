@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError, NotConfigured, OutOfRange, SettingChanged
+from instruments.errors import InstrumentError, LightLost, NotConfigured, OutOfRange, SettingChanged
 from instruments.interfaces import BYPASS_PORT
 from instruments.limits import OverLimit
 from instruments.safe_state import UnsafeBench
@@ -113,6 +114,22 @@ def test_both_are_checked_noted_and_kept(bench: Bench, front_panel: VisaLink) ->
         front_panel.write("POWer:LEVel 19")
         with pytest.raises(SettingChanged, match="amplifier: power was 20 and is 19"):
             bench.require_unchanged()
+
+
+@pytest.mark.parametrize(
+    ("role", "told"),
+    [("amplifier", "amplifier: is off and was on"), ("attenuator", "attenuator: is shut and was open")],
+)
+def test_light_that_somebody_else_stopped_is_missed(
+    role: str, told: str, bench: Bench, simulation: SimulatedBench, log: Any
+) -> None:
+    panel = VisaLink(simulation.resources[role]["socket"], name="they", timeout_s=5, transcript=log)
+    with closing(panel), bench.emitting(1550.0):
+        bench.require_unchanged()
+        panel.write("OUTPut OFF")
+        with pytest.raises(LightLost, match=told):
+            bench.require_unchanged()
+    bench.require_unchanged()
 
 
 def test_more_than_may_leave_the_amplifier_is_dark(bench: Bench, front_panel: VisaLink) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError, OutOfRange, SettingChanged
+from instruments.errors import InstrumentError, LightLost, OutOfRange, SettingChanged
 from instruments.limits import OverLimit
 from instruments.visa import VisaLink
 from labctl.bench.check import check_bench
@@ -71,6 +71,13 @@ def test_light_on_and_off(bench: Bench) -> None:
     assert (settings["emitting"], settings["shutter_closed"]) == (0, 1)
     with pytest.raises(InstrumentError, match="the light went out by itself"):
         bench.laser.require_emission()
+
+
+def test_a_shutter_that_somebody_closed_is_light_that_is_lost(bench: Bench, front_panel: VisaLink) -> None:
+    with bench.emitting(1550.0):
+        front_panel.write(":POWer:SHUTter 1")
+        with pytest.raises(LightLost, match="its shutter is closed and was open"):
+            bench.laser.require_emission()
 
 
 def test_outside_its_band_or_power_nothing_is_sent(bench: Bench, log: Any) -> None:

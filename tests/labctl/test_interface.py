@@ -3,13 +3,16 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import labctl
+from instruments.alnair_tlg220 import Tlg220
 from instruments.bench import Observer
-from instruments.errors import OutOfRange
+from instruments.errors import LightLost, LinkError, OutOfRange
+from instruments.tektronix_dpo72504dx import Dpo72504dx
 from labctl.bench.opening import Access
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.hands import Hands, in_hands
@@ -95,6 +98,34 @@ def test_the_light_goes_out_whatever_ends_the_block() -> None:
     ):
         fail(bench)
     assert light.seen == [True, False]
+
+
+def _cable_out(_scope: Dpo72504dx) -> None:
+    raise LinkError("scope: cannot be reached")
+
+
+def _went_out(_laser: Tlg220) -> None:
+    raise LightLost("laser: the light went out by itself")
+
+
+@pytest.mark.parametrize(
+    ("driver", "method", "fails", "error"),
+    [(Dpo72504dx, "arm", _cable_out, LinkError), (Tlg220, "require_emission", _went_out, LightLost)],
+)
+def test_who_catches_the_error_of_a_trace_has_no_light_on(
+    driver: type, method: str, fails: Any, error: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    light = Emission()
+    with in_hands(SIMULATED_STATION, Access(), wavelength_nm=1550.0, drive_seed=1, observer=light) as bench:
+        bench.show(np.ones((10, 10)))
+        bench.capture()
+        with monkeypatch.context() as broken:
+            broken.setattr(driver, method, fails)
+            with pytest.raises(error):
+                bench.capture()
+        assert light.seen == [True, False]
+        bench.capture()
+    assert light.seen == [True, False, True, False]
 
 
 @pytest.mark.parametrize(

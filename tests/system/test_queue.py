@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
 from labctl.runs.notes import read_notes
@@ -18,6 +19,7 @@ from tests.system.waiting import until_stored
 
 LABCTL = [sys.executable, "-m", "labctl"]
 SMALL = ("run", "image-readout", "--set", "images=4", "--set", "ports=2", "--set", "window=0.4 ns")
+PORTS = {"awg": 4000, "scope": 4001, "dmd": 4003, "patch_panel": 4004, "laser": 4002}
 LONG = ("run", "image-readout", "--set", "images=400", "--set", "ports=2")
 
 
@@ -104,11 +106,36 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
     assert complete(tmp_path / "queue-0002")
 
 
+def test_what_would_fail_in_the_night_is_refused_now(tmp_path: Path) -> None:
+    real = tmp_path / "real.toml"
+    lines = [f'[{role}]\naddress = "TCPIP::192.0.2.1::{port}::SOCKET"\n' for role, port in PORTS.items()]
+    real.write_text("".join(lines) + 'driver = "santec-tsl-570"\n', encoding="utf-8")
+    for words, told in (
+        ((*SMALL, "--station", real), "the laser is not armed"),
+        ((*SMALL, "--out", real), f"--out = {real}: is not empty"),
+        ((*SMALL, "--out", tmp_path), f"--out = {tmp_path}: is not empty"),
+    ):
+        status, found = queue(tmp_path / "runs", "add", *words)
+        assert status == 2
+        assert told in found["error"]
+    put(tmp_path, SMALL, tmp_path / "new")
+    with pytest.raises(UsageError, match="new: is where item 1 of the queue goes: name another --out"):
+        put(tmp_path, SMALL, tmp_path / "new")
+
+
+def test_a_queue_that_nobody_carries_out_is_not_stopped(tmp_path: Path) -> None:
+    put(tmp_path, SMALL, tmp_path / "run")
+    status, found = queue(tmp_path, "stop")
+    assert (status, found["exit"]) == (2, 2)
+    assert "nothing to stop" in found["error"]
+
+
 def test_what_others_measured_is_not_taken_for_an_item_s_own(tmp_path: Path) -> None:
     taken = tmp_path / "taken"
     put(tmp_path, SMALL, taken)
+    assert queue(tmp_path, "start") == (0, {"done": 1, "failed": 0, "waiting": 0})
     put(tmp_path, LONG, taken)
-    assert queue(tmp_path, "start") == (1, {"done": 1, "failed": 1, "waiting": 0})
+    assert queue(tmp_path, "start") == (1, {"done": 0, "failed": 1, "waiting": 0})
     [_, second] = queue(tmp_path, "list")[1]["items"]
     assert str(taken) in second["message"]
 

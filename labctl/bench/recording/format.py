@@ -269,14 +269,15 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Record]:
     while len(data := file.read(head)) == head:
         at = file.tell()
         kind, packed, connection, time_ns, length, stored = RECORD.unpack_from(data)
+        shortest, longest = (-(-length // MOST_UNPACKED), length + length // 1000 + 64) if packed else (length, length)
+        possible = shortest <= stored <= longest and length <= LONGEST_MESSAGE
         crc = zlib.crc32(data[: RECORD.size])
-        left = stored
+        left = stored if possible else 0  # of a record that cannot be, nothing more is needed
         while left and (chunk := file.read(min(left, READ_AT_ONCE))):
             crc = zlib.crc32(chunk, crc)
             left -= len(chunk)
         if left:
             return
-        possible = length <= (MOST_UNPACKED * stored if packed else stored) and length <= LONGEST_MESSAGE
-        if CHECK.unpack_from(data, RECORD.size) != (crc,) or kind not in list(Kind) or not possible:
+        if not possible or CHECK.unpack_from(data, RECORD.size) != (crc,) or kind not in list(Kind):
             raise RecordingError(f"{path}: is damaged at byte {at - head}: use another copy, or record it anew")
         yield Record(Kind(kind), connection, time_ns / 1e9, length, path, at, stored, bool(packed))

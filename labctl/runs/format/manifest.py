@@ -57,7 +57,8 @@ class Manifest:
             RunError: no run directory, or one that holds something else, a damaged manifest, or one of a later major
                 version.
         """
-        require_own_files(paths.directory)
+        if paths.manifest.exists():  # what is in a folder that is no run is nobody's business here
+            require_own_files(paths.directory)
         try:
             text = read_own(paths.manifest, LARGEST_MANIFEST).decode()
         except FileNotFoundError:

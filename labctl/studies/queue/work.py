@@ -62,6 +62,8 @@ def forecast(words: Sequence[str]) -> dict[str, Any]:
     found = _said(done.stdout)
     if done.returncode:
         raise UsageError(str(found.get("error", done.stderr.strip() or "the command is refused")))
+    if not found["armed"]:
+        raise UsageError("the laser is not armed, and nobody will be there to do so: add the command with --arm")
     for path in _protocols(words):
         remember(path)
     return found
@@ -94,6 +96,15 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
                 if on_failure is OnFailure.STOP:
                     break
     return Worked(done, failed, sum(item.state is State.WAITING for item in queue.items()))
+
+
+def is_carried_out(queue: Queue) -> bool:
+    """Whether some process carries a queue out."""
+    with closing(_lock(queue)) as lock:
+        try:
+            return not lock.lock()
+        except BenchInUse:  # of another user
+            return True
 
 
 def settle(queue: Queue) -> list[Item]:

@@ -188,6 +188,16 @@ def test_no_light() -> None:
     assert "by noise alone" in finding.text
 
 
+@pytest.mark.parametrize("at_once", [1, 20, 1000])
+@pytest.mark.parametrize("since", [40, 60, 95])
+def test_light_that_goes_out(since: int, at_once: int) -> None:
+    codes = RIGHT.copy()
+    codes[since:] = noise()[since:]
+    finding = examined(SHOTS, codes, at_once)
+    assert finding is not None
+    assert since - 2 * (EVERY + 2) < finding.first <= since + 1
+
+
 @pytest.mark.parametrize("times_noise", [2.5, 4.0])
 def test_one_bright_picture_among_faint_ones_is_light(times_noise: float) -> None:
     codes = noise()

@@ -2,19 +2,22 @@
 
 import sys
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from instruments.alnair_tlg220 import Tlg220
-from instruments.errors import NoTrigger
+from instruments.errors import LightLost, NoTrigger
+from instruments.table_attenuator import TableAttenuator
 from instruments.tektronix_awg70002a import TriggerInput
 from labctl.bench.opening import opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SimSection, Station, WiringSection
 from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, bytes_needed
+from labctl.engine.recorder import COMPARED_EVERY
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.runs.format.journal import read_journal
 from labctl.runs.live.events import EventReader
@@ -54,6 +57,26 @@ def test_a_frame_sync_that_stays_away_is_no_lost_link_and_loses_nothing(
     log = (tmp_path / "run" / "commands.log").read_text()
     assert log.count("> laser OUTPUT ON") == 1
     assert log.rindex("> laser OUTPUT OFF") > log.rindex("> laser OUTPUT ON")
+
+
+def test_what_was_measured_when_somebody_may_have_stopped_the_light_is_in_doubt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked = count()
+
+    def shut_in_the_end(_attenuator: TableAttenuator) -> None:
+        if next(looked) > 6:
+            raise LightLost("attenuator: is shut and was open")
+
+    monkeypatch.setattr(TableAttenuator, "require_open", shut_in_the_end)
+    attenuated = Station.model_validate({"attenuator": {"driver": "table-attenuator", "commands": "simulated"}})
+    with pytest.raises(LightLost):
+        acquire(Acquisition(ImageReadout(images=400, ports=(2, 3), window=0.4e-9), attenuated, tmp_path / "run"))
+    with open_run(tmp_path / "run") as stored:
+        assert 0 < stored.suspect <= COMPARED_EVERY
+        assert sum(stored.done) > 0
+    log = (tmp_path / "run" / "commands.log").read_text()
+    assert log.count("> laser OUTPUT ON") == 1, "who shuts it does not find it open again"
 
 
 def test_what_the_sample_rate_folds_back_is_noted_once_when_a_run_starts(tmp_path: Path) -> None:

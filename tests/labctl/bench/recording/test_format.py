@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -177,3 +178,16 @@ def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
 
 def test_records_are_as_long_as_documented() -> None:
     assert RECORD.size == 30
+
+
+@pytest.mark.parametrize("at", range(14, 28))
+def test_a_record_that_claims_to_be_longer_is_damaged_and_not_cut(at: int, tmp_path: Path) -> None:
+    """Bytes 14 to 29 of a record are its length and that of what is stored."""
+    path = tmp_path / "a.rec"
+    with closing(RecordingWriter(path, {})) as writer:
+        writer.append(Kind.SENT, 0, (b"hello",))
+    image = bytearray(path.read_bytes())
+    image[image.index(b"\n") + 1 + at] ^= 0x40
+    path.write_bytes(image)
+    with pytest.raises(RecordingError, match="is damaged at byte"):
+        read_recording(path)

@@ -122,7 +122,8 @@ def test_damaged_and_existing_files(
     recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     damaged = bytearray(recorded[0].read_bytes())
-    damaged[len(damaged) // 2] ^= 1
+    records = read_recording(recorded[0]).records
+    damaged[records[len(records) // 2].offset - 1] ^= 1
     (tmp_path / "damaged.rec").write_bytes(damaged)
     status, out, err = labctl(capsys, "replay", tmp_path / "damaged.rec", "--json")
     assert status == 2
