@@ -109,7 +109,7 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
 def test_what_would_fail_in_the_night_is_refused_now(tmp_path: Path) -> None:
     real = tmp_path / "real.toml"
     lines = [f'[{role}]\naddress = "TCPIP::192.0.2.1::{port}::SOCKET"\n' for role, port in PORTS.items()]
-    real.write_text("".join(lines) + 'driver = "santec-tsl-570"\n', encoding="utf-8")
+    real.write_text("".join(lines) + 'driver = "santec-tsl-570"\npower = "10 mW"\n', encoding="utf-8")
     for words, told in (
         ((*SMALL, "--station", real), "the laser is not armed"),
         ((*SMALL, "--out", real), f"--out = {real}: is not empty"),
