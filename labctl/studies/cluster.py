@@ -69,7 +69,7 @@ class _Connection:
         Raises:
             ClusterError: nobody answers there.
         """
-        self.records = 0
+        self._records: dict[int, int] = {}  # by task: one that is carried out twice counts once
         self._address = address
         self._tell = tell
         self._lost = False
@@ -87,8 +87,14 @@ class _Connection:
         client.subscribe_topic(self._name, self._hear)
         return client
 
-    def _hear(self, event: tuple[float, int]) -> None:
-        self.records += event[1]
+    @property
+    def records(self) -> int:
+        """How many records were made in all tasks so far."""
+        return sum(self._records.values())
+
+    def _hear(self, event: tuple[float, tuple[int, int]]) -> None:
+        task, records = event[1]
+        self._records[task] = records
 
     def room(self, running: int) -> int:
         """A task for each worker, or one that waits for a worker; none while there is no scheduler."""
@@ -103,6 +109,7 @@ class _Connection:
             return self._wait()
         if self._lost:
             self._lost = False
+            self._client.subscribe_topic(self._name, self._hear)  # a scheduler that was started anew knows of nobody
             self._tell(f"{self._address}: the scheduler is there again; what it had begins anew")
         return max(self._workers, 1) - running
 
@@ -115,7 +122,7 @@ class _Connection:
     def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
         """Begin a task on some worker."""
         future: Future[tuple[Found, float]] = Future()
-        given = self._client.submit(_carry_out, task, self._name, versions(), os.getcwd(), pure=False)
+        given = self._client.submit(_carry_out, task, id(task), self._name, versions(), os.getcwd(), pure=False)
         self._client.loop.add_callback(_pass_on, given, future)
         return future
 
@@ -151,11 +158,12 @@ async def _pass_on(given: Any, future: Future[Found]) -> None:
 class _Client:
     """Whoever waits for a task, seen from a worker."""
 
-    def __init__(self, worker: Any, name: str) -> None:
-        """Of the tasks of this name."""
+    def __init__(self, worker: Any, task: int, name: str) -> None:
+        """Of the tasks of this name; `task` is what it calls this one by."""
         self._worker = worker
+        self._task = task
         self._name = name
-        self._records = 0
+        self._records = self._known = 0
         self._told = time.monotonic()
 
     def stopped(self) -> bool:
@@ -175,10 +183,10 @@ class _Client:
 
     def tell(self) -> None:
         """Tell what was not told yet."""
-        if not self._records:
+        if self._records == self._known:
             return
-        self._worker.log_event(self._name, self._records)
-        self._records, self._told = 0, time.monotonic()
+        self._worker.log_event(self._name, (self._task, self._records))
+        self._known, self._told = self._records, time.monotonic()
 
 
 def _stop(name: str) -> None:
@@ -186,7 +194,9 @@ def _stop(name: str) -> None:
     _stopped.add(name)
 
 
-def _carry_out(task: Callable[[], Found], name: str, wanted: dict[str, str], folder: str) -> tuple[Found, float]:
+def _carry_out(
+    task: Callable[[], Found], number: int, name: str, wanted: dict[str, str], folder: str
+) -> tuple[Found, float]:
     """On a worker, in the folder in which the command was typed, if it is there: paths may be relative to it."""
     worker = _dask().get_worker()
     if worker.state.nthreads != 1:
@@ -196,7 +206,7 @@ def _carry_out(task: Callable[[], Found], name: str, wanted: dict[str, str], fol
         raise ClusterError(f"{worker.address}: has {differ}: install there what is installed here")
     if os.path.isdir(folder):
         os.chdir(folder)
-    caller = _Client(worker, name)
+    caller = _Client(worker, number, name)
     token = CALLER.set(caller)
     try:
         return timed(task)

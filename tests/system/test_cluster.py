@@ -66,14 +66,23 @@ EXPERIMENT = Experiment.model_validate(
 def carried_out(
     engine: Engine, folder: Path, measured: Callable[[int], None] = lambda _records: None
 ) -> tuple[str, list[bytes]]:
-    """What the experiment came to, and the frames of its runs."""
+    """What the experiment came to, and the frames of its runs; told of all records but perhaps the last, each once."""
     plan = Plan((EXPERIMENT,), SIMULATED_STATION, folder, engine=engine)
-    (found,), failed = reproduce(plan, interruption=Interruption(), measured=measured)
+    told: list[int] = []
+
+    def follow(records: int) -> None:
+        told.append(records)
+        measured(records)
+
+    (found,), failed = reproduce(plan, interruption=Interruption(), measured=follow)
     assert not failed
     frames = []
+    shots = 0
     for directory in found.runs:
         with h5py.File(directory / "data.h5") as file:
             frames.append(file["frames"][:].tobytes())
+            shots += len(file["shots"])
+    assert shots / 2 < told[-1] <= max(told) <= shots
     names = {run.name for run in found.runs}
     assert {entry.name for entry in folder.iterdir()} >= names
     entry = as_json(found)
