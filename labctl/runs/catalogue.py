@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -105,7 +106,7 @@ class Catalogue:
             for key in (sort, *(shown if keys else ())):
                 if key not in keys.union(LISTED):
                     raise unknown(key, keys.union(LISTED))
-            sql, values = condition(words, keys)
+            sql, values = condition(words, keys, partial(_holds_text, database))
             largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
             order = f"{largest.format('number')} DESC, {largest.format('text')} DESC, name DESC"
             # Names alone are sorted, which are short; rows and facts are then looked up, in whatever order.
@@ -303,6 +304,12 @@ def _known_of(paths: RunPaths) -> tuple[RunRow, Facts]:
 def _forget(database: sqlite3.Connection, name: bytes) -> None:
     database.execute("DELETE FROM fact WHERE run = ?", [name])
     database.execute("DELETE FROM run WHERE name = ?", [name])
+
+
+def _holds_text(database: sqlite3.Connection, key: str) -> bool:
+    """Whether a key of some run has a value that is no number."""
+    found = database.execute("SELECT 1 FROM fact WHERE key = ? AND text IS NOT NULL LIMIT 1", [key])
+    return found.fetchone() is not None
 
 
 def _enter(database: sqlite3.Connection, name: bytes, stamp: str | None, row: RunRow, facts: Facts) -> None:

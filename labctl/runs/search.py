@@ -6,6 +6,7 @@ each of them must begin one of its words: `crack incomplete`.
 """
 
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -34,15 +35,15 @@ class Token:
         return not self.quoted and self.text.lower() in words
 
 
-def condition(words: str, keys: frozenset[str]) -> Condition:
-    """What `words` ask for, of runs that have some of `keys`.
+def condition(words: str, keys: frozenset[str], holds_text: Callable[[str], bool]) -> Condition:
+    """What `words` ask for, of runs that have some of `keys`; `holds_text`: whether one of these ever is no number.
 
     Raises:
         UsageError: they cannot be understood, or compare what no run has.
     """
     if len(words) > LONGEST:
         raise UsageError(f"a search of {len(words)} characters: write {LONGEST} at most")
-    search = _Search(_tokens(words), keys)
+    search = _Search(_tokens(words), keys, holds_text)
     return search.whole() if search.tokens else ("1", [])
 
 
@@ -72,9 +73,10 @@ def words_in(text: str) -> list[str]:
 class _Search:
     """Takes tokens from left to right: `or` joins what `and` joins."""
 
-    def __init__(self, tokens: list[Token], keys: frozenset[str]) -> None:
+    def __init__(self, tokens: list[Token], keys: frozenset[str], holds_text: Callable[[str], bool]) -> None:
         self.tokens = tokens
         self._keys = keys
+        self._holds_text = holds_text
 
     def whole(self) -> Condition:
         found = self._any()
@@ -120,7 +122,12 @@ class _Search:
             value.append(self.tokens.pop(0).text)
         if not value:
             raise UsageError(f"{key} {operator}: a value is missing")
-        return _comparison(key, operator, " ".join(value))
+        text = " ".join(value)
+        if operator != "~" and _number(text) is None and not self._holds_text(key):
+            raise UsageError(
+                f"{key} {operator} {text}: {key} is a number: write one, with its unit, such as 0.8 or 1 ns"
+            )
+        return _comparison(key, operator, text)
 
     def _begins_another(self) -> bool:
         return len(self.tokens) > 1 and self.tokens[1].is_word(*OPERATORS)

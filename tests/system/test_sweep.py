@@ -1,6 +1,7 @@
 """A sweep of real processes on the simulated bench: killed, resumed, opened as one, judged."""
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -137,6 +138,17 @@ def test_it_is_judged_point_by_point(swept: Path) -> None:
     assert len(found["reference"]) == 2
     assert all(one["interval"][0] < one["accuracy"] < one["interval"][1] for one in found["points"])
     assert Path(found["figure"]).stat().st_size > 10_000
+
+
+def test_a_run_that_has_just_begun_keeps_no_other_from_being_judged(swept: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "sweep"
+    shutil.copytree(swept, folder)
+    begun = RunPaths(folder / places(Sweep(protocol="image-readout", over=OVER))[1][0])
+    begun.data.unlink()
+    begun.journal.write_bytes(begun.journal.read_bytes().splitlines(keepends=True)[0])
+    status, found, _ = run("evaluate", folder)
+    assert (status, len(found["points"])) == (0, 6)
+    assert begun.directory.name not in {one["run"] for one in found["points"]}
 
 
 @pytest.mark.parametrize("asked", ["its run under way", "its folder"])

@@ -30,9 +30,13 @@ def evaluate_sweep(
     *,
     window_s: float | None = None,
     ports: Sequence[int] | None = None,
-    carried_out: Callable[[Mapping[str, Callable[[], Judged]]], Mapping[str, Judged]] = one_by_one,
+    carried_out: Callable[
+        [Mapping[str, Callable[[], Judged | AnalysisError]]], Mapping[str, Judged | AnalysisError]
+    ] = one_by_one,
 ) -> dict[str, Any]:
     """Accuracy of a softmax readout at every point of a sweep that was measured, by random splits; draws its figure.
+
+    A run that has begun is a point as soon as its images are enough.
 
     window_s: part of each record that the readout sees, None for all. ports: those that it sees, None for all. The
     interval is Wilson's, of as many images as the run shows. Runs at one point, such as the reference, are listed in
@@ -46,9 +50,14 @@ def evaluate_sweep(
     runs = runs_of(directory, file)
     there = {name: values for name, values in places(file.sweep) if RunPaths(runs / name).manifest.exists()}
     judged = carried_out({name: partial(_accuracy, alone(runs / name), window_s, ports) for name in there})
-    rows = [{"run": name, **values, **judged[name]} for name, values in there.items()]
+    rows = [
+        {"run": name, **values, **found}
+        for name, values in there.items()
+        if not isinstance(found := judged[name], AnalysisError)
+    ]
     if not rows:
-        raise AnalysisError(f"{directory}: nothing is measured yet: go on with 'labctl resume {directory}'")
+        why = next((str(error) for error in judged.values()), "nothing is measured yet")
+        raise AnalysisError(f"{directory}: {why}: go on with 'labctl resume {directory}'")
     axes = list(file.sweep.over)
     again = [[row for row in rows if all(row[axis] == one[axis] for axis in axes)] for one in rows]
     repeated = max(again, key=len)
@@ -65,18 +74,25 @@ def evaluate_sweep(
     }
 
 
-def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) -> Judged:
+def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) -> Judged | AnalysisError:
+    """How a run is recognised; why it is not, where it lacks shots still."""
     with open_run(run) as opened:
-        records, complete = read_records(opened), opened.complete
-    found = recognition(
-        records.traces,
-        records.labels,
-        records.groups,
-        sample_interval_s=records.sample_interval_s,
-        window_s=window_s,
-        ports=ports,
-        recorded_ports=records.ports,
-    )
+        complete = opened.complete
+        try:
+            records = read_records(opened)
+            found = recognition(
+                records.traces,
+                records.labels,
+                records.groups,
+                sample_interval_s=records.sample_interval_s,
+                window_s=window_s,
+                ports=ports,
+                recorded_ports=records.ports,
+            )
+        except AnalysisError as error:
+            if complete:
+                raise
+            return error
     return vars(found) | {"interval": list(found.interval), "complete": complete}
 
 

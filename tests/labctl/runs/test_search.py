@@ -18,6 +18,10 @@ RUNS: dict[str, dict[str, list[str | float]]] = {
 KEYS = frozenset(key for facts in RUNS.values() for key in facts)
 
 
+def holds_text(key: str) -> bool:
+    return any(isinstance(value, str) for facts in RUNS.values() for value in facts.get(key, ()))
+
+
 def found(words: str) -> str:
     """First letters of the runs that are found."""
     with closing(sqlite3.connect(":memory:")) as database:
@@ -30,7 +34,7 @@ def found(words: str) -> str:
             for key, value in [(key, value) for key, values in facts.items() for value in values]:
                 pair = (value, None) if isinstance(value, float) else (None, value)
                 database.execute("INSERT INTO fact VALUES (?, ?, ?, ?)", [name, key, *pair])
-        sql, values = condition(words, KEYS)
+        sql, values = condition(words, KEYS, holds_text)
         rows = database.execute(f"SELECT name FROM run WHERE {sql} ORDER BY name", values)  # noqa: S608 -- by `condition`
         return "".join(name[0] for (name,) in rows)
 
@@ -73,6 +77,8 @@ def test_words_and_what_they_find(words: str, names: str) -> None:
     [
         ("acuracy > 0.9", "acuracy: no run here has that: did you mean accuracy?"),
         ("images >", "images >: a value is missing"),
+        ("images > many", "images > many: images is a number"),
+        ("accuracy > 80 %", "accuracy > 80 %: accuracy is a number"),
         ("(image", "a bracket is not closed"),
         ("image)", "): is not understood here"),
         ("and image", "and: comes where a word or a comparison is missing"),
@@ -84,7 +90,7 @@ def test_words_and_what_they_find(words: str, names: str) -> None:
 )
 def test_what_is_not_understood_is_one_line(words: str, message: str) -> None:
     with pytest.raises(UsageError) as refused:
-        condition(words, KEYS)
+        condition(words, KEYS, holds_text)
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
 
@@ -92,7 +98,7 @@ def test_what_is_not_understood_is_one_line(words: str, message: str) -> None:
 @given(st.text(alphabet=st.sampled_from(list("ab 1.%()'\"=<>!~_;-")) | st.characters(), max_size=60))
 def test_any_words_are_a_search_or_refused(words: str) -> None:
     try:
-        condition(words, KEYS)
+        condition(words, KEYS, holds_text)
     except UsageError:
         return
     assert set(found(words)) <= set("abc")
