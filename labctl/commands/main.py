@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from io import TextIOWrapper
 from tempfile import NamedTemporaryFile
 from traceback import format_exception
 from types import TracebackType
@@ -48,7 +49,7 @@ def labctl(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and end the process with its exit status."""
-    _replace_closed_streams()
+    _prepare_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
     log_printably()
@@ -59,10 +60,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(status)
 
 
-def _replace_closed_streams() -> None:
-    """What is printed where somebody has closed the output goes to nowhere."""
+def _prepare_streams() -> None:
+    """What is printed where somebody has closed the output goes to nowhere, and what its encoding lacks is escaped."""
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
+        if isinstance(stream := getattr(sys, name), TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+        elif stream is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  # as long as the process
 
 

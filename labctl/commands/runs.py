@@ -12,17 +12,19 @@ from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.errors import UsageError
 from labctl.runs.catalogue import Catalogue, Found
-from labctl.runs.format.store import location
+from labctl.runs.format.store import is_elsewhere, location
 from labctl.runs.index import RunRow, State
 
 STATES = get_args(State)
+USUAL = Path("runs")
+"""Where runs go; before the first one it is not there."""
 EXAMPLE = '"images >= 300 and accuracy > 0.9 and tag = good"'
 
 
 def runs(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Folder of run directories, or its URL.", parser=location)
-    ] = Path("runs"),
+    ] = USUAL,
     where: Annotated[str, typer.Option("--where", help=f"Only runs that fit: {EXAMPLE}; or words.")] = "",
     protocol: Annotated[str | None, typer.Option("--protocol", help="Only runs of this protocol.")] = None,
     since: Annotated[
@@ -37,6 +39,8 @@ def runs(
     as_json: JsonOption = False,
 ) -> int:
     """List the runs in a folder, the newest last."""
+    if folder != USUAL and not is_elsewhere(folder) and not folder.is_dir():
+        raise UsageError(f"{folder}: no such folder: name one with runs in it")
     catalogue = Catalogue(folder)
     if keys:
         known = catalogue.keys()

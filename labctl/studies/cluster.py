@@ -5,6 +5,7 @@ when there is one again at its address, what it had is submitted again. A run ap
 is not measured again if it is there, so that to be carried out twice costs time and nothing else.
 """
 
+import logging
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -48,7 +49,9 @@ def cluster(address: str, tell: Callable[[str], None]) -> Callable[[int], Abstra
 
 
 def _dask() -> Any:
-    return import_module("distributed")
+    distributed = import_module("distributed")
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is told in one line
+    return distributed
 
 
 @contextmanager

@@ -61,8 +61,9 @@ def test_a_column_that_no_run_has_is_refused(folder: Path, tmp_path: Path, typed
     assert err == "labctl: acuracy: no run here has that: see `labctl runs --keys`\n"
     assert typed("runs", folder, "--columns", "imges")[2].endswith("did you mean images?\n")
     assert typed("runs", folder, "--sort", "imges")[2].endswith("did you mean images?\n")
-    status, out, _ = typed("runs", tmp_path / "none", "--columns", "images")
-    assert (status, out) == (0, f"{tmp_path / 'none'}: no runs yet\n")
+    (tmp_path / "empty").mkdir()
+    status, out, _ = typed("runs", tmp_path / "empty", "--columns", "images")
+    assert (status, out) == (0, f"{tmp_path / 'empty'}: no runs yet\n")
 
 
 def test_the_catalogue_is_made_again_at_any_time(folder: Path, as_json: AsJson) -> None:
