@@ -82,7 +82,7 @@ def _status(words: list[str], *, debug: bool) -> int:
             _show_error("interrupted", INTERRUPTED, stopped.args)
         return INTERRUPTED
     except TyperException as error:
-        if type(error).__name__ == "NoArgsIsHelpError":
+        if type(error).__name__ == "NoArgsIsHelpError":  # which typer does not export
             sys.stderr.write(f"{error.format_message()}\n")
             return WRONG_USE
         return _complain(_misused(error, words), WRONG_USE, words)
