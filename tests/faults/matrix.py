@@ -108,13 +108,13 @@ MOMENTS: dict[str, dict[str, Moment]] = {
         "connecting": Moment("*IDN?"),
         "preparing": Moment("POWer:LEVel?"),
         "acquiring": Moment("POWer:OUTPut?", 3),
-        "finishing": Moment("OUTPut?", 7),
+        "finishing": Moment("OUTPut?", 13),
     },
     "attenuator": {
         "connecting": Moment("*IDN?"),
         "preparing": Moment("INPut:ATTenuation?"),
         "acquiring": Moment("INPut:ATTenuation?", 4),
-        "finishing": Moment("OUTPut?", 7),
+        "finishing": Moment("OUTPut?", 13),
     },
 }
 """The reply that a fault on the wire strikes; nothing is said to the patch panel at the end."""

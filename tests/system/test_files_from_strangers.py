@@ -157,7 +157,7 @@ HOSTILE["recording"] = {
         "is damaged at byte",
     ),
     "a message that unpacks to more than it says": (
-        HEADING + record(Kind.OPENED, PARTNER) + record(Kind.SENT, zlib_bomb(), length=1000, packed=True),
+        HEADING + record(Kind.OPENED, PARTNER) + record(Kind.SENT, zlib_bomb(), length=len(zlib_bomb()), packed=True),
         "has changed while it was read",
     ),
     "a heading of a megabyte": (b"[" * MILLION + b"\n", "is not a recording"),
