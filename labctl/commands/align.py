@@ -48,7 +48,7 @@ def align(
             tell=show_finding,
         )
     if aligned is None:
-        raise StoppedEarly("interrupted: the bench is in the safe state, and nothing is kept: begin again")
+        raise StoppedEarly("interrupted: the bench is in the safe state, and no calibration is written: begin again")
     short = sum(not finding.good for finding in aligned.findings)
     result: dict[str, Any] = {
         "good": aligned.good,

@@ -68,7 +68,6 @@ NOT_SHOWN = "dmd: shot {}: its record is {}, within noise: its picture was not s
 DARK, BEFORE = ("dark", ", or has hardly a lit pixel"), ("that of the shot before", "")
 STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
 NO_LIGHT = "bench: records with light differ from dark ones by noise alone: check laser, fibres and DMD"
-
 WENT_OUT = "bench: reference shot {} and the one before it are dark, earlier ones were not: check laser, fibres and DMD"
 
 Alike = Callable[[Shot, Shot, float], bool]
