@@ -42,7 +42,15 @@ class UnsafeBench(InstrumentError):
 
 @contextmanager
 def ending_with(end: Callable[[], None]) -> Iterator[None]:
-    """Call `end` after the block, however it ends.
+    """Call `end` after the block, however it ends; where it ends early, as `failing_with` does."""
+    with failing_with(end):
+        yield
+    end()
+
+
+@contextmanager
+def failing_with(end: Callable[[], None]) -> Iterator[None]:
+    """Call `end` if the block ends early.
 
     An error of the block stays the one that is raised, since it came first: what `end` then fails at is a note to it.
     """
@@ -58,8 +66,6 @@ def ending_with(end: Callable[[], None]) -> Iterator[None]:
             for line in (str(failure), *getattr(failure, "__notes__", ())):
                 error.add_note(line)
         raise
-    else:
-        end()
 
 
 def in_order(by_role: Mapping[str, Of]) -> dict[str, Of]:

@@ -28,7 +28,8 @@ def note(
     paths = RunPaths(run)
     if text or tags or untagged or star is not None or operator is not None:
         say_of(paths, text, tags=tags or (), untagged=untagged or (), star=star, operator=operator)
-    require_run(paths)
+    else:
+        require_run(paths)
     found = read_notes(paths)
     show({"run": str(run)} | _listed(found), as_json, lambda: _print(run, found))
     return DONE

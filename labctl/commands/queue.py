@@ -11,6 +11,7 @@ from labctl.bench.signals import interruptible
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.errors import UsageError
+from labctl.runs.format.layout import is_taken
 from labctl.runs.queue import Item, Queue, Wish
 from labctl.studies.queue.work import OnFailure, Worked, forecast, is_carried_out, settle, work
 
@@ -29,7 +30,7 @@ def add(
 ) -> int:
     """Add a run or a sweep; what it asks for is checked now. Options of the queue come before the command."""
     out = _out(words)
-    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if out is not None and is_taken(out):
         raise UsageError(f"--out = {out}: is not empty: name a new folder")
     plan = forecast(words)
     item = Queue(folder).add(words, out, _kept(plan), getpass.getuser())

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from instruments.bench import Bench, Observer, Observers
-from instruments.errors import InstrumentError, NotConfigured, OutOfRange
+from instruments.errors import NotConfigured, OutOfRange
+from instruments.safe_state import failing_with
 from instruments.units import quantity
 from instruments.values import Codes, Scaling, Timebase
 from labctl.bench.identity import who_they_are
@@ -156,7 +157,7 @@ class Hands:
             raise NotConfigured("the drive is off, and the oscilloscope is triggered by its marker: switch it on")
         samples = max(1, round(window_s * SAMPLE_RATE))
         asked = tuple(patchings[0].values()), samples, averages, self.laser.power
-        with self._dark_on_failure():
+        with failing_with(self.dark):
             if not self._bench.lit:
                 self._switch_on()
             if self._configured != asked:
@@ -217,18 +218,6 @@ class Hands:
         """
         self._configured = None
         self._light.close()
-
-    @contextmanager
-    def _dark_on_failure(self) -> Iterator[None]:
-        """Whatever ends the block early leaves no light behind; what that fails at is a note to the error."""
-        try:
-            yield
-        except BaseException as error:
-            try:
-                self.dark()
-            except (InstrumentError, OSError) as failure:
-                error.add_note(str(failure))
-            raise
 
     def _switch_on(self) -> None:
         self._light.enter_context(self._bench.emitting(self.laser.wavelength_nm))

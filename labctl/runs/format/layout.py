@@ -22,6 +22,11 @@ from pathlib import Path
 from labctl.runs.format.store import is_elsewhere
 
 
+def is_taken(path: Path) -> bool:
+    """Whether a file is there, or a folder that holds something: what is written anew needs another place."""
+    return path.exists() and (not path.is_dir() or any(path.iterdir()))
+
+
 @dataclass(frozen=True)
 class RunPaths:
     """Where things lie in a run directory."""

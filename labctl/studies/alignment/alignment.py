@@ -25,6 +25,7 @@ from labctl.bench.supervision import supervised
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError, StationError, UsageError, writing
 from labctl.reports.alignment import alignment_report
+from labctl.runs.format.layout import is_taken
 from labctl.runs.format.origin import Origin
 from labctl.runs.live.logs import CommandLog
 from labctl.runs.write.room import require
@@ -103,7 +104,7 @@ def align_bench(
     """
     started = datetime.now(UTC)
     folder = directory or calibration.new_folder(station, started)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if is_taken(folder):
         raise UsageError(f"{folder}: is not empty: name a new directory")
     images = images_for(ImageReadout(images=PROBES, seed=SEED))
     results: list[Result] = []

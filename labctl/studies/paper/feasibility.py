@@ -13,6 +13,7 @@ from labctl.bench.opening import opened
 from labctl.bench.station import Station
 from labctl.engine.inputs import inputs_for
 from labctl.errors import LabctlError, StationError, UsageError
+from labctl.runs.format.layout import is_taken
 from labctl.runs.live.logs import CommandLog
 from labctl.studies.paper.analyses import analysis_of
 from labctl.studies.paper.experiments import Experiment
@@ -32,7 +33,7 @@ def check(plan: Plan) -> dict[str, Exception]:
         UsageError: the folder for the runs holds something.
         LinkError: an instrument cannot be reached.
     """
-    if plan.folder.is_file() or (plan.folder.is_dir() and any(plan.folder.iterdir())):
+    if is_taken(plan.folder):
         raise UsageError(f"--out = {plan.folder}: is not empty: name a new folder")
     if plan.store is not None and not plan.station.wholly_simulated:
         raise UsageError(f"--store = {plan.store}: runs of a real bench are measured into --out: leave --store out")

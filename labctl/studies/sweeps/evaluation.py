@@ -22,6 +22,8 @@ from labctl.studies.tasks import one_by_one
 
 FIGURES = "figures"
 Judged = dict[str, Any]
+Answer = Judged | AnalysisError
+"""How a run is judged; or why it is not, where it lacks shots still."""
 _VALUE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
 
@@ -30,9 +32,7 @@ def evaluate_sweep(
     *,
     window_s: float | None = None,
     ports: Sequence[int] | None = None,
-    carried_out: Callable[
-        [Mapping[str, Callable[[], Judged | AnalysisError]]], Mapping[str, Judged | AnalysisError]
-    ] = one_by_one,
+    carried_out: Callable[[Mapping[str, Callable[[], Answer]]], Mapping[str, Answer]] = one_by_one,
 ) -> dict[str, Any]:
     """Accuracy of a softmax readout at every point of a sweep that was measured, by random splits; draws its figure.
 
@@ -74,8 +74,7 @@ def evaluate_sweep(
     }
 
 
-def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) -> Judged | AnalysisError:
-    """How a run is recognised; why it is not, where it lacks shots still."""
+def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) -> Answer:
     with open_run(run) as opened:
         complete = opened.complete
         try:

@@ -1,0 +1,61 @@
+"""What a command tells where something about the command itself is unusual: its words, its output, what it is given."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.command_line import LABCTL, labctl
+
+
+def test_without_a_command_the_help_is_shown_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, told = labctl(capsys)
+    assert status == 2
+    assert told.startswith("Usage: labctl [OPTIONS] COMMAND [ARGS]...\n\n")
+    assert labctl(capsys, "run", "--foo")[2].endswith("`labctl run --help` lists what there is\n")
+
+
+def test_a_closed_output_takes_what_is_printed_to_nowhere(tmp_path: Path) -> None:
+    words = (*LABCTL, "runs", str(tmp_path))
+    done = subprocess.run(
+        [shutil.which("sh") or "sh", "-c", 'exec "$@" >&-', "sh", *words], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_what_an_encoding_lacks_is_escaped(tmp_path: Path) -> None:
+    (tmp_path / "b\u00b5nch.toml").write_text("no", encoding="utf-8")
+    words = (*LABCTL, "check", "--station", str(tmp_path / "b\u00b5nch.toml"), "--json")
+    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(words, capture_output=True, env=ascii_only, check=False)
+    assert done.returncode == 2
+    assert b"b\\xb5nch.toml: is not TOML" in done.stderr
+    assert b"Traceback" not in done.stderr
+
+
+def test_debug_adds_the_traceback_and_changes_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:
+    plain = labctl(capsys, "check", "--station", "nowhere.toml", "--json")
+    status, out, told = labctl(capsys, "check", "--station", "nowhere.toml", "--json", "--debug")
+    assert (status, out) == plain[:2]
+    assert told.startswith("Traceback")
+    assert told.endswith(plain[2])
+
+
+def test_runs_of_a_folder_that_is_not_there_are_not_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, told = labctl(capsys, "runs", tmp_path / "rusn")
+    assert (status, told) == (2, f"labctl: {tmp_path / 'rusn'}: no such folder: name one with runs in it\n")
+
+
+def test_notes_of_what_is_no_run_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = f"labctl: {tmp_path}: not a run directory (no manifest.json in it): name a run\n"
+    assert labctl(capsys, "note", tmp_path)[::2] == (2, told)
+
+
+def test_a_folder_that_is_no_run_is_called_so_whatever_is_in_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "link").symlink_to("/etc/hostname")
+    for command in ("verify", "show", "resume"):
+        assert "not a run directory" in labctl(capsys, command, tmp_path)[2]
