@@ -157,8 +157,8 @@ class Likeness:
         self._repeats_of_light: list[float] = []  # the same, of the root of the light of both
         self._of_doubted: list[tuple[float, float]] = []  # of both, those of pairs that are doubted
         self._from_darkness: list[float] = []  # times the noise that records of the reference differed from dark ones
-        self._lit_references: list[float] = []  # the same, whether or not records tell pictures apart
-        self._lit_until = 0  # the last of these
+        self._lit_until = 0  # the last reference that was lit
+        self._unlit: list[float] = []  # as `_from_darkness`, of those since
         self._pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []  # of references: what differs, levels
         self._from_before = Unlike(shots, alike, lambda shot: shots[shot - 1])
         self._from_dark = Unlike(shots, alike, lambda shot: replace(shots[shot], kind=ShotKind.DARK))
@@ -185,6 +185,7 @@ class Likeness:
             self._repeats.remove(part)
             self._repeats_of_light.remove(of_light)
         self._of_doubted = []
+        self._unlit = []
         self._unjudged = []
         self._agreed = min(self._agreed, finding.first)
         if self._dark_record is not None and self._dark_record.shot >= finding.first:
@@ -281,17 +282,19 @@ class Likeness:
     def _of_reference(self, record: Known, before: NDArray[np.float32] | None) -> Finding | None:
         """A record of the reference picture that is rather one of the shot before, or of any other picture."""
         shot, values = record
+        if self._is_dark(values):
+            return self._of_unlit_reference(record, before)
         known, self._reference = self._reference, record
+        if self._dark_record is not None:
+            self._from_darkness = [*self._from_darkness, *self._unlit, self._times_from_darkness(values)][-REMEMBERED:]
+            self._unlit = []
+            self._lit_until = shot
         if known is None:
             return None
-        if self._went_out(record, before):
-            return Finding(self._lit_until, WENT_OUT.format(shot), told_by=shot)
         own = _squares(values - known.values)
         self._pairs = [*self._pairs, (own, _mean(values))][-REMEMBERED:]
         if self._dark_record is None or not self._tells_apart(self._noise):
             return None
-        dark = self._dark_record.values
-        self._from_darkness = [*self._from_darkness, float(_times(_squares(values - dark), self._noise))][-REMEMBERED:]
         part = float(self._part_of_usual(own))
         learned = len(self._repeats) >= ENOUGH
         of_light = part / math.sqrt(self._differ((values, known.values))[1])
@@ -316,21 +319,27 @@ class Likeness:
         self._followed = None if usual else (known, record)
         return None
 
-    def _went_out(self, record: Known, before: NDArray[np.float32] | None) -> bool:
-        """Whether a record of the reference and the lit one before it are dark, as no reference was before.
+    def _of_unlit_reference(self, record: Known, before: NDArray[np.float32] | None) -> Finding | None:
+        """A dark record of the reference: light went out, if the lit picture before is dark too, as no reference was.
 
-        Asked first: records of a bench that went dark soon differ too little for anything else to be said of them.
+        Until a reference is lit again, it tells nothing of what light of few photons looks like.
         """
-        if before is None or self._dark_record is None:
-            return False
-        both = np.stack([before, record.values]) - self._dark_record.values
-        times = _times(_squares(both), self._most_noise)
-        dark = times <= 1 + SURE / math.sqrt(before.size)
-        if not dark[1]:
-            self._lit_until = record.shot
-            self._lit_references = [*self._lit_references, float(times[1])][-REMEMBERED:]
-        usually = _quantile(self._lit_references, FEW) if self._lit_references else 0.0
-        return bool(dark.all() and self._lit[record.shot - 1] and usually >= CONTRAST)
+        self._unlit.append(self._times_from_darkness(record.values))
+        usually = _quantile(self._from_darkness, FEW) if self._from_darkness else 0.0
+        both = before is not None and self._lit[record.shot - 1] and self._is_dark(before)
+        if not both or usually < CONTRAST or self._hidden:
+            return None
+        return Finding(self._lit_until, WENT_OUT.format(record.shot), told_by=record.shot)
+
+    def _times_from_darkness(self, values: NDArray[np.float32]) -> float:
+        """So many times the noise that a record differs from the last dark one; nan where there was none."""
+        if self._dark_record is None:
+            return math.nan
+        return float(_times(_squares(values - self._dark_record.values), self._most_noise))
+
+    def _is_dark(self, values: NDArray[np.float32]) -> bool:
+        """Whether a record is dark, within noise; False where there was no dark one."""
+        return self._times_from_darkness(values) <= 1 + SURE / math.sqrt(values.size)
 
     def _after_reference(self, record: Known) -> Finding | None:
         """The record after one of the reference picture is rather the one that this should have been."""
