@@ -6,6 +6,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from instruments.units import any_quantity
+
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
@@ -19,6 +21,9 @@ LARGEST_NUMBER = 2**63
 """Whole numbers of TOML have 64 bits; larger ones are refused, because other programs cannot read them either."""
 LONGEST_PART = 300
 """Characters of a key, a value or a reason in a message."""
+
+BOUNDS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
+"""Kinds of faults whose message ends with a number."""
 
 
 class TomlError(ValueError):
@@ -86,6 +91,8 @@ def describe(error: "ValidationError", keys: Iterable[str] = ()) -> str:
         hint = f"did you mean {meant[0]}?" if meant else "check its spelling against the reference of settings"
         return f"{key} = {value}: unknown key: {hint}"
     message = _cut(fault["msg"].removeprefix("Value error, "))
+    if fault["type"] in BOUNDS and isinstance(fault["input"], str) and (known := any_quantity(fault["input"])):
+        message = f"{message} {known[1]}"
     return f"{key} = {value}: {message}" if key else message
 
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from contextlib import suppress
 from functools import cache
 from typing import Annotated, Any
 
@@ -86,6 +87,14 @@ def quantity(text: str, unit: str) -> float:
     except pint.PintError:
         raise ValueError(f"{text!r} is not in {unit}: write it like '1 {unit}'") from None
     return float(f"{converted:.{_SIGNIFICANT_DIGITS}g}")
+
+
+def any_quantity(text: str) -> tuple[float, str] | None:
+    """The number that `text` stands for and the unit that it is in, whichever `quantity` knows; None of other text."""
+    for unit in _USUAL:
+        with suppress(ValueError):
+            return quantity(text, unit), unit
+    return None
 
 
 def watts(dbm: float) -> float:

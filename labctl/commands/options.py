@@ -5,11 +5,22 @@ from typing import Annotated
 
 import typer
 
+from labctl.errors import UsageError
 from labctl.runs.format.store import here
+
+
+def _folder(path: Path | None) -> Path | None:
+    """Raises UsageError: it is not there, and other places would be searched in its stead."""
+    if path is not None and not path.is_dir():
+        raise UsageError(f"--data {path}: is no folder: name one that holds data sets, or leave --data out")
+    return path
+
 
 RunHereArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", parser=here)]
 StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
-DataOption = Annotated[Path | None, typer.Option("--data", help="Folder of data sets, searched first.")]
+DataOption = Annotated[
+    Path | None, typer.Option("--data", callback=_folder, help="Folder of data sets, searched first.")
+]
 NoteOption = Annotated[str, typer.Option("--note", help="A note on the run; kept beside the data.")]
 TagsOption = Annotated[list[str] | None, typer.Option("--tag", help="A word to find it by; may be repeated.")]
 StarOption = Annotated[bool, typer.Option("--star", help="Mark the run with a star.")]

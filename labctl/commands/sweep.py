@@ -83,6 +83,8 @@ def sweep(
         if not bench.wholly_simulated:
             raise UsageError(f"--store = {store}: runs of a real bench are measured into --out: leave --store out")
         scheduler = scheduler or LOCAL
+    if scheduler is not None:
+        folder.require_simulated(every)
     engine = None if scheduler is None else engine_of(scheduler)
     plan = _plan(every, directory, data, access)
     if dry_run:

@@ -11,11 +11,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 
-from instruments.units import quantity
+from instruments.units import any_quantity
 from labctl.errors import UsageError
 
 LONGEST = 500
-UNITS = ("s", "W", "V", "Hz", "nm")
 OPERATORS = ("!=", "<=", ">=", "=", "<", ">", "~")
 _TOKEN = re.compile(r"""\s*(?:(?P<text>"[^"]*"|'[^']*')|(?P<sign>!=|<=|>=|[=<>~()])|(?P<word>[^\s()=<>!~"']+|!))""")
 _HAS = "EXISTS (SELECT 1 FROM fact WHERE fact.run = run.name AND fact.key = ? AND {})"
@@ -156,10 +155,8 @@ def _number(value: str) -> float | None:
     """A number, or a quantity in SI units (a wavelength in nm); None for anything else."""
     with suppress(ValueError):
         return float(value)
-    for unit in UNITS:
-        with suppress(ValueError):
-            return quantity(value, unit)
-    return None
+    known = any_quantity(value)
+    return None if known is None else known[0]
 
 
 def _literally(text: str) -> str:

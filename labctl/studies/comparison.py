@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.remedies import unwritable
 from labctl.analysis.evaluation import WindowAccuracy, accuracy_against_window, mean_and_sd, window_key, windows_to_try
 from labctl.analysis.splits import enough_splits
 from labctl.analysis.windows import WindowFeatures
-from labctl.errors import AnalysisError, RunError
+from labctl.errors import AnalysisError
 from labctl.printable import printable
 from labctl.reports.canvas import Series
 from labctl.reports.figure_files import save_figure
@@ -23,7 +22,7 @@ from labctl.runs.format.origin import Origin
 from labctl.runs.read.differences import Difference, settings_that_differ
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import Run, open_run
-from labctl.studies.inspection import port_names, signals
+from labctl.studies.inspection import cannot_be_drawn, port_names, signals
 
 MOST_SPLITS = 5
 SEED = 1
@@ -114,7 +113,7 @@ def draw(comparison: Comparison, out: Path) -> list[Path]:
             figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=0, claim=None)
             pictures.append(save_figure(figure, out / "accuracy", comparison.origin).png)
     except OSError as error:
-        raise RunError(unwritable(out, error, "name another folder by --out")) from None
+        raise cannot_be_drawn(out, error) from None
     return pictures
 
 

@@ -131,7 +131,9 @@ def is_one_picture(place: Path) -> bool:
 
 def cannot_be_drawn(place: Path, error: OSError) -> RunError:
     """The one line for pictures that cannot be written."""
-    return RunError(unwritable(place, error, "name another place by --out"))
+    elsewhere = "name another place by --out"
+    line = unwritable(place, error, elsewhere)
+    return RunError(line if line.endswith(elsewhere) else f"{line}, or {elsewhere}")
 
 
 def _blocks(run: Run, shots: NDArray[np.intp]) -> list[NDArray[np.intp]]:

@@ -106,6 +106,7 @@ def test_one_bench_measures_one_run_after_the_other(tmp_path: Path) -> None:
     status, found, _ = run(*words, "--out", tmp_path / "swept")
     assert status == 2
     assert found["error"].endswith("one bench measures one run after the other: leave --scheduler out")
+    assert not (tmp_path / "swept").exists()
 
 
 def test_what_was_said_at_the_start_is_said_once_of_every_run_also_of_those_measured_later(swept: Path) -> None:

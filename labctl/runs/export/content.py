@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.errors import RunError
+from labctl.printable import printable
 from labctl.runs.read.run import Run
 from labctl.runs.read.variables import Variable, variables_of
 
@@ -57,7 +58,7 @@ class Content:
             tuple(one for one in variables_of(run) if one.name != left_out),
             places,
             {
-                "title": f"run {run.path.resolve().name} of labctl",
+                "title": f"run {printable(run.path.resolve().name)} of labctl",
                 "format_version": str(run.manifest["format_version"]),
                 "manifest": json.dumps(run.manifest),
                 "complete": int(run.complete),

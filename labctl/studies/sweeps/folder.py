@@ -221,8 +221,7 @@ def carry_out_side_by_side(
     missing = [point for point in every if file.store or point.name not in complete]
     if not missing:
         return Measured(directory, len(every), len(every), 0)
-    if real := next((point.station for point in missing if not point.station.wholly_simulated), None):
-        raise StationError(f"{real.source}: one bench measures one run after the other: leave --scheduler out")
+    require_simulated(missing)
     saying = Saying(file.said)
     tasks: dict[str, Callable[[], Outcome]] = {}
     for point in missing:
@@ -283,6 +282,16 @@ def _is_complete(run: Path) -> bool:
     """Whether nothing of a run is missing, nor its data.h5; a run in a store is whole."""
     paths = RunPaths(run)
     return paths.manifest.exists() if is_elsewhere(run) else paths.data.exists() and run_row(paths).complete
+
+
+def require_simulated(every: list[Point]) -> None:
+    """Refuse to measure several points at once with one real bench.
+
+    Raises:
+        StationError: a bench is not wholly simulated.
+    """
+    if real := next((point.station for point in every if not point.station.wholly_simulated), None):
+        raise StationError(f"{real.source}: one bench measures one run after the other: leave --scheduler out")
 
 
 def forecasts(every: list[Point], *, data: Path | None, access: Access) -> Iterator[dict[str, Any]]:

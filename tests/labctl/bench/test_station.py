@@ -48,6 +48,7 @@ def test_units_are_understood(tmp_path: Path) -> None:
     [
         ("[awg]\ncolour = 1", r"bench\.toml: awg\.colour = 1: unknown key"),
         ("[laser]\npower = '30 V'", r"laser\.power = '30 V': '30 V' is not in W: write it like '1 W'"),
+        ("[scope]\nbandwidth = '-3 GHz'", r"scope\.bandwidth = '-3 GHz': Input should be greater than 0 Hz$"),
         ("[laser]\npower = '30'", r"laser\.power = '30': '30' has no unit"),
         ("[scope]\nchannels = [5]", r"scope\.channels\.0 = 5: "),
         ("[patch_panel]\nports = 'all'", r"patch_panel\.ports = 'all': 'all' is not a list of ports"),

@@ -96,6 +96,7 @@ class TestWrongUse:
                 "choose one of dynamic-scene, ghost-imaging, image-readout, sequence-readout, wavelength-scan",
             ),
             (["run", "wavelength-scan", "--set", "ports=0,0"], "ports = '0,0': (0, 0) names one twice: list each once"),
+            (["run", "image-readout", "--data", "/dev/null"], "--data /dev/null: is no folder: name one that holds"),
             (["run", "image-readout", "--bogus"], "No such option: --bogus"),
             (["fly"], "No such command 'fly'"),
             (["run", "image-readout", "--set", "images=40", "seed=7"], "(seed=7): write --set before each setting"),

@@ -1,5 +1,6 @@
 """`labctl show`: pictures and numbers of a run, a summary of other files, a clear refusal of the rest."""
 
+import errno
 from pathlib import Path
 
 import h5py
@@ -8,6 +9,7 @@ import pytest
 from PIL import Image
 
 from labctl.runs.read.run import open_run
+from labctl.studies.inspection import cannot_be_drawn
 from tests.labctl.commands.conftest import AsJson, Typed
 
 RECORDING = Path(__file__).parents[1] / "bench" / "recording" / "check.rec"
@@ -64,6 +66,12 @@ def test_what_cannot_be_shown_is_told_in_one_line(
     assert (status, out) == (2, "")
     assert message in told
     assert told.count("\n") == 1
+
+
+def test_pictures_of_a_run_of_somebody_else_may_go_elsewhere() -> None:
+    told = str(cannot_be_drawn(Path("theirs/figures"), PermissionError(errno.EACCES, "Permission denied")))
+    assert told.startswith("theirs/figures: cannot be written (Permission denied): use a place that is yours")
+    assert told.endswith(", or name another place by --out")
 
 
 def test_other_files_say_what_they_are(tmp_path: Path, as_json: AsJson) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import subprocess
 import sys
 import tracemalloc
@@ -135,6 +136,14 @@ def test_every_format_gives_the_run_back(
 @pytest.mark.parametrize("to", FORMATS)
 def test_ports_at_several_wavelengths_and_code_zero_come_back(to: str) -> None:
     check(twice, to, "codes", None, finished=True)
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_run_may_have_any_name(to: str, tmp_path: Path) -> None:
+    """The name of a folder need not be text, nor fit on one line."""
+    run = write_whole(tmp_path / os.fsdecode(b"run\n\xff"), twice)
+    export(run, to, tmp_path / "out", "codes")
+    assert (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("to", ["netcdf"])
