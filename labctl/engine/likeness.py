@@ -8,16 +8,28 @@ chance would often make two of them look alike, nothing is said.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from instruments.values import Codes
+from labctl.engine.alike import LIT, Alike, Unlike
+from labctl.engine.darkness import LEAST_NOISE, SURE, Darkness, Known
+from labctl.engine.record_differences import (
+    mean,
+    mean_squares,
+    median_and_scatter,
+    part_of,
+    quantile,
+    rms,
+    times_noise,
+    variation,
+)
 from labctl.engine.repetition import UNLIKELY, Repetition
-from protocols.base import Images, Inputs, Shot, ShotKind
+from protocols.base import Shot, ShotKind
 
 CONTRAST = 6.0
 """Times the noise that different pictures must differ by, as a rule: below, records do not tell pictures apart. And all
@@ -26,8 +38,6 @@ FEW, NOT_A_FEW = 0.1, 0.25
 STEADY = 0.1
 """Part of the light that different pictures must differ by as well: power, gain and the trigger's jitter are common to
 a record and vary by hundredths of the light, which no dark record shows."""
-SURE = 2.5
-"""Standard deviations by which two records of one picture may differ more than noise has it."""
 FEWEST_VALUES, FEWEST_OF_ONE_SHOT = 40, 80
 """Of a record, below which chance decides whether it looks like another one; and where one shot alone is judged."""
 RATHER = 2.0
@@ -40,39 +50,26 @@ them differ nearly as much as those of different pictures."""
 STRAYS = 5.0
 """Standard deviations by which the rms of a record's noise may stray: of n samples, every other one independent, by
 1 / sqrt(n) of itself. Single photons make it stray further; then by as many of what references differed by so far."""
-SIGMAS_OF_MEDIAN_DEVIATION = 1.4826
-"""Standard deviation of what is normal, in median deviations."""
 LIT_ALIKE = 0.7
 """Part of a record with light that a dark one holds where it is not dark."""
 FLAT = 3.0
 """Times that a record with light varies more from sample to sample than a dark one."""
-NEARLY = 0.25
-"""Part of the lit pixels by which two images must differ for their records to be told apart for sure."""
 HARDLY = 1.1
 """Times the noise that records with light differ from dark ones at most where there is no light."""
-LEAST_NOISE = 0.5
-"""Codes that quantisation alone makes two records differ by."""
 MOST_VALUES = 256
 """Of each channel and record, which are looked at: enough to tell pictures apart, however long the record."""
 MOST_PAIRS = 0.9
 """Part of the pairs of references that differ by no more than what light is taken to add to noise."""
 REMEMBERED = 256
 """Differences between pictures that what is usual is taken from."""
-GAP = 1.5
-"""Times the noise, up to which no record of a pass may come near another one's for those within noise to be told."""
 ENOUGH = 3
 """Differences that what is usual is taken from at least."""
-LIT = (ShotKind.IMAGE, ShotKind.REFERENCE)
 LATE = "bench: {}: pictures or records come late; switch oscilloscope and DMD off and on"
 NOT_SHOWN = "dmd: shot {}: its record is {}, within noise: its picture was not shown{}; switch the DMD off and on"
 DARK, BEFORE = ("dark", ", or has hardly a lit pixel"), ("that of the shot before", "")
 STUCK = "dmd: dark shot {} is lit as the shot before: the mirrors stand still, or light passes them by; restart the DMD"
 NO_LIGHT = "bench: records with light differ from dark ones by noise alone: check laser, fibres and DMD"
 WENT_OUT = "bench: reference shot {} and the one before it are dark, earlier ones were not: check laser, fibres and DMD"
-
-Alike = Callable[[Shot, Shot, float], bool]
-"""Whether two shots show nearly the same, or differ by less than a part of the pixels that images usually have lit."""
-
 
 Records = tuple[NDArray[np.float32], NDArray[np.float32]]
 """Two of them, shape (channels, samples)."""
@@ -91,38 +88,6 @@ class Finding(NamedTuple):
     told_by: int | None = None
 
 
-class Known(NamedTuple):
-    """The record of a shot, shape (channels, samples)."""
-
-    shot: int
-    values: NDArray[Any]
-
-
-class Unlike:
-    """Tells shots whose records are within noise of others, though they show something else.
-
-    A gap must be between those and all that differ: otherwise some of them are so near by chance.
-    """
-
-    def __init__(self, shots: Sequence[Shot], alike: Alike, other: Callable[[int], Shot]) -> None:
-        """Of a pass that measures `shots`; `other`: the one that the record of a shot is held against."""
-        self._shots = shots
-        self._alike = alike
-        self._other = other
-        self._between = 0  # records that lay in the gap
-
-    def unlike(self, shots: NDArray[Any], times: NDArray[np.float64], faint: float) -> list[int]:
-        """Those of `shots` whose records differ from those of the others by no more than the noise: by 1 `times` it."""
-        near = [
-            (shot, nearness)
-            for shot, nearness in zip(shots[times <= GAP].tolist(), times[times <= GAP].tolist(), strict=True)
-            if not self._alike(self._other(shot), self._shots[shot], faint)
-        ]
-        found = [shot for shot, nearness in near if nearness <= 1]
-        self._between += len(near) - len(found)
-        return [] if self._between else found
-
-
 class Likeness:
     """Holds the records of a pass, as they come, against one another."""
 
@@ -138,14 +103,11 @@ class Likeness:
         self._repeated = self._lit & np.isin(self._picture, references[:1])
         self._repetition = Repetition()
         self._last: Known | None = None
-        self._dark_record: Known | None = None
-        self._dark_level: NDArray[Any] | float = 0.0  # of the dark record, codes of each channel
+        self._darkness = Darkness()
         self._reference: Known | None = None
         self._followed: tuple[Known, Known] | None = None  # the references that came last, if unusual
         self._pending: Finding | None = None  # not said before it is known how much references differ
         # Of each channel, shape (channels,):
-        self._noise = self._most_noise = np.ones(1)  # of the difference of two dark records, as they say, and at most
-        self._least_noise = np.full(1, np.inf)  # that any dark record has shown: a stray photon makes one noisier
         self._noise_of_light = np.zeros(1)  # variance that the reference's light adds to that of a difference
         self._light = np.ones(1)  # of the reference, codes
         self._lit_level = np.zeros(1)  # mean code of the records with light that came last
@@ -188,8 +150,7 @@ class Likeness:
         self._unlit = []
         self._unjudged = []
         self._agreed = min(self._agreed, finding.first)
-        if self._dark_record is not None and self._dark_record.shot >= finding.first:
-            self._dark_record, self._dark_level = None, 0.0
+        self._darkness.forget(finding.first)
         if self._reference is not None and self._reference.shot >= finding.first:
             self._reference = None
 
@@ -199,7 +160,7 @@ class Likeness:
             return None
         end = begin + len(values)
         lit, dark = self._lit[begin:end], self._dark[begin:end]
-        differences = _squares(np.diff(values, axis=0))
+        differences = mean_squares(np.diff(values, axis=0))
         pictures = np.where(dark, -1, self._picture[begin:end])
         levels = values.mean(axis=2)
         if lit.any():
@@ -246,17 +207,17 @@ class Likeness:
         """A dark record that holds the shot before it; or one with light, where the next has none that should."""
         lit, dark = self._lit[begin : begin + len(values)], self._dark[begin : begin + len(values)]
         late = np.flatnonzero(dark[:-1] & lit[1:])
-        flat, following = _varies(values[late]), _varies(values[late + 1])
+        flat, following = variation(values[late]), variation(values[late + 1])
         swapped = flat > FLAT * following
         others = lit & ~np.append(False, dark[:-1])  # what follows a dark shot is dark where all come late
-        usually = float(np.quantile(_varies(values[others]), NOT_A_FEW)) if swapped.any() and others.any() else 0.0
+        usually = float(np.quantile(variation(values[others]), NOT_A_FEW)) if swapped.any() and others.any() else 0.0
         for place in late[swapped & (FLAT * flat > usually) & (usually > FLAT * following)]:
             shot = begin + int(place)
             what = LATE.format(f"dark shot {shot} is lit and the next is not")
             return Finding(self._agreed, what, told_by=shot + 1)
         darkened = np.flatnonzero(lit[:-1] & dark[1:])
-        darkened = darkened[_varies(values[darkened]) > FLAT * LEAST_NOISE]
-        for place in darkened[_part_of(values[darkened], values[darkened + 1]) > LIT_ALIKE]:
+        darkened = darkened[variation(values[darkened]) > FLAT * LEAST_NOISE]
+        for place in darkened[part_of(values[darkened], values[darkened + 1]) > LIT_ALIKE]:
             return Finding(self._agreed, STUCK.format(begin + place + 1))
         return None
 
@@ -265,35 +226,29 @@ class Likeness:
 
         A dark record that differs from the one before as different pictures do is lit, or the other one was.
         """
-        varies = 2 * record.values.var(axis=1, dtype=np.float64)
-        known, self._dark_record = self._dark_record, record
-        self._dark_level = _mean(record.values)
-        pair = varies if known is None else _squares(record.values - known.values)
-        if known is not None and self._tells_apart(self._noise) and self._part_of_usual(pair) > OTHER:
-            codes = f"{_rms(pair):.1f} codes"
+        pair = self._darkness.take(record)
+        if pair is not None and self._tells_apart(self._darkness.noise) and self._part_of_usual(pair) > OTHER:
+            codes = f"{rms(pair):.1f} codes"
             what = f"dark shot {record.shot} differs from the one before by {codes}, as different pictures do"
             return Finding(self._agreed, LATE.format(what), told_by=record.shot)
-        least = LEAST_NOISE**2
-        self._noise = np.sqrt(np.maximum(np.minimum(pair, varies), least))
-        self._most_noise = np.sqrt(np.maximum(np.maximum(pair, varies), least))
-        self._least_noise = np.minimum(self._least_noise, self._most_noise)
+        self._darkness.learn(record, pair)
         return None
 
     def _of_reference(self, record: Known, before: NDArray[np.float32] | None) -> Finding | None:
         """A record of the reference picture that is rather one of the shot before, or of any other picture."""
         shot, values = record
-        if self._is_dark(values):
+        if self._darkness.holds(values):
             return self._of_unlit_reference(record, before)
         known, self._reference = self._reference, record
-        if self._dark_record is not None:
-            self._from_darkness = [*self._from_darkness, *self._unlit, self._times_from_darkness(values)][-REMEMBERED:]
+        if self._darkness.record is not None:
+            self._from_darkness = [*self._from_darkness, *self._unlit, self._darkness.times_from(values)][-REMEMBERED:]
             self._unlit = []
             self._lit_until = shot
         if known is None:
             return None
-        own = _squares(values - known.values)
-        self._pairs = [*self._pairs, (own, _mean(values))][-REMEMBERED:]
-        if self._dark_record is None or not self._tells_apart(self._noise):
+        own = mean_squares(values - known.values)
+        self._pairs = [*self._pairs, (own, mean(values))][-REMEMBERED:]
+        if self._darkness.record is None or not self._tells_apart(self._darkness.noise):
             return None
         part = float(self._part_of_usual(own))
         learned = len(self._repeats) >= ENOUGH
@@ -324,22 +279,12 @@ class Likeness:
 
         Until a reference is lit again, it tells nothing of what light of few photons looks like.
         """
-        self._unlit.append(self._times_from_darkness(record.values))
-        usually = _quantile(self._from_darkness, FEW) if self._from_darkness else 0.0
-        both = before is not None and self._lit[record.shot - 1] and self._is_dark(before)
+        self._unlit.append(self._darkness.times_from(record.values))
+        usually = quantile(self._from_darkness, FEW) if self._from_darkness else 0.0
+        both = before is not None and self._lit[record.shot - 1] and self._darkness.holds(before)
         if not both or usually < CONTRAST or self._hidden:
             return None
         return Finding(self._lit_until, WENT_OUT.format(record.shot), told_by=record.shot)
-
-    def _times_from_darkness(self, values: NDArray[np.float32]) -> float:
-        """So many times the noise that a record differs from the last dark one; nan where there was none."""
-        if self._dark_record is None:
-            return math.nan
-        return float(_times(_squares(values - self._dark_record.values), self._most_noise))
-
-    def _is_dark(self, values: NDArray[np.float32]) -> bool:
-        """Whether a record is dark, within noise; False where there was no dark one."""
-        return self._times_from_darkness(values) <= 1 + SURE / math.sqrt(values.size)
 
     def _after_reference(self, record: Known) -> Finding | None:
         """The record after one of the reference picture is rather the one that this should have been."""
@@ -351,7 +296,7 @@ class Likeness:
         return self._not_of_reference(known, reference) if rather else None
 
     def _not_of_reference(self, known: Known, record: Known) -> Finding:
-        codes = f"{_rms(_squares(record.values - known.values)):.1f} codes"
+        codes = f"{rms(mean_squares(record.values - known.values)):.1f} codes"
         what = f"shots {known.shot} and {record.shot} have one picture and differ by {codes}, as others do"
         return Finding(min(self._agreed, known.shot), LATE.format(what), told_by=record.shot)
 
@@ -369,8 +314,8 @@ class Likeness:
     def _differ(self, pair: Records) -> tuple[float, float]:
         """By how many times the noise two records differ, and the light of both, at least one noise."""
         one, other = pair
-        light = (_mean(one + other) / 2 - self._dark_level) / self._noise
-        return float(_times(_squares(one - other), self._noise)), max(float(_mean(light)), 1.0)
+        light = (mean(one + other) / 2 - self._darkness.level) / self._darkness.noise
+        return float(times_noise(mean_squares(one - other), self._darkness.noise)), max(float(mean(light)), 1.0)
 
     def _learn_noise_of_light(self, dark: NDArray[np.float32]) -> None:
         """As most pairs of references have it: power, gain and the trigger's jitter are common to a record, and chance
@@ -381,32 +326,32 @@ class Likeness:
         differences, levels = (np.array(parts) for parts in zip(*self._pairs, strict=True))
         self._light = np.maximum((levels - dark.mean(axis=1)).mean(axis=0), LEAST_NOISE)
         self._noise_of_light = np.quantile(
-            np.maximum(differences - self._noise**2, 0), MOST_PAIRS, axis=0, method="higher"
+            np.maximum(differences - self._darkness.noise**2, 0), MOST_PAIRS, axis=0, method="higher"
         )
 
     def _not_shown(self, begin: int, values: NDArray[np.float32]) -> Finding | None:
         """A record that is of the picture before its own, or of none; or all are of one."""
-        if self._dark_record is None or self._usual is None or not len(self._usual):
+        if self._darkness.record is None or self._usual is None or not len(self._usual):
             return None
-        dark = self._dark_record.values
+        dark = self._darkness.record.values
         shots, differences, levels = (np.concatenate(parts) for parts in zip(*self._unjudged, strict=True))
         self._unjudged = []
         lit = np.flatnonzero(self._lit[begin : begin + len(values)])
-        from_dark = _times(_squares(values[lit] - dark), self._most_noise)
+        from_dark = times_noise(mean_squares(values[lit] - dark), self._darkness.most_noise)
         by_chance = math.exp(STRAYS * math.sqrt(2 / values[0].size))  # times one record's noise that another has
-        from_quietest = _times(_squares(values[lit] - dark), self._least_noise)
+        from_quietest = times_noise(mean_squares(values[lit] - dark), self._darkness.least_noise)
         self._lit_once = self._lit_once or bool((from_quietest > by_chance).any())
         if not self._lit_once and self._agreed == 0 and lit.size > 2 and np.median(from_dark) <= HARDLY:
             return Finding(0, NO_LIGHT)
-        if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._most_noise) or self._hidden:
+        if values[0].size < FEWEST_OF_ONE_SHOT or not self._tells_apart(self._darkness.most_noise) or self._hidden:
             return None
         self._learn_noise_of_light(dark)
         allowed = 1 + SURE / math.sqrt(values[0].size)
-        faint = CONTRAST / self._differ_by(self._most_noise)[1]  # less light than this may be hidden by noise
+        faint = CONTRAST / self._differ_by(self._darkness.most_noise)[1]  # less light than this may be hidden by noise
         # A brighter picture's noise is not foretold from a faint reference.
         light = np.clip((levels - dark.mean(axis=1)) / self._light, 0, 1)
-        noise = _times(self._most_noise**2 + self._noise_of_light * light, self._most_noise)
-        from_before = _times(differences, self._most_noise) / (allowed * noise)
+        noise = times_noise(self._darkness.most_noise**2 + self._noise_of_light * light, self._darkness.most_noise)
+        from_before = times_noise(differences, self._darkness.most_noise) / (allowed * noise)
         dark_ones = self._from_dark.unlike(begin + lit, from_dark / allowed, faint)
         found = dict.fromkeys(dark_ones, DARK)
         found |= dict.fromkeys(self._from_before.unlike(shots, from_before, faint), BEFORE)
@@ -426,8 +371,8 @@ class Likeness:
         """
         if len(self._repeats) < ENOUGH:
             return False
-        median, scatter = _median_and_scatter(self._repeats)
-        return bool(median + scatter > 1 / RATHER or _quantile(self._from_darkness, NOT_A_FEW) < CONTRAST)
+        median, scatter = median_and_scatter(self._repeats)
+        return bool(median + scatter > 1 / RATHER or quantile(self._from_darkness, NOT_A_FEW) < CONTRAST)
 
     def _differ_by(self, noise: NDArray[np.float64]) -> tuple[float, float]:
         """By how many times the noise records of different pictures differ, all but `FEW` of them and half of them, at
@@ -437,93 +382,24 @@ class Likeness:
             return math.nan, math.nan
         usual, against, differ = self._differ_usually
         if usual is not self._usual or against is not noise:
-            times = _times(self._usual, noise)
-            differ = _quantile(times, FEW), _quantile(times, 0.5)
+            times = times_noise(self._usual, noise)
+            differ = quantile(times, FEW), quantile(times, 0.5)
             self._differ_usually = self._usual, noise, differ
         return differ
 
     def _part_of_usual(self, difference: NDArray[np.float64]) -> NDArray[np.float64]:
         """The difference of two records, or of pairs of them, of what those of different pictures differ by."""
-        return _times(difference, self._noise) / self._differ_by(self._noise)[1]
+        return times_noise(difference, self._darkness.noise) / self._differ_by(self._darkness.noise)[1]
 
     def _tells_apart(self, noise: NDArray[np.float64]) -> bool:
         """Whether records of different pictures differ by more than those of one; False as long as nobody knows."""
-        least = max(CONTRAST, STEADY * float(_times((self._lit_level - self._dark_level) ** 2, noise)))
+        least = max(CONTRAST, STEADY * float(times_noise((self._lit_level - self._darkness.level) ** 2, noise)))
         nearly_all, half = self._differ_by(noise)
         return half >= least and nearly_all >= CONTRAST / 2
 
 
-def alike_by(inputs: Inputs) -> Alike:
-    """Whether two shots show nearly the same: by their images, where there are any; otherwise all may be alike."""
-    if not isinstance(inputs, Images):
-        return lambda _one, _other, _faint: True
-    places = {int(index): place for place, index in enumerate(inputs.indices)}
-    usual = float(np.median(np.count_nonzero(inputs.images, axis=(1, 2))))
-
-    def pixels(shot: Shot) -> NDArray[np.bool_] | None:
-        if shot.kind is ShotKind.DARK:
-            return np.zeros(inputs.images.shape[1:], np.bool_)
-        return inputs.images[places[shot.dataset_index]] if shot.kind in LIT and shot.dataset_index in places else None
-
-    def alike(one: Shot, other: Shot, faint: float) -> bool:
-        shown = pixels(one), pixels(other)
-        if shown[0] is None or shown[1] is None:
-            return True
-        different, lit = np.count_nonzero(shown[0] ^ shown[1]), max(map(np.count_nonzero, (shown[0], shown[1])))
-        return bool(different <= max(NEARLY * lit, faint * usual))
-
-    return alike
-
-
-def _part_of(lit: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float64]:
-    """How much of how records with light vary from sample to sample other ones hold: 1 if all, 0 if nothing."""
-    lit, other = (values - values.mean(axis=2, keepdims=True) for values in (lit, other))
-    varies = np.maximum(np.einsum("nij,nij->n", lit, lit), 1e-9)
-    return np.asarray(np.einsum("nij,nij->n", lit, other) / varies, np.float64)
-
-
-def _varies(values: NDArray[np.float32]) -> NDArray[np.float64]:
-    """By how much records vary from sample to sample, in the mean of their channels; one photon makes no difference."""
-    return np.asarray(np.abs(values - np.median(values, axis=-1, keepdims=True)).mean(axis=(-1, -2)), np.float64)
-
-
-def _squares(values: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Mean squares of the samples of each channel."""
-    return np.asarray(np.einsum("...ij,...ij->...i", values, values) / values.shape[-1], np.float64)
-
-
-def _times(squares: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rms over the channels of records, each by its own noise."""
-    return np.asarray(np.sqrt(_mean(squares / noise**2)), np.float64)
-
-
 def _still_usual(repeats: list[float], size: int) -> float:
     """What records of the reference, of `size` samples, may differ by, where others did by `repeats`."""
-    median, scatter = _median_and_scatter(repeats or [0.0])
+    median, scatter = median_and_scatter(repeats or [0.0])
     strays = max(STILL_USUAL_TIMES, 1 + STRAYS / math.sqrt(size))
     return max(strays * median, median + STRAYS * scatter)
-
-
-def _median_and_scatter(values: Sequence[float]) -> tuple[float, float]:
-    """Of values with some far off: the standard deviation as the median deviation has it."""
-    median = _quantile(values, 0.5)
-    return median, SIGMAS_OF_MEDIAN_DEVIATION * _quantile(np.abs(np.subtract(values, median)), 0.5)
-
-
-def _mean(values: NDArray[Any]) -> NDArray[Any]:
-    """`np.mean` along the last axis, in a third of its time where values are few, as those of one record."""
-    return np.asarray(np.add.reduce(values, axis=-1) / values.shape[-1])
-
-
-def _quantile(values: ArrayLike, part: float) -> float:
-    """`np.quantile` of numbers in a row, in a tenth of its time where they are few."""
-    ordered = np.sort(values)
-    place = part * (ordered.size - 1)
-    below = int(place)
-    low, high = ordered[below], ordered[min(below + 1, ordered.size - 1)]
-    return float(low + (place - below) * (high - low))
-
-
-def _rms(squares: NDArray[np.float64]) -> float:
-    """Over channels and samples of a record, in codes."""
-    return math.sqrt(squares.mean())

@@ -14,9 +14,10 @@ import numpy as np
 from instruments.bench import Bench
 from instruments.errors import DoubtfulRecord, InstrumentError, LightLost, LinkError, SettingChanged
 from instruments.values import Frames, Scaling
+from labctl.engine.alike import alike_by
 from labctl.engine.control import Control
 from labctl.engine.glimpses import Glimpses
-from labctl.engine.likeness import Finding, Likeness, alike_by
+from labctl.engine.likeness import Finding, Likeness
 from labctl.engine.storage import Storage
 from labctl.engine.thumbnail import shown_images
 from labctl.runs.live.sight import LOOKED

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labctl.engine.likeness import Finding, Likeness, alike_by
+from labctl.engine.alike import alike_by
+from labctl.engine.likeness import Finding, Likeness
 from protocols.base import Images, Shot, ShotKind
 
 PORTS, SAMPLES, EVERY = 4, 50, 10
