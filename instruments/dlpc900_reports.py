@@ -38,11 +38,10 @@ class HidApi:
     """The first DLPC900 on USB, through `hidapi`."""
 
     def __init__(self, timeout_s: float) -> None:
-        """Open the device; a report is waited for `timeout_s`.
+        """The device is opened by the first report; one is waited for `timeout_s`.
 
         Raises:
             NotConfigured: hidapi is not installed.
-            LinkError: there is no such device, or it may not be opened.
         """
         try:
             hid: Any = importlib.import_module("hid")
@@ -51,13 +50,12 @@ class HidApi:
         self._hid = hid
         self._timeout_s = timeout_s
         self._device: Any = None
-        self._open()
 
     def write(self, report: bytes) -> None:
         """Send one report; report number 0, which hidapi wants in front, is not part of it.
 
         Raises:
-            LinkError: the cable is out; the next report opens the device anew.
+            LinkError: there is no such device, it may not be opened, or the cable is out; the next report opens it anew.
         """
         with self._conversation() as device:
             if device.write(b"\0" + report) < 0:
@@ -186,6 +184,6 @@ def reports(address: str, timeout_s: float, transcript: Transcript) -> HidDevice
     """The device at `address`: on USB, or served on the network.
 
     Raises:
-        NotConfigured, LinkError: as `HidApi` and `ReportsOverTcp`.
+        NotConfigured: as `HidApi` and `ReportsOverTcp`.
     """
     return HidApi(timeout_s) if address == USB else ReportsOverTcp(address, timeout_s, transcript)

@@ -78,26 +78,34 @@ def safe_state(steps: dict[str, Callable[[], None]]) -> None:
     """Take the steps of instruments, by name, into the safe state: in their order, each one however another ends.
 
     Raises:
-        UnsafeBench: an instrument did not obey.
+        UnsafeBench: an instrument did not obey, or its driver failed; caused by the first of these errors.
     """
-    failures: dict[str, InstrumentError | OSError] = {}
+    failures: dict[str, Exception] = {}
 
     def take(name: str, step: Callable[[], None]) -> None:
         try:
             _over_a_new_link(step)
-        except (InstrumentError, OSError) as error:
+        except Exception as error:  # a defect of a driver leaves its instrument as it is
             failures[name] = error
 
     with ExitStack() as stack:  # which calls them all, whatever one of them raises
         for name, step in reversed(steps.items()):
             stack.callback(take, name, step)
     if failures:
-        failed = "; ".join(f"{name}: {error}" for name, error in failures.items())
+        failed = "; ".join(f"{name}: {_told(error)}" for name, error in failures.items())
         dark = "laser" in steps and "laser" not in failures
         advice = "the laser is off" if dark else MAY_EMIT["laser"]
         if "amplifier" in failures:
             advice += f"; {MAY_EMIT['amplifier']}"
-        raise UnsafeBench(f"the safe state is not confirmed ({failed}): {advice}", failures)
+        first = next(iter(failures.values()))
+        raise UnsafeBench(f"the safe state is not confirmed ({failed}): {advice}", failures) from first
+
+
+def _told(error: Exception) -> str:
+    """An error in one line; one that nobody wrote for people, with its kind."""
+    if isinstance(error, InstrumentError | OSError):
+        return str(error)
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _over_a_new_link(step: Callable[[], None]) -> None:

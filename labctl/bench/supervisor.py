@@ -21,13 +21,13 @@ from collections.abc import Callable, Iterable
 from contextlib import closing, suppress
 from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn, cast
+from typing import BinaryIO, NoReturn, cast
 
 from pydantic import BaseModel
 
-from instruments.driver import Driver, Opening
+from instruments.driver import Opening
 from instruments.errors import InstrumentError, LinkError
-from instruments.interfaces import INTERFACES
+from instruments.interfaces import INTERFACES, Instrument
 from instruments.safe_state import MAY_EMIT, ORDER, UnsafeBench, in_order, safe_state
 from instruments.sections import SIMULATED
 from labctl.bench.stand_in import Followed, alone, kill_when_stopped, with_a_copy
@@ -109,7 +109,8 @@ def supervise(
     if not first.endswith(b"\n"):
         return  # the parent ended before there was anything to do
     task = Task.model_validate_json(first)
-    drivers = {name: task.station.driver_of(name) for name in within_reach(task.station)}
+    log = CommandLog(started=task.log_started)
+    instruments = {name: _instrument(task.station, name, log) for name in within_reach(task.station)}
     followed = follow(orders)
     if followed.acts.is_set():
         say(READY)
@@ -120,7 +121,14 @@ def supervise(
     if parent.saw_to_it:
         followed.dismiss()
     else:
-        _see_to_it(task, drivers, parent.log, STOPPED if stopped.is_set() else UNSAFE, say, pause, followed.dismiss)
+        end = STOPPED if stopped.is_set() else UNSAFE
+        _see_to_it(task.station, instruments, log, parent.log, end, say, pause, followed.dismiss)
+
+
+def _instrument(station: Station, name: str, log: CommandLog) -> Instrument:
+    """One that is not spoken to yet. Whatever files its driver needs are read now: later they may be gone."""
+    section = station.section_of(name)
+    return station.driver_of(name).open(section, Opening(section.address, log, _nobody, attended=True))
 
 
 def main() -> None:
@@ -155,20 +163,21 @@ def _let_go() -> None:
 
 
 def _see_to_it(
-    task: Task,
-    drivers: dict[str, Driver[Any]],
+    station: Station,
+    instruments: dict[str, Instrument],
+    log: CommandLog,
     path: Path | None,
     end: str,
     say: Callable[[bytes], None],
     pause: Callable[[float], None],
     dismiss: Callable[[], None],
 ) -> None:
-    """Make the bench safe, and tell; how the parent came to its `end`, and its log is at `path`.
+    """Make the bench safe, and tell; how the parent came to its `end`, and its log, which `log` goes on, is at `path`.
 
     Whoever kills this process when it has done what can be done, `dismiss` says, is not to meet another one.
     """
     began = time.monotonic()
-    by_hand = "laser" in task.station.by_hand
+    by_hand = "laser" in station.by_hand
 
     def report(what: str, disobeyed: Iterable[str] = (), *, reached: bool = False) -> None:
         log.warning(f"{what} ({time.monotonic() - began:.2f} s)")
@@ -176,11 +185,11 @@ def _see_to_it(
         events.event("safe state", reached=reached, disobeyed=sorted(disobeyed), by="supervisor", text=text)
         _tell(text, alarming=by_hand or not MAY_EMIT.keys().isdisjoint(disobeyed))
 
-    with CommandLog(started=task.log_started) as log, EventLog() as events:
-        unsafe = _make_safe(task, drivers, log)
+    with log, EventLog() as events:
+        unsafe = _make_safe(instruments)
         left = unsafe.disobeyed if unsafe is not None else frozenset()
-        outcome = _done(drivers, by_hand=by_hand) if unsafe is None else f", and the supervisor could not: {unsafe}"
-        lit = {name: found for name, found in drivers.items() if name in MAY_EMIT and name in left}
+        outcome = _done(instruments, by_hand=by_hand) if unsafe is None else f", and the supervisor could not: {unsafe}"
+        lit = {name: found for name, found in instruments.items() if name in MAY_EMIT and name in left}
         may_emit = "; ".join(MAY_EMIT[name] for name in lit)
         outcome += "".join(f"; the {name} is tried again for {AGAIN_S * ATTEMPTS / 60:.0f} min" for name in lit)
         report(end + outcome, left, reached=not (left or by_hand))
@@ -193,7 +202,7 @@ def _see_to_it(
             say(TRYING)
             for attempt in range(1, ATTEMPTS + 1):
                 pause(AGAIN_S)
-                if _make_safe(task, lit, log) is None:
+                if _make_safe(lit) is None:
                     done = ", ".join(ORDER[name] for name in lit)
                     report(f"{end}, {AT_LAST}: {done}", left - lit.keys(), reached=left == lit.keys())
                     return
@@ -205,21 +214,18 @@ def _see_to_it(
             report(f"{end}: {may_emit.replace('may still emit', 'could not be reached')}", left)
 
 
-def _make_safe(task: Task, drivers: dict[str, Driver[Any]], log: CommandLog) -> UnsafeBench | None:
-    """Take every instrument that has a driver into the safe state; what went wrong, if anything did."""
+def _make_safe(instruments: dict[str, Instrument]) -> UnsafeBench | None:
+    """Take every instrument into the safe state, over a link of its own; what went wrong, if anything did."""
 
-    def step(name: str) -> Callable[[], None]:
+    def step(instrument: Instrument) -> Callable[[], None]:
         def make_safe() -> None:
-            section = task.station.section_of(name)
-            with closing(
-                drivers[name].open(section, Opening(section.address, log, _nobody, attended=True))
-            ) as instrument:
+            with closing(instrument):
                 _patiently(instrument.make_safe)
 
         return make_safe
 
     try:
-        safe_state({name: step(name) for name in drivers})
+        safe_state({name: step(instrument) for name, instrument in instruments.items()})
     except UnsafeBench as error:
         return error
     return None
@@ -239,8 +245,8 @@ def _patiently(make_safe: Callable[[], None]) -> None:
     make_safe()
 
 
-def _done(drivers: Iterable[str], *, by_hand: bool) -> str:
-    reached = ", ".join(ORDER.get(name, f"{name} made safe") for name in drivers)
+def _done(instruments: Iterable[str], *, by_hand: bool) -> str:
+    reached = ", ".join(ORDER.get(name, f"{name} made safe") for name in instruments)
     laser = "; the laser is set by hand: switch it off by its key switch" if by_hand else ""
     return f", the supervisor did: {reached}{laser}"
 

@@ -52,18 +52,23 @@ def test_every_instrument_is_tried_when_one_fails(bench: Bench, simulation: Simu
 def test_every_instrument_is_made_safe_whatever_one_of_them_raises(
     bench: Bench, log: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A driver that fails is told as one whose instrument did not obey: its light may be on."""
+    heard: list[UnsafeBench | None] = []
+
     def garbled() -> None:
-        raise ValueError("no number")
+        raise ValueError("no\nnumber")
 
     def measure() -> None:
         with bench.emitting(1550.0):
             log.messages.clear()
             monkeypatch.setattr(bench.laser, "make_safe", garbled)
+            monkeypatch.setattr(bench.observer, "safe_state", heard.append)
 
-    with pytest.raises(ValueError, match="no number"):
+    with pytest.raises(UnsafeBench, match="laser: ValueError: no number.*key switch") as failure:
         measure()
+    assert isinstance(failure.value.__cause__, ValueError)
     assert list(dict.fromkeys(name for name, _, _ in log.messages)) == ["awg", "dmd", "scope"]
-    assert bench.lit, "somebody else has to see to it"
+    assert heard == [failure.value], "the supervisor has to see to it"
 
 
 def test_the_first_error_is_told_and_the_unsafe_bench_beside_it(bench: Bench, simulation: SimulatedBench) -> None:

@@ -263,8 +263,9 @@ def test_hidapi(monkeypatch: pytest.MonkeyPatch) -> None:
             dmd.identify()
     assert dmd.identify().manufacturer == "Texas Instruments", "the next command opens it anew"
     monkeypatch.setattr(Usb, "present", False)
+    dmd.close()
     with pytest.raises(LinkError, match="no DLPC900 on USB"):
-        HidApi(5.0)
+        dmd.identify()
     monkeypatch.setitem(sys.modules, "hid", None)
     with pytest.raises(NotConfigured, match="hidapi is not installed"):
         DRIVER.open(TiDlpc900Section(driver="ti-dlpc900"), opening("usb"))

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from instruments.alnair_tlg220 import Tlg220
 from instruments.bench import Observer
 from labctl.bench.opening import opened
 from labctl.bench.recording.wire import Wire
@@ -197,6 +198,46 @@ def test_a_laser_that_answers_and_drops_the_command_is_told_again(
     assert said == [READY, TRYING]
     first, last = capfd.readouterr().err.splitlines()
     assert "laser: still emits after output_off" in first
+    assert last.endswith("the supervisor did at last: laser off")
+
+
+def test_what_a_driver_needs_is_read_while_it_is_there(station: Station, tmp_path: Path) -> None:
+    table = tmp_path / "laser.toml"
+    table.write_bytes(SIMULATED_LASER.read_bytes())
+    own = station.model_copy(update={"laser": station.laser.model_copy(update={"commands": table})})
+    said: list[bytes] = []
+
+    def gone(word: bytes) -> None:
+        said.append(word)
+        table.unlink(missing_ok=True)
+
+    with CommandLog() as log, opened(own, log) as found:
+        found.bench.laser.emit()
+        supervise(orders(own), gone, lambda _seconds: None)
+        assert said == [READY]
+        assert found.bench.laser.settings()["emitting"] == 0
+
+
+def test_a_driver_that_fails_is_tried_again(
+    station: Station, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    failures = iter([ValueError("no number")] * 3)
+    make_safe = Tlg220.make_safe
+
+    def garbled(laser: Tlg220) -> None:
+        for failure in failures:
+            raise failure
+        make_safe(laser)
+
+    monkeypatch.setattr(Tlg220, "make_safe", garbled)
+    said: list[bytes] = []
+    with CommandLog() as log, opened(station, log) as found:
+        found.bench.laser.emit()
+        supervise(orders(station), said.append, lambda _seconds: None)
+        assert found.bench.laser.settings()["emitting"] == 0
+    assert said == [READY, TRYING]
+    first, last = capfd.readouterr().err.splitlines()
+    assert "laser: ValueError: no number" in first
     assert last.endswith("the supervisor did at last: laser off")
 
 
