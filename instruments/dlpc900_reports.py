@@ -55,7 +55,7 @@ class HidApi:
         """Send one report; report number 0, which hidapi wants in front, is not part of it.
 
         Raises:
-            LinkError: there is no such device, it may not be opened, or the cable is out; the next report opens it anew.
+            LinkError: there is no such device, it may not be opened, or the cable is out; the next one opens it anew.
         """
         with self._conversation() as device:
             if device.write(b"\0" + report) < 0:

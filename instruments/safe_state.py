@@ -85,7 +85,7 @@ def safe_state(steps: dict[str, Callable[[], None]]) -> None:
     def take(name: str, step: Callable[[], None]) -> None:
         try:
             _over_a_new_link(step)
-        except Exception as error:  # a defect of a driver leaves its instrument as it is
+        except Exception as error:  # noqa: BLE001 -- a defect of a driver leaves its instrument as it is
             failures[name] = error
 
     with ExitStack() as stack:  # which calls them all, whatever one of them raises

@@ -5,12 +5,13 @@ while its termination character is on, which makes `query_binary_values` some fi
 """
 
 import contextlib
+import math
 import select
 import socket
 import sys
 import time
 from collections.abc import Iterator
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import pyvisa
 from isal import isal_zlib
@@ -126,12 +127,14 @@ class Session:
         self._visa.encoding = ENCODING
         link = _raw_socket(self._visa)
         self._stream = None if link is None else _Stream(link, timeout_s)
+        self._reads = _bounded(self._visa)
         if self._stream is None:
             self._prepare(alone)
 
     def write(self, message: str) -> None:
         """Send one message and its terminator."""
         if self._stream is None:
+            self._wait_until(time.monotonic() + self._timeout_s)
             self._visa.write(message)
         else:  # pyvisa-py would wait for ever where nobody reads
             self._stream.require_silence()
@@ -170,6 +173,7 @@ class Session:
         """Send `payload` between `head` and `tail`, whatever bytes it has; `digest` grows by each piece that went."""
         if self._stream is None:
             digest.add(payload)
+            self._wait_until(time.monotonic() + self._timeout_s + len(payload) / LEAST_RATE)
             self._visa.write_raw(b"".join((head, payload, tail)))
         else:
             self._stream.require_silence()
@@ -187,9 +191,10 @@ class Session:
         self.write(message)
         digest, end = Digest(), self._read_eol.encode(ENCODING)
         with self._without_terminator():
-            came = bytearray(self._some(2 * before + 2))
+            deadline = time.monotonic() + self._timeout_s
+            came = bytearray(self._some(2 * before + 2, deadline))
             while len(came) < (head := _head(came, before)).size:
-                came += self._some(head.size - len(came))
+                came += self._some(head.size - len(came), deadline)
             length = bytes(came[head.size - head.digits : head.size])
             if int(length) != len(room):
                 raise OtherLength(int(length))
@@ -198,18 +203,27 @@ class Session:
             digest.add(room[:with_it])
             self._fill(room[with_it:], digest)
             tail = came[head.size + with_it :]
+            deadline = time.monotonic() + self._timeout_s
             while len(tail) < len(end):
-                tail += self._some(len(end) - len(tail))
+                tail += self._some(len(end) - len(tail), deadline)
         if tail != end:
             raise ValueError(f"the block of {len(room)} bytes goes on with {excerpt(bytes(tail))}")
         return Block(bytes(came[: head.size - head.digits]), length, room, bytes(tail), str(digest))
 
     def close(self) -> None:
         """Close it, as well as that can still be done."""
+        if self._stream is None:
+            self._wait_until(time.monotonic() + self._timeout_s)
         with contextlib.suppress(*FAILURES):
             self._visa.close()
 
+    def _wait_until(self, deadline: float) -> None:
+        """How long what pyvisa-py reads next may take, whatever comes meanwhile."""
+        for link in self._reads:
+            link.deadline = deadline
+
     def _prepare(self, alone: bool) -> None:
+        self._wait_until(time.monotonic() + self._timeout_s)
         try:
             if alone:
                 self._lock()
@@ -245,6 +259,7 @@ class Session:
                 raise
 
     def _message(self, deadline: float) -> str:
+        self._wait_until(deadline)
         message = self._line(deadline)
         while message.count(b'"') % 2:
             _left_s(deadline)  # lines that have come already are no waits
@@ -274,10 +289,11 @@ class Session:
                 _require_bounded(line)
                 _left_s(deadline)
 
-    def _some(self, least: int) -> bytes:
+    def _some(self, least: int, deadline: float) -> bytes:
         """What comes next of a message: `least` bytes or, over a raw socket, any number of them."""
         if self._stream is not None:
-            return self._stream.some(time.monotonic() + self._timeout_s)
+            return self._stream.some(deadline)
+        self._wait_until(deadline)
         # Without `break_on_termchar`, pyvisa would ask for ever for what a message that has ended does not have.
         data = self._visa.read_bytes(least, chunk_size=VISA_CHUNK, break_on_termchar=True)
         if len(data) < least:
@@ -289,7 +305,7 @@ class Session:
         if self._stream is not None:
             self._stream.fill(room, digest)
         elif len(room):
-            room[:] = self._some(len(room))
+            room[:] = self._some(len(room), time.monotonic() + self._timeout_s + len(room) / LEAST_RATE)
             digest.add(room)
 
     @contextlib.contextmanager
@@ -397,6 +413,48 @@ class _Stream:
         if not NEARLY * self._waits_s <= seconds <= self._waits_s:
             self._link.settimeout(seconds)
             self._waits_s = seconds
+
+
+class _Bounded:
+    """A connection under a session of pyvisa-py, which reads on after its end and as long as something comes."""
+
+    def __init__(self, link: socket.socket) -> None:
+        self._link = link
+        self.deadline = math.inf
+
+    def recv(self, size: int) -> bytes:
+        """What comes next.
+
+        Raises:
+            TimeoutError: the deadline is over.
+            ConnectionResetError: nothing will come any more.
+        """
+        _left_s(self.deadline)
+        piece = self._link.recv(size)
+        if not piece:
+            raise ConnectionResetError(CLOSED)
+        return piece
+
+    def recv_into(self, room: memoryview, size: int) -> int:
+        """What comes next, into `room`; raises as `recv`."""
+        _left_s(self.deadline)
+        length = self._link.recv_into(room, size)
+        if not length:
+            raise ConnectionResetError(CLOSED)
+        return length
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._link, name)
+
+
+def _bounded(session: MessageBasedResource) -> list[_Bounded]:
+    """The connections of a HiSLIP session of pyvisa-py, or of a VXI-11 link, each of which it now has as such a one."""
+    found, owner = [], _interface(session)
+    for name in ("_sync", "_async", "sock"):
+        if isinstance(link := getattr(owner, name, None), socket.socket):
+            found.append(_Bounded(link))
+            setattr(owner, name, found[-1])
+    return found
 
 
 def came_late(error: BaseException) -> bool:

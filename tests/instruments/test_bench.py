@@ -64,7 +64,7 @@ def test_every_instrument_is_made_safe_whatever_one_of_them_raises(
             monkeypatch.setattr(bench.laser, "make_safe", garbled)
             monkeypatch.setattr(bench.observer, "safe_state", heard.append)
 
-    with pytest.raises(UnsafeBench, match="laser: ValueError: no number.*key switch") as failure:
+    with pytest.raises(UnsafeBench, match=r"laser: ValueError: no number.*key switch") as failure:
         measure()
     assert isinstance(failure.value.__cause__, ValueError)
     assert list(dict.fromkeys(name for name, _, _ in log.messages)) == ["awg", "dmd", "scope"]

@@ -3,9 +3,10 @@
 import contextlib
 import itertools
 import socket
+import struct
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import pytest
@@ -15,6 +16,18 @@ from instruments.sessions import LEAST_RATE, PIECE
 from instruments.visa import NoAnswer, VisaLink, scpi_error_queue
 
 TIMEOUT_S = 0.3
+HEADER = struct.Struct("!2sBBIQ")
+"""Of a HiSLIP message: prologue, kind, control code, parameter, length of the payload (IVI-6.1, 6.1)."""
+DATA, DATA_END = 6, 7
+ANSWERS = {
+    0: HEADER.pack(b"HS", 1, 0, 0x0100_0007, 0),  # Initialize: version 1.0, session 7
+    4: HEADER.pack(b"HS", 5, 1, 0, 0),  # AsyncLock: granted
+    8: HEADER.pack(b"HS", 9, 0, 0, 0),  # DeviceClearComplete
+    15: HEADER.pack(b"HS", 16, 0, 0, 8) + (1 << 20).to_bytes(8, "big"),  # AsyncMaxMsgSize
+    17: HEADER.pack(b"HS", 18, 0, 0, 0),  # AsyncInitialize
+    19: HEADER.pack(b"HS", 23, 0, 0, 0),  # AsyncDeviceClear
+}
+"""What a server says to messages of these kinds."""
 Peer = Callable[..., VisaLink]
 
 
@@ -124,6 +137,73 @@ def test_a_block_that_drips_in_for_ever_is_given_up_within_its_first_piece(peer:
     with pytest.raises(NoAnswer, match=r"did not answer in time \(at 'CURVe\?'\)"):
         link.read_block("CURVe?", np.empty(100_000_000, np.int8))
     assert next(ticks) < 2 * (TIMEOUT_S + PIECE / LEAST_RATE)
+
+
+def test_the_head_of_a_block_that_drips_in_is_one_wait(peer: Peer, looks: Any) -> None:
+    link = peer(b"1;", b"")
+    ticks = looks(0.6 * TIMEOUT_S)
+    with pytest.raises(NoAnswer):
+        link.read_described_block(("WFMO?", "PT_Off?", "CURVe?"), np.empty(1, np.int8))
+    assert next(ticks) < 2 * TIMEOUT_S, "each part of it came in time, the head did not"
+
+
+STALE = 2
+"""Message ids count by twos: that of a frame which belongs to the next message, not to the one that was sent."""
+
+
+@pytest.mark.parametrize(
+    ("said", "again", "message"),
+    [
+        ((DATA_END, STALE, 100, b"x" * 10), False, r"cannot be reached \(the instrument closed the connection\)"),
+        ((DATA, STALE, 10, b"x" * 10), True, "did not answer in time"),
+        ((DATA, 0, 0, b""), True, "did not answer in time"),
+    ],
+    ids=["cut off in a stale frame", "stale frames for ever", "empty frames for ever"],
+)
+def test_hislip_frames_come_to_an_end(said: tuple[int, int, int, bytes], again: bool, message: str, log: Any) -> None:
+    with hislip_peer(said, again=again) as address:
+        link = VisaLink(address, name="peer", timeout_s=TIMEOUT_S, transcript=log)
+        with pytest.raises(LinkError, match=message):
+            link.query("*IDN?")
+
+
+@contextlib.contextmanager
+def hislip_peer(said: tuple[int, int, int, bytes], *, again: bool) -> Iterator[str]:
+    """A server that takes sessions and answers every message with a frame, of another length than it says perhaps.
+
+    said: kind, how far the message's id is from that of the message, announced length, payload; again: without an end.
+    """
+    kind, off, length, payload = said
+
+    def talk(client: socket.socket) -> None:
+        with client, contextlib.suppress(OSError, EOFError):
+            received = client.makefile("rb")
+            while True:
+                _, asked, _, number, size = HEADER.unpack(_exactly(received, HEADER.size))
+                _exactly(received, size)
+                if asked in ANSWERS:
+                    client.sendall(ANSWERS[asked])
+                if asked == DATA_END:
+                    frame = HEADER.pack(b"HS", kind, 0, (number + off) % (1 << 32), length) + payload
+                    client.sendall(frame)
+                    while again:
+                        client.sendall(frame)
+                    return
+
+    def serve() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                threading.Thread(target=talk, args=(listener.accept()[0],), daemon=True).start()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"TCPIP0::127.0.0.1::hislip0,{listener.getsockname()[1]}::INSTR"
+
+
+def _exactly(received: BinaryIO, size: int) -> bytes:
+    if len(found := received.read(size)) < size:
+        raise EOFError
+    return found
 
 
 def test_a_long_block_has_a_wait_for_each_of_its_pieces(peer: Peer, looks: Any) -> None:
