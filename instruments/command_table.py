@@ -16,6 +16,8 @@ from instruments.toml_files import TomlError, one_line, read_toml
 from instruments.values import Range
 
 UNKNOWN = "<unknown>"
+UNITS = {"wavelength": "nm", "power": "dBm", "attenuation": "dB"}
+"""Drivers send and read these quantities as such numbers."""
 _NUMBER_PLACE = re.compile(r"\{value(:[-+]?[0-9]{0,2}(\.[0-9]{1,2})?[efgEFG]?)?\}")
 _ESCAPED = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]")
 _OPEN_REPEATS, _CHOICES = 4, 6
@@ -99,6 +101,14 @@ class CommandTable(BaseModel):
             if command.write != UNKNOWN and not set(wanted) <= set(re.compile(command.reply or "").groupindex):
                 groups = " and ".join(f"(?P<{group}>...)" for group in wanted)
                 raise ValueError(f"commands.{name}.reply lacks {groups}")
+        return self
+
+    @model_validator(mode="after")
+    def _numbers_are_what_is_sent(self) -> Self:
+        for name, command in self.commands.items():
+            unit = UNITS.get(name.rpartition("_")[2], command.unit)
+            if command.unit not in ("", unit):
+                raise ValueError(f"commands.{name}.unit = {command.unit!r}, but the number is sent and read in {unit}")
         return self
 
     @classmethod

@@ -128,6 +128,7 @@ HOSTILE["laser table"] = TOML | {
     "an expression that takes for ever": (laser("(?P<text>.+)", "(?P<text>(.+)+)$"), "could take for ever"),
     "an expression with many choices": (laser("(?P<text>.+)", "(?P<text>.+)" + "a?" * 40), "could take for ever"),
     "an expression that is none": (laser("(?P<text>.+)", "(?P<text>"), "is not a regular expression"),
+    "a power in another unit": (laser('unit = "dBm"', 'unit = "mW"'), "the number is sent and read in dBm"),
     "an expression without its value": (laser('"(?P<value>[01])"', '"[01]"'), "reply lacks (?P<value>...)"),
     "an ending that is a command": (laser('write_eol = "\\n"', 'write_eol = "\\nOUTPUT ON\\n"'), "write_eol"),
     "an endless wait": (laser("poll_s = 0.0", "poll_s = inf"), "poll_s"),
