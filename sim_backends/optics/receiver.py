@@ -22,6 +22,7 @@ COUNTED_PHOTONS = 100.0
 _HIDDEN_GRAINS = 10.0  # photoelectrons, rms, of other noise, in which no single one is seen
 _UNLIMITED = 2**-4  # of a limit: less is what it is, the law's denominator rounds to 1
 _NOISE_REACH_S = 0.3e-9  # the receiver's noise is correlated over less
+_FOLDED_WHITE = 1024  # times that its spectrum is folded back: samples are so far apart that they share none of it
 
 
 def gaussian_time_width(bandwidth_hz: float) -> float:
@@ -226,6 +227,10 @@ def noise_colour(sample_rate: float, *, detector_hz: float, scope_hz: float) -> 
     tenth, at 100 GS/s by two thirds.
     """
     points = 2 * math.ceil(_NOISE_REACH_S * sample_rate / 2) + 1
+    if 4 * scope_hz > _FOLDED_WHITE * sample_rate:
+        white = np.zeros(points, np.float32)
+        white[points // 2] = 1
+        return white
     frequency = np.fft.fftfreq(4096, 1 / sample_rate)
     folds = math.ceil(4 * scope_hz / sample_rate)
     shifted = frequency[:, np.newaxis] + sample_rate * np.arange(-folds, folds + 1)

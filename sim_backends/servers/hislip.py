@@ -43,8 +43,9 @@ class HislipServer:
 
     def new_session(self, connection: "Connection") -> "Session":
         """Open a session on its synchronous connection."""
-        self._last = self._last % 0xFFFF + 1
-        identifier = self._last
+        while (identifier := self._last % 0xFFFF + 1) in self.sessions:  # which has lasted for 65 535 others
+            self._last = identifier
+        self._last = identifier
         session = self.sessions[identifier] = Session(
             self.loop,
             self.instrument,

@@ -6,7 +6,9 @@ anything is executed, executes settings before queries, and answers queries one 
 connected.
 """
 
+import errno
 import logging
+import os
 import selectors
 import socket
 import threading
@@ -23,6 +25,8 @@ from sim_backends.servers.disturbed import Disturbed
 logger = logging.getLogger(__name__)
 
 MOST_WAITING = 256  # messages of one client; more are left on its side of the wire
+MOST_IN_VAIN = 256  # rounds of reading that complete no message; others are answered then
+FULL = (errno.EMFILE, errno.ENFILE)
 TRIGGER = Message((Unit("*TRG", query=False, arguments=()),))
 """What a trigger of the transport's own means."""
 
@@ -97,6 +101,7 @@ class Client(ABC):
     def receive(self, size: int, tag: int = 0) -> None:
         """Take `size` more bytes in the reader's buffer, and queue the messages that they complete."""
         messages = self.reader.received(size)
+        self.loop.heard = self.loop.heard or bool(self.reader.begun)
         if self.reader.begun and not self.instrument.listens(self.reader.begun):
             self.hang_up()
         self.deliver(messages, tag)
@@ -105,6 +110,7 @@ class Client(ABC):
         """Queue `messages` for execution."""
         for message in messages:
             self.waiting.append(Request(next(self.loop.arrivals), message, tag))
+            self.loop.heard = True
         if len(self.waiting) >= MOST_WAITING:
             self.pace()
 
@@ -160,6 +166,8 @@ class Loop:
         self._leaving: list[Client] = []
         self._later: list[Callable[[], None]] = []
         self.arrivals = count(1)  # the rank of a message among all messages
+        self.heard = False  # a client has sent a message, or more of a block
+        self._spare: int | None = os.open(os.devnull, os.O_RDONLY)  # what the system has left when it is full
         self._numbers = count(1)
         self._stopping = False
         self._failure: BaseException | None = None
@@ -272,8 +280,11 @@ class Loop:
         return bool(events)
 
     def _read_everything(self) -> None:
-        while self._poll(0):
-            pass
+        """All that was sent; but who sends without an end and says nothing keeps nobody waiting."""
+        in_vain = 0
+        while in_vain < MOST_IN_VAIN and self._poll(0):
+            in_vain = 0 if self.heard else in_vain + 1
+            self.heard = False
 
     def _execute_everything(self) -> None:
         everything_read = True
@@ -360,7 +371,23 @@ class Loop:
             connection, _ = listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
             return  # gone again
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            self._turn_away(listener)
+            return
         accept(connection)
+
+    def _turn_away(self, listener: socket.socket) -> None:
+        """End a connection for which the system has no room: it would be reported for ever."""
+        if self._spare is not None:
+            os.close(self._spare)
+            self._spare = None
+        with suppress(OSError):
+            listener.accept()[0].close()
+            logger.warning("a client is turned away: too many files and connections are open (see ulimit -n)")
+        with suppress(OSError):
+            self._spare = os.open(os.devnull, os.O_RDONLY)
 
     def _woken(self, _events: int) -> None:
         self._alarm.recv(16)
@@ -377,3 +404,6 @@ class Loop:
         for listener in self._listeners.values():  # those that refuse are not watched
             listener.close()
         self.selector.close()
+        if self._spare is not None:
+            os.close(self._spare)
+            self._spare = None

@@ -121,10 +121,10 @@ class RecordReader:
             elif self._in_mark:
                 (mark,) = _MARK.unpack(self._bytes)
                 length = mark & ~_LAST_FRAGMENT
-                if len(self._fragments) + length > self._largest:
+                self._last = bool(mark & _LAST_FRAGMENT)
+                if len(self._fragments) + length > self._largest or not (length or self._last):  # nor one without end
                     self._rubbish()
                     return True
-                self._last = bool(mark & _LAST_FRAGMENT)
                 self._in_mark = False
                 self._begin(length)
             else:

@@ -119,6 +119,8 @@ class VirtualInstrument:
                 if isinstance(error, NotSimulated):
                     _logger.warning("%s: %s", type(self).__name__, error.detail)
                 part = self.refused(unit, error)
+            except MemoryError:
+                part = self.refused(unit, ScpiError(-225, "this machine's memory"))
             reply = _joined(reply, part)
         return reply
 

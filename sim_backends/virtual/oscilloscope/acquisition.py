@@ -162,7 +162,7 @@ class AcquisitionSystem(Oscilloscope):
         return self.RECORDS.longest // self.horizontal.record_length
 
     def _room(self) -> int:
-        return self.most_frames() - (0 if self.frames.summary == "NONe" else SUMMARY_FRAMES)
+        return max(1, self.most_frames() - (0 if self.frames.summary == "NONe" else SUMMARY_FRAMES))
 
     # --- run control
 

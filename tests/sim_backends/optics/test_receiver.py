@@ -154,6 +154,13 @@ def test_coloured_noise_has_the_receiver_s_spectrum_at_any_rate(sample_rate: flo
     assert ratio == pytest.approx(1.0, abs=0.15)
 
 
+def test_samples_far_apart_share_no_noise() -> None:
+    """As far as the spectrum is folded for that, and beyond, where it need not be."""
+    for sample_rate in (110e6, 90e6, 1e3):
+        colour = receiver.noise_colour(sample_rate, detector_hz=12e9, scope_hz=25e9)
+        assert colour == pytest.approx([0, 1, 0], abs=1e-6), sample_rate
+
+
 def test_neighbours_are_correlated_by_little_at_25_gs_and_by_much_at_100() -> None:
     def neighbours(sample_rate: float) -> float:
         colour = receiver.noise_colour(sample_rate, detector_hz=12e9, scope_hz=25e9)

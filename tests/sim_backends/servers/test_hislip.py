@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sim_backends.scpi.messages import Chunk, Message
 from sim_backends.servers.frames import HEADER, Kind, data_frames, header
-from sim_backends.servers.hislip import serve_hislip
+from sim_backends.servers.hislip import HislipServer
 from sim_backends.servers.loop import Instrument, Loop
 from sim_backends.servers.sessions import LARGEST_MESSAGE
 
@@ -79,7 +79,8 @@ class Server:
     def __init__(self) -> None:
         self.echo = Echo()
         self.loop = Loop()
-        self.port = serve_hislip(self.loop, self.echo)
+        self.served = HislipServer(self.loop, self.echo)
+        self.port = self.loop.listen("127.0.0.1", 0, self.served.accept)
         self.peers: list[Peer] = []
         self.loop.start()
 
@@ -133,6 +134,15 @@ def test_no_session_without_initialisation(server: Server, first: int) -> None:
     assert (kind, control) == (Kind.FATAL_ERROR, 3)
     assert text
     assert peer.ended()
+
+
+def test_a_session_that_lasts_keeps_its_number(server: Server) -> None:
+    lasting, _ = server.session()
+    server.served._last = 0xFFFF  # as if so many others had come and gone
+    for name in (b"B?", b"C?"):
+        other, _ = server.session()
+        assert other.ask(Kind.DATA_END, 0, 10, name) == (Kind.DATA_END, 0, 10, name[:1] + b"\n")
+    assert lasting.ask(Kind.DATA_END, 0, 10, b"A?") == (Kind.DATA_END, 0, 10, b"A\n")
 
 
 def test_no_data_without_the_second_connection(server: Server) -> None:

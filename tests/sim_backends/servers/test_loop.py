@@ -1,10 +1,12 @@
 """The loop: who is heard, in which order messages are executed, and what a client that misbehaves can do (nothing)."""
 
 import logging
+import os
 import socket
+import sys
 import threading
 from collections.abc import Generator, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 
 import pytest
 
@@ -212,6 +214,52 @@ def test_a_client_that_talks_without_listening_is_left_to_wait(bench: Bench) -> 
     assert second.line() == b"ME\n"
     assert len(first.read(20_000_012)) == 20_000_012
     assert [first.line() for _ in range(3 * MOST_WAITING)] == [b"ASK\n"] * 3 * MOST_WAITING
+
+
+def test_a_client_that_sends_nothing_without_an_end_keeps_nobody_waiting(bench: Bench) -> None:
+    flooding, other = bench.client(), bench.client()
+    stopped = threading.Event()
+
+    def flood() -> None:
+        with suppress(OSError):
+            while not stopped.is_set():
+                flooding.send(b"\n" * 65536)
+
+    sender = threading.Thread(target=flood)
+    sender.start()
+    other.send(b"ME?\n")
+    assert other.line() == b"ME\n"
+    stopped.set()
+    sender.join()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the limit of open files is the system's")
+def test_a_client_too_many_is_turned_away(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    import resource
+
+    first = bench.client()
+    late = [socket.socket() for _ in range(3)]  # made here: none can be, soon
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (late[-1].fileno() + 1, limits[1]))
+    holes = []
+    with suppress(OSError):
+        while True:
+            holes.append(os.open(os.devnull, os.O_RDONLY))
+    try:
+        for one in late:
+            one.settimeout(20)
+            one.connect(("127.0.0.1", bench.port))
+            assert one.recv(1) == b""
+    finally:
+        for hole in holes:
+            os.close(hole)
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    assert "turned away" in caplog.text
+    first.send(b"ME?\n")
+    assert first.line() == b"ME\n"
+    bench.client()
+    for one in late:
+        one.close()
 
 
 def test_rubbish_is_executed_as_malformed(bench: Bench) -> None:

@@ -243,7 +243,12 @@ def test_calls_that_are_refused(server: Server, call: bytes, answer: tuple[int, 
 
 @pytest.mark.parametrize(
     "rubbish",
-    [b"\x80\0\0\4GET ", b"\xff\xff\xff\xff", struct.pack("!11I", 0x8000_0028, 9, 1, 2, CORE, 1, 0, 0, 0, 0, 0)],
+    [
+        b"\x80\0\0\4GET ",
+        b"\xff\xff\xff\xff",
+        bytes(4),
+        struct.pack("!11I", 0x8000_0028, 9, 1, 2, CORE, 1, 0, 0, 0, 0, 0),
+    ],
 )
 def test_what_is_no_call_ends_the_connection(server: Server, rubbish: bytes) -> None:
     with server.connect() as caller:

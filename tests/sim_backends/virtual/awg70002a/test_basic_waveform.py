@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_backends.virtual import VirtualAwg70002a
+from sim_backends.virtual.awg70002a.basic_waveform import BasicWaveform
 from tests.sim_backends.virtual.awg70002a.session import errors
 from tests.sim_backends.virtual.watched import Ask, Watched
 
@@ -84,3 +85,15 @@ def test_errors(ask: Ask, awg: VirtualAwg70002a, command: str, code: str) -> Non
 def test_reset(ask: Ask, awg: VirtualAwg70002a) -> None:
     ask(awg, "BWAV:FUNC DC;FREQ 5e6;AUTO FREQ;RES")
     assert ask(awg, "BWAV:FUNC?;AUTO?;FREQ?;FDR?;:BWAV:COMP:CHAN?") == b"SINE;CYCL;1.0000000000E+06;1;NONE"
+
+
+def test_a_waveform_larger_than_memory_is_an_error_and_no_end(
+    ask: Ask, awg: VirtualAwg70002a, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_basic: BasicWaveform, _noise: np.random.Generator) -> NDArray[np.float64]:
+        raise MemoryError
+
+    monkeypatch.setattr(BasicWaveform, "_unit", full)
+    ask(awg, "BWAVeform:LENGth 2000000000;:BWAVeform:COMPile")
+    assert errors(ask, awg).startswith("-225")
+    assert ask(awg, "*IDN?").startswith(b"TEKTRONIX")

@@ -50,6 +50,12 @@ def test_frames_of_one_record(ask: Ask, scope: VirtualDpo72504dx, world: Watched
     assert np.corrcoef(first[0], first[1])[0, 1] > 0.9
 
 
+def test_there_is_room_for_a_frame_however_long_it_is(ask: Ask, scope: VirtualDpo72504dx) -> None:
+    ask(scope, "HORizontal:MODE MANual;:HORizontal:FASTframe:STATE ON;:HORizontal:FASTframe:SUMFrame AVErage")
+    ask(scope, "HORizontal:MODE:RECOrdlength 31250000")
+    assert ask(scope, "HORizontal:FASTframe:MAXFRames?;COUNt?") == b"1;1"
+
+
 def test_one_block_that_is_not_copied(ask: Ask, read: Read, scope: VirtualDpo72504dx) -> None:
     fast_frame(ask, scope, 20)
     ask(scope, "ACQuire:STATE RUN;*OPC?")
