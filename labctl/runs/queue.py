@@ -1,8 +1,9 @@
 """What waits, runs, is done or failed: a SQLite file beside the runs, which any process may write at any time."""
 
 import json
+import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -14,19 +15,19 @@ from typing import Any
 from labctl.errors import RunError, UsageError, writing
 
 FILE = "queue.sqlite"
-APPLICATION, VERSION = 0x6C616271, 1
+APPLICATION, VERSION = 0x6C616271, 2
 WAIT_S = 10.0
 """For another process that writes at the same moment."""
 _TABLES = f"""
 CREATE TABLE item (
     number INTEGER PRIMARY KEY AUTOINCREMENT, place REAL, words TEXT, directory TEXT, plan TEXT, state TEXT,
-    added_by TEXT, added TEXT, began TEXT, ended TEXT, message TEXT
+    added_by TEXT, added TEXT, began TEXT, ended TEXT, message TEXT, cwd TEXT DEFAULT ''
 );
 CREATE TABLE wish (word TEXT);
 PRAGMA application_id = {APPLICATION};
 PRAGMA user_version = {VERSION};
 """
-_COLUMNS = "number, words, directory, plan, state, added_by, added, began, ended, message"
+_COLUMNS = "number, words, directory, plan, cwd, state, added_by, added, began, ended, message"
 
 
 class State(StrEnum):
@@ -52,13 +53,15 @@ class Wish(StrEnum):
 class Item:
     """A run or sweep: the words of its command, where it goes, what was forecast, and what became of it.
 
-    Times are ISO 8601 in UTC, empty for never. message: of a failure.
+    Times are ISO 8601 in UTC, empty for never. message: of a failure. cwd: the folder in which the command was typed,
+    from which its paths count; empty where an earlier version has not noted it.
     """
 
     number: int
     words: tuple[str, ...]
     directory: Path
     plan: Mapping[str, Any] = field(default_factory=dict)
+    cwd: str = ""
     state: State = State.WAITING
     added_by: str = ""
     added: str = ""
@@ -84,23 +87,25 @@ class Queue:
     def add(self, words: Sequence[str], directory: Path | None, plan: Mapping[str, Any], added_by: str) -> Item:
         """One more, behind all others; without a `directory` into a new one, of which its words say so.
 
+        Its paths count from the folder that this process is in.
+
         Raises:
             UsageError: another item that waits or runs goes there.
         """
+        directory = None if directory is None else Path(os.path.abspath(directory))
         with self._open(make=True) as database:
             undone = database.execute("SELECT number, directory FROM item WHERE state IN (?, ?)", UNDONE)
             for number, taken in undone:
-                if Path(taken) == directory:
+                if Path(os.path.abspath(taken)) == directory:
                     raise UsageError(f"{directory}: is where item {number} of the queue goes: name another --out")
             (last,) = database.execute("SELECT coalesce(max(place), 0) FROM item").fetchone()
             if directory is None:
                 directory = self._new_directory(database)
                 words = [*words, "--out", str(directory)]
-            values = (last + 1, json.dumps(list(words)), str(directory), json.dumps(dict(plan)), State.WAITING)
+            values = (json.dumps(list(words)), str(directory), json.dumps(dict(plan)), os.getcwd(), State.WAITING)
             number = database.execute(
-                "INSERT INTO item (place, words, directory, plan, state, added_by, added, began, ended, message) "
-                "VALUES (?, ?, ?, ?, ?, ?, ?, '', '', '')",
-                (*values, added_by, _now()),
+                f"INSERT INTO item (place, {_COLUMNS}) VALUES (?, NULL, ?, ?, ?, ?, ?, ?, ?, '', '', '')",  # noqa: S608 -- constants
+                (last + 1, *values, added_by, _now()),
             ).lastrowid
         return next(item for item in self.items() if item.number == number)
 
@@ -154,10 +159,11 @@ class Queue:
                 "UPDATE item SET state = ?, ended = ?, message = ? WHERE number = ?", (state, _now(), message, number)
             )
 
-    def put_back(self) -> None:
-        """What runs waits again: whoever carried it out is gone."""
+    def put_back(self, items: Iterable[Item]) -> None:
+        """What ran waits again, and nobody is asked for anything: whoever carried it out is gone."""
         with self._open() as database:
-            database.execute("UPDATE item SET state = ? WHERE state = ?", (State.WAITING, State.RUNNING))
+            numbers = [(State.WAITING, item.number) for item in items]
+            database.executemany("UPDATE item SET state = ? WHERE number = ?", numbers)
             database.execute("DELETE FROM wish")
 
     def ask(self, wish: Wish) -> None:
@@ -174,7 +180,7 @@ class Queue:
     def _new_directory(self, database: sqlite3.Connection) -> Path:
         """A directory of the folder that is not there and that no item has."""
         named = {Path(one) for (one,) in database.execute("SELECT directory FROM item")}
-        ways = (self.folder / f"queue-{number:04d}" for number in count(1))
+        ways = (Path(os.path.abspath(self.folder / f"queue-{number:04d}")) for number in count(1))
         return next(way for way in ways if way not in named and not way.exists())
 
     def _require_waiting(self, database: sqlite3.Connection, number: int) -> None:
@@ -201,6 +207,9 @@ class Queue:
                         raise sqlite3.DatabaseError("is of another program")
                     for statement in _TABLES.split(";"):
                         database.execute(statement)
+                elif database.execute("PRAGMA user_version").fetchone() == (1,):
+                    database.execute("ALTER TABLE item ADD COLUMN cwd TEXT DEFAULT ''")
+                    database.execute(f"PRAGMA user_version = {VERSION}")
                 yield database
         except sqlite3.Error as error:
             raise RunError(f"{self.path}: cannot be used as a queue ({error}): name another --folder") from None
@@ -211,8 +220,11 @@ def _waiting(database: sqlite3.Connection) -> sqlite3.Cursor:
 
 
 def _item(row: Sequence[Any]) -> Item:
-    number, words, directory, plan, state, *said = row
-    return Item(number, tuple(json.loads(words)), Path(directory), json.loads(plan), State(state), *said)
+    number, words, directory, plan, cwd, state, *said = row
+    try:
+        return Item(number, tuple(json.loads(words)), Path(directory), json.loads(plan), cwd, State(state), *said)
+    except (ValueError, TypeError) as error:
+        raise sqlite3.DatabaseError(f"item {number} is damaged: {error}") from None
 
 
 def _now() -> str:

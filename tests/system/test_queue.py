@@ -2,8 +2,10 @@
 
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,11 @@ import pytest
 from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
+from labctl.runs.live.owner import writer_of
 from labctl.runs.notes import read_notes
 from labctl.runs.queue import Queue
 from tests.command_line import answer, labctl
-from tests.system.waiting import until_stored
+from tests.system.waiting import until, until_stored
 
 LABCTL = [sys.executable, "-m", "labctl"]
 SMALL = ("run", "image-readout", "--set", "images=4", "--set", "ports=2", "--set", "window=0.4 ns")
@@ -68,6 +71,10 @@ def test_what_is_listed_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixtu
         (("run", "psychic"), "protocol 'psychic' is not installed"),
         (("run", "image-readout", "--set", "window=3"), "window"),
         (("sweep", "image-readout"), "--over is missing"),
+        ((*SMALL, "--note"), "Option '--note' requires an argument"),
+        ((*SMALL, "--out"), "Option '--out' requires an argument"),
+        ((*SMALL, "--dry-run"), "--dry-run: nothing would be measured: leave it out"),
+        ((*SMALL, "--help"), "--help: nothing would be measured"),
     ],
 )
 def test_what_is_wrong_is_said_when_it_is_added(tmp_path: Path, words: tuple[str, ...], told: str) -> None:
@@ -75,6 +82,7 @@ def test_what_is_wrong_is_said_when_it_is_added(tmp_path: Path, words: tuple[str
     assert status == 2
     assert told in found["error"]
     assert states(tmp_path) == []
+    assert not list(tmp_path.iterdir()), "nothing is measured"
 
 
 def test_what_is_said_of_an_item_is_said_of_its_runs_whatever_it_reads_like(tmp_path: Path) -> None:
@@ -104,6 +112,54 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
     status, found = queue(tmp_path, "start")
     assert (status, found) == (0, {"done": 1, "failed": 0, "waiting": 0})
     assert complete(tmp_path / "queue-0002")
+
+
+def test_an_item_that_outlives_whoever_carried_the_queue_out_runs_and_is_not_begun_again(tmp_path: Path) -> None:
+    put(tmp_path, (*LONG[:3], "images=2000", *LONG[4:]), tmp_path / "run")
+    worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])
+    until_stored(worker, tmp_path / "run")
+    worker.kill()
+    worker.wait()
+    assert states(tmp_path) == [(1, "running")]
+    status, found = queue(tmp_path, "start")
+    assert status == 1
+    assert "item 1 is still under way" in found["error"]
+    assert answer("stop", tmp_path / "run", "--json")[0] == 0
+    until(lambda: writer_of(RunPaths(tmp_path / "run")) is None)
+    assert states(tmp_path) == [(1, "waiting")]
+
+
+def test_paths_count_from_where_the_item_was_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    there, elsewhere = tmp_path / "there", tmp_path / "elsewhere"
+    there.mkdir()
+    elsewhere.mkdir()
+    (there / "bench.toml").write_text("[sim]\ntwin_seed = 4\n", encoding="utf-8")
+    monkeypatch.chdir(there)
+    words = (*SMALL, "--station", "bench.toml", "--out")
+    assert queue(there, "add", *words, "run")[0] == 0
+    for same in (there / "run", Path("..", "there", "run")):
+        status, found = queue(there, "add", *words, same)
+        assert (status, found["error"]) == (
+            2,
+            f"{there / 'run'}: is where item 1 of the queue goes: name another --out",
+        )
+    monkeypatch.chdir(elsewhere)
+    assert queue(there, "start") == (0, {"done": 1, "failed": 0, "waiting": 0})
+    assert complete(there / "run")
+    assert not list(elsewhere.iterdir())
+
+
+def test_a_queue_of_an_earlier_version_goes_on(tmp_path: Path) -> None:
+    put(tmp_path, SMALL, tmp_path / "run")
+    with closing(sqlite3.connect(tmp_path / "queue.sqlite")) as database, database:
+        database.execute("ALTER TABLE item DROP COLUMN cwd")
+        database.execute("PRAGMA user_version = 1")
+    assert states(tmp_path) == [(1, "waiting")]
+    with closing(sqlite3.connect(tmp_path / "queue.sqlite")) as database, database:
+        database.execute("UPDATE item SET state = 'lost'")
+    status, found = queue(tmp_path, "list")
+    assert status == 2
+    assert "item 1 is damaged: 'lost' is not a valid State" in found["error"]
 
 
 def test_what_would_fail_in_the_night_is_refused_now(tmp_path: Path) -> None:

@@ -18,11 +18,13 @@ from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
 from labctl.errors import BenchInUse, UsageError
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.live.owner import writer_of
 from labctl.runs.queue import Item, Queue, State, Wish
 from labctl.runs.sweep import is_sweep
 from protocols.own_file import SUFFIX
 
 COMMANDS = ("run", "sweep")
+NO_MEASUREMENT = ("--dry-run", "--help")
 LOOK_EVERY_S = 0.2
 """How often somebody's wish is looked for while an item runs."""
 LOOKED_S, AGAIN_S = 0.5, 0.01
@@ -56,15 +58,16 @@ def forecast(words: Sequence[str]) -> dict[str, Any]:
     """
     if not words or words[0] not in COMMANDS:
         raise UsageError("a queue takes runs and sweeps: 'labctl queue add run image-readout --set images=400'")
-    done = subprocess.run(  # noqa: S603 -- labctl itself
-        _command([*words, "--dry-run", "--json"]), capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
-    )
+    if asked := next((word for word in words if word in NO_MEASUREMENT), None):
+        raise UsageError(f"{asked}: nothing would be measured: leave it out")
+    command = _command([words[0], "--dry-run", "--json", *words[1:]])  # in front, where no option takes it for its own
+    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)  # noqa: S603
     found = _said(done.stdout)
     if done.returncode:
         raise UsageError(str(found.get("error", done.stderr.strip() or "the command is refused")))
     if not found["armed"]:
         raise UsageError("the laser is not armed, and nobody will be there to do so: add the command with --arm")
-    for path in _protocols(words):
+    for path in _protocols(words, Path.cwd()):
         remember(path)
     return found
 
@@ -75,11 +78,15 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
     What ran when an earlier process died goes on where it stopped. An item that is interrupted waits again.
 
     Raises:
-        BenchInUse: another process carries this queue out.
+        BenchInUse: another process carries this queue out, or an item of one that was killed is still under way.
     """
     done = failed = 0
     with _alone(queue):
-        queue.put_back()
+        if left := [item for item in _put_back(queue) if item.state is State.RUNNING]:
+            raise BenchInUse(
+                f"{left[0].directory}: item {left[0].number} is still under way, though whoever carried the queue out "
+                f"is gone: wait for it, or stop it by 'labctl stop'"
+            )
         while not interruption.requested and not queue.wishes and (item := queue.claim()) is not None:
             tell(f"{item.number}: labctl {' '.join(item.words)}")
             status, message = _carried_out(item, queue)
@@ -108,25 +115,37 @@ def is_carried_out(queue: Queue) -> bool:
 
 
 def settle(queue: Queue) -> list[Item]:
-    """The items of a queue, where what ran when whoever carried it out died waits again."""
+    """The items of a queue; what ran when whoever carried it out died waits again, unless it goes on by itself."""
     items = queue.items()
     if any(item.state is State.RUNNING for item in items):
         with suppress(BenchInUse), closing(_lock(queue)) as lock:  # of another user, who will say so himself
             if lock.lock():
-                queue.put_back()
-                return queue.items()
+                return _put_back(queue)
     return items
+
+
+def _put_back(queue: Queue) -> list[Item]:
+    running = (item for item in queue.items() if item.state is State.RUNNING)
+    queue.put_back([item for item in running if writer_of(RunPaths(item.directory)) is None])
+    return queue.items()
 
 
 def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
     """Exit status of an item's command, and its error."""
-    if changed := [path for path in _protocols(item.words) if not is_own(path)]:
+    if changed := [path for path in _protocols(item.words, Path(item.cwd)) if not is_own(path)]:
         return 1, f"{changed[0]}: is not what it was when this was added here: add it again"
     begun = item.began and (RunPaths(item.directory).manifest.exists() or is_sweep(item.directory))
     words = ["resume", str(item.directory), *_kept(item.words)] if begun else item.words
-    process = subprocess.Popen(  # noqa: S603 -- labctl itself
-        _command([*words, "--json"]), stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True
-    )
+    try:
+        process = subprocess.Popen(  # noqa: S603 -- labctl itself
+            _command([*words, "--json"]),
+            stdout=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            cwd=item.cwd or None,
+        )
+    except OSError as error:
+        return 1, f"{item.cwd}: where this was added is no folder any more ({error.strerror}): add it again"
     stopping = False
     try:
         while True:
@@ -145,12 +164,12 @@ def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
         raise
 
 
-def _protocols(words: Sequence[str]) -> list[Path]:
-    """Of the words of a command, those that are files with a protocol, which would be executed.
+def _protocols(words: Sequence[str], cwd: Path) -> list[Path]:
+    """Of the words of a command typed in `cwd`, those that are files with a protocol, which would be executed.
 
     A note may end like one; what is no file is refused by the command itself.
     """
-    return [Path(word) for word in words if word.endswith(SUFFIX) and isfile(word)]
+    return [cwd / word for word in words if word.endswith(SUFFIX) and isfile(cwd / word)]
 
 
 def _kept(words: Sequence[str]) -> list[str]:
