@@ -109,6 +109,8 @@ class Hands:
         self._bench = bench
         self._drive = pseudorandom_drive(bench, drive_seed)
         self._plays = True
+        self._shown: NDArray[np.uint8] | None = None  # by the mirrors, while there is light
+        self._blanked = False  # since then, by the safe state
         self._light = ExitStack()
         self._configured: tuple[tuple[int, ...], int, int, float] | None = None
         self._scalings: tuple[Scaling, ...] = ()
@@ -126,10 +128,12 @@ class Hands:
         patterns = Patterns(
             Images(pixels[np.newaxis], np.zeros(1, np.int64), np.zeros(1, np.int64)), self._bench.dmd.shape
         )
-        self._bench.show(patterns[Shot(0, ShotKind.IMAGE, 0, 0, 0)])
+        self._shown = patterns[Shot(0, ShotKind.IMAGE, 0, 0, 0)]
+        self._show()
 
     def blank(self) -> None:
         """Turn every mirror away; the light stays on."""
+        self._shown = None
         self._bench.dmd.blank()
 
     def capture(self, *, window: float | str = 2e-9, ports: Sequence[int] = (2, 3, 4, 5), averages: int = 1) -> Traces:
@@ -211,15 +215,23 @@ class Hands:
         self._plays = plays
 
     def dark(self) -> None:
-        """Reach the safe state now; the next `capture` switches the light on again.
+        """Reach the safe state now; the next `capture` shows again what was shown, and switches the light on.
 
         Raises:
             UnsafeBench: an instrument did not obey.
         """
         self._configured = None
+        self._blanked = True
         self._light.close()
 
+    def _show(self) -> None:
+        if self._shown is not None:
+            self._bench.show(self._shown)
+            self._blanked = False
+
     def _switch_on(self) -> None:
+        if self._blanked:
+            self._show()
         self._light.enter_context(self._bench.emitting(self.laser.wavelength_nm))
         self._bench.load_drive(self._drive)
         self._bench.play_drive()

@@ -84,6 +84,17 @@ def test_a_bench_in_ones_hands_is_lit_by_the_first_trace_and_dark_at_its_end() -
         bench.capture()
 
 
+def test_what_was_shown_is_shown_again_when_there_is_light_again() -> None:
+    with labctl.bench() as bench:
+        bench.show(np.ones((10, 10)))
+        bright = bench.capture().volts.mean()
+        bench.dark()
+        assert bench.capture().volts.mean() > 0.8 * bright
+        bench.dark()
+        bench.blank()
+        assert bench.capture().volts.mean() < 0.3 * bright
+
+
 def test_the_light_goes_out_whatever_ends_the_block() -> None:
     light = Emission()
 
