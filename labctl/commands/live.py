@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from labctl.engine.live import Show
     from labctl.runs.live.sight import Sight
 
-BAR = 48
-"""Columns of a level bar."""
+BAR, NUMBERS = 48, 62
+"""Columns of a level bar at most, and of what stands beside it."""
 HIGHER = 1.01
 """A level above the highest so far by this factor rings the bell."""
 
@@ -71,8 +71,8 @@ def live(
         _quantity("--window", window, "s"),
         averages,
         rate,
-        None if duration is None else _quantity("--for", duration, "s"),
-        None if unwatched is None else _quantity("--unwatched", unwatched, "s"),
+        None if duration is None else _time("--for", duration),
+        None if unwatched is None else _time("--unwatched", unwatched),
     )
     with interruptible() as interruption, _level_bars(bell=bell) as bars:
         viewed = watch(view, interruption, bars, _Warnings())
@@ -103,6 +103,12 @@ def _quantity(option: str, text: str, unit: str) -> float:
         raise UsageError(f"{option}: {error}") from None
 
 
+def _time(option: str, text: str) -> float:
+    if (seconds := _quantity(option, text, "s")) <= 0:
+        raise UsageError(f"{option} {text}: is no time to look: write one such as 10 min")
+    return seconds
+
+
 class _Warnings(Observer):
     """A line for each."""
 
@@ -122,7 +128,7 @@ def _level_bars(*, bell: bool) -> "Iterator[Show]":
             nonlocal highest
             if not console.is_terminal:
                 return
-            drawn.update(_dark() if sight is None else _bars(sight), refresh=True)
+            drawn.update(_dark() if sight is None else _bars(sight, console.width), refresh=True)
             if bell and sight is not None and sight.now_v[0] > HIGHER * highest:
                 highest = float(sight.now_v[0])
                 sys.stderr.write("\a")
@@ -135,9 +141,11 @@ def _dark() -> Text:
     return Text("nothing is measured: the laser or the drive is off (labctl dashboard: Laser on)")
 
 
-def _bars(sight: "Sight") -> Group:
+def _bars(sight: "Sight", columns: int) -> Group:
+    """Level bars for a terminal of so many columns."""
     from labctl.analysis.alignment import LEAST_REPEATS, repeatability_db
 
+    longest = max(1, min(BAR, columns - NUMBERS))
     table = Table(box=None, pad_edge=False)
     for heading in ("port", "level", "peak", "", "repeats", "like first", ""):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
@@ -145,7 +153,7 @@ def _bars(sight: "Sight") -> Group:
     low, high = sight.range_v
     of_ports = zip(sight.ports, sight.now_v.tolist(), sight.peak_v.tolist(), strict=True)
     for row, (port, level, peak) in enumerate(of_ports):
-        at, held = (round(BAR * (value - low) / (high - low)) for value in (level, peak))
+        at, held = (round(longest * (value - low) / (high - low)) for value in (level, peak))
         bar = Text("█" * at, style="cyan") + Text(" " * max(held - at - 1, 0)) + Text("▏" if held > at else "")
         repeats = f"{repeatability_db(volts[:, row]).value:.1f} dB" if len(volts) >= LEAST_REPEATS else ""
         table.add_row(
