@@ -84,17 +84,23 @@ class Inputs(Protocol):
     def digest(self) -> str:
         """SHA-256 over everything in it, in hex."""
 
+    @property
+    def source(self) -> str:
+        """What its source is known by, empty where nothing says: inputs of one source and place are the same."""
+
 
 @dataclass(frozen=True)
 class Images:
     """A set of binary images with labels, whatever it was loaded from.
 
-    images: (n, height, width), True = on. labels: (n,). indices: (n,), each image's place in its source.
+    images: (n, height, width), True = on. labels: (n,). indices: (n,), each image's place in its source. source: what
+    tells that from others, empty where nothing does: images of one source and place are the same image.
     """
 
     images: NDArray[np.bool_]
     labels: NDArray[np.int64]
     indices: NDArray[np.int64]
+    source: str = ""
 
     @property
     def digest(self) -> str:
@@ -107,13 +113,14 @@ class Sequences:
     """A set of sequences of numbers with labels.
 
     values: (n, symbols). labels: (n,), -1 where there are no classes. groups: (n,), what must stay together when the
-    set is split, a speaker for instance. indices: (n,), each sequence's place in its source.
+    set is split, a speaker for instance. indices: (n,), each sequence's place in its source. source: as of `Images`.
     """
 
     values: NDArray[np.float64]
     labels: NDArray[np.int64]
     groups: NDArray[np.int64]
     indices: NDArray[np.int64]
+    source: str = ""
 
     @property
     def digest(self) -> str:

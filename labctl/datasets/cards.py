@@ -68,6 +68,7 @@ class Card(BaseModel):
         classes: Name of each class; the position is the label. Empty for a series to be predicted.
         binarisation: Rule that made the pixels binary; "none" for grey levels 0..255.
         bundled: True if the files come with the program.
+        rows_of: The set that this is a part of, whose rows its images are known by.
         first_test: Row in the source from which on images are the set's own test part; None = it has none.
         folders: For pictures that are one JPEG file each: the folder of each class, in the order of the classes, to be
             found next to each other in the data set's folder or in a zip file there.
@@ -90,11 +91,17 @@ class Card(BaseModel):
     classes: tuple[str, ...]
     binarisation: str = "none"
     bundled: bool = False
+    rows_of: str = ""
     first_test: int | None = None
     folders: tuple[str, ...] = ()
     obtain: str = ""
     traps: tuple[str, ...] = ()
     files: tuple[DataFile, ...] = ()
+
+    @property
+    def identity(self) -> str:
+        """What images are known by, together with their rows: this set's name, or that of the one it is a part of."""
+        return self.rows_of or self.name
 
     @property
     def origin(self) -> str:

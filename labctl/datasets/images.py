@@ -1,5 +1,6 @@
 """Image sets: labelled images, with where each one came from."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -27,6 +28,8 @@ class ImageSet:
 
     Attributes:
         name: Name of the data set.
+        identity: What its images are known by, with their `indices`, whatever the set is called: `Card.identity`, or
+            SHA-256 of a file of one's own.
         images: (n, rows, columns), uint8 grey levels or bool; 28 x 28 of the MNIST kind, 227 x 227 of cracks.
         labels: (n,) int64 class of each image.
         indices: (n,) int64 row of each image in the source (training rows first, then test rows; of picture files the
@@ -36,6 +39,7 @@ class ImageSet:
     """
 
     name: str
+    identity: str
     images: NDArray[np.uint8] | NDArray[np.bool_]
     labels: NDArray[np.int64]
     indices: NDArray[np.int64]
@@ -92,7 +96,9 @@ def read_image_set(
         with pictures.opened(folder, card.folders) as album:
             positions = choose(album.labels, classes=classes, images=images, seed=seed)
             grey = album.pictures(positions, (card.shape[1], card.shape[2]))
-        return ImageSet(card.name, grey, album.labels[positions], positions, card.origin, card.binarisation)
+        return ImageSet(
+            card.name, card.identity, grey, album.labels[positions], positions, card.origin, card.binarisation
+        )
     everything = _everything(card, folder, tuple(store.version(folder, file) for file in card.files))
     return everything.take(choose(everything.labels, classes=classes, images=images, seed=seed))
 
@@ -114,7 +120,10 @@ def read_npz(path: Path) -> ImageSet:
             f"{path}: labels is {labels.dtype} {labels.shape}, images {images.shape}: store one integer for each image"
         )
     binarisation = "binary" if images.dtype == np.bool_ else "none"
-    return ImageSet(path.stem, images, labels.astype(np.int64), np.arange(len(labels)), str(path), binarisation)
+    with path.open("rb") as file:
+        identity = hashlib.file_digest(file, "sha256").hexdigest()
+    indices = np.arange(len(labels))
+    return ImageSet(path.stem, identity, images, labels.astype(np.int64), indices, str(path), binarisation)
 
 
 def _array(archive: ZipFile, path: Path, name: str) -> NDArray[Any]:
@@ -142,7 +151,8 @@ def _idx_files(card: Card, folder: Path) -> ImageSet:
     contents = {file.name: parse_idx(store.read(folder, file), file.name) for file in card.files}
     images = np.concatenate([contents[file.name] for file in card.files if file.role == "images"])
     labels = np.concatenate([contents[file.name] for file in card.files if file.role == "labels"])
-    return ImageSet(card.name, images, labels.astype(np.int64), np.arange(len(labels)), card.origin, card.binarisation)
+    indices = np.arange(len(labels))
+    return ImageSet(card.name, card.identity, images, labels.astype(np.int64), indices, card.origin, card.binarisation)
 
 
 def _records(card: Card, folder: Path) -> ImageSet:
@@ -151,7 +161,8 @@ def _records(card: Card, folder: Path) -> ImageSet:
     rows = np.concatenate([part[1] for part in parts])
     labels = np.concatenate([np.full(len(part[1]), label, np.int64) for label, part in enumerate(parts)])
     order = np.argsort(rows)
-    return ImageSet(card.name, images[order], labels[order], rows[order], card.origin, card.binarisation)
+    found = images[order], labels[order], rows[order]
+    return ImageSet(card.name, card.identity, *found, card.origin, card.binarisation)
 
 
 def choose(

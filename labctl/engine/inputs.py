@@ -33,7 +33,7 @@ def images_for(protocol: Measurement[Images], data: Path | None = None) -> Image
     loaded = datasets.load(name, classes=classes, images=images, seed=protocol.seeds.images, directory=data).binarised(
         rule
     )
-    return Images(loaded.images.astype(np.bool_), loaded.labels, loaded.indices)
+    return Images(loaded.images.astype(np.bool_), loaded.labels, loaded.indices, loaded.identity)
 
 
 def sequences_for(protocol: Measurement[Sequences], data: Path | None = None) -> Sequences:
@@ -46,13 +46,13 @@ def sequences_for(protocol: Measurement[Sequences], data: Path | None = None) ->
     loaded = load_sequences(name, classes=classes, directory=data)
     length = loaded.sequences.shape[1]
     if symbols is None or symbols == length:
-        return Sequences(loaded.sequences, loaded.labels, loaded.groups, loaded.indices)
+        return Sequences(loaded.sequences, loaded.labels, loaded.groups, loaded.indices, name)
     if symbols > length:
         raise ProtocolError(f"symbols = {symbols}: the sequences of {name!r} have {length}: ask for fewer")
     starts = np.random.default_rng((protocol.seeds.images, 4)).integers(0, length - symbols, len(loaded))
     columns = starts[:, np.newaxis] + np.arange(symbols)
     stretches = np.take_along_axis(loaded.sequences, columns, axis=1)
-    return Sequences(stretches, loaded.labels, loaded.groups, loaded.indices * length + starts)
+    return Sequences(stretches, loaded.labels, loaded.groups, loaded.indices * length + starts, name)
 
 
 LOADERS: Mapping[type[Images | Sequences], Callable[[Any, Path | None], Inputs]] = {

@@ -31,6 +31,7 @@ def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any
         "calibration": request.calibration,
         **({"coordinates": dict(request.coordinates)} if request.coordinates else {}),
         "inputs_sha256": request.inputs.digest,
+        "inputs_source": request.inputs.source,
         "started": started.isoformat(timespec="seconds"),
         "versions": versions(),
         "git_revision": git_revision(),

@@ -25,7 +25,7 @@ from platformdirs import user_cache_path
 
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.manifest import Manifest, protocol_settings
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import StorePath
 from labctl.runs.index import RunRow, is_running, is_there, run_directories, run_row
@@ -339,9 +339,8 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
     found: dict[str, list[str | float]] = {}
     if not row.problem:
         values = Manifest.read(paths).values
-        protocol, station = values.get("protocol"), values.get("station")
-        settings = protocol.get("settings") if isinstance(protocol, dict) else None
-        for said in (values.get("coordinates"), settings):
+        station = values.get("station")
+        for said in (values.get("coordinates"), protocol_settings(values)):
             for key, value in said.items() if isinstance(said, dict) else ():
                 found[_text(key.lower())] = _values(value)
         if isinstance(station, dict):

@@ -18,10 +18,12 @@ from labctl.reports.figure_files import save_figure
 from labctl.reports.figures.same_image import SameImage, same_image_figure
 from labctl.reports.figures.window import accuracy_figure
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import protocol_settings
 from labctl.runs.format.origin import Origin
 from labctl.runs.read.differences import Difference, settings_that_differ
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import Run, open_run
+from labctl.studies.inputs_of_runs import inputs_source
 from labctl.studies.inspection import cannot_be_drawn, port_names, signals
 
 MOST_SPLITS = 5
@@ -213,11 +215,8 @@ def _same_image(runs: tuple[Run, Run], columns: Columns) -> SameImage:
 
 def _images_of(manifest: Mapping[str, Any]) -> tuple[Any, ...] | None:
     """What makes images of two runs the same by their index: data set and binarisation; None where nobody says."""
-    protocol = manifest.get("protocol")
-    settings = protocol.get("settings") if isinstance(protocol, dict) else None
-    if not isinstance(settings, dict) or "dataset" not in settings:
-        return None
-    return settings["dataset"], settings.get("binarisation", settings.get("threshold"))
+    source, settings = inputs_source(manifest), protocol_settings(manifest)
+    return None if source is None else (source, settings.get("binarisation", settings.get("threshold")))
 
 
 def _accuracy(run: Run, columns: NDArray[np.intp]) -> tuple[WindowAccuracy, ...]:

@@ -6,6 +6,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict
 
 from instruments.values import Drive
+from labctl.runs.format.manifest import protocol_settings
 from labctl.runs.read.run import Run
 
 SAMPLE_TOLERANCE = 1e-6
@@ -32,7 +33,7 @@ class Masks(BaseModel):
     def of(cls, run: Run) -> Self:
         """Those of a run, whoever wrote its manifest."""
         station, seeds = _table(run.manifest, "station"), _table(run.manifest, "seeds")
-        settings, twin = _table(_table(run.manifest, "protocol"), "settings"), _table(station, "sim")
+        settings, twin = protocol_settings(run.manifest), _table(station, "sim")
         drive_seed = settings.get("drive_seed")
         drawn_from = settings.get("seed") if drive_seed is None else drive_seed
         simulated = isinstance(seeds.get("twin_seed"), int)

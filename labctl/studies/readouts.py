@@ -33,9 +33,11 @@ from labctl.errors import AnalysisError, UsageError, one_line, writing
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import protocol_settings
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import Run, open_run
+from labctl.studies.inputs_of_runs import identity_of, inputs_source
 from labctl.studies.masks import Masks
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 from labctl.studies.tasks import one_by_one
@@ -56,9 +58,15 @@ class _Trained(BaseModel):
     ports: tuple[int, ...]
     seed: int = Field(ge=0, lt=SEEDS)
     test_groups: tuple[int, ...]
-    masks: Masks | None = None  # earlier readouts say nothing of them, nor of the next two
+    masks: Masks | None = None  # earlier readouts say nothing of them, nor of the next three
     dataset: str | None = None
+    inputs_source: str | None = None
     training_groups: tuple[int, ...] | None = None
+
+    @property
+    def source(self) -> str | None:
+        """What its images are known by; readouts of earlier versions say how their set was called."""
+        return self.inputs_source or (None if self.dataset is None else identity_of(self.dataset))
 
     @classmethod
     def of(cls, model: Path) -> "_Trained":
@@ -91,7 +99,7 @@ def train_readout(
     require_replaceable(out)
     with open_run(directory) as run:
         records, left_out = bounded_records(run)
-        digest, masks, dataset = run.digest(), Masks.of(run), _dataset(run)
+        digest, masks, manifest = run.digest(), Masks.of(run), run.manifest
     chosen = ports or records.ports
     pipeline = softmax_readout(
         ports=ports,
@@ -112,7 +120,8 @@ def train_readout(
         "run": str(directory),
         "frames_sha256": digest,
         "masks": masks.model_dump(mode="json"),
-        "dataset": dataset,
+        "dataset": protocol_settings(manifest).get("dataset"),
+        "inputs_source": inputs_source(manifest),
         "window_s": window_s,
         "ports": list(chosen),
         "tau_s": tau_s or records.sample_interval_s,
@@ -130,7 +139,7 @@ def train_readout(
     with writing(path, "name another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
     save_model(path, pipeline, metadata)
-    kept = metadata.keys() - {"training_groups", "test_groups", "masks"}
+    kept = metadata.keys() - {"training_groups", "test_groups", "masks", "inputs_source"}
     return {"model": str(path)} | {key: value for key, value in metadata.items() if key in kept}
 
 
@@ -314,13 +323,13 @@ def _unseen(run: Run, records: Records, trained: _Trained) -> NDArray[np.intp]:
     if trained.training_groups is None:
         own = trained.frames_sha256 == run.digest()
         return np.flatnonzero(np.isin(records.groups, trained.test_groups) | (not own))
-    same = trained.dataset == _dataset(run)
+    same = trained.source is not None and trained.source == inputs_source(run.manifest)
     return np.flatnonzero(np.isin(records.groups, trained.training_groups if same else (), invert=True))
 
 
 def _own_split(run: Run, records: Records) -> Split | None:
     """The split that the run's data set has itself; None where it has none, or the run shows one part only."""
-    name = _dataset(run)
+    name = inputs_source(run.manifest)
     first_test = next((card.first_test for card in catalogue() if card.name == name), None)
     if first_test is None:
         return None
@@ -328,14 +337,6 @@ def _own_split(run: Run, records: Records) -> Split | None:
         return own_split(run.shots["dataset_index"][records.indices], first_test)
     except AnalysisError:
         return None
-
-
-def _dataset(run: Run) -> str | None:
-    """Name of the set whose images a run shows; None where it says none."""
-    protocol = run.manifest.get("protocol")
-    settings = protocol.get("settings") if isinstance(protocol, dict) else None
-    name = settings.get("dataset") if isinstance(settings, dict) else None
-    return name if isinstance(name, str) else None
 
 
 def _controls(

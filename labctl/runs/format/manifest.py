@@ -29,6 +29,13 @@ def manifest_digest(values: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()
 
 
+def protocol_settings(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The settings of the protocol that a manifest names; none where it says none."""
+    protocol = values.get("protocol")
+    settings = protocol.get("settings") if isinstance(protocol, dict) else None
+    return settings if isinstance(settings, dict) else {}
+
+
 @dataclass(frozen=True)
 class Manifest:
     """The manifest of a run: `values` is what manifest.json holds."""

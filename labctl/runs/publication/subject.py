@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.manifest import Manifest, protocol_settings
 from labctl.runs.notes import Notes, read_notes
 from labctl.runs.verification import RunReport, verify_run
 
@@ -69,9 +69,8 @@ class Subject:
     def protocol(self) -> tuple[str, Mapping[str, Any]]:
         """Name and settings of its protocol."""
         found = self.values.get("protocol")
-        settings = found.get("settings") if isinstance(found, dict) else None
         name = found.get("name", "") if isinstance(found, dict) else found
-        return str(name or "unknown"), settings if isinstance(settings, dict) else {}
+        return str(name or "unknown"), protocol_settings(self.values)
 
     @property
     def started(self) -> str:

@@ -1,0 +1,24 @@
+"""Where what a run shows comes from: images of one source and place are the same image, however their set is called."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from labctl.datasets import catalogue
+from labctl.runs.format.manifest import protocol_settings
+
+
+def inputs_source(manifest: Mapping[str, Any]) -> str | None:
+    """What the inputs of a run are known by, together with their places; None where nobody says.
+
+    Runs of earlier versions say how the set was called.
+    """
+    found = manifest.get("inputs_source")
+    if isinstance(found, str):
+        return found or None
+    name = protocol_settings(manifest).get("dataset")
+    return identity_of(name) if isinstance(name, str) else None
+
+
+def identity_of(name: str) -> str:
+    """What the images of a set of that name are known by; of a set that has no card, the name."""
+    return next((card.identity for card in catalogue() if card.name == name), name)
