@@ -158,10 +158,11 @@ def cross_validated_accuracy(
     splits: int = 10,
     test_size: float | int = 0.1,
     seed: int,
+    readout: Any = None,
 ) -> NDArray[np.float64]:
-    """Accuracy (splits,) of the softmax classifier on features (shots, features); the rest as in `random_splits`."""
+    """Accuracy (splits,) of a readout, as of `validate`, on (shots, features); the rest as in `random_splits`."""
     chosen = random_splits(labels, groups, splits=splits, test_size=test_size, seed=seed)
-    return validate(features, labels, chosen).scores
+    return validate(features, labels, chosen, readout=readout).scores
 
 
 def accuracy_against_window(
@@ -174,8 +175,9 @@ def accuracy_against_window(
     splits: int = 10,
     test_size: float | int = 0.1,
     seed: int,
+    readout: Any = None,
 ) -> tuple[WindowAccuracy, ...]:
-    """Accuracy of the softmax classifier at each acquisition time, over the same random splits.
+    """Accuracy of a readout at each acquisition time, over the same random splits.
 
     Args:
         frames: (shots, ports, samples).
@@ -186,6 +188,7 @@ def accuracy_against_window(
         splits: How many random splits.
         test_size: Part of the images in the test set, or number of test shots.
         seed: Seed of the splits.
+        readout: As of `validate`.
 
     Raises:
         AnalysisError: A window does not fit into the records, or the shots cannot be split.
@@ -194,7 +197,7 @@ def accuracy_against_window(
     table = []
     for window_s in windows_s:
         features = clone(window).set_params(window_s=window_s).fit_transform(frames)
-        scores = validate(features, labels, chosen).scores
+        scores = validate(features, labels, chosen, readout=readout).scores
         tau_s = window.tau_s if window.tau_s is not None else window.sample_interval_s
         table.append(WindowAccuracy(window_s, features.shape[1], compressive_ratio(window_s, tau_s), scores))
     return tuple(table)
@@ -224,12 +227,23 @@ def control(
     splits: int = 10,
     test_size: float | int = 0.1,
     seed: int,
+    readout: Any = None,
 ) -> Control:
-    """Accuracy on shots that say nothing about `labels` (fixed image, dark, shuffled labels), and that of chance."""
-    scores = cross_validated_accuracy(features, labels, groups, splits=splits, test_size=test_size, seed=seed)
-    chance = float(np.max(np.unique_counts(labels).counts) / labels.size)
+    """Accuracy of a readout, as of `validate`, and of chance, on shots that say nothing about `labels`.
+
+    Such as those of a fixed image, dark ones, and any with shuffled labels.
+    """
+    scores = cross_validated_accuracy(
+        features, labels, groups, splits=splits, test_size=test_size, seed=seed, readout=readout
+    )
+    chance = chance_of(labels)
     tolerance = STANDARD_ERRORS * float(np.sqrt(chance * (1 - chance) / np.unique(groups).size))
     return Control(scores, chance, tolerance)
+
+
+def chance_of(labels: NDArray[Any]) -> float:
+    """Share of the most frequent class among the labels (shots,): what guessing reaches."""
+    return float(np.max(np.unique_counts(labels).counts) / labels.size)
 
 
 def shuffled_labels(labels: NDArray[Any], groups: NDArray[Any], *, seed: int) -> NDArray[Any]:

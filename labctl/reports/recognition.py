@@ -40,6 +40,7 @@ def recognition_report(
     results: Sequence[Result],
     confusions: Sequence[Confusion],
     classes: Sequence[str],
+    chance: float,
     carried_out: CarryOut[str],
 ) -> Path:
     """Write `figures/` and `report.html` of the run in `directory` and return the path of the report.
@@ -52,6 +53,7 @@ def recognition_report(
         results: Paper against here.
         confusions: One matrix each.
         classes: Names of the classes, in the order of the matrices.
+        chance: What guessing reaches, 0..1.
         carried_out: Who lets the figures be drawn.
     """
     paths = RunPaths(directory)
@@ -60,7 +62,7 @@ def recognition_report(
         interval, manifest = run.shape.sample_interval_s, run.manifest
         traces = _traces(run, classes)
     figures = {
-        "accuracy": accuracy_figure(curves, tau_s=interval, chance=1 / len(classes)),
+        "accuracy": accuracy_figure(curves, tau_s=interval, chance=chance),
         "confusion": confusion_figure([(confusion.title, confusion.counts) for confusion in confusions], classes),
         "traces": traces,
     }

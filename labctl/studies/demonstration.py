@@ -137,5 +137,6 @@ def _report(found: Reproduced, images: int) -> Path:
             for name, counts in confusions(column.findings, settings).items()
         ],
         classes=settings.classes,
+        chance=1 / len(settings.classes),
         carried_out=side_by_side,
     )

@@ -37,9 +37,10 @@ def evaluate_online(directory: Path, *, window_s: float | None, ports: tuple[int
         sample_interval_s=records.sample_interval_s,
         recorded_ports=records.ports if ports else None,
     )
-    features = window.fit_transform(records.traces)
+    order = np.argsort(records.time_s, kind="stable")
+    features = window.fit_transform(records.traces)[order]
     first = min(FIRST_SHOTS, shots // FIRST_PART)
-    found = prequential(features, records.labels, records.groups, first=first)
+    found = prequential(features, records.labels[order], records.groups[order], first=first)
     last = -(-found.places.size // LAST_PART)
     blocks = np.array_split(np.arange(found.places.size), min(BLOCKS, found.places.size))
     return {

@@ -16,6 +16,7 @@ from instruments.toml_files import describe
 from labctl.analysis.evaluation import (
     CrossValidation,
     accuracy_against_window,
+    chance_of,
     control,
     mean_and_sd,
     shuffled_labels,
@@ -191,12 +192,15 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
             )
         splits = enough_splits(np.unique(records.groups).size)
         with _used(model, directory):
-            controls = _controls(run, records, readout[0], splits=splits, seed=trained.seed)
+            controls = _controls(run, records, readout, splits=splits, seed=trained.seed)
         own = _own_split(run, records)
     with _used(model, directory):
         ways = random_splits(records.labels, records.groups, splits=splits, seed=trained.seed)
         right, (random, forward, *by_set) = _judged(
-            readout, records, test, [ways, [forward_in_time_split(records.groups)], *([] if own is None else [[own]])]
+            readout,
+            records,
+            test,
+            [ways, [forward_in_time_split(records.groups, order=records.time_s)], *([] if own is None else [[own]])],
         )
         windows = accuracy_against_window(
             records.traces,
@@ -206,6 +210,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
             window=readout[0],
             splits=splits,
             seed=trained.seed,
+            readout=_learner(readout[1:]),
         )
     found: dict[str, Any] = {
         "model": str(model),
@@ -255,6 +260,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         ],
         confusions=[Confusion(f"{window_key(trained.window_s)} ns", random.confusion)],
         classes=[str(label) for label in random.classes],
+        chance=chance_of(records.labels),
         carried_out=one_by_one,
     )
     return found | {"report": str(report)}
@@ -340,14 +346,15 @@ def _own_split(run: Run, records: Records) -> Split | None:
 
 
 def _controls(
-    run: Run, records: Records, window: WindowFeatures, *, splits: int, seed: int
+    run: Run, records: Records, readout: Pipeline, *, splits: int, seed: int
 ) -> dict[str, dict[str, Any] | None]:
-    """Accuracy on what must not be recognisable, by the features of `window`, and chance; None of too few shots.
+    """Accuracy of a readout's like on what must not be recognisable, and chance; None of too few shots.
 
     A reference or dark shot is given the label of the image shown last before it: were anything but the mirrors to
     carry the label (drift, a trace read twice), it would be found there.
     """
     shuffled = shuffled_labels(records.labels, records.groups, seed=seed)
+    window, learner = readout[0], _learner(readout[1:])
     candidates = {"shuffled labels": (window.transform(records.traces), shuffled, records.groups)}
     for name, kind in (("fixed image", "reference"), ("dark", "dark")):
         try:
@@ -359,7 +366,7 @@ def _controls(
     found: dict[str, dict[str, Any] | None] = {}
     for name, (features, labels, groups) in candidates.items():
         try:
-            checked = control(features, labels, groups, splits=splits, seed=seed)
+            checked = control(features, labels, groups, splits=splits, seed=seed, readout=learner)
         except AnalysisError:
             found[name] = None
             continue

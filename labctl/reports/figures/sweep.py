@@ -9,14 +9,14 @@ from labctl.reports.canvas import Level, Series, draw_series, label_curves, pane
 
 
 @styled
-def sweep_figure(curves: Sequence[Series], *, axis: str, ticks: Sequence[str] | None, chance: float) -> Figure:
+def sweep_figure(curves: Sequence[Series], *, axis: str, ticks: Sequence[str] | None, chance: float | None) -> Figure:
     """Accuracy against an axis of a sweep, with its interval.
 
     Args:
         curves: x = positions on the axis, in its unit; mean of the accuracy, 0..1, and as `sd` half its interval.
         axis: What was varied, with its unit.
         ticks: Texts at positions 0, 1, 2, ... where values are no numbers.
-        chance: Accuracy of guessing, 0..1, which is marked.
+        chance: Accuracy of guessing, 0..1, which is marked; None where it is not the same at all points.
     """
     figure, axes = panel(height=4.2)
     drawn = [one.scaled(1, 100) for one in curves]
@@ -28,6 +28,6 @@ def sweep_figure(curves: Sequence[Series], *, axis: str, ticks: Sequence[str] | 
     axes.set_xlabel(axis)
     axes.set_ylabel("accuracy (%), 95 % interval")
     axes.set_ylim(0, 101)
-    label_curves(axes, drawn, [Level("chance", 100 * chance)])
+    label_curves(axes, drawn, [] if chance is None else [Level("chance", 100 * chance)])
     place_legend(figure, axes)
     return figure

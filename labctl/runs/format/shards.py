@@ -269,8 +269,10 @@ class Shards:
                 if name in block:
                     block[name][here, column] = values[there]
             flags = shots["flags"][here] | shard.rows["flags"][there]
+            later = shard.rows["time_s"][there] >= shots["time_s"][here]  # a pass may have been measured again
             for measured in MEASURED:
-                shots[measured.name][here] = shard.rows[measured.name][there]
+                values = shots[measured.name]
+                values[here] = np.where(later, shard.rows[measured.name][there], values[here])
             shots["flags"][here] = flags
         shots["suspect"] = ~self._sound[:, indices].all(axis=0)
         return block | ({"shots": shots} if "shots" in names else {})

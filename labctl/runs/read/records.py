@@ -20,10 +20,11 @@ GRID_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Records:
-    """The shots of one kind, in the order they were measured.
+    """The shots of one kind, in the order of the plan; some may have been measured again later.
 
     traces: (shots, ports, samples) V, first sample at the trigger. labels, groups: (shots,). ports: waveguide of each
-    entry of the second axis. sample_interval_s: s. indices: (shots,) place of each shot in the run.
+    entry of the second axis. sample_interval_s: s. indices: (shots,) place of each shot in the run. time_s: (shots,)
+    when each was completed, s after the run began.
     """
 
     traces: NDArray[np.floating]
@@ -32,6 +33,7 @@ class Records:
     ports: tuple[int, ...]
     sample_interval_s: float
     indices: NDArray[np.int64]
+    time_s: NDArray[np.float64]
 
 
 def read_records(run: Run, kind: str = "image", *, most: int | None = None) -> Records:
@@ -67,6 +69,7 @@ def read_records(run: Run, kind: str = "image", *, most: int | None = None) -> R
         ports=run.ports,
         sample_interval_s=interval,
         indices=chosen,
+        time_s=shots["time_s"][chosen].astype(np.float64),
     )
 
 

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from instruments.units import any_quantity
 from labctl.analysis.recognition import recognition
 from labctl.errors import AnalysisError, writing
 from labctl.reports.canvas import Series
@@ -61,7 +62,7 @@ def evaluate_sweep(
     axes = list(file.sweep.over)
     again = [[row for row in rows if all(row[axis] == one[axis] for axis in axes)] for one in rows]
     repeated = max(again, key=len)
-    figure, origin = _figure(rows, axes), Origin.of_runs(runs / row["run"] for row in rows)
+    figure, origin = _figure(rows, file.sweep.over), Origin.of_runs(runs / row["run"] for row in rows)
     with writing(directory / FIGURES, "make room"):
         (directory / FIGURES).mkdir(exist_ok=True)
         pictures = save_figure(figure, directory / FIGURES / "accuracy", origin)
@@ -95,12 +96,12 @@ def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) ->
     return vars(found) | {"interval": list(found.interval), "complete": complete}
 
 
-def _figure(rows: list[dict[str, Any]], axes: list[str]) -> Any:
+def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]]) -> Any:
     """Against the axis with most values; a curve for each combination of the others."""
-    along = max(axes, key=lambda axis: len({row[axis] for row in rows}))
-    others = [axis for axis in axes if axis != along]
+    along = max(over, key=lambda axis: len({row[axis] for row in rows}))
+    others = [axis for axis in over if axis != along]
     numbers, unit = _as_numbers([row[along] for row in rows])
-    texts = None if numbers is not None else list(dict.fromkeys(row[along] for row in rows))
+    texts = None if numbers is not None else [text for text in over[along] if text in {row[along] for row in rows}]
     at = numbers if numbers is not None else [float((texts or []).index(row[along])) for row in rows]
     curves: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     for place, row in zip(at, rows, strict=True):
@@ -113,7 +114,9 @@ def _figure(rows: list[dict[str, Any]], axes: list[str]) -> Any:
             *((place, row["accuracy"], row["interval"]) for place, row in points), strict=True
         )
         drawn.append(Series(label, positions, accuracies, [0.0] * len(points), intervals=intervals))
-    return sweep_figure(drawn, axis=f"{along} ({unit})" if unit else along, ticks=texts, chance=rows[0]["chance"])
+    chances = {row["chance"] for row in rows}
+    chance = chances.pop() if len(chances) == 1 else None
+    return sweep_figure(drawn, axis=f"{along} ({unit})" if unit else along, ticks=texts, chance=chance)
 
 
 def _by_number(label: str) -> tuple[float, str]:
@@ -122,9 +125,11 @@ def _by_number(label: str) -> tuple[float, str]:
 
 
 def _as_numbers(texts: Sequence[str]) -> tuple[list[float] | None, str]:
-    """The numbers of texts of one unit, and it; no numbers where one is none, or of another unit."""
+    """The numbers of texts of one unit, and it, or of units of one kind; no numbers where one is none."""
     matches = [_VALUE.fullmatch(text) for text in texts]
-    units = {match.group(2) for match in matches if match}
-    if not all(matches) or len(units) != 1:
-        return None, ""
-    return [float(match.group(1)) for match in matches if match], units.pop()
+    if all(matches) and len(units := {match.group(2) for match in matches if match}) == 1:
+        return [float(match.group(1)) for match in matches if match], units.pop()
+    known = [found for text in texts if (found := any_quantity(text)) is not None]
+    if len(known) == len(texts) and len(kinds := {unit for _, unit in known}) == 1:
+        return [number for number, _ in known], kinds.pop()
+    return None, ""

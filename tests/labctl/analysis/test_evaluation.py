@@ -108,6 +108,21 @@ def test_real_digits_are_recognised_better_with_longer_windows(
     assert means[2] > 0.95
 
 
+def test_every_acquisition_time_is_judged_by_the_readout_that_is_asked_about(
+    digits: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    frames, labels, groups = digits
+    window = WindowFeatures(sample_interval_s=TAU, window_s=0.4e-9)
+    strict = softmax_classifier().set_params(softmaxregression__C=1e-6)
+    settings = {"splits": 3, "seed": 2, "readout": strict}
+    features = window.fit_transform(frames)
+    expected = cross_validated_accuracy(features, labels, groups, **settings)
+    (row,) = accuracy_against_window(frames, labels, groups, windows_s=[0.4e-9], window=window, **settings)
+    assert np.array_equal(row.scores, expected)
+    assert expected.mean() < cross_validated_accuracy(features, labels, groups, splits=3, seed=2).mean()
+    assert np.array_equal(control(features, labels, groups, **settings).scores, expected)
+
+
 def test_confusion_counts_every_test_shot(digits: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     frames, labels, groups = digits
     features = WindowFeatures().fit_transform(frames)

@@ -1,4 +1,4 @@
-"""Images are the same by what they come from, not by how their set is called: in tests of readouts and beside others."""
+"""Images are the same by what they come from, however their set is called: in tests of readouts and beside others."""
 
 import os
 from collections.abc import Callable

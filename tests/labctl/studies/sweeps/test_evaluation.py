@@ -1,0 +1,38 @@
+"""The figure of a sweep: its axis in order, whatever the units and the order of measurement."""
+
+from typing import Any
+
+import pytest
+
+from labctl.studies.sweeps.evaluation import _figure
+
+
+def row(axis: str, value: str, accuracy: float, chance: float = 0.25) -> dict[str, Any]:
+    return {axis: value, "accuracy": accuracy, "interval": [accuracy - 0.1, accuracy + 0.1], "chance": chance}
+
+
+def test_values_of_several_units_of_one_kind_are_numbers() -> None:
+    rows = [row("window", "2 ns", 0.9), row("window", "400 ps", 0.5), row("window", "0.8 ns", 0.7)]
+    (axes,) = _figure(rows, {"window": ("400 ps", "0.8 ns", "2 ns")}).axes
+    assert axes.get_xlabel() == "window (s)"
+    curve = next(line for line in axes.lines if len(line.get_xdata()) == 3)
+    assert curve.get_xdata() == pytest.approx([0.4e-9, 0.8e-9, 2e-9])
+    assert curve.get_ydata() == pytest.approx([50, 70, 90])
+
+
+def test_words_stand_in_the_order_in_which_they_were_given() -> None:
+    rows = [row("ports", "2-5", 0.9), row("ports", "2", 0.4), row("ports", "2,3", 0.6)]
+    (axes,) = _figure(rows, {"ports": ("2", "2,3", "2-4", "2-5")}).axes
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["2", "2,3", "2-5"]
+    curve = next(line for line in axes.lines if len(line.get_xdata()) == 3)
+    assert curve.get_ydata() == pytest.approx([40, 60, 90])
+
+
+def test_chance_is_drawn_where_it_is_one() -> None:
+    def drawn(*chances: float) -> bool:
+        rows = [row("classes", "0,1", 0.9, chances[0]), row("classes", "0-3", 0.8, chances[1])]
+        (axes,) = _figure(rows, {"classes": ("0,1", "0-3")}).axes
+        return any("chance" in text.get_text() for text in axes.texts)
+
+    assert drawn(0.5, 0.5)
+    assert not drawn(0.5, 0.25)
