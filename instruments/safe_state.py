@@ -18,6 +18,8 @@ ORDER: Mapping[str, str] = {
     "scope": "oscilloscope stopped",
 }
 """The safe state in its order: what is reached with each instrument. Those with other roles follow."""
+LIGHT = ("attenuator", "amplifier", "laser")
+"""Those of them that give light or let it through."""
 MAY_EMIT: Mapping[str, str] = {
     "laser": "the laser may still emit, switch it off by its key switch",
     "amplifier": "the amplifier may still emit, switch it off at its front panel",

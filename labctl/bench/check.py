@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from instruments.errors import InstrumentError
-from instruments.interfaces import Instrument
+from instruments.errors import InstrumentError, LightLost
+from instruments.interfaces import Instrument, TunableLaser
 from instruments.transcripts import Transcript
 from instruments.values import Examination, Identity, Range
 from labctl.bench.identity import asked, require_known
@@ -31,6 +31,7 @@ class Finding:
         allowed: The limits of the station for what is set here, by the names of `examination`.
         self_test: `PASSED`, `NOT_RUN`, or its error.
         self_test_s: How long that may take.
+        emits: Whether a laser says that it does; None of what is no laser, or cannot tell.
         problem: Why it is not well, and what to do; empty if it is.
     """
 
@@ -41,6 +42,7 @@ class Finding:
     allowed: dict[str, Range] = field(default_factory=dict)
     self_test: str = NOT_RUN
     self_test_s: float = 0.0
+    emits: bool | None = None
     problem: str = ""
 
     @property
@@ -97,6 +99,16 @@ def _ask(station: Station, name: str, instrument: Instrument, finding: Finding) 
     finding.identity = asked(station, name, instrument)
     require_known(station, name, finding.identity)
     finding.examination = instrument.examine()
+    if isinstance(instrument, TunableLaser) and instrument.switches_itself:
+        finding.emits = _emits(instrument)
+
+
+def _emits(laser: TunableLaser) -> bool:
+    try:
+        laser.require_emission()
+    except LightLost:
+        return False
+    return True
 
 
 def _test(
@@ -134,6 +146,7 @@ def as_json(finding: Finding) -> dict[str, Any]:
         "options": finding.examination.options,
         "self_test": finding.self_test,
         "self_test_s": finding.self_test_s,
+        "emits": finding.emits,
         "errors": list(finding.examination.errors),
         "limits": {
             name: {"low": _bound(limit.low), "high": _bound(limit.high), "unit": limit.unit}

@@ -1,8 +1,9 @@
-"""Is an instrument one that its driver is for? Found out in the dark, before anything is set."""
+"""Is an instrument one that its driver is for? Found out before anything is set; what gives light goes dark then."""
 
 from instruments.bench import Bench
 from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
+from instruments.safe_state import LIGHT
 from instruments.sections import SIMULATED
 from instruments.values import Identity
 from instruments.visa import NoAnswer
@@ -24,14 +25,19 @@ def identified(station: Station, name: str, instrument: Instrument) -> Identity:
 def who_they_are(station: Station, bench: Bench) -> dict[str, Identity]:
     """Who the instruments of `bench` are, by name; its observer hears of each.
 
+    What gives light or lets it through is made safe as soon as it is known, before the next one is asked: somebody may
+    have left it on.
+
     Raises:
-        InstrumentError: one does not answer, or is another instrument than its driver is for.
+        InstrumentError: one does not answer or obey, or is another instrument than its driver is for.
         BenchInUse: another process has one.
     """
     found = {}
     for name, instrument in bench.instruments.items():
         found[name] = identified(station, name, instrument)
         bench.observer.identified(name, found[name])
+        if name in LIGHT:
+            instrument.make_safe()
     return found
 
 

@@ -90,6 +90,8 @@ def _print(findings: dict[str, dict[str, Any]], asked: "Asked | None") -> None:
     say("")
     for name, found in findings.items():
         say(found["problem"] or f"{name}: {_self_test(found)}, no errors queued")
+        if found["emits"]:
+            say(f"{name}: EMITS: somebody has left it on; the next run switches it off first")
     if asked is not None:
         say("")
         table(

@@ -18,6 +18,7 @@ from instruments.bench import Bench
 from instruments.errors import InstrumentError
 from instruments.safe_state import ending_with
 from instruments.values import Scaling
+from labctl.bench.identity import who_they_are
 from labctl.bench.signals import Interruption
 from labctl.engine.control import Control, controlled
 from labctl.engine.light_check import REPEATS, refuse_changed_light, to_repeat
@@ -72,9 +73,11 @@ def carry_out(request: Request, bench: Bench, interruption: Interruption, direct
         RunError: the directory exists or cannot be written.
         ProtocolError: the protocol does not suit the inputs or the bench.
     """
+    request.protocol.check_cabling(bench)
+    identities = who_they_are(request.station, bench)
     plan = checked(request, bench)
     started = datetime.now(UTC)
-    values = manifest(request, bench, started)
+    values = manifest(request, bench, identities, started)
     writer = RunWriter.create(
         directory or new_directory(request.protocol, started),
         values,
@@ -107,9 +110,10 @@ def go_on(request: Request, bench: Bench, interruption: Interruption, writer: Ru
     with controlled(writer.paths.directory, interruption) as control:
         _tell_start("run resumed", request, bench, writer, text=text)
         bench.make_safe()
+        identities = who_they_are(request.station, bench)
         plan = checked(request, bench)
         refuse_other_plan(writer.paths, writer.manifest, plan.shape, plan.shots, plan.drive)
-        _, instruments = light_and_instruments(request, bench)
+        _, instruments = light_and_instruments(request, bench, identities)
         refuse_changed_instruments(writer.paths.directory, writer.manifest, instruments, request.station)
         bench.observer.stored_in(writer.paths.directory)
         return _Measurement(request, bench, writer, control).outcome()

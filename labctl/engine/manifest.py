@@ -1,23 +1,24 @@
 """The manifest of a run: what was asked for, who the instruments are and how they are set, and what made the run."""
 
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
 from instruments.bench import Bench
-from labctl.bench.identity import who_they_are
+from instruments.values import Identity
 from labctl.engine.plan import Request
 from labctl.runs.format.provenance import git_revision, versions
 from protocols.base import Measurement
 
 
-def manifest(request: Request, bench: Bench, started: datetime) -> dict[str, Any]:
+def manifest(request: Request, bench: Bench, identities: Mapping[str, Identity], started: datetime) -> dict[str, Any]:
     """What manifest.json holds beside the sizes that the writer adds; the bench stays dark.
 
     Raises:
         InstrumentError: an instrument does not answer, or the laser does not settle.
     """
     protocol = request.protocol
-    light, instruments = light_and_instruments(request, bench)
+    light, instruments = light_and_instruments(request, bench, identities)
     return {
         "protocol": {
             "name": protocol.name,
@@ -50,11 +51,12 @@ def _own_file(protocol: Measurement[Any]) -> dict[str, Any]:
     return {"file": said, "judgement": protocol.judgement}
 
 
-def light_and_instruments(request: Request, bench: Bench) -> tuple[dict[str, Any], dict[str, Any]]:
+def light_and_instruments(
+    request: Request, bench: Bench, identities: Mapping[str, Identity]
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """What the laser settled on for the first pass, in the dark, and who all instruments are and how they are set."""
-    identities = {name: vars(identity) for name, identity in who_they_are(request.station, bench).items()}
     light = vars(bench.set_light(request.protocol.passes(bench)[0].wavelength_nm))
     return light, {
-        name: {"identity": identities[name], "settings": instrument.settings()}
+        name: {"identity": vars(identities[name]), "settings": instrument.settings()}
         for name, instrument in bench.instruments.items()
     }

@@ -73,7 +73,7 @@ MOMENTS: dict[str, dict[str, Moment]] = {
         "connecting": Moment("*IDN?"),
         "preparing": Moment("WAVELENGTH?"),
         "acquiring": Moment("SETTLED?", 4),
-        "finishing": Moment("ERROR?", 7),
+        "finishing": Moment("ERROR?", 8),
     },
     "awg": {
         "connecting": Moment("*IDN?"),
@@ -108,13 +108,13 @@ MOMENTS: dict[str, dict[str, Moment]] = {
         "connecting": Moment("*IDN?"),
         "preparing": Moment("POWer:LEVel?"),
         "acquiring": Moment("POWer:OUTPut?", 3),
-        "finishing": Moment("OUTPut?", 13),
+        "finishing": Moment("OUTPut?", 14),
     },
     "attenuator": {
         "connecting": Moment("*IDN?"),
         "preparing": Moment("INPut:ATTenuation?"),
         "acquiring": Moment("INPut:ATTenuation?", 4),
-        "finishing": Moment("OUTPut?", 13),
+        "finishing": Moment("OUTPut?", 14),
     },
 }
 """The reply that a fault on the wire strikes; nothing is said to the patch panel at the end."""

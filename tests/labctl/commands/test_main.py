@@ -4,6 +4,7 @@ import itertools
 import json
 import shutil
 import tempfile
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -566,21 +567,30 @@ def test_a_readout_replaces_no_other_file(run: Path, tmp_path: Path, capsys: pyt
 class TestFailureAfterFailure:
     """The first error is told first; what the end of the run then failed at follows on a line of its own."""
 
-    @pytest.fixture(autouse=True)
-    def stuck(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    @pytest.fixture
+    def stick(self, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+        """The laser obeys no more."""
         close = Tlg220.close
 
         def refuse(laser: Tlg220) -> None:
             close(laser)
             raise InstrumentError("laser: does not obey")
 
-        monkeypatch.setattr(Tlg220, "make_safe", refuse)
-        monkeypatch.setattr(Tlg220, "close", refuse)
+        def stick() -> None:
+            monkeypatch.setattr(Tlg220, "make_safe", refuse)
+            monkeypatch.setattr(Tlg220, "close", refuse)
+
+        return stick
 
     def test_of_an_instrument(
-        self, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        self,
+        capsys: pytest.CaptureFixture[str],
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        stick: Callable[[], None],
     ) -> None:
         def fail(_scope: Dpo72504dx) -> None:
+            stick()
             raise InstrumentError("scope: on fire")
 
         monkeypatch.setattr(Dpo72504dx, "wait", fail)
@@ -598,9 +608,14 @@ class TestFailureAfterFailure:
         assert json.loads(out) == {"error": "scope: on fire", "exit": 1, "notes": notes}
 
     def test_of_an_operator_who_stops_the_run_at_once(
-        self, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        self,
+        capsys: pytest.CaptureFixture[str],
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        stick: Callable[[], None],
     ) -> None:
         def stop(_scope: Dpo72504dx) -> None:
+            stick()
             raise StoppedBySignal
 
         monkeypatch.setattr(Dpo72504dx, "wait", stop)
