@@ -14,7 +14,8 @@ from difflib import get_close_matches
 from instruments.units import any_quantity
 from labctl.errors import UsageError
 
-LONGEST = 500
+LONGEST, MOST_NESTED = 500, 30
+"""Characters of a search; of its brackets and `not`, which SQLite takes in one another only so deep."""
 OPERATORS = ("!=", "<=", ">=", "=", "<", ">", "~")
 _TOKEN = re.compile(r"""\s*(?:(?P<text>"[^"]*"|'[^']*')|(?P<sign>!=|<=|>=|[=<>~()])|(?P<word>[^\s()=<>!~"']+|!))""")
 _HAS = "EXISTS (SELECT 1 FROM fact WHERE fact.run = run.name AND fact.key = ? AND {})"
@@ -42,7 +43,10 @@ def condition(words: str, keys: frozenset[str], holds_text: Callable[[str], bool
     """
     if len(words) > LONGEST:
         raise UsageError(f"a search of {len(words)} characters: write {LONGEST} at most")
-    search = _Search(_tokens(words), keys, holds_text)
+    tokens = _tokens(words)
+    if sum(token.is_word("not", "(") for token in tokens) > MOST_NESTED:
+        raise UsageError(f"a search with more than {MOST_NESTED} brackets and not: write fewer")
+    search = _Search(tokens, keys, holds_text)
     return search.whole() if search.tokens else ("1", [])
 
 

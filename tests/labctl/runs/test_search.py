@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labctl.errors import UsageError
-from labctl.runs.search import LONGEST, condition, words_in
+from labctl.runs.search import LONGEST, MOST_NESTED, condition, words_in
 
 RUNS: dict[str, dict[str, list[str | float]]] = {
     "a-image": {"protocol": ["image-readout"], "images": [300.0], "window": [1e-9], "tag": ["good", "shown twice"]},
@@ -66,6 +66,8 @@ def found(words: str) -> str:
         ("not tag = good", "bc"),
         ("not (tag = good or accuracy > 0)", "c"),
         ('"or"', ""),
+        ("not " * MOST_NESTED + "image", "ab"),
+        ("not (x " * (MOST_NESTED // 2) + ")" * (MOST_NESTED // 2), "abc"),
     ],
 )
 def test_words_and_what_they_find(words: str, names: str) -> None:
@@ -86,6 +88,7 @@ def test_words_and_what_they_find(words: str, names: str) -> None:
         ("= 3", "=: comes where"),
         ("note ~ 'fibre", "a quotation mark is missing"),
         ("x" * (LONGEST + 1), f"write {LONGEST} at most"),
+        ("not " * (MOST_NESTED + 1) + "x", f"more than {MOST_NESTED} brackets and not"),
     ],
 )
 def test_what_is_not_understood_is_one_line(words: str, message: str) -> None:
