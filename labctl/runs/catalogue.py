@@ -1,7 +1,8 @@
 """A catalogue of the runs in a folder, by which one of thousands is found again.
 
 It is a SQLite file beside the runs that holds nothing of its own: what changed since it was made is read again from the
-runs, and without it, or where none can be written, it is made anew. Of runs elsewhere it lies in the user's cache.
+runs, and without it, or where it is damaged or cannot be written, it is made anew. Of runs elsewhere it lies in the
+user's cache.
 """
 
 import gc
@@ -13,13 +14,13 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from platformdirs import user_cache_path
 
@@ -46,6 +47,8 @@ MOST_VALUES = 64
 LONGEST_VALUE = 4000
 AT_ONCE = 16
 """Runs elsewhere that are read side by side."""
+DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR)
+"""What SQLite says where the file is not as it was made; where there is no room, it says something else."""
 _TABLES = f"""
     DROP TABLE IF EXISTS run;
     DROP TABLE IF EXISTS fact;
@@ -56,6 +59,7 @@ _TABLES = f"""
     CREATE INDEX fact_of_run ON fact (run, key);
 """
 Facts = Mapping[str, Sequence[str | float]]
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -101,32 +105,38 @@ class Catalogue:
         Raises:
             UsageError: as `find`.
         """
-        with self._open() as database:
-            keys = self._keys(database)
-            for key in (sort, *(shown if keys else ())):
-                if key not in keys.union(LISTED):
-                    raise unknown(key, keys.union(LISTED))
-            sql, values = condition(words, keys, partial(_holds_text, database))
-            largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
-            order = f"{largest.format('number')} DESC, {largest.format('text')} DESC, name DESC"
-            # Names alone are sorted, which are short; rows and facts are then looked up, in whatever order.
-            chosen = database.execute(
-                "SELECT name, row, facts, total, place FROM (SELECT name AS chosen, count(*) OVER () AS total, "  # noqa: S608 -- of signs that `condition` chooses
-                f"row_number() OVER (ORDER BY {order}) AS place FROM run WHERE {sql} ORDER BY place LIMIT ?) "
-                "CROSS JOIN run ON name = chosen",
-                [sort, sort, *values, -1 if limit is None else limit],
-            ).fetchall()
+        return self._told(partial(self._last, words, sort=sort, limit=limit, shown=shown))
+
+    def _last(
+        self, words: str, database: sqlite3.Connection, *, sort: str, limit: int | None, shown: Sequence[str]
+    ) -> tuple[list[Found], int]:
+        keys = self._keys(database)
+        for key in (sort, *(shown if keys else ())):
+            if key not in keys.union(LISTED):
+                raise unknown(key, keys.union(LISTED))
+        sql, values = condition(words, keys, partial(_holds_text, database))
+        largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
+        order = f"{largest.format('number')} DESC, {largest.format('text')} DESC, name DESC"
+        # Names alone are sorted, which are short; rows and facts are then looked up, in whatever order.
+        chosen = database.execute(
+            "SELECT name, row, facts, total, place FROM (SELECT name AS chosen, count(*) OVER () AS total, "  # noqa: S608 -- of signs that `condition` chooses
+            f"row_number() OVER (ORDER BY {order}) AS place FROM run WHERE {sql} ORDER BY place LIMIT ?) "
+            "CROSS JOIN run ON name = chosen",
+            [sort, sort, *values, -1 if limit is None else limit],
+        ).fetchall()
         if not chosen:
             return [], 0
         names, rows, facts, counts, _ = zip(*sorted(chosen, key=itemgetter(-1), reverse=True), strict=True)
-        with _all_of_it_kept():
-            found = map(Found, map(self._row, names, _all_of(rows)), _all_of(facts))
-            return list(found), counts[0]
+        try:
+            with _all_of_it_kept():
+                found = map(Found, map(self._row, names, _all_of(rows)), _all_of(facts))
+                return list(found), counts[0]
+        except (ValueError, TypeError, KeyError) as error:
+            raise _DamagedRow(str(error)) from error
 
     def keys(self) -> list[str]:
         """All that is known of some run, by name."""
-        with self._open() as database:
-            return sorted(self._keys(database))
+        return sorted(self._told(self._keys))
 
     def _row(self, name: bytes, told: dict[str, Any]) -> RunRow:
         instruments = Origin(told["instruments"]) if told["instruments"] else None
@@ -146,42 +156,49 @@ class Catalogue:
         return self._knows(name)
 
     def _knows(self, name: str) -> bool:
-        with self._open() as database:
-            return bool(database.execute("SELECT 1 FROM run WHERE name = ?", [os.fsencode(name)]).fetchone())
+        wanted = [os.fsencode(name)]
+        return self._told(
+            lambda database: bool(database.execute("SELECT 1 FROM run WHERE name = ?", wanted).fetchone())
+        )
 
     def look_again(self) -> None:
         """Rest no longer: look at the runs when the next question comes."""
         self._due = 0.0
 
-    @contextmanager
-    def _open(self) -> Iterator[sqlite3.Connection]:
-        """The tables as the runs are now; in memory where no file can be written, or another process writes it.
+    def _told(self, question: Callable[[sqlite3.Connection], Answer]) -> Answer:
+        """What the tables say when they are as the runs are now; in memory where the file is of no use.
 
-        They are refreshed in the transaction that opening them begins.
+        A file that is damaged is removed, so that it is made anew.
         """
-        with self._connected() as database:
-            with database:
-                began = time.monotonic()
-                if began >= self._due:
-                    self._refresh(database)
-                    took = time.monotonic() - began
-                    self._due = math.inf if isinstance(self._folder, StorePath) else began + (1 + self._rests) * took
-            yield database
-
-    def _connected(self) -> AbstractContextManager[sqlite3.Connection]:
-        path = _kept_for(self._folder)
-        if path.parent.is_dir() and not (path.is_symlink() or (path.exists() and not path.is_file())):
-            with suppress(sqlite3.Error):
-                database = sqlite3.connect(path, timeout=1.0)
+        path, damaged = _kept_for(self._folder), False
+        if self._in_memory is None and path.parent.is_dir() and _may_be_ours(path):
+            with suppress(sqlite3.Error), closing(sqlite3.connect(path, timeout=1.0)) as database:
+                _with_tables(database)
                 try:
-                    return closing(_with_tables(database))
-                except sqlite3.Error:
-                    database.close()
-        if not self._rests:
-            return closing(_with_tables(sqlite3.connect(":memory:")))
-        if self._in_memory is None:
-            self._in_memory, self._due = sqlite3.connect(":memory:", check_same_thread=False), 0.0
-        return nullcontext(_with_tables(self._in_memory))
+                    return self._of_now(database, question)
+                except sqlite3.Error as error:
+                    damaged = getattr(error, "sqlite_errorcode", 0) & 0xFF in DAMAGED
+                    raise
+        if damaged:
+            with suppress(OSError):
+                path.unlink()
+        memory = self._in_memory
+        if memory is None:
+            memory, self._due = sqlite3.connect(":memory:", check_same_thread=False), 0.0
+        if self._rests:
+            self._in_memory = memory
+        with nullcontext() if self._rests else closing(memory):
+            return self._of_now(_with_tables(memory), question)
+
+    def _of_now(self, database: sqlite3.Connection, question: Callable[[sqlite3.Connection], Answer]) -> Answer:
+        """The tables are refreshed in the transaction that opening them has begun."""
+        with database:
+            began = time.monotonic()
+            if began >= self._due:
+                self._refresh(database)
+                took = time.monotonic() - began
+                self._due = math.inf if isinstance(self._folder, StorePath) else began + (1 + self._rests) * took
+        return question(database)
 
     def _refresh(self, database: sqlite3.Connection) -> None:
         entries = database.execute(
@@ -208,6 +225,12 @@ class Catalogue:
                 _forget(database, name)
                 # What cannot be read may be mended where no stamp shows it: it is read again at the next look.
                 _enter(database, name, None if row.problem else stamp, row, facts)
+
+
+class _DamagedRow(sqlite3.DatabaseError):
+    """A row that labctl has not written."""
+
+    sqlite_errorcode = sqlite3.SQLITE_CORRUPT
 
 
 @contextmanager
@@ -238,6 +261,10 @@ def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
         database.executescript(_TABLES)
     database.execute("BEGIN IMMEDIATE")  # or another process writes it, or nobody can
     return database
+
+
+def _may_be_ours(path: Path) -> bool:
+    return not path.is_symlink() and (path.is_file() or not path.exists())
 
 
 def _stamps(folder: Path) -> dict[bytes, str | None]:

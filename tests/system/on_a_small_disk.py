@@ -81,9 +81,27 @@ def while_data_is_made(folder: Path) -> dict[str, Any]:
     }
 
 
+def while_runs_are_looked_for(folder: Path) -> list[str]:
+    """A catalogue is there, and one run has another name when no page is free any more."""
+
+    def listed() -> list[str]:
+        command = [*LABCTL, "runs", str(folder), "--json"]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        return [Path(one["run"]).name for one in json.loads(ended.stdout).get("runs", ())]
+
+    found = listed()
+    (folder / "whole").rename(folder / "other")
+    fill(folder / "ballast")
+    return [*found, *listed()]
+
+
 if __name__ == "__main__":
     where = Path(sys.argv[1])
     mount = shutil.which("mount") or "mount"
     subprocess.run([mount, "-t", "tmpfs", "-o", f"size={SIZE}", "none", str(where)], check=True)
-    found = {"run": while_a_run_goes_on(where, sys.argv[2], sys.argv[3:]), "data": while_data_is_made(where)}
+    found: dict[str, Any] = {
+        "run": while_a_run_goes_on(where, sys.argv[2], sys.argv[3:]),
+        "data": while_data_is_made(where),
+    }
+    found["listed"] = while_runs_are_looked_for(where)
     print(json.dumps(found))  # noqa: T201

@@ -86,3 +86,7 @@ def test_a_disk_that_fills_up_under_the_data_file_takes_nothing_else(found: dict
     )
     assert (data["intact"], data["complete"], data["left"]) == (True, True, [])
     assert data["data_file"] == "current"
+
+
+def test_runs_are_listed_as_they_are_where_no_catalogue_can_be_written(found: dict[str, Any]) -> None:
+    assert found["listed"] == ["whole", "run", "other", "run"]

@@ -4,7 +4,9 @@ import json
 import os
 import shutil
 import sqlite3
-from contextlib import closing
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -87,6 +89,72 @@ def test_the_catalogue_is_made_again_at_any_time(folder: Path, as_json: AsJson) 
     (folder / FILE).unlink()
     shutil.rmtree(folder / "second")
     assert names(as_json, folder) == ["first", "third"]
+
+
+def damaged_inside(catalogue: Path) -> None:
+    """Everything behind the page that says what file it is."""
+    whole = catalogue.read_bytes()
+    catalogue.write_bytes(whole[:4096] + b"x" * (len(whole) - 4096))
+
+
+def rows_as(text: str) -> Callable[[Path], None]:
+    """Rows that labctl has not written."""
+
+    def written(catalogue: Path) -> None:
+        with closing(sqlite3.connect(catalogue)) as other, other:
+            other.execute("UPDATE run SET row = ?", [text])
+
+    return written
+
+
+def without_its_tables(catalogue: Path) -> None:
+    with closing(sqlite3.connect(catalogue)) as other, other:
+        other.execute("DROP TABLE run")
+
+
+@pytest.mark.parametrize(
+    "damage", [damaged_inside, rows_as('{"name": '), rows_as("{}"), rows_as("[]"), rows_as("null"), without_its_tables]
+)
+@pytest.mark.parametrize("rests", [0.0, 10.0])
+def test_a_catalogue_that_is_damaged_is_made_anew(folder: Path, damage: Callable[[Path], None], rests: float) -> None:
+    assert len(Catalogue(folder).find()) == 3
+    before, asked = Catalogue(folder, rests=rests), Catalogue(folder, rests=rests)
+    assert len(before.find()) == 3
+    damage(folder / FILE)
+    for catalogue in (asked, before):
+        assert [one.row.name for one in catalogue.find(sort="name")] == ["first", "second", "third"]
+        assert catalogue.has("second")
+    assert len(Catalogue(folder).find()) == 3
+    with closing(sqlite3.connect(folder / FILE)) as other:
+        assert other.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        assert other.execute("SELECT row ->> 'protocol' FROM run").fetchall() == [("image-readout",)] * 3
+
+
+@contextmanager
+def no_room() -> Iterator[None]:
+    """No file of this process may grow, nor be written behind its first page."""
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of files")
+@pytest.mark.parametrize("rests", [0.0, 10.0])
+def test_runs_are_found_where_the_catalogue_can_no_longer_be_written(folder: Path, rests: float) -> None:
+    catalogue = Catalogue(folder, rests=rests)
+    assert len(catalogue.find()) == 3
+    shutil.copytree(folder / "first", folder / "fourth")
+    with no_room():
+        catalogue.look_again()
+        assert len(catalogue.find()) == 4
+        assert len(catalogue.find()) == 4, "and not what the file says that could not be written"
+        assert catalogue.has("fourth")
+    assert len(Catalogue(folder).find()) == 4
 
 
 def test_a_link_in_its_place_leads_nowhere(folder: Path, tmp_path: Path, as_json: AsJson) -> None:
