@@ -24,11 +24,11 @@ def show_comparison(watching: Watching, one: str, other: str) -> None:
     """Two runs side by side."""
     first, second = watching.run(one), watching.run(other)
     if first is None or second is None:
-        show_missing(watching.folder, one if first is None else other)
+        show_missing(watching, one if first is None else other)
         return
     for watched in (first, second):
         watched.look()
-    frame("Two runs", origin_of(first.manifest), origin_of(second.manifest))
+    frame(watching, "Two runs", origin_of(first.manifest), origin_of(second.manifest))
     with ui.element("main").classes("comparison"):
         with ui.element("section").classes("wide"):
             heading("Settings that differ")

@@ -5,8 +5,11 @@ from pathlib import Path
 
 from nicegui import ui
 
+from labctl.dashboard import wording
+from labctl.dashboard.monitor import Alarm, Watching
 from labctl.dashboard.sketches import escape
 from labctl.runs.format.origin import Origin
+from labctl.runs.format.store import is_elsewhere
 
 REFRESH_S = 0.4
 PAGES = {"/": "Runs", "/start": "Start a run", "/live": "Live", "/queue": "Queue", "/sweeps": "Sweeps"}
@@ -42,10 +45,35 @@ def refresh(regions: Iterable[Region]) -> None:
         region.refresh()
 
 
-def frame(title: str, *origins: Origin | None) -> None:
+class Alarms:
+    """A banner for every laser that did not go dark, which leads to its page; on that page it would be there twice."""
+
+    def __init__(self, watching: Watching, own: str) -> None:
+        """On the page with the address `own`."""
+        self._watching = watching
+        self._own = own
+        self._drawn: list[Alarm] = []
+        self._element = ui.element("div").classes("alarms")
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Draw them anew if there are others."""
+        found = [alarm for alarm in self._watching.alarms() if alarm.address != self._own]
+        if found == self._drawn:
+            return
+        self._drawn = found
+        self._element.clear()
+        with self._element:
+            for alarm in found:
+                with ui.link(target=f"/{alarm.address}").props("role=alert"):
+                    ui.html(wording.alarm(alarm), sanitize=False)
+
+
+def frame(watching: Watching, title: str, *origins: Origin | None, own: str = "") -> None:
     """The head of a page; that of one about instruments that are not all real says so, and looks so.
 
     origins: of the runs or the live view that it shows; None where that is not known.
+    own: its address, where it is that of one run or live view.
     """
     ui.page_title(title)
     ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
@@ -56,6 +84,8 @@ def frame(title: str, *origins: Origin | None) -> None:
             for address, name in PAGES.items():
                 ui.link(name, address)
         ui.button("Colours", on_click=_next_colours, color=None).classes("colours").props("flat")
+    if not is_elsewhere(watching.folder):
+        ui.timer(REFRESH_S, Alarms(watching, own).refresh)
     origin = Origin.together(filter(None, origins))
     if origin in NOT_REAL:
         ui.query("body").classes(origin)
@@ -81,23 +111,23 @@ def say_elsewhere(folder: Path, what: str) -> None:
     ui.html(f'<p class="nothing elsewhere">{escape(f"{folder} is elsewhere: {what}")}</p>', sanitize=False)
 
 
-def show_elsewhere(title: str, folder: Path) -> None:
+def show_elsewhere(watching: Watching, title: str) -> None:
     """In place of a page that makes runs, of a folder in which none can be made."""
-    frame(title)
+    frame(watching, title)
     with ui.element("main"), ui.element("section").classes("wide"):
-        say_elsewhere(folder, "it is only read; open a dashboard on the machine that measures")
+        say_elsewhere(watching.folder, "it is only read; open a dashboard on the machine that measures")
 
 
-def show_unread(folder: Path, problem: str) -> None:
+def show_unread(watching: Watching, problem: str) -> None:
     """In place of a page of what cannot be read now."""
-    frame(f"Runs in {folder}")
+    frame(watching, f"Runs in {watching.folder}")
     with ui.element("main"), ui.element("section").classes("wide"):
         ui.html(f'<p class="problem">{escape(problem)}</p>', sanitize=False)
 
 
-def show_missing(folder: Path, name: str) -> None:
+def show_missing(watching: Watching, name: str) -> None:
     """There is no such run."""
-    frame("No such run")
+    frame(watching, "No such run")
     with ui.element("main"):
-        ui.label(f"{folder} has no run {name}.")
+        ui.label(f"{watching.folder} has no run {name}.")
         ui.link("All runs", "/")

@@ -17,7 +17,7 @@ EXAMPLE = "words, or: images >= 300 and tag = good"
 
 def show_list(watching: Watching, wanted: Wanted) -> None:
     """All runs, those that are running first; what is wanted stands in the address, to be kept and gone back to."""
-    frame(f"Runs in {watching.folder}")
+    frame(watching, f"Runs in {watching.folder}")
 
     def live() -> str:
         found = [(name, watched) for name in watching.running() if (watched := watching.run(name)) is not None]
@@ -33,7 +33,6 @@ def show_list(watching: Watching, wanted: Wanted) -> None:
                     watching.folder, f"it is shown as it was at {watching.listed:%H:%M:%S} UTC; reload for news"
                 )
         else:
-            regions.append(Region("alarms", lambda: wording.alarms(watching.alarms())))
             with ui.element("section"):
                 heading("Running")
                 regions.append(Region("live", live))

@@ -10,20 +10,21 @@ from nicegui import ui
 from nicegui.run import io_bound as in_a_thread
 
 from labctl.dashboard import panels, wording
-from labctl.dashboard.frame import Region, frame, heading, refresh
+from labctl.dashboard.frame import Region, frame, heading, refresh, show_missing
 from labctl.dashboard.launcher import allowed
 from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.panels import PANELS, Choice
 from labctl.dashboard.run_sight import RunSight
+from labctl.dashboard.seen_dark import SeenDark
 from labctl.dashboard.starting import begin
 from labctl.dashboard.state import Emission
-from labctl.dashboard.views import WatchedView, newest_view
+from labctl.dashboard.views import WatchedView, view_going_on, views_in
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.index import run_directories
 from labctl.runs.live.control_file import Word, ask
-from labctl.runs.live.sight import Sight, ask_for, look_at, wishes_in
+from labctl.runs.live.sight import LIVE, Sight, Wishes, ask_for, look_at, wishes_in
 from labctl.runs.notes import say_of
 
 REFRESH_S = 0.1
@@ -177,7 +178,16 @@ class Controls:
     def __init__(self, view: WatchedView) -> None:
         """For one live view."""
         self._view = view
-        wished = wishes_in(view.directory)
+        self._element = ui.element("div")
+        with self._element:
+            self._show(wishes_in(view.directory))
+        self.refresh()
+
+    def refresh(self) -> None:
+        """They are there while the view is going on."""
+        self._element.set_visibility(self._view.state.running)
+
+    def _show(self, wished: Wishes) -> None:
         with ui.element("div").classes("row controls"):
             self._off = ui.button("Laser off", on_click=lambda: self._ask(Word.PAUSE), color=None).classes("off")
             ui.button("End", on_click=lambda: self._ask(Word.STOP), color=None).classes("end")
@@ -220,32 +230,47 @@ class Controls:
 
 
 def show_live(watching: Watching) -> None:
-    """The live view that began last among these runs, if one is going on; the form that starts one."""
-    directory = newest_view(watching.folder)
-    view = None if directory is None else WatchedView(directory)
-    if view is not None:
-        view.look()
-    running = view is not None and view.state.running
-    frame("Live", view.origin if view is not None and running else None)
+    """The live view that began last of those that are going on among these runs; the form that starts one."""
+    view = view_going_on(watching.folder)
+    if view is None:
+        frame(watching, "Live")
+        with ui.element("main").classes("run live"), ui.element("section").classes("wide"):
+            _show_form(watching)
+        return
+    _show_view(watching, view, "Live")
+
+    def follow() -> None:
+        if not view.state.running and view_going_on(watching.folder) is not None:
+            ui.navigate.to("/live")
+
+    ui.timer(LOOKED_EVERY_S, follow)
+
+
+def show_one(watching: Watching, name: str) -> None:
+    """One live view, which may have ended: its laser may emit."""
+    directory = next((one for one in views_in(watching.folder) if one.name == name), None)
+    if directory is None:
+        show_missing(watching, f"{LIVE}/{name}")
+        return
+    view = WatchedView(directory)
+    view.look()
+    _show_view(watching, view, f"Live view {name}")
+
+
+def _show_view(watching: Watching, view: WatchedView, title: str) -> None:
+    frame(watching, title, view.origin, own=view.address)
     with ui.element("main").classes("run live"):
-        if view is None or not running:
-            with ui.element("section").classes("wide"):
-                _show_form(watching, view)
-        else:
-            _show_view(view, run_directories(watching.folder)[: -MOST_RUNS - 1 : -1])
-
-
-def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
-    with ui.element("section").classes("top"):
-        about = [
-            Region("emission", lambda: wording.emission(view.state)),
-            Region("bench", lambda: panels.about(view.state)),
-        ]
-        Controls(view)
-    seen = Panels(lambda: view.sight, runs, lambda: view.origin)
-    with ui.element("section").classes("wide"):
-        heading("Log, UTC")
-        about.append(Region("log", lambda: wording.log(view.state)))
+        with ui.element("section").classes("top"):
+            about = [
+                Region("emission", lambda: wording.emission(view.state)),
+                Region("bench", lambda: panels.about(view.state)),
+            ]
+            controls: list[SeenDark | Controls] = [SeenDark(view), Controls(view)]
+        about.append(Region("old", lambda: panels.old(view.state, view.sight)))
+        seen = Panels(lambda: view.sight, _latest(watching.folder), lambda: view.origin)
+        with ui.element("section").classes("wide"):
+            heading("Log, UTC")
+            about.append(Region("log", lambda: wording.log(view.state)))
 
     def look() -> None:
         before = view.sight
@@ -253,21 +278,31 @@ def _show_view(view: WatchedView, runs: Sequence[Path]) -> None:
         if before is not None and view.sight is not None and before.looks == view.sight.looks:
             view.sight = before
         refresh(about)
+        for control in controls:
+            control.refresh()
         seen.refresh()
-        if not view.state.running:
-            timer.cancel()
-            looking.cancel()
+        timer.interval = REFRESH_S if view.state.running else LOOKED_EVERY_S
 
-    looking = ui.timer(LOOKED_EVERY_S, lambda: _say_looking(view.directory))
+    def say_so() -> None:
+        if view.state.running:
+            _say_looking(view.directory)
+
+    ui.timer(LOOKED_EVERY_S, say_so)
     timer = ui.timer(REFRESH_S, look)
 
 
-def _show_form(watching: Watching, last: WatchedView | None) -> None:
+def _latest(folder: Path) -> Sequence[Path]:
+    return run_directories(folder)[: -MOST_RUNS - 1 : -1]
+
+
+def _show_form(watching: Watching) -> None:
     heading("Start a live view: the light goes on, and the channels are measured again and again, without a run")
-    if last is not None and last.state.emission is not Emission.OFF:
-        Region("emission", lambda: wording.emission(last.state))
-    if last is not None and last.state.log:
-        ui.label(f"The view before: {last.state.log[-1].text}").classes("before")
+    for last in map(WatchedView, views_in(watching.folder)[-1:]):
+        state = last.look()
+        if state.emission is not Emission.OFF:
+            ui.html(wording.emission(state), sanitize=False)
+        if state.log:
+            ui.label(f"The view before: {state.log[-1].text}").classes("before")
     with ui.element("div").classes("form"):
         station = ui.input("Station file", placeholder="empty: the simulated bench").classes("station")
         ports = ui.input("Ports", value="2-5").classes("ports")
@@ -278,8 +313,8 @@ def _show_form(watching: Watching, last: WatchedView | None) -> None:
         message = ui.label().classes("message")
 
     def leads_to(process: int) -> str:
-        directory = newest_view(watching.folder)
-        return "/live" if directory is not None and directory.name.endswith(f"-{process}") else ""
+        view = view_going_on(watching.folder)
+        return "/live" if view is not None and view.directory.name.endswith(f"-{process}") else ""
 
     async def start() -> None:
         bench = (station.value or "").strip()

@@ -5,6 +5,7 @@ All pages share what was read. A run is known by its name in the folder and by n
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -14,12 +15,16 @@ from labctl.dashboard.account import Account
 from labctl.dashboard.accuracy import Curve
 from labctl.dashboard.following import Following
 from labctl.dashboard.learning import Learning
+from labctl.dashboard.list_wording import run_address
 from labctl.dashboard.listing import RESTS, Listing, Wanted
 from labctl.dashboard.state import RunState
 from labctl.dashboard.sweeps import Sweeps
+from labctl.dashboard.views import WatchedView, views_in
 from labctl.errors import LabctlError
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import StorePath
+from labctl.runs.live.alarm import may_emit
 from labctl.runs.queue import Item, Queue
 from labctl.runs.read.follower import Follower, Latest
 
@@ -126,6 +131,15 @@ class WatchedRun:
         return self._learning.following(self.directory, sum(self._following.done), growing=self.state.running)
 
 
+@dataclass(frozen=True)
+class Alarm:
+    """A laser that did not go dark: what it was used by, the address of the page of that, and of what bench it is."""
+
+    name: str
+    address: str
+    origin: Origin | None
+
+
 class Watching:
     """The runs in `folder`; one elsewhere is known as it was when it was `listed`."""
 
@@ -182,9 +196,16 @@ class Watching:
         """Names of the runs that a process writes now, the latest first; those of sweeps as sweep/run."""
         return [*self.listing.names("state = running"), *self.sweeps.running()]
 
-    def alarms(self) -> list[str]:
-        """Names of the runs whose laser did not go dark, the latest first."""
-        return [*self.listing.names("alarm = 1"), *self.sweeps.alarms()]
+    def alarms(self) -> list[Alarm]:
+        """The lasers of live views and runs that did not go dark, the latest of each first."""
+        views = [WatchedView(directory) for directory in reversed(views_in(self.folder)) if may_emit(directory)]
+        for view in views:
+            view.look()
+        runs = {one.row.name: one.row.instruments for one in self.listing.runs(Wanted("alarm = 1")).found}
+        return [
+            *(Alarm(f"live view {view.directory.name}", view.address, view.origin) for view in views),
+            *(Alarm(name, run_address(name), origin) for name, origin in (runs | self.sweeps.alarms()).items()),
+        ]
 
     def run(self, name: str) -> WatchedRun | None:
         """The run of that name, if the list or, as sweep/run, a sweep has one."""

@@ -11,18 +11,19 @@ from labctl.dashboard import wording
 from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, say_elsewhere, show_missing
 from labctl.dashboard.frame import refresh as refresh_all
 from labctl.dashboard.instruments_panel import show_instruments
+from labctl.dashboard.list_wording import run_address
 from labctl.dashboard.listing import Wanted
 from labctl.dashboard.live_page import show_signals
 from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.notes_panel import notes_of, show_notes
 from labctl.dashboard.resume_panel import ResumePanel
+from labctl.dashboard.seen_dark import SeenDark
 from labctl.dashboard.state import Phase
 from labctl.runs.asking import stop_at_once, tell
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere
 from labctl.runs.index import origin_of
-from labctl.runs.live.alarm import say_dark
 from labctl.runs.live.control_file import Word
 from labctl.runs.live.owner import Writer, writer_of
 
@@ -31,10 +32,10 @@ def show_run(watching: Watching, name: str) -> None:
     """One run, live while it is running."""
     watched = watching.run(name)
     if watched is None:
-        show_missing(watching.folder, name)
+        show_missing(watching, name)
         return
     watched.look()
-    frame(name, origin_of(watched.manifest))
+    frame(watching, name, origin_of(watched.manifest), own=run_address(name))
     with ui.element("main").classes("run"):
         with ui.element("section").classes("top"):
             regions = [
@@ -93,29 +94,6 @@ def _is_cut_short(watched: WatchedRun) -> bool:
     """Whether records are missing that nobody measures."""
     done, total = watched.records
     return done < total and not watched.state.running
-
-
-class SeenDark:
-    """The button of somebody who has seen that the laser is dark: there while it may still emit."""
-
-    def __init__(self, watched: WatchedRun) -> None:
-        """For one run."""
-        self._watched = watched
-        self._row = ui.element("div").classes("seen")
-        with self._row:
-            ui.button("I have seen that the laser is dark", on_click=self._say, color=None).classes("seen-dark")
-            self._message = ui.label().classes("message")
-        self.refresh()
-
-    def refresh(self) -> None:
-        """Show it or not."""
-        self._row.set_visibility(self._watched.state.alarm)
-
-    def _say(self) -> None:
-        try:
-            say_dark(self._watched.directory)
-        except OSError as error:
-            self._message.set_text(f"cannot be written: {error.strerror}")
 
 
 class Buttons:

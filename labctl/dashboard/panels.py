@@ -11,7 +11,7 @@ from labctl.analysis.signal_quality import no_codes
 from labctl.analysis.spectrum import LEAST_SAMPLES, spectrum
 from labctl.dashboard.charts import Axis, Curve, chart, colour
 from labctl.dashboard.sketches import escape
-from labctl.dashboard.state import Phase, RunState
+from labctl.dashboard.state import ENDED, Phase, RunState
 from labctl.runs.live.sight import Sight
 
 OCTAVES = 4
@@ -52,6 +52,13 @@ def about(state: RunState) -> str:
     drive = {None: "", True: "the drive plays", False: "the drive is off: the oscilloscope has no trigger"}[state.drive]
     dark = "dark until the laser is switched on" if state.phase is Phase.PAUSED else ""
     return escape(" · ".join(filter(None, (state.station, dark or drive, state.scope))))
+
+
+def old(state: RunState, sight: Sight | None) -> str:
+    """Why what is shown of the channels is not what they are now; empty where it is."""
+    off = "the laser is off" if state.phase is Phase.PAUSED else "the drive is off" if state.drive is False else ""
+    why = "the view has ended" if state.phase in ENDED else off
+    return "" if sight is None or not why else escape(f"{why}: nothing is measured, what is shown was seen before")
 
 
 def levels(sight: Sight | None) -> str:

@@ -23,7 +23,7 @@ ON_FAILURE = {"stop": "stop after a failure", "go-on": "go on after a failure"}
 
 def show_queue(watching: Watching) -> None:
     """The queue of the folder."""
-    frame("Queue")
+    frame(watching, "Queue")
     with ui.element("main"), ui.element("section"):
         heading("Queue")
         page = QueuePage(watching)

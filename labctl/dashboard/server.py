@@ -126,14 +126,14 @@ def _application(watching: Watching) -> FastAPI:
                 async with one_at_a_time:
                     await in_a_thread(watching.look_elsewhere, *names)
             except LabctlError as error:
-                show_unread(watching.folder, str(error))
+                show_unread(watching, str(error))
                 return
         show()
 
     def only_here(title: str, show: Callable[[], None]) -> None:
         """Show a page that makes runs, which is done in a folder on this machine."""
         if is_elsewhere(watching.folder):
-            show_elsewhere(title, watching.folder)
+            show_elsewhere(watching, title)
         else:
             show()
 
@@ -175,6 +175,10 @@ def _application(watching: Watching) -> FastAPI:
     @ui.page("/live")
     def live() -> None:
         only_here("Live", lambda: live_page.show_live(watching))
+
+    @ui.page("/live/{name}")
+    def view(name: str) -> None:
+        only_here("Live", lambda: live_page.show_one(watching, name))
 
     @ui.page("/compare/{one}/{other}", response_timeout=MOST_PATIENT_S)
     async def compare(one: str, other: str) -> None:

@@ -28,7 +28,7 @@ Field = ui.input | ui.select
 
 def show_start(watching: Watching) -> None:
     """The form of a run."""
-    frame("Start a run")
+    frame(watching, "Start a run")
     with ui.element("main"), ui.element("section"):
         heading("Start a run")
         Form(watching)

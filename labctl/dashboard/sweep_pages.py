@@ -25,7 +25,7 @@ _VALUE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*"
 
 def show_sweeps(watching: Watching) -> None:
     """All sweeps."""
-    frame("Sweeps")
+    frame(watching, "Sweeps")
     with ui.element("main"), ui.element("section"):
         heading("Sweeps")
         regions = [Region("sweeps", lambda: _sweeps(watching.sweeps.all()))]
@@ -36,10 +36,10 @@ def show_sweep(watching: Watching, name: str) -> None:
     """One sweep, growing while it is measured."""
     state = watching.sweeps.named(name)
     if state is None:
-        show_missing(watching.folder, name)
+        show_missing(watching, name)
         return
     first = next((point.row for point in state.points if point.row is not None), None)
-    frame(name, None if first is None else first.instruments)
+    frame(watching, name, None if first is None else first.instruments)
 
     def now() -> SweepState:
         return watching.sweeps.named(name) or state

@@ -9,6 +9,7 @@ from pathlib import Path
 from labctl.dashboard.listing import EVERY_S, RESTS
 from labctl.errors import LabctlError, RunError
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere
 from labctl.runs.index import RunRow, is_there, run_row
 from labctl.runs.live.alarm import may_emit
@@ -90,9 +91,9 @@ class Sweeps:
         """The runs that are measured now, as sweep/run."""
         return [name for name, point in self._points() if point.row is not None and point.row.running]
 
-    def alarms(self) -> list[str]:
-        """The runs whose laser did not go dark, as sweep/run."""
-        return [name for name, point in self._points() if point.alarm]
+    def alarms(self) -> dict[str, Origin | None]:
+        """The runs whose laser did not go dark, as sweep/run, and what their instruments are."""
+        return {name: point.row.instruments for name, point in self._points() if point.alarm and point.row is not None}
 
     def _known(self, name: str) -> SweepState | None:
         return next((state for state in self.all() if state.name == name), None)

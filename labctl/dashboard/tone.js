@@ -9,10 +9,9 @@ const labctlTone = {
       this.sound = null;
     } else {
       const context = new AudioContext(), source = context.createOscillator(), volume = context.createGain();
-      volume.gain.value = 0.1;
       source.connect(volume).connect(context.destination);
       source.start();
-      this.sound = { context, source };
+      this.sound = { context, source, volume };
       this.follow();
     }
     for (const button of document.querySelectorAll(".tone")) button.setAttribute("aria-pressed", String(!!this.sound));
@@ -21,6 +20,7 @@ const labctlTone = {
     if (!this.sound) return;
     const tones = document.querySelector("[data-tones]")?.dataset.tones.split(",").map(Number) ?? [];
     const pitch = tones[this.row];
+    this.sound.volume.gain.value = document.querySelector(".old-region")?.textContent ? 0 : 0.1;
     if (pitch) this.sound.source.frequency.setTargetAtTime(pitch, this.sound.context.currentTime, 0.03);
     setTimeout(() => this.follow(), 50);
   },

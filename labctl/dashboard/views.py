@@ -1,6 +1,7 @@
 """The live views in a folder of runs, as far as somebody looks at them."""
 
 from pathlib import Path
+from urllib.parse import quote
 
 from labctl.dashboard.account import Account
 from labctl.dashboard.state import RunState
@@ -17,15 +18,21 @@ class WatchedView:
         self.sight: Sight | None = None
         self._account = Account(directory)
 
-    def look(self) -> None:
-        """Read what came since the last look."""
+    def look(self) -> RunState:
+        """Read what came since the last look; what it is doing."""
         self._account.look()
         self.sight = read_sight(self.directory)
+        return self.state
 
     @property
     def state(self) -> RunState:
         """What it is doing."""
         return self._account.state
+
+    @property
+    def address(self) -> str:
+        """Of its page."""
+        return f"live/{quote(self.directory.name, safe='', errors='replace')}"
 
     @property
     def origin(self) -> Origin:
@@ -34,10 +41,16 @@ class WatchedView:
         return next((one for one in Origin if one == told), Origin.REAL)
 
 
-def newest_view(folder: Path) -> Path | None:
-    """The folder of the live view that began last among the runs in `folder`."""
+def views_in(folder: Path) -> list[Path]:
+    """The folders of the live views among the runs in `folder`, the one that began last at the end."""
     try:
         found = [one for one in (folder / LIVE).iterdir() if one.is_dir() and not one.is_symlink()]
     except OSError:
-        return None
-    return max(found, key=lambda one: one.name, default=None)
+        return []
+    return sorted(found, key=lambda one: one.name)
+
+
+def view_going_on(folder: Path) -> WatchedView | None:
+    """Of the live views among the runs in `folder` that are going on, the one that began last."""
+    views = map(WatchedView, reversed(views_in(folder)))
+    return next((view for view in views if view.look().running), None)

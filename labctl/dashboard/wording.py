@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -10,9 +9,10 @@ from labctl.dashboard import sketches
 from labctl.dashboard.accuracy import LEAST, Curve
 from labctl.dashboard.following import BLOCK, LAST, Following
 from labctl.dashboard.list_wording import run_address
-from labctl.dashboard.monitor import WatchedRun
+from labctl.dashboard.monitor import Alarm, WatchedRun
 from labctl.dashboard.sketches import Line, escape
 from labctl.dashboard.state import ENDED, Emission, Phase, RunState, number_in, text_in
+from labctl.runs.format.origin import Origin
 from labctl.runs.read.differences import Difference
 from labctl.runs.read.follower import Latest
 
@@ -46,7 +46,11 @@ def emission(state: RunState) -> str:
     style = "none" if state.phase is Phase.UNKNOWN else str(state.emission)
     if state.alarm:
         word, explanation, style = MAY_EMIT, "it did not go dark: switch it off by its key switch", "on"
-    if state.simulated and not state.mixed:
+    return _light(word, explanation, style, simulated=state.simulated and not state.mixed)
+
+
+def _light(word: str, explanation: str, style: str, *, simulated: bool) -> str:
+    if simulated:
         word, style = f"SIMULATED {word}", f"{style} simulated"
     return f'<div class="emission {style}"><strong>{word}</strong><span>{escape(explanation)}</span></div>'
 
@@ -227,13 +231,10 @@ def live(runs: Iterable[tuple[str, WatchedRun]]) -> str:
     return strips or '<p class="nothing">no run is running</p>'
 
 
-def alarms(names: Iterable[str]) -> str:
-    """A banner for every run whose laser did not go dark."""
-    return "".join(
-        f'<a class="emission on" role="alert" href="run/{quote(name, safe="")}"><strong>{MAY_EMIT}</strong>'
-        f"<span>{escape(name)}: switch it off by its key switch</span></a>"
-        for name in names
-    )
+def alarm(found: Alarm) -> str:
+    """A banner for a laser that did not go dark."""
+    explanation = f"{found.name}: switch it off by its key switch"
+    return _light(MAY_EMIT, explanation, "on", simulated=found.origin is Origin.SIMULATED)
 
 
 def differing(found: Sequence[Difference], one: str, other: str) -> str:

@@ -1,5 +1,6 @@
 """The dashboard in a real browser: a run is started, watched, paused and stopped from the page, and it is dark."""
 
+import json
 import re
 import signal
 import subprocess
@@ -18,10 +19,14 @@ from instruments.safe_state import UnsafeBench
 from labctl.bench.lock import held
 from labctl.bench.station import Station, read_station
 from labctl.engine.session import Acquisition, acquire
+from labctl.engine.start import carried_out
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.logs import EventLog
+from labctl.runs.live.sight import LIVE
 from labctl.runs.notes import read_notes
 from labctl.runs.read.run import open_run
+from labctl.runs.sweep import Sweep
+from labctl.studies.sweeps.folder import begin
 from protocols.image_readout import ImageReadout
 from tests.command_line import LABCTL
 from tests.dashboard.browser import (
@@ -200,29 +205,68 @@ def test_a_run_that_was_stopped_is_resumed_and_refused_without_leave(
     assert not emitting()
 
 
+def may_emit(directory: Path) -> None:
+    """The last word about the laser of a run or live view is that it did not go dark."""
+    with EventLog() as events:
+        events.stored_in(directory)
+        events.emission(on=True)
+        events.safe_state(UnsafeBench("the laser may still emit", ["laser"]))
+
+
+def of_a_real_bench(run: Path) -> None:
+    manifest = json.loads((run / "manifest.json").read_text("utf-8"))
+    for role, instrument in manifest["instruments"].items():
+        if instrument.get("identity"):
+            manifest["station"][role]["address"], instrument["identity"]["serial"] = "usb", "C300123"
+    (run / "manifest.json").write_text(json.dumps(manifest), "utf-8")
+    (run / "events.jsonl").unlink()
+
+
 def test_a_laser_that_did_not_go_dark_is_said_on_every_page_until_somebody_has_seen_it_dark(
     page: Page, runs: Path
 ) -> None:
-    run = copytree(runs / "past-one", runs / "past-alarm")
+    base = page.url
+    run, view = copytree(runs / "past-one", runs / "past-alarm"), runs / LIVE / "20261129T120000Z-1"
+    begin(runs / "past-sweep", Sweep(protocol="image-readout", over={"power": ("1 mW",)}), ImageReadout, Station())
+    view.mkdir(parents=True)
     try:
+        of_a_real_bench(run)
+        may_emit(run)
         with EventLog() as events:
-            events.stored_in(run)
-            events.emission(on=True)
-            events.safe_state(UnsafeBench("the laser may still emit", ["laser"]))
-        banner = page.get_by_role("alert")
-        expect(banner).to_contain_text("LASER MAY STILL EMIT")
-        expect(banner).to_have_css("background-color", "rgb(196, 0, 26)")
-        banner.click()
+            events.stored_in(view)
+            events.event("live started", ports=[2], origin="simulated", **carried_out(Station()))
+        may_emit(view)
+        lit = page.get_by_role("alert").filter(has_text="past-alarm")
+        seen = page.get_by_role("alert").filter(has_text="live view 20261129T120000Z-1")
+        others = ("queue", "live", "sweeps", "sweep/past-sweep", "run/past-one", "run/nothing", "start")
+        for address in ("", "compare/past-one/past-other", *others):
+            page.goto(f"{base}{address}")
+            connected(page)
+            expect(lit.locator("strong")).to_have_text("LASER MAY STILL EMIT")
+            expect(lit.locator(".emission")).to_have_css("background-color", "rgb(196, 0, 26)")
+            expect(seen.locator("strong")).to_have_text("SIMULATED LASER MAY STILL EMIT")
+            expect(seen.locator(".emission")).not_to_have_css("background-color", "rgb(196, 0, 26)")
+            narrow(page)
+        lit.click()
         page.wait_for_url("**/run/past-alarm")
         connected(page)
+        expect(seen).to_have_count(1)
+        expect(lit).to_have_count(0)
         says(page, ".emission-region", "LASER MAY STILL EMIT")
+        page.get_by_role("button", name="I have seen that the laser is dark").click()
+        says(page, ".emission-region", "LASER OFF")
+        seen.click()
+        page.wait_for_url("**/live/20261129T120000Z-1")
+        connected(page)
+        says(page, ".emission-region", "SIMULATED LASER MAY STILL EMIT")
         page.get_by_role("button", name="I have seen that the laser is dark").click()
         says(page, ".emission-region", "LASER OFF")
         page.get_by_role("link", name="labctl").click()
         expect(page.locator(".all-region")).to_contain_text("past-alarm")
-        expect(banner).to_have_count(0)
+        expect(page.get_by_role("alert")).to_have_count(0)
     finally:
-        rmtree(run)
+        for made in (run, runs / LIVE, runs / "past-sweep"):
+            rmtree(made)
 
 
 def test_what_stands_behind_the_laser_is_shown_with_the_other_instruments(page: Page) -> None:

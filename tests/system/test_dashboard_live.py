@@ -2,6 +2,7 @@
 
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -114,16 +115,56 @@ def test_a_view_that_no_page_shows_any_more_ends_dark_and_says_why(
     says(page, ".before", "The view before: stopped: nobody has looked for 5 s")
 
 
+@contextmanager
+def viewing(runs: Path) -> Iterator["subprocess.Popen[bytes]"]:
+    """A live view of a simulated bench, killed at the end if it is still there."""
+    with subprocess.Popen([*LABCTL, "live", f"--runs={runs}"], stdout=subprocess.DEVNULL) as view:
+        try:
+            yield view
+        finally:
+            view.kill()
+
+
+def test_the_view_that_is_going_on_is_shown_and_the_next_one_when_it_has_ended(page: Page, tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    with viewing(runs) as view:
+        while not list((runs / LIVE).glob("*/sight")):
+            assert view.poll() is None
+            page.wait_for_timeout(100)
+        page.wait_for_timeout(1000)  # names go to the second, and the next one is to be the last
+        subprocess.run([*LABCTL, "live", f"--runs={runs}", "--for=0.5 s"], stdout=subprocess.DEVNULL, check=True)
+        page.reload()
+        connected(page)
+        says(page, ".emission-region", "LASER ON")
+        says(page, ".levels-region", "trace [1-9]")
+        page.get_by_role("button", name="End").click()
+        assert view.wait(60) == 0
+    says(page, ".emission-region", "LASER OFF")
+    says(page, ".old-region", "the view has ended: nothing is measured, what is shown was seen before")
+    expect(page.get_by_role("button", name="End")).to_be_hidden()
+    expect(page.get_by_role("button", name="Laser off")).to_be_hidden()
+    with viewing(runs) as view:
+        says(page, ".emission-region", "LASER ON")
+        expect(page.locator(".old-region")).to_be_empty()
+        page.get_by_role("button", name="End").click()
+        assert view.wait(60) == 0
+
+
 def test_light_is_off_at_once_and_on_behind_the_switch(page: Page, unarmed: Path, emitting: Callable[[], bool]) -> None:
     start(page, unarmed)
     page.get_by_role("button", name="Laser off").click()
     says(page, ".emission-region", "LASER OFF")
     assert not emitting()
+    says(page, ".old-region", "the laser is off: nothing is measured, what is shown was seen before")
+    page.get_by_role("button", name="Tone", exact=True).click()
+    page.wait_for_function("labctlTone.sound.volume.gain.value === 0")
     on = page.get_by_role("button", name="Laser on")
     expect(on).to_be_disabled()
     page.get_by_role("switch", name="light may be switched on").click()
     on.click()
     says(page, ".emission-region", "LASER ON")
+    expect(page.locator(".old-region")).to_be_empty()
+    page.wait_for_function("labctlTone.sound.volume.gain.value > 0")
     page.get_by_role("textbox", name="Power").fill("5 mW")
     page.get_by_role("button", name="Set").click()
     says(page, ".emission-region", " 5 mW")
@@ -132,6 +173,7 @@ def test_light_is_off_at_once_and_on_behind_the_switch(page: Page, unarmed: Path
     says(page, ".log-region", r"not set: .* laser\.power = 500 mW exceeds limits")
     page.get_by_role("switch", name="drive").click()
     says(page, ".bench-region", "the drive is off")
+    says(page, ".old-region", "the drive is off: nothing is measured")
     page.get_by_role("switch", name="drive").click()
     says(page, ".bench-region", "the drive plays")
     page.get_by_role("button", name="End").click()

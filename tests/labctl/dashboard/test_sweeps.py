@@ -11,6 +11,7 @@ from labctl.dashboard.sweep_accuracy import Recognition
 from labctl.dashboard.sweep_pages import positions, sweep_plot
 from labctl.dashboard.sweeps import Point, Sweeps
 from labctl.engine.session import Acquisition, acquire
+from labctl.runs.format.origin import Origin
 from labctl.runs.live.alarm import say_dark
 from labctl.runs.live.logs import EventLog
 from labctl.runs.sweep import FILE, Sweep, places
@@ -73,16 +74,16 @@ def test_a_laser_of_a_sweep_that_did_not_go_dark_is_told_until_somebody_has_seen
     now = [0.0]
     sweeps = Sweeps(folder, lambda: now[0])
     point = sweeps.all()[0].points[0]
-    assert sweeps.alarms() == []
+    assert sweeps.alarms() == {}
     with EventLog() as events:
         events.stored_in(folder / "power" / point.name)
         events.emission(on=True)
         events.safe_state(UnsafeBench("the laser may still emit", ["laser"]))
     fresh = Sweeps(folder, lambda: now[0])
-    assert fresh.alarms() == [f"power/{point.name}"]
+    assert fresh.alarms() == {f"power/{point.name}": Origin.SIMULATED}
     say_dark(folder / "power" / point.name)
     now[0] = 60.0
-    assert fresh.alarms() == []
+    assert fresh.alarms() == {}
 
 
 def test_a_plot_has_a_curve_for_each_value_of_the_other_axes() -> None:
