@@ -12,49 +12,60 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.notes import Notes, read_notes, say_of
 
 
-def show_notes(directory: Path, said: Callable[[], None]) -> Region:
-    """Star, operator, tags and notes of a run; `said` is called when something was."""
-    paths = RunPaths(directory)
-    now = _read(paths)
-    message = ui.label().classes("message")
+class NotesPanel:
+    """Star, operator, tags and notes of a run, as they are said here or elsewhere; `said` is called when something was.
 
-    def say(**what: object) -> None:
+    What is said is what has been done on this page: whatever others have said meanwhile stays.
+    """
+
+    def __init__(self, directory: Path, said: Callable[[], None]) -> None:
+        """Of the run in `directory`."""
+        self._paths = RunPaths(directory)
+        self._said = said
+        self._shown = now = _read(self._paths)
+        self._message = ui.label().classes("message")
+        with ui.element("div").classes("notes-form"):
+            self._star = ui.button(_star(now), on_click=self._toggle, color=None).classes("star").props("flat")
+            self._operator = ui.input("Operator", value=now.operator).classes("operator").on("blur", self._operated)
+            self._operator.on("keydown.enter", self._operated)
+            self._tags = ui.input_chips("Tags", value=list(now.tags)).classes("tags")
+            self._tags.on("add", lambda event: self._say(tags=[event.args["value"]]))
+            self._tags.on("remove", lambda event: self._say(untagged=[event.args["value"]]))
+            self._text = ui.textarea("Note").props("autogrow rows=1").classes("note")
+            ui.button("Add note", on_click=self._note, color=None).classes("add-note")
+        self._notes = Region("notes", lambda: _notes(self._shown))
+
+    def refresh(self) -> None:
+        """Show what is said now; an operator who is being typed stays."""
+        before, self._shown = self._shown, _read(self._paths)
+        self._star.set_text(_star(self._shown))
+        if (self._operator.value or "").strip() == before.operator:
+            self._operator.set_value(self._shown.operator)
+        if sorted(self._tags.value) != list(self._shown.tags):
+            self._tags.set_value(list(self._shown.tags))
+        self._notes.refresh()
+
+    def _toggle(self) -> None:
+        self._say(star=not self._shown.star)
+
+    def _operated(self) -> None:
+        if (self._operator.value or "").strip() not in ("", self._shown.operator):
+            self._say(operator=self._operator.value)
+
+    def _note(self) -> None:
+        self._say(text=self._text.value or "")
+        if not self._message.text:
+            self._text.set_value("")
+
+    def _say(self, **what: object) -> None:
         try:
-            say_of(paths, **what)  # type: ignore[arg-type]
+            say_of(self._paths, **what)  # type: ignore[arg-type]
         except RunError as error:
-            message.set_text(str(error))
+            self._message.set_text(str(error))
             return
-        message.set_text("")
-        said()
-        notes.refresh()
-
-    def toggle() -> None:
-        say(star=not _read(paths).star)
-        star.set_text(_star(_read(paths)))
-
-    def tagged() -> None:
-        wanted, there = set(tags.value or ()), set(_read(paths).tags)
-        if wanted != there:
-            say(tags=sorted(wanted - there), untagged=sorted(there - wanted))
-
-    def operated() -> None:
-        if (operator.value or "").strip() not in ("", _read(paths).operator):
-            say(operator=operator.value)
-
-    def noted() -> None:
-        say(text=text.value or "")
-        if not message.text:
-            text.set_value("")
-
-    with ui.element("div").classes("notes-form"):
-        star = ui.button(_star(now), on_click=toggle, color=None).classes("star").props("flat")
-        operator = ui.input("Operator", value=now.operator).classes("operator").on("blur", operated)
-        operator.on("keydown.enter", operated)
-        tags = ui.input_chips("Tags", value=list(now.tags), on_change=tagged).classes("tags")
-        text = ui.textarea("Note").props("autogrow rows=1").classes("note")
-        ui.button("Add note", on_click=noted, color=None).classes("add-note")
-    notes = Region("notes", lambda: _notes(_read(paths)))
-    return notes
+        self._message.set_text("")
+        self._said()
+        self.refresh()
 
 
 def notes_of(directory: Path) -> str:

@@ -15,7 +15,7 @@ from labctl.dashboard.list_wording import run_address
 from labctl.dashboard.listing import Wanted
 from labctl.dashboard.live_page import show_signals
 from labctl.dashboard.monitor import WatchedRun, Watching
-from labctl.dashboard.notes_panel import notes_of, show_notes
+from labctl.dashboard.notes_panel import NotesPanel, notes_of
 from labctl.dashboard.resume_panel import ResumePanel
 from labctl.dashboard.seen_dark import SeenDark
 from labctl.dashboard.state import Phase
@@ -42,7 +42,7 @@ def show_run(watching: Watching, name: str) -> None:
                 Region("emission", lambda: wording.emission(watched.state)),
                 Region("progress", lambda: wording.progress(watched.state, watched.records)),
             ]
-            controls: list[SeenDark | Buttons | ResumePanel] = []
+            controls: list[SeenDark | Buttons | ResumePanel | NotesPanel] = []
             if is_elsewhere(watched.directory):
                 say_elsewhere(watched.directory, "stop it, resume it or write notes on it where it was measured")
             else:
@@ -77,7 +77,7 @@ def show_run(watching: Watching, name: str) -> None:
             if is_elsewhere(watched.directory):
                 ui.html(notes_of(watched.directory) or wording.nothing("none"), sanitize=False)
             else:
-                regions.append(show_notes(watched.directory, watching.listing.look_again))
+                controls.append(NotesPanel(watched.directory, watching.listing.look_again))
         with ui.element("section").classes("wide"):
             _show_next(watching, name, watched)
 

@@ -23,7 +23,7 @@ from labctl.engine.start import carried_out
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.sight import LIVE
-from labctl.runs.notes import read_notes
+from labctl.runs.notes import read_notes, say_of
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep import Sweep
 from labctl.studies.sweeps.folder import begin
@@ -333,6 +333,29 @@ def test_what_is_said_of_a_run_is_kept_with_it_and_finds_it(page: Page, runs: Pa
     page.wait_for_function("!document.querySelector('.tags .q-chip')")
     page.get_by_role("button", name="starred").click()
     expect(page.get_by_role("button", name="star", exact=False)).to_have_text("☆ star")
+
+
+def test_what_others_say_of_a_run_stays_and_is_shown(page: Page, runs: Path) -> None:
+    run = RunPaths(copytree(runs / "past-one", runs / "past-noted"))
+    say_of(run, tags=["first"])
+    page.goto(f"{page.url}run/past-noted")
+    connected(page)
+    tags, chips = page.get_by_label("Tags"), page.locator(".tags .q-chip__content")
+    expect(chips).to_have_text(["first"])
+    tags.fill("x" * 200)
+    say_of(run, tags=["theirs"], star=True, operator="Ada")
+    tags.press("Enter")
+    says(page, ".notes .message", "write 1 to 100 characters")
+    tags.fill("mine")
+    tags.press("Enter")
+    expect(chips).to_have_text(["first", "mine", "theirs"])
+    expect(page.get_by_role("button", name="starred")).to_be_visible()
+    expect(page.get_by_label("Operator")).to_have_value("Ada")
+    page.locator(".tags .q-chip", has_text="first").locator(".q-chip__icon--remove").click()
+    expect(chips).to_have_text(["mine", "theirs"])
+    found = read_notes(run)
+    assert (found.star, found.operator, found.tags) == (True, "Ada", ("mine", "theirs"))
+    rmtree(run.directory)
 
 
 def test_a_report_is_shown_without_its_scripts(page: Page, runs: Path) -> None:
