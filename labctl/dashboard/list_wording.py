@@ -19,6 +19,11 @@ def run_address(name: str) -> str:
     return f"run/{quote(name, safe='', errors='replace')}"
 
 
+def comparison_address(one: str, other: str) -> str:
+    """Of the page of two runs: quoted twice, since a name of a run of a sweep has a slash, and is unquoted for once."""
+    return f"compare/{'/'.join(quote(quote(name, safe='', errors='replace'), safe='') for name in (one, other))}"
+
+
 def run_list(runs: Runs) -> str:
     """The runs that were searched for, or why the words are not understood."""
     if runs.refused or not runs.found:

@@ -11,7 +11,7 @@ from labctl.dashboard import wording
 from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, say_elsewhere, show_missing
 from labctl.dashboard.frame import refresh as refresh_all
 from labctl.dashboard.instruments_panel import show_instruments
-from labctl.dashboard.list_wording import run_address
+from labctl.dashboard.list_wording import comparison_address, run_address
 from labctl.dashboard.listing import Wanted
 from labctl.dashboard.live_page import show_signals
 from labctl.dashboard.monitor import WatchedRun, Watching
@@ -149,6 +149,4 @@ def _show_next(watching: Watching, name: str, watched: WatchedRun) -> None:
     others = [one for one in latest if one != name and one.isprintable()]
     if others:
         other = ui.select(others, label="Compare with", with_input=True, new_value_mode="add").classes("compare")
-        other.on_value_change(
-            lambda event: ui.navigate.to(f"/compare/{quote(name, safe='')}/{quote(event.value, safe='')}")
-        )
+        other.on_value_change(lambda event: ui.navigate.to(f"/{comparison_address(name, event.value)}"))

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
+from urllib.parse import unquote
 
 os.environ.setdefault("MATPLOTLIB", "false")  # NiceGUI looks for it: half a second for nothing
 
@@ -182,7 +183,8 @@ def _application(watching: Watching) -> FastAPI:
 
     @ui.page("/compare/{one}/{other}", response_timeout=MOST_PATIENT_S)
     async def compare(one: str, other: str) -> None:
-        await looked(lambda: show_comparison(watching, one, other), one, other)
+        names = unquote(one), unquote(other)
+        await looked(lambda: show_comparison(watching, *names), *names)
 
     ui.run_with(
         app, title="labctl", dark=None, tailwind=False, binding_refresh_interval=0.2, show_welcome_message=False

@@ -25,7 +25,7 @@ from labctl.runs.live.logs import EventLog
 from labctl.runs.live.sight import LIVE
 from labctl.runs.notes import read_notes, say_of
 from labctl.runs.read.run import open_run
-from labctl.runs.sweep import Sweep
+from labctl.runs.sweep import Sweep, places
 from labctl.studies.sweeps.folder import begin
 from protocols.image_readout import ImageReadout
 from tests.command_line import LABCTL
@@ -306,6 +306,20 @@ def test_runs_are_listed_filtered_and_compared(page: Page) -> None:
     expect(picture).to_have_value(re.compile(r"image \d+, class \d"))
     says(page, ".ports-region", re.escape(picture.input_value()) + r"; difference .rms, of the first.: port 2: \d+ %")
     fits(page)
+
+
+def test_a_run_of_a_sweep_is_compared(page: Page, runs: Path) -> None:
+    sweep = Sweep(protocol="image-readout", over={"power": ("1 mW",)})
+    begin(runs / "50% sweep", sweep, ImageReadout, Station())
+    (point, _), *_ = places(sweep)
+    copytree(runs / "past-one", runs / "50% sweep" / point)
+    page.goto(f"{page.url}run/50%25 sweep%2F{point}")
+    connected(page)
+    page.get_by_label("Compare with").click()
+    page.get_by_role("option", name="past-other").click()
+    expect(page.locator(".differing")).to_contain_text("protocol.settings.seed")
+    expect(page.locator(".differing")).to_contain_text(f"50% sweep/{point}")
+    rmtree(runs / "50% sweep")
 
 
 def test_what_is_said_of_a_run_is_kept_with_it_and_finds_it(page: Page, runs: Path) -> None:
