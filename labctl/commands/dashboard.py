@@ -44,7 +44,7 @@ def dashboard(
     from labctl.dashboard.guard import is_loopback
     from labctl.dashboard.launch_page import opened
     from labctl.dashboard.server import PortTaken, serve
-    from labctl.studies.queue.work import settle
+    from labctl.studies.queue.work import ask, settle
 
     if not is_loopback(host):
         warn(
@@ -83,7 +83,7 @@ def dashboard(
             return ""
 
     try:
-        serve(folder, host, port, wire.environment(), holder_of, settle, ready)
+        serve(folder, host, port, wire.environment(), holder_of, settle, ask, ready)
     except PortTaken as error:
         raise UsageError(f"{error}: name another --port, or the --host of this machine") from None
     except KeyboardInterrupt:

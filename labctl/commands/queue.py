@@ -13,7 +13,7 @@ from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.errors import UsageError
 from labctl.runs.format.layout import is_taken
 from labctl.runs.queue import Item, Queue, Wish
-from labctl.studies.queue.work import OnFailure, Worked, forecast, is_carried_out, settle, work
+from labctl.studies.queue.work import OnFailure, Worked, ask, forecast, settle, work
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 
@@ -93,10 +93,8 @@ def stop(
     as_json: JsonOption = False,
 ) -> int:
     """Stop the queue after the running item, or after its shot."""
-    wish, queue = Wish.STOP_NOW if now else Wish.STOP, Queue(folder)
-    if not is_carried_out(queue):
-        raise UsageError(f"{folder}: no process of this machine carries this queue out: nothing to stop")
-    queue.ask(wish)
+    wish = Wish.STOP_NOW if now else Wish.STOP
+    ask(Queue(folder), wish)
     show({"asked": wish}, as_json, lambda: say(f"{folder}: the queue ends after this {'shot' if now else 'item'}"))
     return DONE
 

@@ -25,7 +25,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import StorePath
 from labctl.runs.live.alarm import may_emit
-from labctl.runs.queue import Item, Queue
+from labctl.runs.queue import Item, Queue, Wish
 from labctl.runs.read.follower import Follower, Latest
 
 LOOK_EVERY_S = 0.25
@@ -149,17 +149,20 @@ class Watching:
         environment: Mapping[str, str] = MappingProxyType({}),
         holder_of: Callable[[Path], str] = lambda _station: "",
         settle: Callable[[Queue], list[Item]] = Queue.items,
+        ask: Callable[[Queue, Wish], None] = Queue.ask,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Watch the runs in `folder`, which need not exist yet; one that is started here has `environment`, too.
 
         holder_of: who has the bench of a station file just now, in words; empty if nobody.
         settle: the items of a queue, where what ran when whoever carried it out died waits again.
+        ask: ask whoever carries a queue out for something; it raises `UsageError` where nobody does.
         """
         self.folder = folder
         self.environment = environment
         self.holder_of = holder_of
         self.settle = settle
+        self.ask = ask
         self.learning = Learning()
         self.listing = Listing(folder, clock)
         self.sweeps = Sweeps(folder, clock)

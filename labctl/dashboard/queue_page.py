@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 from nicegui import ui
+from nicegui.run import io_bound as in_a_thread
 
 from labctl.dashboard.frame import REFRESH_S, frame, heading
 from labctl.dashboard.launcher import in_words
@@ -45,17 +46,18 @@ class QueuePage:
             ui.button("Stop after this item", on_click=lambda: self._ask(Wish.STOP), color=None).classes("stop")
             ui.button("Stop now", on_click=lambda: self._ask(Wish.STOP_NOW), color=None).classes("stop-now")
         self._message = ui.label().classes("message")
+        self._problem = ui.label().classes("message unread")
         self._items = ui.element("div").classes("queue")
-        self.refresh()
 
-    def refresh(self) -> None:
-        """Show the queue as it is now."""
+    async def refresh(self) -> None:
+        """Show the queue as it is now; it may be long until another process lets it be read."""
         try:
-            items = self._watching.settle(self._queue)
+            items = await in_a_thread(self._watching.settle, self._queue)
         except LabctlError as error:
-            self._message.set_text(str(error))
+            self._problem.set_text(str(error))
             return
-        if items != self._drawn:
+        self._problem.set_text("")
+        if items is not None and items != self._drawn:  # None: the dashboard is ending
             self._drawn = items
             self._items.clear()
             with self._items:
@@ -99,20 +101,21 @@ class QueuePage:
     def _button(self, sign: str, name: str, act: Callable[[], None]) -> None:
         ui.button(sign, on_click=lambda: self._acted(act), color=None).props(f'flat dense aria-label="{name}"')
 
-    def _acted(self, act: Callable[[], None]) -> None:
+    async def _acted(self, act: Callable[[], None], done: str = "") -> None:
         try:
-            act()
+            await in_a_thread(act)
         except LabctlError as error:
             self._message.set_text(str(error))
-        self.refresh()
+        else:
+            self._message.set_text(done)
+        await self.refresh()
 
     def _move(self, item: Item, place: int) -> None:
         waiting = sum(one.state is State.WAITING for one in self._queue.items())
         self._queue.move(item.number, min(max(place, 1), waiting))
 
-    def _ask(self, wish: Wish) -> None:
-        self._acted(lambda: self._queue.ask(wish))
-        self._message.set_text("asked to stop")
+    async def _ask(self, wish: Wish) -> None:
+        await self._acted(partial(self._watching.ask, self._queue, wish), "asked to stop")
 
     async def _start(self) -> None:
         words = ["queue", "start", "--folder", str(self._watching.folder), f"--on-failure={self._on_failure.value}"]

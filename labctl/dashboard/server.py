@@ -33,7 +33,7 @@ from labctl.dashboard.sweep_pages import show_sweep, show_sweeps
 from labctl.errors import LabctlError
 from labctl.runs.format.own_files import read_own
 from labctl.runs.format.store import is_elsewhere
-from labctl.runs.queue import Item, Queue
+from labctl.runs.queue import Item, Queue, Wish
 
 REPORT_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; sandbox; frame-ancestors 'none'"
 """A report is a picture book; that of a stranger's run may try to be more."""
@@ -67,13 +67,14 @@ def serve(
     environment: Mapping[str, str],
     holder_of: Callable[[Path], str],
     settle: Callable[[Queue], list[Item]],
+    ask: Callable[[Queue, Wish], None],
     ready: Callable[[Served], AbstractContextManager[None]],
 ) -> None:
     """Serve the runs in `folder` at `host` and `port` (0: any free one), within `ready`, until a signal.
 
     A run that is started from the page has `environment` in addition to that of this process; none is while
     `holder_of` its station file names somebody who has the bench. `settle` gives the items of a queue, where what
-    ran when whoever carried it out died waits again.
+    ran when whoever carried it out died waits again; `ask` asks whoever carries it out for something.
 
     Raises:
         PortTaken: the port is not free, or the address is not one of this machine.
@@ -88,7 +89,7 @@ def serve(
     with listener:
         bound = listener.getsockname()[1]
         sessions = Sessions()
-        watching = Watching(folder, environment, holder_of, settle)
+        watching = Watching(folder, environment, holder_of, settle, ask)
         watching.look_elsewhere()
         app = _application(watching)
         names = (socket.gethostname(), socket.getfqdn())

@@ -1,7 +1,9 @@
 """Queue and sweeps in a real browser: added, moved, removed, carried out and watched while they grow."""
 
 import re
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
-from labctl.runs.queue import Queue, State
+from labctl.runs.queue import FILE, WAIT_S, Queue, State
 from tests.dashboard.browser import connected, dashboard, fits, let_in, narrow, needs_chromium
 
 pytestmark = needs_chromium
@@ -70,6 +72,35 @@ def test_items_are_added_moved_removed_and_carried_out(page: Page, runs: Path) -
     found = Queue(runs).items()
     assert [item.state for item in found] == [State.DONE] * 2
     assert all(run_row(RunPaths(item.directory)).complete for item in found)
+
+
+def test_nobody_is_asked_to_stop_who_is_not_there(page: Page, runs: Path) -> None:
+    page.get_by_role("link", name="Queue").click()
+    page.wait_for_url("**/queue")
+    connected(page)
+    expect(page.locator(".queue")).to_have_text("nothing in the queue")
+    page.get_by_role("button", name="Stop now").click()
+    expect(page.locator(".message").first).to_have_text(
+        f"{runs.name}: no process of this machine carries this queue out: nothing to stop"
+    )
+    Queue(runs).add(["run", "image-readout"], None, {}, "ada")
+    expect(page.locator(".item.waiting")).to_have_count(1)
+    page.get_by_role("button", name="Stop after this item").click()
+    expect(page.locator(".message").first).to_contain_text("nothing to stop")
+    assert Queue(runs).wishes == set()
+
+
+def test_a_queue_that_another_process_holds_keeps_no_other_page(page: Page, runs: Path) -> None:
+    base = page.url
+    Queue(runs).add(["run", "image-readout"], None, {}, "ada")
+    with closing(sqlite3.connect(runs / FILE)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        page.goto(f"{base}queue")
+        connected(page)
+        assert page.request.get(base, timeout=500 * WAIT_S).ok, "before the wait for the queue ends"
+        expect(page.locator(".unread")).to_contain_text("database is locked")
+    expect(page.locator(".item.waiting")).to_have_count(1)
+    expect(page.locator(".unread")).to_be_empty()
 
 
 def test_a_sweep_is_added_by_the_form_and_its_plot_grows(page: Page, runs: Path) -> None:

@@ -105,13 +105,16 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
     return Worked(done, failed, sum(item.state is State.WAITING for item in queue.items()))
 
 
-def is_carried_out(queue: Queue) -> bool:
-    """Whether some process carries a queue out."""
-    with closing(_lock(queue)) as lock:
-        try:
-            return not lock.lock()
-        except BenchInUse:  # of another user
-            return True
+def ask(queue: Queue, wish: Wish) -> None:
+    """Ask whoever carries a queue out for something.
+
+    Raises:
+        UsageError: no process of this machine does.
+    """
+    with closing(_lock(queue)) as lock, suppress(BenchInUse):  # of another user
+        if lock.lock():
+            raise UsageError(f"{queue.folder}: no process of this machine carries this queue out: nothing to stop")
+    queue.ask(wish)
 
 
 def settle(queue: Queue) -> list[Item]:
