@@ -32,8 +32,12 @@ def show_comparison(watching: Watching, one: str, other: str) -> None:
     with ui.element("main").classes("comparison"):
         with ui.element("section").classes("wide"):
             heading("Settings that differ")
-            found = settings_that_differ(first.manifest, second.manifest)
-            ui.html(wording.differing(found, one, other), sanitize=False)
+            unread = [watched.problem for watched in (first, second) if not watched.manifest]
+            for problem in unread:
+                ui.html(f'<p class="problem">{escape(problem)}</p>', sanitize=False)
+            if not unread:
+                found = settings_that_differ(first.manifest, second.manifest)
+                ui.html(wording.differing(found, one, other), sanitize=False)
         with ui.element("section").classes("wide traces"):
             heading("The same picture, as both measured it")
             legend = "".join(

@@ -164,6 +164,9 @@ def test_what_a_run_would_cost_and_what_is_refused_is_said_before_it_is_started(
     expect(page.locator(".form .refused")).to_be_visible()
     page.get_by_label("images", exact=True).fill("8")
     expect(images).not_to_contain_text("is not a number")
+    page.get_by_label("Station file").fill("no\u202esuch.toml")
+    says(page, ".form .cost", r"no\\u202esuch\.toml: ")
+    page.get_by_label("Station file").fill("")
     says(page, ".form .cost", "^10 shots in 2 passes")
     page.get_by_label("dataset").click()
     expect(page.get_by_role("option", name="fashion-mnist")).to_be_visible()
@@ -320,6 +323,27 @@ def test_a_run_of_a_sweep_is_compared(page: Page, runs: Path) -> None:
     expect(page.locator(".differing")).to_contain_text("protocol.settings.seed")
     expect(page.locator(".differing")).to_contain_text(f"50% sweep/{point}")
     rmtree(runs / "50% sweep")
+
+
+def test_a_run_that_cannot_be_read_is_not_compared_and_says_why(page: Page, runs: Path) -> None:
+    broken = copytree(runs / "past-one", runs / "broken")
+    (broken / "plan.h5").write_bytes(b"no plan")
+    page.goto(f"{page.url}compare/past-other/broken")
+    connected(page)
+    says(page, ".comparison .problem", "broken/plan.h5: ")
+    expect(page.locator(".differing")).to_have_count(0)
+    rmtree(broken)
+
+
+def test_a_run_with_a_line_break_in_its_name_has_a_page(page: Page, runs: Path) -> None:
+    odd = copytree(runs / "past-one", runs / "odd\nname %2F")
+    (odd / "report.html").write_text("<h1>Report</h1>")
+    page.locator("a.run", has_text="odd").click()
+    says(page, ".progress-region", "finished")
+    with page.expect_popup() as opening:
+        page.get_by_text("Open the report").click()
+    expect(opening.value.locator("h1")).to_have_text("Report")
+    rmtree(odd)
 
 
 def test_what_is_said_of_a_run_is_kept_with_it_and_finds_it(page: Page, runs: Path) -> None:
