@@ -16,12 +16,17 @@ LAST = {"state": "state"}
 
 def run_address(name: str) -> str:
     """Of the page of a run; a name that is not UTF-8 has none, and leads to the page of a run that is not there."""
-    return f"run/{quote(name, safe='', errors='replace')}"
+    return f"run/{quoted(name)}"
 
 
 def comparison_address(one: str, other: str) -> str:
-    """Of the page of two runs: quoted twice, since a name of a run of a sweep has a slash, and is unquoted for once."""
-    return f"compare/{'/'.join(quote(quote(name, safe='', errors='replace'), safe='') for name in (one, other))}"
+    """Of the page of two runs."""
+    return f"compare/{quoted(one)}/{quoted(other)}"
+
+
+def quoted(name: str) -> str:
+    """A run in an address: twice, since the server has unquoted it once when it looks for slashes and line breaks."""
+    return quote(quote(name, safe="", errors="replace"), safe="")
 
 
 def run_list(runs: Runs) -> str:

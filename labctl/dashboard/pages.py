@@ -3,15 +3,13 @@
 A page asks for what is new a few times a second while it is open, and sends to the browser only what has changed.
 """
 
-from urllib.parse import quote
-
 from nicegui import ui
 
 from labctl.dashboard import wording
 from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, say_elsewhere, show_missing
 from labctl.dashboard.frame import refresh as refresh_all
 from labctl.dashboard.instruments_panel import show_instruments
-from labctl.dashboard.list_wording import comparison_address, run_address
+from labctl.dashboard.list_wording import comparison_address, quoted, run_address
 from labctl.dashboard.listing import Wanted
 from labctl.dashboard.live_page import show_signals
 from labctl.dashboard.monitor import WatchedRun, Watching
@@ -144,7 +142,7 @@ def _to_signal(writer: Writer | None) -> int | None:
 def _show_next(watching: Watching, name: str, watched: WatchedRun) -> None:
     """What can be done with a run: its report, and comparing it with another run."""
     if watched.report.is_file():
-        ui.link("Open the report", f"/report/{quote(name, safe='')}", new_tab=True).classes("report")
+        ui.link("Open the report", f"/report/{quoted(name)}", new_tab=True).classes("report")
     latest = (one.row.name for one in watching.listing.runs(Wanted()).found)
     others = [one for one in latest if one != name and one.isprintable()]
     if others:

@@ -141,7 +141,7 @@ def _application(watching: Watching) -> FastAPI:
 
     @app.get("/report/{name:path}")
     def report(name: str) -> HTMLResponse:
-        watched = watching.run(name)
+        watched = watching.run(unquote(name))
         if watched is None:
             raise HTTPException(404)
         try:
@@ -172,7 +172,8 @@ def _application(watching: Watching) -> FastAPI:
 
     @ui.page("/run/{name:path}", response_timeout=MOST_PATIENT_S)
     async def run(name: str) -> None:
-        await looked(lambda: pages.show_run(watching, name), name)
+        asked = unquote(name)
+        await looked(lambda: pages.show_run(watching, asked), asked)
 
     @ui.page("/live")
     def live() -> None:
