@@ -14,7 +14,7 @@ from labctl.commands.command_group import PLAIN
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, warn
 from labctl.errors import LabctlError, UsageError
-from labctl.runs.format.store import location
+from labctl.runs.format.store import is_elsewhere, location
 
 if TYPE_CHECKING:
     from labctl.dashboard.server import Served
@@ -37,6 +37,10 @@ def dashboard(
     as_json: JsonOption = False,
 ) -> int:
     """`labctl dashboard`."""
+    if not host.strip():
+        raise UsageError("--host: is empty: name an address of this machine, or leave it out")
+    if not is_elsewhere(folder) and folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder}: is no folder: name one of runs")
     if find_spec("nicegui") is None:
         raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
     from labctl.bench.lock import in_use

@@ -159,3 +159,22 @@ def test_a_dashboard_without_its_extra_names_it(
         main(["dashboard", "--no-open"])
     assert ended.value.code == 2
     assert "pip install 'photonic-labctl[dashboard]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "refused"),
+    [(["--host", ""], "--host: is empty: name an address of this machine"), (["a-file"], "a-file: is no folder: name")],
+)
+def test_what_cannot_be_served_is_refused(
+    words: list[str],
+    refused: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a-file").touch()
+    with pytest.raises(SystemExit) as ended:
+        main(["dashboard", "--no-open", "--port", "0", *words])
+    assert ended.value.code == 2
+    assert f"labctl: {refused}" in capsys.readouterr().err
