@@ -27,7 +27,7 @@ class Strangers:
         self._waiting: dict[asyncio.Transport, asyncio.TimerHandle] = {}
 
     def protocol(self, *, app_state: dict[str, Any], **given: Any) -> asyncio.Protocol:
-        """Of a new connection, from what uvicorn gives to one. h11 refuses a header of more than 16 KiB."""
+        """Of a new connection, from what uvicorn gives to one. h11 refuses a header that 16 KiB do not end."""
         return _Arrival(self, app_state, given)
 
     def came(self, transport: asyncio.Transport) -> None:
