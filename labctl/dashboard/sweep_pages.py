@@ -120,7 +120,7 @@ def sweep_plot(points: Sequence[Point], known: Mapping[str, Recognition]) -> str
     """Accuracy against the axis that has most values, a curve for each combination of the others."""
     measured = [point for point in points if point.name in known]
     if not measured:
-        return nothing("no run is complete yet, or its accuracy is still computed")
+        return nothing("no run is complete yet, its accuracy is still computed, or it has too few images for one")
     axes = list(points[0].values)
     along = max(axes, key=lambda axis: len({point.values[axis] for point in points}))
     at, ends = positions([point.values[along] for point in points])
