@@ -7,10 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from labctl.dashboard.launcher import COMMAND
+from labctl.printable import printable
 
 
 async def answer(words: Sequence[str], environment: Mapping[str, str]) -> dict[str, Any]:
-    """What the command prints as JSON; `error` in it where it refuses. Cancelled, it ends the process.
+    """What the command prints as JSON; where it refuses, `error` in it is text that may be shown.
+
+    Cancelled, it ends the process.
 
     Example: `await answer(["schema", "image-readout"], {})`.
     """
@@ -32,6 +35,7 @@ async def answer(words: Sequence[str], environment: Mapping[str, str]) -> dict[s
         found = json.loads(printed)
     except ValueError:
         found = None
-    if isinstance(found, dict):
-        return found
-    return {"error": said.decode(errors="replace").strip() or f"labctl {words[0]} ended with {process.returncode}"}
+    if not isinstance(found, dict):
+        told = said.decode(errors="replace").strip()
+        found = {"error": told or f"labctl {words[0]} ended with {process.returncode}"}
+    return found | {"error": printable(str(found["error"]))} if "error" in found else found

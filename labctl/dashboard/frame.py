@@ -8,6 +8,7 @@ from nicegui import ui
 from labctl.dashboard import wording
 from labctl.dashboard.monitor import Alarm, Watching
 from labctl.dashboard.sketches import escape
+from labctl.printable import printable
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere
 
@@ -75,7 +76,7 @@ def frame(watching: Watching, title: str, *origins: Origin | None, own: str = ""
     origins: of the runs or the live view that it shows; None where that is not known.
     own: its address, where it is that of one run or live view.
     """
-    ui.page_title(title)
+    ui.page_title(printable(title))
     ui.add_head_html(f"{REMEMBERED}<style>{STYLE}</style>")
     with ui.element("header"):
         ui.link("labctl", "/").classes("home")
@@ -129,5 +130,5 @@ def show_missing(watching: Watching, name: str) -> None:
     """There is no such run."""
     frame(watching, "No such run")
     with ui.element("main"):
-        ui.label(f"{watching.folder} has no run {name}.")
+        ui.label(printable(f"{watching.folder} has no run {name}."))
         ui.link("All runs", "/")

@@ -14,6 +14,7 @@ from secrets import token_hex
 from threading import Thread
 from typing import IO
 
+from labctl.printable import printable
 from labctl.runs.format.layout import run_name
 
 COMMAND = (sys.executable, "-P", "-c", "from labctl.commands.main import main; main()")
@@ -79,8 +80,8 @@ def protocols() -> list[str]:
 
 
 def in_words(words: Sequence[str]) -> str:
-    """A command as it would be typed."""
-    return f"labctl {shlex.join(words)}"
+    """A command as it would be typed, as it may be shown."""
+    return f"labctl {printable(shlex.join(words))}"
 
 
 def new_directory(folder: Path, asked: Asked) -> Path:

@@ -13,6 +13,7 @@ from labctl.dashboard.monitor import Watching
 from labctl.dashboard.starting import begin
 from labctl.dashboard.wording import duration
 from labctl.errors import LabctlError
+from labctl.printable import printable
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.queue import Item, Queue, State, Wish
 from labctl.runs.sweep import is_sweep
@@ -94,9 +95,9 @@ class QueuePage:
         took = f"{duration(seconds)} on a real bench" if isinstance(seconds, int | float) else ""
         began = f"began {item.began[:16].replace('T', ' ')}" if item.began else ""
         ended = f"ended {item.ended[:16].replace('T', ' ')}" if item.ended else ""
-        ui.label(" · ".join(filter(None, (f"by {item.added_by}", took, began, ended)))).classes("about")
+        ui.label(" · ".join(filter(None, (f"by {printable(item.added_by)}", took, began, ended)))).classes("about")
         if item.message:
-            ui.label(item.message).classes("problem")
+            ui.label(printable(item.message)).classes("problem")
 
     def _button(self, sign: str, name: str, act: Callable[[], None]) -> None:
         ui.button(sign, on_click=lambda: self._acted(act), color=None).props(f'flat dense aria-label="{name}"')

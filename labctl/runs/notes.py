@@ -48,7 +48,7 @@ class Notes:
 
     Attributes:
         notes: in the order in which they were written.
-        tags: by name.
+        tags: by name, as they may be shown; the operator, too.
         star: somebody marked the run.
         operator: who measured it, empty if nobody said.
         problems: a line of text for every damaged line.
@@ -90,7 +90,7 @@ def read_notes(paths: RunPaths) -> Notes:
         tags |= _words(said.get("tags"))
         tags -= _words(said.get("untagged"))
         star = bool(said.get("star", star))
-        operator = str(said.get("operator", operator))
+        operator = printable(str(said.get("operator", operator)))
     return Notes(tuple(notes), tuple(sorted(tags)), star, operator, tuple(problems))
 
 
@@ -181,7 +181,7 @@ def _word(text: str) -> str:
 
 
 def _words(found: object) -> set[str]:
-    return {str(word) for word in found} if isinstance(found, list) else set()
+    return {printable(str(word)) for word in found} if isinstance(found, list) else set()
 
 
 def _user() -> str:

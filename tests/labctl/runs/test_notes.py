@@ -90,6 +90,15 @@ def test_a_picture_lies_beside_the_notes_and_no_other_file_is_named(whole: Path)
     assert read_notes(paths).notes[0].picture == ""
 
 
+def test_what_a_stranger_has_said_is_text_that_may_be_shown(whole: Path) -> None:
+    paths = RunPaths(whole)
+    paths.notes.write_bytes(encode({"time": "now", "by": "eve", "tags": ["go\u202eod"], "operator": "\x1b[2Jada"}))
+    found = read_notes(paths)
+    assert (found.tags, found.operator) == (("go\\u202eod",), "\\x1b[2Jada")
+    say_of(paths, untagged=found.tags)
+    assert read_notes(paths).tags == ()
+
+
 def test_notes_that_cannot_be_read_are_a_finding_and_no_damage_of_what_was_measured(whole: Path) -> None:
     with RunPaths(whole).notes.open("wb") as file:
         file.truncate(LARGEST + 1)
