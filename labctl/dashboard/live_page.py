@@ -20,6 +20,7 @@ from labctl.dashboard.starting import begin
 from labctl.dashboard.state import Emission
 from labctl.dashboard.views import WatchedView, view_going_on, views_in
 from labctl.errors import RunError
+from labctl.printable import printable
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.index import run_directories
@@ -81,7 +82,8 @@ class Panels:
     def _show_notes(self, runs: Sequence[Path]) -> None:
         heading("A picture of this into the notes of a run")
         with ui.element("div").classes("row noting"):
-            run = ui.select([one.name for one in runs], value=runs[0].name, label="Run").classes("noted-run")
+            names = {one.name: printable(one.name) for one in runs}
+            run = ui.select(names, value=runs[0].name, label="Run").classes("noted-run")
             text = ui.input("Note with the picture", placeholder="fibre 3 coupled anew").classes("noted-text")
             button = ui.button("Keep a picture", color=None).classes("keep")
         message = ui.label().classes("message")
@@ -97,7 +99,7 @@ class Panels:
             except RunError as error:
                 message.set_text(str(error))
             else:
-                message.set_text(f"kept in the notes of {directory.name}")
+                message.set_text(f"kept in the notes of {names[directory.name]}")
                 text.set_value("")
 
         button.on_click(keep)
@@ -267,7 +269,8 @@ def _show_view(watching: Watching, view: WatchedView, title: str) -> None:
             ]
             controls: list[SeenDark | Controls] = [SeenDark(view), Controls(view)]
         about.append(Region("old", lambda: panels.old(view.state, view.sight)))
-        seen = Panels(lambda: view.sight, _latest(watching.folder), lambda: view.origin)
+        latest = run_directories(watching.folder)[: -MOST_RUNS - 1 : -1]
+        seen = Panels(lambda: view.sight, latest, lambda: view.origin)
         with ui.element("section").classes("wide"):
             heading("Log, UTC")
             about.append(Region("log", lambda: wording.log(view.state)))
@@ -289,10 +292,6 @@ def _show_view(watching: Watching, view: WatchedView, title: str) -> None:
 
     ui.timer(LOOKED_EVERY_S, say_so)
     timer = ui.timer(REFRESH_S, look)
-
-
-def _latest(folder: Path) -> Sequence[Path]:
-    return run_directories(folder)[: -MOST_RUNS - 1 : -1]
 
 
 def _show_form(watching: Watching) -> None:

@@ -8,6 +8,7 @@ from nicegui import run, ui
 from labctl.dashboard import launcher
 from labctl.dashboard.frame import REFRESH_S
 from labctl.dashboard.monitor import Watching
+from labctl.printable import printable
 
 
 async def begin(
@@ -24,7 +25,7 @@ async def begin(
     leads_to: the address of the page that shows what that process does; empty until there is something to be seen.
     """
     if station and (holder := await run.io_bound(watching.holder_of, Path(station))):
-        message.set_text(holder)
+        message.set_text(printable(holder))
         return False
     try:
         started = launcher.start(words, watching.environment)

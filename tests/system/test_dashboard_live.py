@@ -1,5 +1,6 @@
 """The live view in a real browser: started, watched, its light switched off and on and set, and ended."""
 
+import os
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -127,6 +128,9 @@ def viewing(runs: Path) -> Iterator["subprocess.Popen[bytes]"]:
 
 def test_the_view_that_is_going_on_is_shown_and_the_next_one_when_it_has_ended(page: Page, tmp_path: Path) -> None:
     runs = tmp_path / "runs"
+    odd = runs / os.fsdecode(b"not UTF-8 \xff")
+    odd.mkdir()
+    (odd / "manifest.json").touch()
     with viewing(runs) as view:
         while not list((runs / LIVE).glob("*/sight")):
             assert view.poll() is None
