@@ -123,6 +123,16 @@ def web(folder: Path) -> Iterator[tuple[str, Traffic]]:
 
 
 class _Doorkeeper(paramiko.ServerInterface):  # type: ignore[misc]
+    def __init__(self, key: paramiko.PKey) -> None:
+        self._key = key
+
+    def get_allowed_auths(self, username: str) -> str:
+        return "password,publickey"
+
+    def check_auth_publickey(self, username: str, key: paramiko.PKey) -> int:
+        known = (username, key) == (USER, self._key)
+        return int(paramiko.AUTH_SUCCESSFUL if known else paramiko.AUTH_FAILED)
+
     def check_auth_password(self, username: str, password: str) -> int:
         known = (username, password) == (USER, PASSWORD)
         return int(paramiko.AUTH_SUCCESSFUL if known else paramiko.AUTH_FAILED)
@@ -132,7 +142,17 @@ class _Doorkeeper(paramiko.ServerInterface):  # type: ignore[misc]
 
 
 class _Files(paramiko.SFTPServerInterface):  # type: ignore[misc]
-    """This machine's files, to read."""
+    """This machine's files to read, and those in one folder to write.
+
+    Somebody else makes folders called `busy` there just before they are asked for.
+    """
+
+    def __init__(self, server: paramiko.ServerInterface, home: Path) -> None:
+        super().__init__(server)
+        self._home = home
+
+    def _may_write(self, path: str) -> bool:
+        return f"/{path.lstrip('/')}".startswith(f"{self._home}/")
 
     def list_folder(self, path: str) -> Any:
         found = []
@@ -152,18 +172,32 @@ class _Files(paramiko.SFTPServerInterface):  # type: ignore[misc]
         return self.stat(path)
 
     def open(self, path: str, flags: int, attr: Any) -> Any:
-        if flags & (os.O_WRONLY | os.O_RDWR):
-            return paramiko.SFTP_PERMISSION_DENIED
         handle = paramiko.SFTPHandle(flags)
-        handle.readfile = open(path, "rb")  # noqa: SIM115 -- closed with its handle
+        if not flags & (os.O_WRONLY | os.O_RDWR):
+            handle.readfile = open(path, "rb")  # noqa: SIM115 -- closed with its handle
+        elif self._may_write(path):
+            handle.writefile = open(path, "wb")  # noqa: SIM115
+        else:
+            return paramiko.SFTP_PERMISSION_DENIED
         return handle
+
+    def mkdir(self, path: str, attr: Any) -> int:
+        if not self._may_write(path):
+            return int(paramiko.SFTP_PERMISSION_DENIED)
+        os.mkdir(path)
+        return int(paramiko.SFTP_FAILURE if path.endswith("/busy") else paramiko.SFTP_OK)
 
 
 @contextmanager
-def ssh() -> Iterator[str]:
-    """An SFTP server: the address that has all files of this machine, user and password in it."""
+def ssh(home: Path) -> Iterator[str]:
+    """An SFTP server: the address that has all files of this machine, user and password in it.
+
+    What is in `home` may be written; the user's key is put there, where programs whose HOME it is find it.
+    """
     with socket.create_server(("127.0.0.1", 0)) as listening:
         key = paramiko.RSAKey.generate(2048)
+        (home / ".ssh").mkdir()
+        key.write_private_key_file(home / ".ssh" / "id_rsa")
         sessions: list[paramiko.Transport] = []
 
         def accept() -> None:
@@ -174,8 +208,8 @@ def ssh() -> Iterator[str]:
                     return
                 session = paramiko.Transport(connection)
                 session.add_server_key(key)
-                session.set_subsystem_handler("sftp", paramiko.SFTPServer, _Files)
-                session.start_server(server=_Doorkeeper())
+                session.set_subsystem_handler("sftp", paramiko.SFTPServer, _Files, home)
+                session.start_server(server=_Doorkeeper(key))
                 sessions.append(session)
 
         thread = threading.Thread(target=accept, daemon=True)

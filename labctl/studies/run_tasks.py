@@ -2,10 +2,12 @@
 
 import gc
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from platform import node
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
 
 from instruments.bench import Observer, Observers
@@ -15,7 +17,7 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.recorded_protocol import refuse_other_inputs
 from labctl.engine.resume import MAY_CHANGE
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
-from labctl.errors import RunError, RunInUse
+from labctl.errors import LabctlError, RunError, RunInUse
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.provenance import versions
@@ -114,14 +116,26 @@ def _whole(outcome: Outcome) -> Outcome:
 
 @contextmanager
 def _placed(directory: Path) -> Iterator[Path]:
-    """Where to measure what is to be in `directory` at the end of the block, if that is no failure."""
+    """Where to measure what is to be in `directory` at the end of the block, if that is no failure.
+
+    What was measured and cannot be put there is kept, and the error says where.
+    """
     scratch = CALLER.get().scratch
     if scratch is None and not is_elsewhere(directory):
         yield directory
         return
-    with TemporaryDirectory(dir=scratch) as meanwhile:
-        yield Path(meanwhile) / directory.name
-        put_whole(Path(meanwhile) / directory.name, directory)
+    measured = Path(mkdtemp(dir=scratch)) / directory.name
+    with ExitStack() as stack:
+        stack.callback(rmtree, measured.parent, ignore_errors=True)
+        yield measured
+        try:
+            put_whole(measured, directory)
+        except LabctlError as error:
+            stack.pop_all()
+            error.add_note(
+                f"the run is kept on {node()} in {measured}: copy it to {directory}, its manifest.json last, and go on"
+            )
+            raise
 
 
 def _refuse_another(run: Acquisition, directory: Path) -> None:

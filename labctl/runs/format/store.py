@@ -10,7 +10,7 @@ import errno
 import io
 import re
 from collections.abc import Mapping
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib import import_module
@@ -154,8 +154,7 @@ class _Folder:
 
     def _found(self) -> dict[str, Mapping[str, Any]]:
         system, root = self._opened
-        protocols = (system.protocol,) if isinstance(system.protocol, str) else system.protocol
-        depth = None if OBJECT_STORES.intersection(protocols) else DEEPEST
+        depth = DEEPEST if self._has_folders else None
         try:
             system.invalidate_cache()
             if root.endswith(".h5"):  # a listing of what is a file might be the whole file
@@ -178,6 +177,11 @@ class _Folder:
             for name, one in inner.items()
             if not {"..", "."}.intersection(name.split("/")) and "?" not in name
         }
+
+    @property
+    def _has_folders(self) -> bool:
+        protocol = self._opened[0].protocol
+        return OBJECT_STORES.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
 
     @property
     def files(self) -> dict[str, _Entry]:
@@ -247,11 +251,23 @@ class _Folder:
             )
         return found
 
+    def make(self) -> None:
+        """Make the folder and those above it, also where others are making them now; stores of keys have none."""
+        system, root = self._opened
+        place = PurePosixPath(root)
+        for folder in reversed((place, *place.parents)) if self._has_folders else ():
+            with suppress(Exception):  # somebody was quicker; or it will be refused and said when files are put there
+                system.makedirs(str(folder), exist_ok=True)
+
     def put(self, files: Mapping[Path, str]) -> None:
-        """Put files, and folders, of this machine at places under the URL."""
+        """Put files of this machine at places under the URL."""
         system, _ = self._opened
         try:
             system.put([str(path) for path in files], [self._full(inner) for inner in files.values()])
+        except FileNotFoundError as error:
+            raise RunError(
+                f"{self.shown}: there is no such store ({one_line(error)}): name one that is there"
+            ) from error
         except Exception as error:
             raise self._unreachable(self.shown, error, "written") from error
 
@@ -368,8 +384,10 @@ class StorePath:
             UsageError, RunError, Unreachable: there is no such store, its package is missing, or it refuses.
         """
         there = self._folder.within(self._inner)
-        inside = {path: path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*"))}
-        there.put({folder: ""} | {path: inner for path, inner in inside.items() if inner != last})
+        there.make()
+        # Files only: for a folder S3 would make a bucket, and SSH has no way to put one.
+        inside = {path: path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*")) if path.is_file()}
+        there.put({path: inner for path, inner in inside.items() if inner != last})
         there.put({folder / last: last})
 
     def own_file(self, largest: int) -> "StoredFile":

@@ -182,8 +182,8 @@ def test_a_run_behind_a_web_server(lab: Path, as_json: AsJson) -> None:
         assert traffic.writing == []
 
 
-def test_a_run_behind_ssh(lab: Path, as_json: AsJson, typed: Typed) -> None:
-    with ssh() as address:
+def test_a_run_behind_ssh(lab: Path, as_json: AsJson, typed: Typed, tmp_path: Path) -> None:
+    with ssh(tmp_path) as address:
         status, found = as_json("runs", f"{address}{lab}")
         assert (status, known(found)) == (0, known(as_json("runs", lab)[1]))
         assert PASSWORD not in json.dumps(found)

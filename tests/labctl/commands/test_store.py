@@ -1,5 +1,7 @@
 """Runs of a sweep in a store: whole, measured once, judged where they lie."""
 
+import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import pytest
 import labctl
 from labctl.commands.main import main
 from tests.labctl.commands.conftest import AsJson
-from tests.stores import account, s3
+from tests.stores import PASSWORD, account, s3, ssh
 
 STORE = "s3://bucket/twins"
 SETTINGS = ("--set", "classes=0,1", "--set", "ports=2", "--set", "window=0.4 ns")
@@ -55,6 +57,38 @@ def test_a_run_is_put_there_whole_and_measured_once(swept: Path, tmp_path: Path,
             assert np.array_equal(there.frames.values, here.frames.values)
     judged = [as_json("evaluate", folder)[1]["points"] for folder in (swept, tmp_path / "here")]
     assert judged[0] == judged[1]
+
+
+def test_runs_are_put_behind_ssh(swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_json: AsJson) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    with ssh(tmp_path) as address:
+        there = f"{address.replace(f':{PASSWORD}', '')}{tmp_path}/busy/twins"
+        status, found = as_json(*SWEEP, *TWENTY, "--store", there, "--out", tmp_path / "out")
+        assert status == 0, found["error"][-300:]
+        assert found["complete"] == 2
+        assert as_json("evaluate", tmp_path / "out")[1]["points"] == as_json("evaluate", swept)[1]["points"]
+        assert as_json("resume", tmp_path / "out")[1]["measured"] == 0
+
+
+def test_a_run_that_cannot_be_put_is_kept_and_no_bucket_is_made(bucket: None, tmp_path: Path, as_json: AsJson) -> None:
+    one = ("--over", "sim.twin_seed=3", "--reference-every", "0")
+    status, found = as_json(
+        "sweep", "image-readout", *SETTINGS, *one, *TWENTY, "--store", "s3://nobucket/lab", "--out", tmp_path / "out"
+    )
+    place = "s3://nobucket/lab/000-sim.twin_seed=3"
+    assert status == 2
+    assert found["error"].startswith(f"{place}: there is no such store (")
+    system = fsspec.filesystem("s3", skip_instance_cache=True)
+    assert not system.exists("nobucket")
+
+    said = re.match(rf"the run is kept on \S+ in (\S+): copy it to {place},", found["notes"][0])
+    assert said is not None
+    kept = Path(said[1])
+    system.mkdir("nobucket")
+    system.put(f"{kept}/", place, recursive=True)
+    shutil.rmtree(kept.parent)
+    status, found = as_json("resume", tmp_path / "out")
+    assert (status, found["complete"], found["measured"]) == (0, 1, 0)
 
 
 def test_a_strangers_sweep_does_not_say_where_to_look(swept: Path, tmp_path: Path, as_json: AsJson) -> None:
