@@ -87,6 +87,20 @@ def alone(path: Path) -> Path:
     return cast(Path, path.alone()) if isinstance(path, StorePath) else path
 
 
+def written(place: Path) -> str:
+    """A place as it is noted for later commands, from wherever they are typed.
+
+    Raises:
+        UsageError: there is a password in its URL.
+    """
+    if isinstance(place, StorePath) and place.has_password:
+        raise UsageError(
+            f"{place}: what needs a password in its URL is not found by later commands, as it is written nowhere: "
+            "use an SSH key or mount the folder, and leave the password out"
+        )
+    return str(place if is_elsewhere(place) else place.absolute())
+
+
 @dataclass(frozen=True)
 class _Entry:
     """What a listing says of a file: its size, if it does, and a text that changes with it, empty for none."""
@@ -304,6 +318,11 @@ class StorePath:
     def __reduce__(self) -> tuple[Any, ...]:
         """For another process, which lists the place itself."""
         return location, (self._folder.url_of(self._inner),)
+
+    @property
+    def has_password(self) -> bool:
+        """Whether there is one in its URL, which no text of it has."""
+        return self._folder.url_of(self._inner) != str(self)
 
     def anew(self) -> "StorePath":
         """The same place, to be listed again."""

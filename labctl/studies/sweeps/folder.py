@@ -26,7 +26,7 @@ from labctl.engine.start import this_process
 from labctl.errors import RunError, RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
-from labctl.runs.format.store import alone, is_elsewhere, location
+from labctl.runs.format.store import alone, is_elsewhere, location, written
 from labctl.runs.index import run_row
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import OWNER, owned
@@ -69,9 +69,11 @@ def begin(
     """Make the folder of a sweep; what is `said` of it holds for each of its runs, which go to `store` if there is one.
 
     Raises:
+        UsageError: there is a password in the URL of the store.
         RunExists: there is something in it.
         NotWritten, RunError: it cannot be written.
     """
+    place = "" if store is None else written(store)
     with writing(directory, "name another --out"):
         if directory.exists() and any(directory.iterdir()):
             raise RunExists(f"{directory}: is not empty: name another --out, or go on with 'labctl resume {directory}'")
@@ -86,7 +88,7 @@ def begin(
         protocol_file="" if file is None else str(file.path),
         protocol_sha256="" if file is None else file.sha256,
         said=said or Said(),
-        store="" if store is None else str(store if is_elsewhere(store) else store.absolute()),
+        store=place,
     )
     replace_file(directory / FILE, kept.model_dump_json(indent=2).encode(), not_made)
     if kept.store:

@@ -11,7 +11,7 @@ import pytest
 
 import labctl
 from labctl.commands.main import main
-from tests.labctl.commands.conftest import AsJson
+from tests.labctl.commands.conftest import AsJson, Typed
 from tests.stores import PASSWORD, account, s3, ssh
 
 STORE = "s3://bucket/twins"
@@ -89,6 +89,18 @@ def test_a_run_that_cannot_be_put_is_kept_and_no_bucket_is_made(bucket: None, tm
     shutil.rmtree(kept.parent)
     status, found = as_json("resume", tmp_path / "out")
     assert (status, found["complete"], found["measured"]) == (0, 1, 0)
+
+
+def test_a_password_that_later_commands_would_lack_is_refused(tmp_path: Path, typed: Typed) -> None:
+    """Nothing is even requested: there is no such host."""
+    store = f"sftp://ada:{PASSWORD}@nowhere/lab"
+    status, out, told = typed(*SWEEP, *TWENTY, "--store", store, "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert told == (
+        "labctl: sftp://ada@nowhere/lab: what needs a password in its URL is not found by later commands, as it is "
+        "written nowhere: use an SSH key or mount the folder, and leave the password out\n"
+    )
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_strangers_sweep_does_not_say_where_to_look(swept: Path, tmp_path: Path, as_json: AsJson) -> None:
