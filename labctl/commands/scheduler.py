@@ -9,6 +9,7 @@ import typer
 from labctl.bench.signals import UNDER_WAY, interruptible
 from labctl.commands.output import tell
 from labctl.commands.progress import progress_bar
+from labctl.errors import UsageError
 from labctl.runs.format.store import location
 
 if TYPE_CHECKING:
@@ -34,13 +35,24 @@ SchedulerOption = Annotated[
         help="Of a dask scheduler, such as tcp://host:8786, whose workers do it; local: the cores of this machine.",
     ),
 ]
+
+
+def _lasting(named: str) -> Path:
+    if named.startswith("memory://"):
+        raise UsageError(
+            f"--store = {named}: is gone with the process that puts a run there: name a folder, or a store as s3:// or "
+            "sftp://"
+        )
+    return location(named)
+
+
 StoreOption = Annotated[
     Path | None,
     typer.Option(
         "--store",
         metavar="FOLDER|URL",
         help="Where whoever measures a run puts it, whole: a folder that all see, or a URL such as s3://bucket/runs.",
-        parser=location,
+        parser=_lasting,
     ),
 ]
 

@@ -103,6 +103,16 @@ def test_a_password_that_later_commands_would_lack_is_refused(tmp_path: Path, ty
     assert not (tmp_path / "out").exists()
 
 
+def test_a_store_in_memory_is_refused(tmp_path: Path, typed: Typed) -> None:
+    status, out, told = typed(*SWEEP, *TWENTY, "--store", "memory://lab", "--out", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert told == (
+        "labctl: --store = memory://lab: is gone with the process that puts a run there: name a folder, or a store as "
+        "s3:// or sftp://\n"
+    )
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_strangers_sweep_does_not_say_where_to_look(swept: Path, tmp_path: Path, as_json: AsJson) -> None:
     file = tmp_path / "sweep.json"
     said = (swept / "sweep.json").read_text(encoding="utf-8")
