@@ -25,7 +25,7 @@ def demo(
     as_json: JsonOption = False,
 ) -> int:
     """Run the paper's image recognition on simulated benches: acquire, train, evaluate, report."""
-    engine = engine_of(scheduler, "labctl.studies.demonstration")
+    engine = engine_of(scheduler, "labctl.studies.demonstration", store=store)
     from labctl.studies.demonstration import demonstrate
     from labctl.studies.paper.experiments import experiments
     from labctl.studies.paper.reproduction import Plan

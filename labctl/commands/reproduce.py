@@ -62,7 +62,7 @@ def reproduce(
     """
     wanted = names or ["all"]
     chosen = experiments(wanted)
-    engine = engine_of(scheduler, "labctl.studies.paper.report", "labctl.studies.paper.recognition")
+    engine = engine_of(scheduler, "labctl.studies.paper.report", "labctl.studies.paper.recognition", store=store)
     from labctl.studies.paper.feasibility import check
     from labctl.studies.paper.reproduction import Plan
 

@@ -1,6 +1,7 @@
 """Who carries out what can be done side by side."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -10,7 +11,7 @@ from labctl.bench.signals import UNDER_WAY, interruptible
 from labctl.commands.output import tell
 from labctl.commands.progress import progress_bar
 from labctl.errors import UsageError
-from labctl.runs.format.store import location
+from labctl.runs.format.store import is_elsewhere, location
 
 if TYPE_CHECKING:
     from labctl.studies.tasks import Engine
@@ -57,8 +58,10 @@ StoreOption = Annotated[
 ]
 
 
-def engine_of(scheduler: str, *modules: str) -> "Engine":
+def engine_of(scheduler: str, *modules: str, store: Path | None = None) -> "Engine":
     """What `--scheduler` names; if it is processes of this machine, they load `modules` from now on.
+
+    Into a folder that is a `store` other commands may put the same runs, so that none is measured in its place.
 
     Raises:
         UsageError: dask is not installed.
@@ -70,7 +73,7 @@ def engine_of(scheduler: str, *modules: str) -> "Engine":
         return cluster(scheduler, tell)
     if modules:
         load_meanwhile(*modules)
-    return processes
+    return processes if store is None or is_elsewhere(store) else partial(processes, scratch=store)
 
 
 def carrying(scheduler: str | None, title: str) -> Callable[[Mapping[Name, Callable[[], Found]]], dict[Name, Found]]:

@@ -85,7 +85,7 @@ def sweep(
         scheduler = scheduler or LOCAL
     if scheduler is not None:
         folder.require_simulated(every)
-    engine = None if scheduler is None else engine_of(scheduler)
+    engine = None if scheduler is None else engine_of(scheduler, store=store)
     plan = _plan(every, directory, data, access)
     if dry_run:
         show(plan, as_json, lambda: _print_plan(plan))
@@ -115,11 +115,12 @@ def go_on(
 ) -> int:
     """Go on with a sweep where it ended: `labctl resume`."""
     file = read(directory)
+    store = None
     if file.store:
-        scheduler = scheduler or LOCAL
+        scheduler, store = scheduler or LOCAL, folder.runs_of(directory, file)
     protocol = folder.protocol_of(directory, file)
     every = points(file.sweep, protocol, folder.station_of(directory, file, protocol, station))
-    engine = None if scheduler is None else engine_of(scheduler)
+    engine = None if scheduler is None else engine_of(scheduler, store=store)
     return measure(directory, every, options=options, access=access, data=data, engine=engine, as_json=as_json)
 
 

@@ -13,6 +13,7 @@ from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
+from pathlib import Path
 from threading import Thread
 from typing import TypeVar
 
@@ -37,6 +38,7 @@ class _Shared:
 
     stop: Event
     made: "Synchronized[int]"
+    scratch: Path | None
 
     def stopped(self) -> bool:
         """Whether running tasks should end."""
@@ -46,10 +48,6 @@ class _Shared:
         """So many records more, made in this process."""
         with self.made.get_lock():
             self.made.value += records
-
-    @property
-    def scratch(self) -> None:
-        """Nobody else carries out the same task: where a run will be, it can be watched."""
 
 
 @dataclass(frozen=True)
@@ -89,11 +87,15 @@ class _Pool:
 
 
 @contextmanager
-def processes(tasks: int) -> Iterator[Workers]:
-    """Processes for so many tasks."""
+def processes(tasks: int, scratch: Path | None = None) -> Iterator[Workers]:
+    """Processes for so many tasks.
+
+    scratch: where they measure a run until it is whole, if others may be at the same one; None: where it will be, so
+    that it can be watched.
+    """
     context = _context()
     size = min(os.cpu_count() or 1, tasks)
-    shared = _Shared(context.Event(), context.Value("q", 0))
+    shared = _Shared(context.Event(), context.Value("q", 0), scratch)
     with (
         ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared, dict(os.environ))) as executor,
         _stopped_at_once(),  # while running tasks come to their end

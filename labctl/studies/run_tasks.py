@@ -17,7 +17,7 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.recorded_protocol import refuse_other_inputs
 from labctl.engine.resume import MAY_CHANGE
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
-from labctl.errors import LabctlError, RunError, RunInUse
+from labctl.errors import LabctlError, RunError, RunInUse, writing
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.provenance import versions
@@ -124,7 +124,10 @@ def _placed(directory: Path) -> Iterator[Path]:
     if scratch is None and not is_elsewhere(directory):
         yield directory
         return
-    measured = Path(mkdtemp(dir=scratch)) / directory.name
+    with writing(directory):
+        if scratch is not None:
+            scratch.mkdir(parents=True, exist_ok=True)
+        measured = Path(mkdtemp(".part", f"{directory.name}.", scratch)) / directory.name
     with ExitStack() as stack:
         stack.callback(rmtree, measured.parent, ignore_errors=True)
         yield measured

@@ -1,9 +1,11 @@
 """Runs of a sweep in a store: whole, measured once, judged where they lie."""
 
+import json
 import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from subprocess import PIPE, Popen
 
 import fsspec
 import numpy as np
@@ -11,6 +13,8 @@ import pytest
 
 import labctl
 from labctl.commands.main import main
+from labctl.runs.verification import verify_run
+from tests.command_line import LABCTL
 from tests.labctl.commands.conftest import AsJson, Typed
 from tests.stores import PASSWORD, account, s3, ssh
 
@@ -89,6 +93,20 @@ def test_a_run_that_cannot_be_put_is_kept_and_no_bucket_is_made(bucket: None, tm
     shutil.rmtree(kept.parent)
     status, found = as_json("resume", tmp_path / "out")
     assert (status, found["complete"], found["measured"]) == (0, 1, 0)
+
+
+def test_two_commands_at_once_share_a_folder(tmp_path: Path) -> None:
+    lab = tmp_path / "lab"
+    commands = [
+        Popen([*LABCTL, *SWEEP, *TWENTY, "--store", str(lab), "--out", str(tmp_path / name), "--json"], stdout=PIPE)
+        for name in ("first", "second")
+    ]
+    for command in commands:
+        found = json.loads(command.communicate(timeout=120)[0])
+        assert command.returncode == 0, found
+        assert found["complete"] == 2
+    assert sorted(one.name for one in lab.iterdir()) == ["000-sim.twin_seed=3", "001-sim.twin_seed=4"]
+    assert all(verify_run(one).complete for one in lab.iterdir())
 
 
 def test_a_password_that_later_commands_would_lack_is_refused(tmp_path: Path, typed: Typed) -> None:
