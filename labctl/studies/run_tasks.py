@@ -18,10 +18,11 @@ from labctl.engine.recorded_protocol import refuse_other_inputs
 from labctl.engine.resume import MAY_CHANGE
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.errors import LabctlError, RunError, RunInUse, writing
+from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.provenance import versions
-from labctl.runs.format.store import alone, is_elsewhere
+from labctl.runs.format.store import alone, is_elsewhere, mended
 from labctl.runs.index import run_row
 from labctl.runs.read.differences import differences
 from labctl.runs.write.placing import put_whole
@@ -164,8 +165,17 @@ def _refuse_another(run: Acquisition, directory: Path) -> None:
 
 
 def _whole_in_place(run: Acquisition, directory: Path) -> Outcome | None:
-    """How the run went that is in `directory`, if it lacks nothing."""
-    if not (row := run_row(RunPaths(alone(directory)))).complete:
+    """How the run went that is in `directory`, if it lacks nothing.
+
+    Raises:
+        RunError: it lacks something, and is in a store, where it cannot go on.
+    """
+    paths = RunPaths(alone(directory))
+    row = run_row(paths)
+    lacks = row.problem or f"{row.shots} of {row.planned} shots" if not row.complete else _missing_shard(paths)
+    if lacks and is_elsewhere(directory):
+        raise RunError(f"{directory}: is not whole ({lacks}): {mended(directory, '')}")
+    if lacks:
         return None
     return Outcome(
         directory=directory,
@@ -178,3 +188,10 @@ def _whole_in_place(run: Acquisition, directory: Path) -> Outcome | None:
         bench_seconds=0.0,
         simulated=run.station.simulated,
     )
+
+
+def _missing_shard(paths: RunPaths) -> str:
+    """A file that the journal names and that is not there, in words; empty if all are."""
+    named = {entry.shard: entry for entry in read_journal(paths.journal).entries}  # the last line of a shard counts
+    shards = [paths.shard(number) for number, entry in named.items() if not entry.discarded]
+    return next((f"shards/{shard.name} is missing" for shard in shards if not shard.exists()), "")

@@ -16,6 +16,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import read_own
 from labctl.runs.format.shape import RunShape
 from labctl.runs.format.shard import MOST_BYTES, Shard
+from labctl.runs.format.store import mended
 
 MOST_SHARDS = 10**9
 BLOCK_BYTES = 1 << 20  # of /frames: one chunk of data.h5, and what readers hold in memory at a time
@@ -204,7 +205,8 @@ class Shards:
         try:
             image = read_own(path, MOST_BYTES)
         except OSError as error:
-            raise RunError(unreadable(path, error, "labctl resume measures its shots again")) from error
+            remedy = mended(path, "labctl resume measures its shots again")
+            raise RunError(unreadable(path, error, remedy)) from error
         if hashlib.sha256(image).hexdigest() != self.entries[number].sha256:
             raise RunError(f"{path}: damaged: its sha256 is not the journal's")
         return image

@@ -87,6 +87,13 @@ def alone(path: Path) -> Path:
     return cast(Path, path.alone()) if isinstance(path, StorePath) else path
 
 
+def mended(path: Path, otherwise: str) -> str:
+    """What to do about a damaged file of a run, or the run: `otherwise`, but where nothing is ever changed."""
+    if not is_elsewhere(path):
+        return otherwise
+    return "nothing mends it there: remove the folder of its run, and measure it again or copy it there anew"
+
+
 def written(place: Path) -> str:
     """A place as it is noted for later commands, from wherever they are typed.
 

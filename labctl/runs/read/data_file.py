@@ -17,6 +17,7 @@ from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.own_files import own_file, place_of
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
 from labctl.runs.format.plan import read_drive
+from labctl.runs.format.store import mended
 from labctl.runs.format.version import check_version
 
 MOST_BYTES = 1 << 32  # of data.h5 without its frames, which are read piece by piece
@@ -50,9 +51,10 @@ def _attribute(path: Path, name: str) -> str:
 
 def damaged(path: Path, error: Exception) -> RunError:
     """The one line for a data file that cannot be read."""
+    remedy = mended(path, "`labctl verify --rebuild` makes it anew from the shards")
     if isinstance(error, OSError) and error.errno:
-        return RunError(unreadable(path, error, "`labctl verify --rebuild` makes it anew from the shards"))
-    return RunError(f"{path}: not a whole data file ({error}); `labctl verify --rebuild` makes it anew from the shards")
+        return RunError(unreadable(path, error, remedy))
+    return RunError(f"{path}: not a whole data file ({error}); {remedy}")
 
 
 class DataFile:

@@ -63,6 +63,32 @@ def test_a_run_is_put_there_whole_and_measured_once(swept: Path, tmp_path: Path,
     assert judged[0] == judged[1]
 
 
+def test_a_damaged_run_is_measured_again_once_its_folder_is_removed(
+    bucket: None, tmp_path: Path, as_json: AsJson
+) -> None:
+    store, out = "s3://bucket/damaged", tmp_path / "out"
+    assert as_json(*SWEEP, *TWENTY, "--store", store, "--out", out)[0] == 0
+    run, system = f"{store}/000-sim.twin_seed=3", fsspec.filesystem("s3", skip_instance_cache=True)
+    remedy = "nothing mends it there: remove the folder of its run, and measure it again or copy it there anew"
+    whole = system.cat(f"{run}/data.h5")
+    system.pipe(f"{run}/data.h5", whole[: len(whole) // 2])
+    status, found = as_json("evaluate", out)
+    assert status == 2
+    assert found["error"].startswith(f"{run}/data.h5: not a whole data file (")
+    assert found["error"].endswith(f"; {remedy}")
+
+    system.rm([f"{run}/data.h5", f"{run}/shards/000000.h5"])
+    status, found = as_json("evaluate", out)
+    assert (status, found["error"]) == (2, f"{run}/shards/000000.h5: cannot be read (no such file): {remedy}")
+    for words in (("resume", out), (*SWEEP, *TWENTY, "--store", store, "--out", tmp_path / "again")):
+        status, found = as_json(*words)
+        assert (status, found["error"]) == (2, f"{run}: is not whole (shards/000000.h5 is missing): {remedy}")
+    system.rm(run, recursive=True)
+    status, found = as_json("resume", out)
+    assert (status, found["complete"], found["measured"]) == (0, 2, 1)
+    assert as_json("evaluate", out)[0] == 0
+
+
 def test_runs_are_put_behind_ssh(swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_json: AsJson) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     with ssh(tmp_path) as address:
