@@ -114,6 +114,44 @@ def test_every_index_gives_what_numpy_would(two_ways: Any, key: tuple[Any, ...],
         np.testing.assert_array_equal(found, expected)
 
 
+@pytest.fixture(scope="module")
+def unequal(tmp_path_factory: pytest.TempPathFactory, write_whole: Callable[..., Path]) -> Any:
+    """Three runs of other lengths as one, and their values in memory, not a number beyond the end of each."""
+    shapes = [RunShape(shots, ((2, 3), (6,)), samples, 20e-12) for shots, samples in ((40, 5), (3, 16), (25, 9))]
+    folder = tmp_path_factory.mktemp("unequal")
+    paths = [write_whole(folder / str(number), shape) for number, shape in enumerate(shapes)]
+    values = np.full((3, 40, 3, 16), np.nan)
+    for number, path in enumerate(paths):
+        with read_run(path) as plain:
+            values[number, : len(plain.frames), :, : plain.shape.samples] = plain.volts()
+    with labctl.open_runs(paths) as runs:
+        yield runs, values
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.tuples(axis(3), axis(40), axis(3), axis(16)))
+def test_what_a_shorter_run_does_not_have_is_not_a_number(unequal: Any, key: tuple[Any, ...]) -> None:
+    runs, expected = unequal
+    for dimension, one in reversed(list(enumerate(key))):
+        expected = expected[(slice(None),) * dimension + (one,)]
+    found = runs.volts.isel(dict(zip(("run", "shot", "port", "time"), key, strict=True))).values
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_many_shots_beyond_the_end_of_a_run_are_not_a_number(unequal: Any) -> None:
+    runs, values = unequal
+    odd = np.arange(40) % 2 == 1
+    late = runs.isel(shot=odd).volts.sel(time=slice(6 * 20e-12, None))
+    np.testing.assert_array_equal(late.values, values[:, odd, :, 6:])
+    assert np.isfinite(late.mean())
+
+
+def test_many_shots_without_a_sample_are_nothing(tmp_path: Path, write_whole: Callable[..., Path]) -> None:
+    with labctl.open_run(write_whole(tmp_path / "run", RunShape(40, ((2, 3),), 5, 20e-12))) as run:
+        odd = run.isel(shot=run.shot.values % 2 == 1)
+        assert odd.volts.sel(time=slice(1e-9, None)).values.shape == (20, 2, 0)
+
+
 @counts_bytes
 @pytest.mark.parametrize("kept", [True, False], ids=["data.h5", "shards"])
 def test_a_slice_reads_only_what_it_needs(tmp_path: Path, write_whole: Callable[..., Path], kept: bool) -> None:
