@@ -21,9 +21,17 @@ from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, w
 from labctl.runs.format.plan import names_its_manifest, read_drive, read_plan
 from labctl.runs.format.shard import MOST_BYTES as MOST_OF_A_SHARD
 from labctl.runs.format.shards import Shards
+from labctl.runs.format.version import FORMAT_VERSION
 from labctl.runs.notes import read_notes
 from labctl.runs.read.data_file import MOST_BYTES, damaged
-from labctl.runs.write.data_file import constants, shard_in_data_file, write_data_file
+from labctl.runs.write.data_file import (
+    SCALES,
+    attached,
+    attributes_in,
+    constants,
+    shard_in_data_file,
+    write_data_file,
+)
 
 
 @dataclass(frozen=True)
@@ -190,12 +198,15 @@ def _data_file(
             check_plain(file, MOST_BYTES, besides="frames")
             current = attribute(file, "evidence") == named.evidence
             differences = _different_constants(file, manifest, drive, intact)
+            if current and manifest.values["format_version"] == FORMAT_VERSION:  # others say less, or otherwise
+                differences += _different_attributes(file, named)
         with own_file(paths.data) as stored, h5py.File(place_of(stored, paths.data), "r") as file:
             if current:  # else shots of it may have been measured again since it was made
                 differences += _different_columns(file, intact)
-            if current and not np.array_equal(file["shots"]["index"], named.complete):
-                text = f"{paths.data}: /shots.index is not the list of complete shots"
-                differences.append(Problem(text, _in_dataset(paths, file["shots"])))
+            for name, index in (("shots.index", file["shots"]["index"]), ("shot", file["shot"][:])) if current else ():
+                if not np.array_equal(index, named.complete):
+                    text = f"{paths.data}: /{name} is not the list of complete shots"
+                    differences.append(Problem(text, _in_dataset(paths, file[name.partition(".")[0]])))
     except HDF5_ERRORS as error:
         return "damaged", [Problem(str(damaged(paths.data, error)), whole)]
     if differences:
@@ -222,8 +233,28 @@ def _different_constants(file: h5py.File, manifest: Manifest, drive: Drive | Non
     return differences
 
 
-def _drive_bytes(drive: Drive | None) -> tuple[bytes, float] | None:
-    return None if drive is None else (drive.samples.tobytes(), drive.sample_rate)
+def _drive_bytes(drive: Drive | None) -> tuple[bytes, str] | None:
+    said = "" if drive is None else repr((drive.name, drive.sample_rate, drive.amplitude_vpp))
+    return None if drive is None else (drive.samples.tobytes(), said)
+
+
+def _different_attributes(file: h5py.File, shards: Shards) -> list[Problem]:
+    """Compare what the file says of itself, its arrays and their axes with what it would say if it were made now."""
+    expected = attributes_in(file, shards)
+    owners = {owner: file[owner] for owner in expected}  # each is slow to come by
+    different = [
+        f"the attribute {name!r} of {owner}"
+        for owner, attributes in expected.items()
+        for name, value in attributes.items()
+        if attribute(owners[owner], name) != value
+    ]
+    different += [
+        f"axis {dimension} of /{name}"
+        for name, dimension, axis in attached()
+        if [scale.name for scale in owners[f"/{name}"].dims[dimension].values()] != [f"/{SCALES[axis]}"]
+    ]
+    data = shards.paths.data
+    return [Problem(f"{data}: {what} is not what the run's would be", _whole(shards.paths, data)) for what in different]
 
 
 def _different_columns(file: h5py.File, shards: Shards) -> list[Problem]:

@@ -11,6 +11,7 @@ and ends, data.h5 is made again.
 """
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import h5py
@@ -50,13 +51,15 @@ def write_data_file(shards: Shards, manifest: Manifest, drive: Drive | None, *, 
             with h5py.File(target, "w", libver=LIBVER) as file:
                 _create(file, shards, count, compression)
                 write_drive(file, drive)
-                _describe(file)
-                set_text(file, "format_version", FORMAT_VERSION)
+                for name, dimension, axis in attached():
+                    file[name].dims[dimension].attach_scale(file[SCALES[axis]])
                 set_text(file, "manifest", json.dumps(dict(manifest.values)))
-                set_text(file, "evidence", shards.evidence)
-                file.attrs["complete"] = shards.completed == shards.shape.shots
-                file.attrs["suspect"] = np.int64(count - shards.completed)
-                file.attrs["shots_planned"] = np.int64(shards.shape.shots)
+                for owner, attributes in attributes_in(file, shards).items():
+                    for name, value in attributes.items():
+                        if isinstance(value, str):
+                            set_text(file[owner], name, value)
+                        else:
+                            file[owner].attrs[name] = value
                 for start, block in shards.blocks():
                     for name, values in block.items():
                         file[name][start : start + len(values)] = values
@@ -81,6 +84,36 @@ def constants(shards: Shards) -> dict[str, ArrayLike]:
         "time": shape.time,
         "passes": range(len(shape.passes)),
     }
+
+
+def attributes_in(file: h5py.File, shards: Shards) -> dict[str, dict[str, Any]]:
+    """By owner the attributes of a data.h5 but for those of the drive, the axes and the manifest.
+
+    Each array has its unit and its meaning, `/shots` those of its columns, and the file says what it was made of.
+    """
+    found: dict[str, dict[str, Any]] = {
+        f"/{array.name}": {"long_name": array.meaning} | ({"units": array.unit} if array.unit else {})
+        for array in ARRAYS
+        if array.name in file
+    }
+    found["/shots"] = {column.name: column.meaning for column in SHOTS}
+    found["/shots"] |= {f"{column.name}_units": column.unit for column in SHOTS if column.unit}
+    found["/"] = {
+        "format_version": FORMAT_VERSION,
+        "evidence": shards.evidence,
+        "complete": shards.completed == shards.shape.shots,
+        "suspect": np.int64(len(shards.complete) - shards.completed),
+        "shots_planned": np.int64(shards.shape.shots),
+    }
+    return found
+
+
+def attached() -> Iterator[tuple[str, int, str]]:
+    """Which dimension of which data set lies on which of the axes that have coordinates."""
+    for name, axes in {"shots": ("shot",), **{array.name: array.axes for array in ARRAYS}}.items():
+        for dimension, axis in enumerate(axes):
+            if axis in SCALES and name != SCALES[axis]:
+                yield name, dimension, axis
 
 
 def shard_in_data_file(file: h5py.File, shards: Shards, entry: Entry) -> memoryview:
@@ -119,20 +152,3 @@ def _create(file: h5py.File, shards: Shards, count: int, compression: str | None
         file.create_dataset(name, data=np.asarray(values, types[name]))
     for axis, name in SCALES.items():
         file[name].make_scale(axis)
-
-
-def _describe(file: h5py.File) -> None:
-    """Give each array its unit, its meaning and its axes, and `/shots` those of its columns."""
-    for array in ARRAYS:
-        if array.name in file:
-            set_text(file[array.name], "long_name", array.meaning)
-            if array.unit:
-                set_text(file[array.name], "units", array.unit)
-    for column in SHOTS:
-        set_text(file["shots"], column.name, column.meaning)
-        if column.unit:
-            set_text(file["shots"], f"{column.name}_units", column.unit)
-    for name, axes in {"shots": ("shot",), **{array.name: array.axes for array in ARRAYS}}.items():
-        for dimension, axis in enumerate(axes):
-            if axis in SCALES and name != SCALES[axis]:
-                file[name].dims[dimension].attach_scale(file[SCALES[axis]])

@@ -105,6 +105,61 @@ def test_a_changed_constant_in_the_data_file_is_found(whole: Path, name: str) ->
     assert name.split("/")[0] in report.problems[0]
 
 
+@pytest.mark.parametrize(
+    ("place", "name", "value"),
+    [
+        ("/", "complete", False),
+        ("/", "suspect", 1),
+        ("/", "shots_planned", 8),
+        ("/", "format_version", "1.4"),
+        ("/scale", "units", "mV"),
+        ("/shots", "time_s_units", "ms"),
+    ],
+)
+def test_a_changed_attribute_in_the_data_file_is_found(
+    whole: Path, place: str, name: str, value: str | float | bool
+) -> None:
+    with h5py.File(whole / "data.h5", "r+") as file:
+        stored = file[place].attrs.get_id(name)
+        file[place].attrs.create(name, value.encode() if isinstance(value, str) else value, dtype=stored.dtype)
+    report = verify_run(whole)
+    what = f"the attribute {name!r} of {place}"
+    assert report.problems == (f"{whole / 'data.h5'}: {what} is not what the run's would be",)
+    assert report.data_file == "damaged"
+    assert verify_run(whole, rebuild=True).problems == ()
+
+
+@pytest.mark.parametrize(("name", "value"), [("amplitude_vpp", 9.9), ("sample_rate", 1e9), ("name", b"ramq")])
+def test_a_changed_attribute_of_the_drive_is_found(whole: Path, name: str, value: float | bytes) -> None:
+    with h5py.File(whole / "data.h5", "r+") as file:
+        file["drive"].attrs.create(name, value, dtype=file["drive"].attrs.get_id(name).dtype)
+    assert verify_run(whole).problems == (f"{whole / 'data.h5'}: /drive differs from the planned one",)
+
+
+def test_an_axis_that_is_another_is_found(whole: Path) -> None:
+    with h5py.File(whole / "data.h5", "r+") as file:
+        file["frames"].dims[0].detach_scale(file["shot"])
+    problem = f"{whole / 'data.h5'}: axis 0 of /frames is not what the run's would be"
+    assert verify_run(whole).problems == (problem,)
+
+
+def test_every_flipped_byte_of_an_attribute_is_found(whole: Path) -> None:
+    data = whole / "data.h5"
+    image = data.read_bytes()
+    for text in (b"kind\0", b"what the shot is for", b"dataset_index\0", b"volts = scale", b"amplitude_vpp\0"):
+        for position in range(place := image.index(text), place + len(text)):
+            flip(data, position)
+            assert verify_run(whole).data_file == "damaged", (text, position)
+            data.write_bytes(image)
+
+
+def test_another_coordinate_of_the_shots_is_found(whole: Path) -> None:
+    with h5py.File(whole / "data.h5", "r+") as file:
+        file["shot"][3] = 7
+    report = verify_run(whole)
+    assert report.problems == (f"{whole / 'data.h5'}: /shot is not the list of complete shots",)
+
+
 def test_shots_under_a_wrong_index_are_found(whole: Path) -> None:
     with h5py.File(whole / "data.h5", "r+") as file:
         table = file["shots"][:]
