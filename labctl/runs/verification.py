@@ -183,7 +183,8 @@ def _traces(shards: Shards, *, torn: bool) -> list[str]:
     notes += [f"{found.name}: set aside as suspect, measured again" for found in sorted(folder.glob("*.suspect"))]
     known = {shards.paths.shard(number) for number in shards.entries}
     unknown = sorted(set(folder.glob("*.h5")) - known)
-    return notes + [f"{found.name}: not in the journal; `labctl resume` takes it in" for found in unknown]
+    of_no_use = "not in the journal, and of no use: `labctl resume` measures again what is missing of its shots"
+    return notes + [f"{found.name}: {of_no_use}" for found in unknown]
 
 
 def _data_file(

@@ -170,7 +170,7 @@ class RunWriter:
         """Go on with an interrupted run: `missing` lists what is still to be measured.
 
         What a crash left behind is put in order first, and `recovered` describes what was found: a shard that did
-        not reach the journal is taken in, a damaged one is set aside and its shots are missing again. `on_warning`,
+        not reach the journal, and one that is damaged, is set aside and its shots are missing again. `on_warning`,
         `timer` and `clock` are as of `create`.
 
         Raises:

@@ -42,7 +42,9 @@ def test_a_shard_that_missed_the_journal_is_measured_again(cut: Path, whole: Pat
     (cut / "journal.jsonl").write_bytes(b"".join(lines[:-1]) + lines[-1][:40])
     assert open_run(cut).done == (7, 0)
     assert any("torn" in note for note in verify_run(cut).notes)
-    assert any("not in the journal" in note for note in verify_run(cut).notes)
+    assert (
+        "000003.h5: not in the journal, and of no use: `labctl resume` measures again what is missing of its shots"
+    ) in verify_run(cut).notes
     found = resume_to_the_end(cut, measure_missing)
     assert "was not in the journal yet" in found[0]
     assert f"3 shots are suspect ({NOT_COMPARED}): they will be measured again" in found
