@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from datetime import date
 from typing import Any
+from urllib.parse import quote
 
 from labctl.runs.publication.declaration import Declaration, Person
 from labctl.runs.publication.subject import Subject
@@ -37,7 +38,7 @@ def encode(subject: Subject, said: Declaration, files: Mapping[str, tuple[int, s
     publisher = [{"@id": "#publisher", "@type": "Organization", "name": said.publisher}] if said.publisher else []
     parts = [
         {
-            "@id": name,
+            "@id": quote(name, errors="surrogateescape"),
             "@type": "File",
             "name": name,
             "contentSize": str(size),

@@ -115,6 +115,18 @@ def test_a_served_bench_is_simulated_by_what_its_instruments_say(real: Path, tmp
     assert publish(real, tmp_path / "given", "ro-crate", SAID, DAY).simulated
 
 
+def test_a_file_of_any_name_has_a_place_in_a_crate(real: Path, tmp_path: Path) -> None:
+    (real / "models").mkdir()
+    (real / "models" / "my model #1 100%.h5").write_bytes(b"of no matter")
+    publish(real, tmp_path / "out", "ro-crate", SAID, DAY)
+    graph = json.loads((tmp_path / "out" / "ro-crate-metadata.json").read_text("utf-8"))["@graph"]
+    place = "models/my%20model%20%231%20100%25.h5"
+    (file,) = (one for one in graph if one["@id"] == place)
+    assert file["name"] == "models/my model #1 100%.h5"
+    (root,) = (one for one in graph if one["@id"] == "./")
+    assert {"@id": place} in root["hasPart"]
+
+
 def test_every_file_of_a_crate_is_described(real: Path, tmp_path: Path) -> None:
     publish(real, tmp_path / "given", "ro-crate", SAID, DAY)
     graph = json.loads((tmp_path / "given" / "ro-crate-metadata.json").read_text("utf-8"))["@graph"]
