@@ -15,7 +15,11 @@ from labctl.runs.sweep_axes import Order, measuring_order, points_of, with_refer
 
 FILE = "sweep.json"
 LARGEST = 1 << 22
+WITHOUT_MICRO = ("1.0", "1.1", "1.2")
+"""Versions of the file whose runs have no micro sign in their names."""
 LONGEST_NAME = 80
+MICRO = "[\u00b5\u03bc]"
+"""As keyboards write it, and as the Greek letter."""
 
 
 class Sweep(BaseModel):
@@ -23,7 +27,8 @@ class Sweep(BaseModel):
 
     over: values of each axis, which is a setting of the protocol or a key of the station such as "laser.power". zip:
     whether the axes go side by side instead of in every combination. order, seed: in which order points are measured.
-    reference_every: the first point is measured first, last and after so many others; 0: once.
+    reference_every: the first point is measured first, last and after so many others; 0: once. micro: what a micro sign
+    is in the names of runs.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -35,6 +40,7 @@ class Sweep(BaseModel):
     order: Order = Order.RANDOM
     seed: NonNegativeInt = 1
     reference_every: NonNegativeInt = 10
+    micro: str = Field("u", pattern="^u?$", exclude=True)
 
 
 class SweepFile(BaseModel):
@@ -47,7 +53,7 @@ class SweepFile(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     format: str = Field("labctl-sweep", pattern="^labctl-sweep$")
-    format_version: str = "1.2"
+    format_version: str = "1.3"
     sweep: Sweep
     station: str
     station_sha256: str
@@ -70,11 +76,14 @@ def read(directory: Path) -> SweepFile:
     """
     path = directory / FILE
     try:
-        return SweepFile.model_validate_json(read_own(path, LARGEST))
+        found = SweepFile.model_validate_json(read_own(path, LARGEST))
     except OSError:
         raise RunError(f"{directory}: not a sweep (no {FILE} in it): name a folder that 'labctl sweep' made") from None
     except ValidationError as error:
         raise RunError(f"{path}: not such a file ({describe(error)}): begin a new sweep") from None
+    if found.format_version not in WITHOUT_MICRO:
+        return found
+    return found.model_copy(update={"sweep": found.sweep.model_copy(update={"micro": ""})})
 
 
 def places(sweep: Sweep) -> list[tuple[str, dict[str, str]]]:
@@ -87,9 +96,10 @@ def places(sweep: Sweep) -> list[tuple[str, dict[str, str]]]:
     order = measuring_order(len(grid), sweep.order, sweep.seed)
     if sweep.reference_every:
         order = with_reference(order, sweep.reference_every)
-    return [(f"{number:03d}-{_slug(grid[place])}"[:LONGEST_NAME], grid[place]) for number, place in enumerate(order)]
+    slugs = [_slug(values, sweep.micro) for values in grid]
+    return [(f"{number:03d}-{slugs[place]}"[:LONGEST_NAME], grid[place]) for number, place in enumerate(order)]
 
 
-def _slug(values: Mapping[str, str]) -> str:
-    written = "-".join(f"{name}={value}" for name, value in values.items())
+def _slug(values: Mapping[str, str], micro: str) -> str:
+    written = re.sub(MICRO, micro, "-".join(f"{name}={value}" for name, value in values.items()))
     return re.sub(r"[^A-Za-z0-9.=+,_-]", "", written)

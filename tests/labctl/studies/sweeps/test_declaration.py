@@ -1,5 +1,6 @@
 """The points of a sweep: what each sets, and what is refused before anything is made."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,10 @@ import pytest
 
 from labctl.bench.station import SIMULATED_STATION
 from labctl.errors import LabctlError, UsageError
-from labctl.runs.sweep import Sweep
+from labctl.runs.sweep import FILE, Sweep, places, read
 from labctl.runs.sweep_axes import Order
 from labctl.studies.sweeps.declaration import points, read_sweep
+from labctl.studies.sweeps.folder import begin
 from protocols.image_readout import ImageReadout
 from tests.checkout import ROOT
 
@@ -39,6 +41,22 @@ def test_settings_keys_and_short_names() -> None:
         "sim.parameters.enob": 5.0,
     }
     assert point.name == "000-window=0.4ns-power=10mW-awg.amplitude=0.2Vpp-sim.parameters.enob=5"
+
+
+@pytest.mark.parametrize("sign", ["\u00b5", "\u03bc", "u"])
+def test_the_micro_sign_is_in_the_name_of_a_run(sign: str, tmp_path: Path) -> None:
+    [point] = points(sweep(power=(f"9000 {sign}W",)), ImageReadout, SIMULATED_STATION)
+    assert (point.name, point.station.laser.power) == ("000-power=9000uW", 0.009)
+    begin(tmp_path, sweep(power=(f"9000 {sign}W",)), ImageReadout, SIMULATED_STATION)
+    assert [name for name, _ in places(read(tmp_path).sweep)] == [point.name]
+
+
+def test_runs_of_a_sweep_that_was_begun_when_names_dropped_it_are_found(tmp_path: Path) -> None:
+    begin(tmp_path, sweep(power=("9000 \u00b5W",)), ImageReadout, SIMULATED_STATION)
+    file = tmp_path / FILE
+    said = json.loads(file.read_text("utf-8"))
+    file.write_text(json.dumps(said | {"format_version": "1.2"}), "utf-8")
+    assert [name for name, _ in places(read(tmp_path).sweep)] == ["000-power=9000W"]
 
 
 def test_a_list_of_one_is_a_number_and_what_is_no_number_is_its_text() -> None:
