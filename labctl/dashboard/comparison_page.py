@@ -10,12 +10,11 @@ from labctl.dashboard import wording
 from labctl.dashboard.frame import REFRESH_S, Region, frame, heading, refresh, show_missing
 from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.sketches import escape
+from labctl.runs.format.manifest import inputs_source, protocol_settings
 from labctl.runs.index import origin_of
 from labctl.runs.read.differences import settings_that_differ
 from labctl.runs.read.follower import Latest
 
-SHOWN_AS = ("dataset", "binarisation")
-"""Settings that make one place in a data set another picture."""
 MOST_PICTURES = 500
 """To choose from."""
 
@@ -81,17 +80,18 @@ def _show_picture(first: WatchedRun, second: WatchedRun) -> Region:
 
 def common_pictures(first: WatchedRun, second: WatchedRun) -> dict[int, int]:
     """Places in the data set of the pictures that both runs measured, and their classes."""
-    if _shown_as(first.manifest) != _shown_as(second.manifest):
+    shown = _shown_as(first.manifest)
+    if shown is None or shown != _shown_as(second.manifest):
         return {}
     theirs = second.pictures
     found = [(place, label) for place, (label, _) in first.pictures.items() if place in theirs]
     return dict(found[:MOST_PICTURES])
 
 
-def _shown_as(manifest: Mapping[str, Any]) -> list[object]:
-    protocol = manifest.get("protocol")
-    settings = protocol.get("settings") if isinstance(protocol, dict) else None
-    return [settings.get(name) for name in SHOWN_AS] if isinstance(settings, dict) else []
+def _shown_as(manifest: Mapping[str, Any]) -> tuple[str, object] | None:
+    """What makes images of two runs the same by their index; None where nobody says."""
+    source = inputs_source(manifest)
+    return None if source is None else (source, protocol_settings(manifest).get("binarisation"))
 
 
 def difference(here: list[Latest], there: list[Latest]) -> dict[int, float]:

@@ -23,7 +23,7 @@ from labctl.runs.format.origin import Origin
 from labctl.runs.read.differences import Difference, settings_that_differ
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import Run, open_run
-from labctl.studies.inputs_of_runs import inputs_source
+from labctl.studies.inputs_of_runs import source_of
 from labctl.studies.inspection import cannot_be_drawn, port_names, signals
 
 MOST_SPLITS = 5
@@ -215,7 +215,7 @@ def _same_image(runs: tuple[Run, Run], columns: Columns) -> SameImage:
 
 def _images_of(manifest: Mapping[str, Any]) -> tuple[Any, ...] | None:
     """What makes images of two runs the same by their index: data set and binarisation; None where nobody says."""
-    source, settings = inputs_source(manifest), protocol_settings(manifest)
+    source, settings = source_of(manifest), protocol_settings(manifest)
     return None if source is None else (source, settings.get("binarisation", settings.get("threshold")))
 
 

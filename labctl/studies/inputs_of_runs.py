@@ -4,19 +4,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from labctl.datasets import catalogue
-from labctl.runs.format.manifest import protocol_settings
+from labctl.runs.format.manifest import inputs_source
 
 
-def inputs_source(manifest: Mapping[str, Any]) -> str | None:
-    """What the inputs of a run are known by, together with their places; None where nobody says.
-
-    Runs of earlier versions say how the set was called.
-    """
-    found = manifest.get("inputs_source")
-    if isinstance(found, str):
-        return found or None
-    name = protocol_settings(manifest).get("dataset")
-    return identity_of(name) if isinstance(name, str) else None
+def source_of(manifest: Mapping[str, Any]) -> str | None:
+    """What the inputs of a run are known by, together with their places; None where nobody says."""
+    found = inputs_source(manifest)
+    return None if found is None else identity_of(found)
 
 
 def identity_of(name: str) -> str:

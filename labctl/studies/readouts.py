@@ -38,7 +38,7 @@ from labctl.runs.format.manifest import protocol_settings
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import Run, open_run
-from labctl.studies.inputs_of_runs import identity_of, inputs_source
+from labctl.studies.inputs_of_runs import identity_of, source_of
 from labctl.studies.masks import Masks
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 from labctl.studies.tasks import one_by_one
@@ -122,7 +122,7 @@ def train_readout(
         "frames_sha256": digest,
         "masks": masks.model_dump(mode="json"),
         "dataset": protocol_settings(manifest).get("dataset"),
-        "inputs_source": inputs_source(manifest),
+        "inputs_source": source_of(manifest),
         "window_s": window_s,
         "ports": list(chosen),
         "tau_s": tau_s or records.sample_interval_s,
@@ -329,13 +329,13 @@ def _unseen(run: Run, records: Records, trained: _Trained) -> NDArray[np.intp]:
     if trained.training_groups is None:
         own = trained.frames_sha256 == run.digest()
         return np.flatnonzero(np.isin(records.groups, trained.test_groups) | (not own))
-    same = trained.source is not None and trained.source == inputs_source(run.manifest)
+    same = trained.source is not None and trained.source == source_of(run.manifest)
     return np.flatnonzero(np.isin(records.groups, trained.training_groups if same else (), invert=True))
 
 
 def _own_split(run: Run, records: Records) -> Split | None:
     """The split that the run's data set has itself; None where it has none, or the run shows one part only."""
-    name = inputs_source(run.manifest)
+    name = source_of(run.manifest)
     first_test = next((card.first_test for card in catalogue() if card.name == name), None)
     if first_test is None:
         return None

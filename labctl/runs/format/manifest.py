@@ -36,6 +36,15 @@ def protocol_settings(values: Mapping[str, Any]) -> Mapping[str, Any]:
     return settings if isinstance(settings, dict) else {}
 
 
+def inputs_source(values: Mapping[str, Any]) -> str | None:
+    """What the inputs of a run are known by, together with their places; None where nobody says.
+
+    Runs of earlier versions say how their set was called.
+    """
+    found = values.get("inputs_source", protocol_settings(values).get("dataset"))
+    return found if isinstance(found, str) and found else None
+
+
 @dataclass(frozen=True)
 class Manifest:
     """The manifest of a run: `values` is what manifest.json holds."""

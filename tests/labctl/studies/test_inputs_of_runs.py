@@ -11,7 +11,7 @@ import pytest
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from labctl.studies.comparison import compare
-from labctl.studies.inputs_of_runs import inputs_source
+from labctl.studies.inputs_of_runs import source_of
 from labctl.studies.readouts import evaluate_readout, train_readout
 from protocols.image_readout import ImageReadout
 
@@ -61,7 +61,7 @@ def test_a_set_by_another_name_is_no_other_set(measured: Measured, tmp_path: Pat
 
 def test_a_part_of_a_set_has_its_images() -> None:
     def known_by(**manifest: Any) -> str | None:
-        return inputs_source(manifest)
+        return source_of(manifest)
 
     part = known_by(protocol={"settings": {"dataset": "mnist-0-3"}})
     assert part == known_by(protocol={"settings": {"dataset": "mnist"}}) == known_by(inputs_source="mnist")
