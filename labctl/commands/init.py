@@ -38,6 +38,8 @@ TITLES = {
     "patch_panel": "patch panel",
 }
 EVERY_PORT = "0-9,11-14"
+MOST_OF_CLASS_3B_W = 0.5
+"""Of a continuous laser at 1550 nm (IEC 60825-1)."""
 BEFORE_QUESTIONS = f"""\
 Enter takes the answer in brackets, or leaves the address empty; '{SIMULATED}' is a simulated instrument.
 Write an address as VISA does, such as {EXAMPLE}."""
@@ -91,7 +93,7 @@ def init(
         if "::" in places[role] and places[role] not in heard:
             more, held_there = _who_is_at([places[role]])
             answers, held = [*answers, *more], held | held_there
-        if asking:
+        if asking or _is_another(role, places[role], answers):
             _tell_who(role, places[role], answers, held)
     values, remarks = _instruments(places, answers, held)
     if laser_commands is not None:
@@ -103,6 +105,8 @@ def init(
     bound = _asked(asking, never, optical_power, "30 mW", lambda text: quantity(text, "W"))
     values["limits"] = {"optical_power": bound, "rf_amplitude": "0.5 V"}
     values["laser"] |= _power_below(bound)
+    if quantity(bound, "W") > MOST_OF_CLASS_3B_W:
+        tell(f"{never}: {bound} is more than a laser of class 3B has, {MOST_OF_CLASS_3B_W:g} W: is it what you mean?")
     wired_for_bursts = burst or (asking and confirm("Are DMD, AWG and oscilloscope wired for hardware-timed bursts?"))
     values["wiring"] = {"burst": wired_for_bursts}
     called = _asked(asking, "Name of the bench", name, file.stem, lambda text: Station(name=text))
@@ -177,6 +181,11 @@ def _at(place: str, answers: list[Answer]) -> Answer | None:
     return next((answer for answer in answers if answer.address == place), None)
 
 
+def _is_another(role: str, place: str, answers: list[Answer]) -> bool:
+    answer = _at(place, answers)
+    return answer is not None and answer.instrument != role
+
+
 def _tell_who(role: str, place: str, answers: list[Answer], held: Mapping[str, str]) -> None:
     if "::" not in place:
         return
@@ -187,7 +196,7 @@ def _tell_who(role: str, place: str, answers: list[Answer], held: Mapping[str, s
     elif answer.instrument == role:
         tell(f"  {' '.join(answer.who.split())}")
     else:
-        tell(f"  {' '.join(answer.who.split())}: not what labctl knows as {TITLES[role]}")
+        tell(f"  {place}: {' '.join(answer.who.split())}: not what labctl knows as {TITLES[role]}")
 
 
 def _instruments(

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from instruments.ports import parse_ports
+from instruments.ports import parse_ports, require_distinct
 from labctl.errors import UsageError
 
 ShotsOption = Annotated[
@@ -30,12 +30,12 @@ def ports_of(text: str | None) -> tuple[int, ...] | None:
     """The ports of "2-6" or "2,3"; None for None.
 
     Raises:
-        UsageError: it is no list of ports.
+        UsageError: it is no list of ports, or names one twice.
     """
     if text is None:
         return None
     try:
         parsed = parse_ports(text)
+        return require_distinct(parsed) if isinstance(parsed, tuple) else None
     except ValueError as error:
         raise UsageError(f"--ports: {error}") from None
-    return parsed if isinstance(parsed, tuple) else None

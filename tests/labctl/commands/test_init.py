@@ -113,6 +113,17 @@ def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: py
     assert [other["address"] for other in json.loads(out)["others"]] == [addresses["awg"]]
 
 
+def test_what_can_hardly_be_meant_is_told(
+    addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--awg", addresses["scope"], "--optical-power", "1 MW", "--no-search")
+    status, _, told = labctl(capsys, "init", tmp_path / "bench.toml", *words)
+    assert status == 0
+    assert f"{addresses['scope']}: TEKTRONIX DPO72504DX" in " ".join(told.split())
+    assert "not what labctl knows as" in told
+    assert "1 MW is more than a laser of class 3B has, 0.5 W: is it what you mean?" in told
+
+
 def test_a_real_laser_needs_a_command_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.toml"
     labctl(capsys, "init", path, "--no-search", "--laser", SILENT, "--laser-commands", "ours.toml")
