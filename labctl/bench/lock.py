@@ -1,7 +1,8 @@
 """One bench, one holder: which process of this machine has an instrument open.
 
 Each instrument is locked by its address and, once it has said who it is, by its serial number: under another name it is
-the same. The supervisor inherits the locks, so that nobody opens a bench whose run was killed before it is dark.
+the same. The supervisor inherits the locks by address, so that nobody opens a bench whose run was killed before it is
+dark; it starts before anybody has said who he is, and so has none by serial number.
 """
 
 import getpass
