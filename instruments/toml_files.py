@@ -6,8 +6,6 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from instruments.units import any_quantity
-
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
@@ -91,8 +89,11 @@ def describe(error: "ValidationError", keys: Iterable[str] = ()) -> str:
         hint = f"did you mean {meant[0]}?" if meant else "check its spelling against the reference of settings"
         return f"{key} = {value}: unknown key: {hint}"
     message = _cut(fault["msg"].removeprefix("Value error, "))
-    if fault["type"] in BOUNDS and isinstance(fault["input"], str) and (known := any_quantity(fault["input"])):
-        message = f"{message} {known[1]}"
+    if fault["type"] in BOUNDS and isinstance(fault["input"], str):
+        from instruments.units import any_quantity  # with pydantic, which takes long to load
+
+        if (known := any_quantity(fault["input"])) is not None:
+            message = f"{message} {known[1]}"
     return f"{key} = {value}: {message}" if key else message
 
 

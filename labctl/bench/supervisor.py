@@ -19,6 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import closing, suppress
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import BinaryIO, NoReturn, cast
@@ -28,7 +29,7 @@ from pydantic import BaseModel
 from instruments.driver import Opening
 from instruments.errors import InstrumentError, LinkError
 from instruments.interfaces import INTERFACES, Instrument
-from instruments.safe_state import MAY_EMIT, ORDER, UnsafeBench, in_order, safe_state
+from instruments.safe_state import LIGHT, MAY_EMIT, ORDER, UnsafeBench, in_order, safe_state
 from instruments.sections import SIMULATED
 from labctl.bench.stand_in import Followed, alone, kill_when_stopped, with_a_copy
 from labctl.bench.station import Station
@@ -110,7 +111,7 @@ def supervise(
         return  # the parent ended before there was anything to do
     task = Task.model_validate_json(first)
     log = CommandLog(started=task.log_started)
-    instruments = {name: _instrument(task.station, name, log) for name in within_reach(task.station)}
+    instruments = {name: _at_hand(task.station, name, log) for name in within_reach(task.station)}
     followed = follow(orders)
     if followed.acts.is_set():
         say(READY)
@@ -125,8 +126,23 @@ def supervise(
         _see_to_it(task.station, instruments, log, parent.log, end, say, pause, followed.dismiss)
 
 
+def _at_hand(station: Station, name: str, log: CommandLog) -> Callable[[], Instrument]:
+    """What gives an instrument when it is needed. Whatever files its driver needs are read now: later they may be gone.
+
+    Raises:
+        InstrumentError: it gives light, and cannot be had. Any other one may be had by then, and is not needed as much.
+    """
+    try:
+        instrument = _instrument(station, name, log)
+    except InstrumentError:
+        if name in LIGHT:
+            raise
+        return partial(_instrument, station, name, log)
+    return lambda: instrument
+
+
 def _instrument(station: Station, name: str, log: CommandLog) -> Instrument:
-    """One that is not spoken to yet. Whatever files its driver needs are read now: later they may be gone."""
+    """One that is not spoken to yet."""
     section = station.section_of(name)
     return station.driver_of(name).open(section, Opening(section.address, log, _nobody, attended=True))
 
@@ -164,7 +180,7 @@ def _let_go() -> None:
 
 def _see_to_it(
     station: Station,
-    instruments: dict[str, Instrument],
+    instruments: dict[str, Callable[[], Instrument]],
     log: CommandLog,
     path: Path | None,
     end: str,
@@ -214,13 +230,13 @@ def _see_to_it(
             report(f"{end}: {may_emit.replace('may still emit', 'could not be reached')}", left)
 
 
-def _make_safe(instruments: dict[str, Instrument]) -> UnsafeBench | None:
+def _make_safe(instruments: dict[str, Callable[[], Instrument]]) -> UnsafeBench | None:
     """Take every instrument into the safe state, over a link of its own; what went wrong, if anything did."""
 
-    def step(instrument: Instrument) -> Callable[[], None]:
+    def step(instrument: Callable[[], Instrument]) -> Callable[[], None]:
         def make_safe() -> None:
-            with closing(instrument):
-                _patiently(instrument.make_safe)
+            with closing(instrument()) as found:
+                _patiently(found.make_safe)
 
         return make_safe
 

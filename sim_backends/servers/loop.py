@@ -25,7 +25,7 @@ from sim_backends.servers.disturbed import Disturbed
 logger = logging.getLogger(__name__)
 
 MOST_WAITING = 256  # messages of one client; more are left on its side of the wire
-MOST_IN_VAIN = 256  # rounds of reading that complete no message; others are answered then
+MOST_IN_VAIN = 16  # rounds of reading that complete no message; others are answered then
 FULL = (errno.EMFILE, errno.ENFILE)
 TRIGGER = Message((Unit("*TRG", query=False, arguments=()),))
 """What a trigger of the transport's own means."""

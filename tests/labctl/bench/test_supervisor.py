@@ -17,6 +17,8 @@ import pytest
 
 from instruments.alnair_tlg220 import Tlg220
 from instruments.bench import Observer
+from instruments.errors import NotConfigured
+from instruments.vialux_alp import VialuxAlp
 from labctl.bench.opening import opened
 from labctl.bench.recording.wire import Wire
 from labctl.bench.simulation import SIMULATED_LASER
@@ -216,6 +218,27 @@ def test_what_a_driver_needs_is_read_while_it_is_there(station: Station, tmp_pat
         supervise(orders(own), gone, lambda _seconds: None)
         assert said == [READY]
         assert found.bench.laser.settings()["emitting"] == 0
+
+
+def test_what_gives_no_light_may_be_missing_until_it_is_needed(
+    station: Station, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As a DMD whose library this process lacks: the light goes off all the same, and the DMD is named."""
+
+    def missing(_dmd: VialuxAlp, *_arguments: object, **_options: object) -> None:
+        raise NotConfigured("dmd: its library is not installed")
+
+    monkeypatch.setattr(VialuxAlp, "__init__", missing)
+    said: list[bytes] = []
+    supervise(orders(station), said.append)
+    assert said == [READY]
+    told = capfd.readouterr().err
+    assert "dmd: dmd: its library is not installed" in told
+    assert "the laser is off" in told
+    monkeypatch.setattr(Tlg220, "__init__", missing)
+    with pytest.raises(NotConfigured):
+        supervise(orders(station), said.append)
+    assert said == [READY], "there is to be no light"
 
 
 def test_a_driver_that_fails_is_tried_again(

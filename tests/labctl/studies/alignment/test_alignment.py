@@ -196,10 +196,10 @@ class TestFaults:
         def refuse(_laser: Tlg220) -> None:
             raise InstrumentError("laser: does not obey")
 
-        monkeypatch.setattr(Tlg220, "darken", refuse)
         interruption = Interruption()
 
         def stop(finding: Finding) -> None:
+            monkeypatch.setattr(Tlg220, "darken", refuse)
             interruption.requested = finding.step == "range"
 
         directory, station = tmp_path / "stopped", twin(1)
