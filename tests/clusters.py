@@ -36,7 +36,8 @@ class Cluster:
             process.kill()
             process.wait()
         self.workers = alive[:workers] + [self.worker() for _ in range(workers - len(alive))]
-        self.until_there(workers)
+        if workers:
+            self.until_there(workers)
 
     def lose_all(self) -> None:
         """The scheduler is killed, and its workers; others come to its place."""

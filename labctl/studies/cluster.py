@@ -75,7 +75,7 @@ class _Connection:
         self._records: dict[int, int] = {}  # by task: one that is carried out twice counts once
         self._address = address
         self._tell = tell
-        self._lost = False
+        self._lost = self._deserted = False
         self._workers, self._counted = 0, -COUNT_S
         self._name = uuid4().hex
         try:
@@ -107,7 +107,7 @@ class _Connection:
             elif self._client.status != "running":
                 return self._wait()
             if time.monotonic() - self._counted >= COUNT_S:
-                self._workers, self._counted = len(self._client.nthreads()), time.monotonic()
+                self._count()
         except OSError:
             return self._wait()
         if self._lost:
@@ -115,6 +115,12 @@ class _Connection:
             self._client.subscribe_topic(self._name, self._hear)  # a scheduler that was started anew knows of nobody
             self._tell(f"{self._address}: the scheduler is there again; what it had begins anew")
         return max(self._workers, 1) - running
+
+    def _count(self) -> None:
+        self._workers, self._counted = len(self._client.nthreads()), time.monotonic()
+        if not self._workers and not self._deserted:
+            self._tell(f"{self._address}: the scheduler has no workers: start some; Ctrl-C keeps what is finished")
+        self._deserted = not self._workers
 
     def _wait(self) -> int:
         if not self._lost:

@@ -28,6 +28,8 @@ from tests.command_line import answer
 
 SEEDS = 3
 
+NO_WORKERS = "the scheduler has no workers"
+
 
 @pytest.fixture(scope="module")
 def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
@@ -124,10 +126,25 @@ def test_a_scheduler_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, he
 
     assert carried_out(cluster(dask.address, told.append), tmp_path / "there", lose) == here
     assert lost
-    assert [line.partition(": ")[2].partition(":")[0] for line in told] == [
+    said = [line.partition(": ")[2].partition(":")[0] for line in told]
+    assert [line for line in said if line != NO_WORKERS] == [
         "the scheduler is gone",
         "the scheduler is there again; what it had begins anew",
     ]
+
+
+def test_a_scheduler_without_workers_is_told_and_waited_for(
+    dask: Cluster, tmp_path: Path, here: tuple[str, list[bytes]]
+) -> None:
+    dask.have(0)
+    told: list[str] = []
+
+    def hire(line: str) -> None:
+        told.append(line)
+        dask.workers = [dask.worker()]
+
+    assert carried_out(cluster(dask.address, hire), tmp_path / "there") == here
+    assert told == [f"{dask.address}: {NO_WORKERS}: start some; Ctrl-C keeps what is finished"]
 
 
 class TakesTheSchedulerWithIt:
