@@ -67,4 +67,9 @@ class Darkness:
 
     def holds(self, values: NDArray[np.float32]) -> bool:
         """Whether a record is dark, within noise; False where there was no dark one."""
-        return self.times_from(values) <= 1 + SURE / math.sqrt(values.size)
+        return within_noise(self.times_from(values), values.size)
+
+
+def within_noise(times: float, size: int) -> bool:
+    """Whether two records of `size` values that differ by so many times the noise may be of one picture."""
+    return times <= 1 + SURE / math.sqrt(size)

@@ -110,6 +110,7 @@ def go_on(request: Request, bench: Bench, interruption: Interruption, writer: Ru
     with controlled(writer.paths.directory, interruption) as control:
         _tell_start("run resumed", request, bench, writer, text=text)
         bench.make_safe()
+        request.protocol.check_cabling(bench)
         identities = who_they_are(request.station, bench)
         plan = checked(request, bench)
         refuse_other_plan(writer.paths, writer.manifest, plan.shape, plan.shots, plan.drive)

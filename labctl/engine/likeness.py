@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from instruments.values import Codes
 from labctl.engine.alike import LIT, Alike, Unlike
-from labctl.engine.darkness import LEAST_NOISE, SURE, Darkness, Known
+from labctl.engine.darkness import LEAST_NOISE, SURE, Darkness, Known, within_noise
 from labctl.engine.record_differences import (
     mean,
     mean_squares,
@@ -237,11 +237,13 @@ class Likeness:
     def _of_reference(self, record: Known, before: NDArray[np.float32] | None) -> Finding | None:
         """A record of the reference picture that is rather one of the shot before, or of any other picture."""
         shot, values = record
-        if self._darkness.holds(values):
-            return self._of_unlit_reference(record, before)
+        times = self._darkness.times_from(values)
+        if within_noise(times, values.size):
+            self._unlit.append(times)
+            return self._of_unlit_reference(shot, before)
         known, self._reference = self._reference, record
         if self._darkness.record is not None:
-            self._from_darkness = [*self._from_darkness, *self._unlit, self._darkness.times_from(values)][-REMEMBERED:]
+            self._from_darkness = [*self._from_darkness, *self._unlit, times][-REMEMBERED:]
             self._unlit = []
             self._lit_until = shot
         if known is None:
@@ -274,17 +276,16 @@ class Likeness:
         self._followed = None if usual else (known, record)
         return None
 
-    def _of_unlit_reference(self, record: Known, before: NDArray[np.float32] | None) -> Finding | None:
+    def _of_unlit_reference(self, shot: int, before: NDArray[np.float32] | None) -> Finding | None:
         """A dark record of the reference: light went out, if the lit picture before is dark too, as no reference was.
 
         Until a reference is lit again, it tells nothing of what light of few photons looks like.
         """
-        self._unlit.append(self._darkness.times_from(record.values))
         usually = quantile(self._from_darkness, FEW) if self._from_darkness else 0.0
-        both = before is not None and self._lit[record.shot - 1] and self._darkness.holds(before)
+        both = before is not None and self._lit[shot - 1] and self._darkness.holds(before)
         if not both or usually < CONTRAST or self._hidden:
             return None
-        return Finding(self._lit_until, WENT_OUT.format(record.shot), told_by=record.shot)
+        return Finding(self._lit_until, WENT_OUT.format(shot), told_by=shot)
 
     def _after_reference(self, record: Known) -> Finding | None:
         """The record after one of the reference picture is rather the one that this should have been."""

@@ -85,12 +85,11 @@ def aliasing(sample_rate: float, bandwidth_hz: float | None) -> str | None:
 
 
 def checked(request: Request, bench: Bench) -> Plan:
-    """`planned`, if this bench can carry it out.
+    """`planned`, if this bench, whose cables are right, can carry it out.
 
     Raises:
         ProtocolError, OutOfRange: it cannot.
     """
-    request.protocol.check_cabling(bench)
     request.protocol.check(bench, request.inputs)
     return planned(request, bench)
 
