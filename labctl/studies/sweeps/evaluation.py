@@ -100,9 +100,10 @@ def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]]) -> An
     """Against the axis with most values; a curve for each combination of the others."""
     along = max(over, key=lambda axis: len({row[axis] for row in rows}))
     others = [axis for axis in over if axis != along]
-    numbers, unit = _as_numbers([row[along] for row in rows])
-    texts = None if numbers is not None else [text for text in over[along] if text in {row[along] for row in rows}]
-    at = numbers if numbers is not None else [float((texts or []).index(row[along])) for row in rows]
+    values = [row[along] for row in rows]
+    numbers, unit = _as_numbers(values)
+    texts = None if numbers is not None else [text for text in over[along] if text in values]
+    at = numbers if numbers is not None else [float((texts or []).index(value)) for value in values]
     curves: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     for place, row in zip(at, rows, strict=True):
         label = ", ".join(f"{axis} {row[axis]}" for axis in others) or "softmax readout"
