@@ -33,7 +33,7 @@ from labctl.runs.format.origin import Origin
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import owned, writer_of
-from labctl.runs.live.sight import LIVE, RECENT, Sight, Wishes, wishes_in, write_sight
+from labctl.runs.live.sight import LIVE, RECENT, SIGHT, Sight, Wishes, wishes_in, write_sight
 
 TASK = "labctl live"
 COMPARED_EVERY = 50
@@ -89,6 +89,7 @@ def watch(view: View, interruption: Interruption, show: Show, observer: Observer
         NotConfigured: the laser is not armed.
         BenchInUse: another process has an instrument.
         InstrumentError: an instrument failed; the bench is in the safe state.
+        NotWritten: the disk is full or refuses; the bench is in the safe state.
     """
     check_laser(view.station, [view.wavelength_nm])
     directory = view.folder / LIVE / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{os.getpid()}"
@@ -241,7 +242,8 @@ class _Looking:
             self._looks,
             rate_hz,
         )
-        write_sight(self.directory, self.last)
+        with writing(self.directory / SIGHT, "name another --runs"):
+            write_sight(self.directory, self.last)
         self.show(self.last)
         self._clipped = self._clipped + 1 if traces.clipped.any() else 0
         if self._clipped == WIDENED_AFTER:

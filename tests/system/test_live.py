@@ -5,6 +5,7 @@ import json
 import os
 import pty
 import re
+import resource
 import signal
 import subprocess
 import termios
@@ -98,6 +99,19 @@ def test_a_killed_one_leaves_no_light(station: Path, tmp_path: Path, emitting: C
         out, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert [path.name for path in (tmp_path / LIVE).iterdir()] == [Path(json.loads(out)["view"]).name]
+
+
+def test_a_full_disk_ends_it_dark_in_a_line_that_names_the_file(
+    station: Path, tmp_path: Path, emitting: Callable[[], bool]
+) -> None:
+    command = [*LABCTL, "live", f"--station={station}", f"--runs={tmp_path}"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        until(lambda: process.poll() is not None or list((tmp_path / LIVE).glob("*/sight")))
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1000, 1000))
+        _, told = process.communicate(timeout=PATIENCE_S)
+    (directory,) = (tmp_path / LIVE).iterdir()
+    assert told.splitlines()[-1].startswith(f"labctl: {directory / 'sight'}: cannot be written (File too large): ")
+    assert not emitting()
 
 
 def test_it_ends_dark_when_its_terminal_is_gone(station: Path, tmp_path: Path, emitting: Callable[[], bool]) -> None:
