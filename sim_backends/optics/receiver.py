@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc, ndtr
+from scipy.special import erfc, ndtr, ndtri
 
 ELEMENTARY_CHARGE = 1.602176634e-19
 CODES_PER_DIVISION = 25
@@ -20,6 +20,7 @@ DIVISIONS = 10.24
 COUNTED_PHOTONS = 100.0
 """Below so many photoelectrons in a receiver's resolution time light comes in grains that a Gaussian does not show."""
 _HIDDEN_GRAINS = 10.0  # photoelectrons, rms, of other noise, in which no single one is seen
+_UNIFORM = (1e-6, 1 - 1e-6)  # what rounding leaves of a probability
 _UNLIMITED = 2**-4  # of a limit: less is what it is, the law's denominator rounds to 1
 _NOISE_REACH_S = 0.3e-9  # the receiver's noise is correlated over less
 _FOLDED_WHITE = 1024  # times that its spectrum is folded back: samples are so far apart that they share none of it
@@ -167,7 +168,8 @@ class NoiseLaws:
         """Noise (V) of each receiver by itself at `signal` volts, from Gaussian noise of unit variance; (..., samples).
 
         Where a receiver can count and less than `COUNTED_PHOTONS` arrive, the light's part is Poisson's: the quantile
-        of the count at the probability of the Gaussian one.
+        of the count at the probability of the Gaussian one. Where in the count's step this probability lies is uniform
+        and independent of the count: it is the probability of the receiver's noise, which is white then.
         """
         if not self.count_v.any():
             return np.asarray(np.sqrt(self.floor + self.linear * signal) * unit)
@@ -176,8 +178,11 @@ class NoiseLaws:
         expected = signal / np.where(self.count_v > 0, self.count_v, np.inf)
         counted = (expected > 0) & (expected < COUNTED_PHOTONS)
         noise = np.sqrt(self.floor + self.linear * signal) * unit
-        grains = poisson.ppf(ndtr(unit[counted].astype(np.float64)), expected[counted]) - expected[counted]
-        noise[counted] = grains * np.broadcast_to(self.count_v, signal.shape)[counted]
+        probability, mean = ndtr(unit[counted].astype(np.float64)), expected[counted]
+        count = poisson.ppf(probability, mean)
+        place = (probability - poisson.cdf(count - 1, mean)) / poisson.pmf(count, mean)
+        own = ndtri(np.clip(place, *_UNIFORM)) * np.sqrt(np.broadcast_to(self.floor, signal.shape)[counted])
+        noise[counted] = (count - mean) * np.broadcast_to(self.count_v, signal.shape)[counted] + own
         return np.asarray(noise, np.float32)
 
 

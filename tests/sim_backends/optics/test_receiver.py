@@ -205,6 +205,21 @@ def test_the_law_of_many_photons_goes_on_where_counting_ends() -> None:
         assert laws.own_noise(signal, unit).std() / counting.count_v == pytest.approx(photons**0.5, rel=0.03)
 
 
+@pytest.mark.parametrize("photons", [0.3, 4.0, 30.0])
+def test_a_receiver_that_can_count_has_its_own_noise_beside(photons: float) -> None:
+    counting = law(nep=1e-14)
+    laws = receiver.NoiseLaws.of([counting])
+    own = np.sqrt(counting.floor) / counting.count_v
+    assert own > 0.1
+    signal = np.full((20_000, 1, 1), photons * counting.count_v, np.float32)
+    unit = np.random.default_rng(4).standard_normal(signal.shape, dtype=np.float32)
+    noise = laws.own_noise(signal, unit) / counting.count_v
+    assert noise.mean() == pytest.approx(0, abs=4 * np.sqrt((photons + own**2) / noise.size))
+    assert noise.var() == pytest.approx(photons + own**2, rel=0.05)
+    beside = noise - (np.rint(noise + photons) - photons)
+    assert own > 0.25 or beside.std() == pytest.approx(own, rel=0.05), "which single photons do not hide"
+
+
 def test_noise_of_a_real_receiver_hides_the_grains_of_light() -> None:
     assert law(nep=24e-12).count_v == 0
     assert law(ase_density=1e-18).count_v == 0
