@@ -128,10 +128,11 @@ class CardReceivers:
             old = self._field(optics, self._put(before), start_s, grid)
             field = old + self._put(moved.astype(np.float32)) * (field - old)
         clean, slope = _filtered(grid, self._put(grid.sampling.matrix), _fast_volts(field), acquisition.samples)
+        settled = after if before is None else before
         if constants.detector_coupling == "ac":
-            clean = clean - self._put(self._light_path.mean_volts(host, after))
+            clean = clean - self._put(self._light_path.mean_volts(host, settled))
         if optics.power_factors is not None:
-            watts = (shown @ optics.power_factors).square().sum(dim=1)
+            watts = (self._put(settled) @ optics.power_factors).square().sum(dim=1)
             gain = (2 / (1 + (1 + 4 * watts / constants.amplifier_saturation_w).sqrt()))[:, None, None]
             clean, slope = clean * gain, slope * gain
         return clean, slope

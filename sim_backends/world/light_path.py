@@ -136,10 +136,11 @@ class LightPath:
             old = self._field(optics, _sent(optics, before), light_time, step, points)
             field = old + moved * (field - old)
         clean, slope = receiver.apply_filter(sampling, receiver.fast_volts(field), acquisition.samples)
+        settled = amplitudes if before is None else before  # nothing slower than the mirrors has followed them yet
         if constants.detector_coupling == "ac":
-            clean = clean - self.mean_volts(optics, amplitudes)
+            clean = clean - self.mean_volts(optics, settled)
         if optics.power_factors is not None:
-            watts = np.square(in_blocks(amplitudes, optics.power_factors)).sum(axis=1)
+            watts = np.square(in_blocks(settled, optics.power_factors)).sum(axis=1)
             gain = receiver.saturated_gain(watts, constants.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
             clean, slope = clean * gain, slope * gain
         return clean, slope

@@ -7,9 +7,21 @@ import numpy as np
 import pytest
 
 from sim_backends.parameters import Parameters
-from sim_backends.world.signals import Emission
+from sim_backends.world.signals import Acquisition, Emission
 from sim_backends.world.world import World
-from tests.sim_backends.world.light import FOUR, LIGHT, MARKER, Array, bench, distance, picture, playback, quiet, shoot
+from tests.sim_backends.world.light import (
+    FOUR,
+    LIGHT,
+    MARKER,
+    RATE,
+    Array,
+    bench,
+    distance,
+    picture,
+    playback,
+    quiet,
+    shoot,
+)
 
 
 @pytest.fixture(scope="module")
@@ -223,6 +235,17 @@ def test_showing_during_transit_starts_from_where_the_mirrors_are() -> None:
     world.clock.advance(10e-6)
     full = shoot(world).volts
     np.testing.assert_allclose(half, full / 4, atol=0.05 * full.max())  # half the field, a quarter of the power
+
+
+@pytest.mark.parametrize("fill", [0.02, 0.98])
+def test_the_amplifier_has_not_followed_mirrors_that_only_just_move(fill: float) -> None:
+    world = bench(parameters=Parameters(amplifier_saturation_w=1e-3))
+    whole = Acquisition((1, 2, 3, 4), RATE, 50_000, 0.0)
+    still = round(world.parameters.mirror_leaves_s * RATE) - 1000
+    settled = shoot(world, acquisition=whole).volts[..., :still].mean()
+    world.show(picture(5, fill))
+    moving = shoot(world, acquisition=whole).volts[..., :still].mean()
+    assert moving == pytest.approx(settled, rel=0.01)
 
 
 def test_wander_is_a_function_of_virtual_time() -> None:
