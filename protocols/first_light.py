@@ -14,8 +14,7 @@ SMALLEST_CODES = 1.5
 def first_light(codes: NDArray[np.integer], *, silent: slice) -> int:
     """The first sample behind `silent` at which any channel has left what it showed there.
 
-    Whatever arrives later than the returned sample cannot be told from noise before it: windows that start there and
-    are one symbol long hold nothing of the next symbol.
+    What arrives earlier cannot be told from noise, in this record: the less noise it has, the less remains hidden.
 
     Args:
         codes: (channels, samples) digitiser codes of one record.

@@ -42,6 +42,10 @@ LEAD_SYMBOLS = round((LONGEST_DELAY_S + SILENCE_S) / SYMBOL_S)
 REST_SYMBOLS = 25
 """Rest of 2 ns behind every sequence: several times what the chip remembers."""
 
+ARRIVAL_TRIGGERS = 64
+"""Whose mean shows when the light arrives, at least: in a single one noise hides its beginning for a sample."""
+GUARD_SAMPLES = 1
+"""Samples before the arrival at which frames begin: of what noise hides still, nearly all is in the last one."""
 PROBES = 2
 REAL_PASS_S = 8.0
 """Retuning, repatching, the upload, ranging and one averaged record of all sequences, on real instruments."""
@@ -52,7 +56,8 @@ class SequenceReadout(Measurement[Sequences]):
 
     The numbers are mapped to phases by the smallest and the largest of the set. All sequences follow each other in one
     waveform, with rests between them, behind a mark that shows when the light arrives; each is a shot of its own, whose
-    frame starts with the arrival of its first symbol: four samples a symbol of 80 ps.
+    frame starts one sample before the arrival of its first symbol: four samples a symbol of 80 ps, none of which holds
+    light of the next one.
 
     `symbols` cuts longer sequences: a stretch of that length whose place is drawn by the seed.
     """
@@ -118,12 +123,9 @@ class SequenceReadout(Measurement[Sequences]):
         with bench.emitting(parts[0].pass_.wavelength_nm):
             bench.load_drive(drive)
             bench.play_drive()
-            first_leg = self.passes(bench)[0]
-            self._turn_to(bench, first_leg, drive)
-            lock_ranges(bench, None, [bench.capture] * PROBES)
-            begins = self._first_symbol_sample(bench.capture())
+            begins = self._first_symbol_sample(bench, self.passes(bench)[0])
             for part in parts:
-                self._turn_to(bench, part.pass_, drive)
+                self._turn_to(bench, part.pass_, drive.period_s, self.averages)
                 yield PassStarted(part.pass_, lock_ranges(bench, part.scalings, [bench.capture] * PROBES))
                 record = bench.capture()
                 for places in stretches([shot.index for shot in part.shots], len(part.shots)):
@@ -133,16 +135,21 @@ class SequenceReadout(Measurement[Sequences]):
     def _samples_per_symbol(self) -> int:
         return round(SYMBOL_S * self.sample_rate)
 
-    def _turn_to(self, bench: Bench, pass_: Pass, drive: Drive) -> None:
+    def _turn_to(self, bench: Bench, pass_: Pass, duration_s: float, averages: int) -> None:
+        """Records of the leg's ports that begin with the trigger."""
         bench.tune(pass_.wavelength_nm)
         bench.connect(pass_.patching)
-        samples = round((LONGEST_DELAY_S + drive.period_s) * self.sample_rate)
-        bench.configure(Timebase(self.sample_rate, samples), pass_.patching, self.averages)
+        samples = round((LONGEST_DELAY_S + duration_s) * self.sample_rate)
+        bench.configure(Timebase(self.sample_rate, samples), pass_.patching, averages)
 
-    def _first_symbol_sample(self, record: Frames) -> int:
-        """Where in a record the light of the first sequence begins; the light of the mark shows it."""
+    def _first_symbol_sample(self, bench: Bench, leg: Pass) -> int:
+        """Where in a record the frame of the first sequence begins; the light of the mark shows it."""
+        mark_s = (LEAD_SYMBOLS + REST_SYMBOLS) * SYMBOL_S
+        self._turn_to(bench, leg, mark_s, max(ARRIVAL_TRIGGERS, self.averages))
+        lock_ranges(bench, None, [bench.capture] * PROBES)
         silent = slice(round(LONGEST_DELAY_S * self.sample_rate), LEAD_SYMBOLS * self._samples_per_symbol)
-        return first_light(record.codes[0], silent=silent) + REST_SYMBOLS * self._samples_per_symbol
+        arrival = first_light(bench.capture().codes[0], silent=silent)
+        return arrival - GUARD_SAMPLES + REST_SYMBOLS * self._samples_per_symbol
 
     def _frames(self, record: Frames, begins: int, places: range, inputs: Sequences) -> Frames:
         """The frames of the sequences at `places`, cut out of a record of all of them."""

@@ -251,7 +251,8 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         ),
         notes=(
             f"Features of symbol n are {settings.per_symbol} samples of its own slot, nothing later and nothing "
-            "interpolated; that no later light reaches them is asserted on every run.",
+            "interpolated, which is asserted on every run; slots begin a sample before the light that a mean of many "
+            "triggers shows.",
             f"Ports are chosen on the last {settings.held_out} of {settings.train} training steps; test steps take no "
             "part in it.",
             "Each twin has its own stretch of the series.",
