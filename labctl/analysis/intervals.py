@@ -13,8 +13,13 @@ from labctl.errors import AnalysisError
 CONFIDENCE = 0.95
 """Of the intervals: of a hundred, so many hold the true mean."""
 
+SHARE = (0.0, 1.0)
+"""What a share can be: an accuracy, an area under a curve."""
+NOT_NEGATIVE = (0.0, np.inf)
+"""What an error, a ratio or a time can be."""
+
 Statistic = dict[str, Any]
-"""A figure as a JSON object: {"mean", "sd", "se", "low", "high", "by_bench", "splits"}, see `pooled`."""
+"""A figure as a JSON object: {"mean", "sd", "se", "low", "high", "by_bench", "splits"}, see `pooled` and `counted`."""
 
 
 class Verdict(StrEnum):
@@ -33,9 +38,9 @@ class Bound:
     limit: float
 
     def verdict(self, statistic: Statistic) -> Verdict:
-        """Reached or not where the whole interval says so; otherwise, and with a single bench, open."""
+        """Reached or not where the whole interval says so; otherwise, and with no interval or one of no width, open."""
         low, high = statistic["low"], statistic["high"]
-        if low is None or high is None:
+        if low is None or low == high:
             return Verdict.OPEN
         worst, best = (low, high) if self.sign == ">=" else (high, low)
         if self._kept(worst):
@@ -60,7 +65,7 @@ def interval(right: int, tested: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def pooled(scores: Iterable[ArrayLike]) -> Statistic:
+def pooled(scores: Iterable[ArrayLike], *, within: tuple[float, float] = (-np.inf, np.inf)) -> Statistic:
     """What several benches say together.
 
     Scores of one bench share its fibre, its chip and mostly its images: only the benches' own means count for the
@@ -68,19 +73,50 @@ def pooled(scores: Iterable[ArrayLike]) -> Statistic:
 
     Args:
         scores: For each bench, its score or its scores (splits,).
+        within: Least and most that a score can be; the interval ends there.
 
     Returns:
         "mean" of the benches' means, "sd" over all benches and splits (0 for a single score), "se" the standard error
         of the mean, "low" and "high" the ends of its interval, "by_bench" the benches' means, "splits" how many scores
-        each bench has (the fewest). With one bench "se", "low" and "high" are None.
+        each bench has (the fewest). With one bench "se", "low" and "high" are None. Benches that all agree have an
+        interval of no width, which decides nothing.
     """
     benches = [np.atleast_1d(np.asarray(one, np.float64)) for one in scores]
     everything = np.concatenate(benches)
     return {
-        **_mean([float(np.mean(one)) for one in benches]),
+        **_mean([float(np.mean(one)) for one in benches], within),
         "sd": float(np.std(everything, ddof=1)) if everything.size > 1 else 0.0,
         "splits": min(one.size for one in benches),
     }
+
+
+def counted(counts: Iterable[tuple[int, int]]) -> Statistic:
+    """The share of what was counted on several benches, such as scenes, that is right.
+
+    Its interval is the wider of two at either end. Student's t over the benches' shares has no width where all are
+    right. Wilson's over all that was counted has one (Brown, Cai and DasGupta, Statistical Science 16, 101 (2001)), but
+    takes what was counted on one bench for as different as what was on two.
+
+    Args:
+        counts: For each bench, how many are right and how many were counted; a bench without any has no share.
+
+    Returns:
+        What `pooled` gives of the shares, but "mean" of all that was counted, with "right" and "counted", how many of
+        how many.
+
+    Raises:
+        AnalysisError: nothing was counted on any bench.
+    """
+    some = [(right, tested) for right, tested in counts if tested]
+    if not some:
+        raise AnalysisError("nothing was counted on any bench: measure more")
+    found = pooled((right / tested for right, tested in some), within=SHARE)
+    right, tested = (sum(numbers) for numbers in zip(*some, strict=True))
+    found |= {"mean": right / tested, "right": right, "counted": tested}
+    if found["low"] is None:
+        return found
+    low, high = interval(right, tested)
+    return found | {"low": min(low, found["low"]), "high": max(high, found["high"])}
 
 
 def difference(one: Statistic, other: Statistic) -> Statistic:
@@ -95,7 +131,7 @@ def difference(one: Statistic, other: Statistic) -> Statistic:
     return pooled(by_bench) | {"splits": min(one["splits"], other["splits"])}
 
 
-def _mean(by_bench: Sequence[float]) -> Statistic:
+def _mean(by_bench: Sequence[float], within: tuple[float, float]) -> Statistic:
     mean = float(np.mean(by_bench))
     if len(by_bench) == 1:
         return {"mean": mean, "se": None, "low": None, "high": None, "by_bench": list(by_bench)}
@@ -103,4 +139,5 @@ def _mean(by_bench: Sequence[float]) -> Statistic:
 
     error = float(np.std(by_bench, ddof=1) / np.sqrt(len(by_bench)))
     reach = error * float(stdtrit(len(by_bench) - 1, (1 + CONFIDENCE) / 2))
-    return {"mean": mean, "se": error, "low": mean - reach, "high": mean + reach, "by_bench": list(by_bench)}
+    low, high = max(mean - reach, within[0]), min(mean + reach, within[1])
+    return {"mean": mean, "se": error, "low": low, "high": high, "by_bench": list(by_bench)}

@@ -11,7 +11,7 @@ from pydantic import Field, PositiveInt
 from instruments.units import Seconds
 from labctl.analysis.analogue import AnalogueReadout
 from labctl.analysis.evaluation import validate, window_key
-from labctl.analysis.intervals import pooled
+from labctl.analysis.intervals import SHARE, pooled
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.photons import bits_figure, photons_figure
@@ -109,7 +109,10 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     bits, photons = [str(number) for number in settings.bits], [f"{number:g}" for number in settings.photons]
     here: dict[str, Any] = {
         name: {
-            window: {number: pooled(getattr(found, name)[window][number] for found in findings) for number in bits}
+            window: {
+                number: pooled((getattr(found, name)[window][number] for found in findings), within=SHARE)
+                for number in bits
+            }
             for window in windows
         }
         for name in ("trained", "rounded")
@@ -121,14 +124,18 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         }
         for window in windows
     }
-    here["counted"] = {number: pooled(found.counted[number] for found in findings) for number in photons}
+    here["counted"] = {
+        number: pooled((found.counted[number] for found in findings), within=SHARE) for number in photons
+    }
     here["counted_loss"] = {
         number: pooled(found.counted_digital[number] - found.counted[number] for found in findings)
         for number in photons
     }
     baseline: dict[str, Any] = {
-        "digital": {window: pooled(found.digital[window] for found in findings) for window in windows},
-        "counted_digital": {number: pooled(found.counted_digital[number] for found in findings) for number in photons},
+        "digital": {window: pooled((found.digital[window] for found in findings), within=SHARE) for window in windows},
+        "counted_digital": {
+            number: pooled((found.counted_digital[number] for found in findings), within=SHARE) for number in photons
+        },
     }
     return Conclusion(here, baseline, (_bits(here, baseline, settings), _photons(here, baseline, settings)))
 

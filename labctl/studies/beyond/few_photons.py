@@ -11,7 +11,7 @@ from pydantic import Field
 
 from instruments.units import Seconds
 from labctl.analysis.evaluation import validate, window_key
-from labctl.analysis.intervals import pooled
+from labctl.analysis.intervals import NOT_NEGATIVE, SHARE, pooled
 from labctl.analysis.photons import PhotonScale, photon_transfer, photons_needed, scores_at
 from labctl.errors import AnalysisError
 from labctl.reports.canvas import Level, Series
@@ -111,7 +111,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     uncounted = dict(Counter(level for found in findings for level in settings.levels if level not in found.photons))
     here: dict[str, Any] = {
         "photons": {
-            level: pooled(found.photons[level] for found in findings if level in found.photons)
+            level: pooled((found.photons[level] for found in findings if level in found.photons), within=NOT_NEGATIVE)
             for level in settings.levels
             if level not in uncounted or uncounted[level] < len(findings)
         },
@@ -119,8 +119,11 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         "receiver": {
             window: {
                 f"{photons:g}": pooled(
-                    scores_at(list(found.photons.values()), list(found.receiver[window].values()), photons)
-                    for found in findings
+                    (
+                        scores_at(list(found.photons.values()), list(found.receiver[window].values()), photons)
+                        for found in findings
+                    ),
+                    within=SHARE,
                 )
                 for photons in settings.photons
                 if fewest <= photons <= most
@@ -128,7 +131,10 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
             for window in findings[0].receiver
         },
         "ideal": {
-            window: {photons: pooled(found.ideal[window][photons] for found in findings) for photons in scores}
+            window: {
+                photons: pooled((found.ideal[window][photons] for found in findings), within=SHARE)
+                for photons in scores
+            }
             for window, scores in findings[0].ideal.items()
         },
     }

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 
 from instruments.units import Seconds
 from labctl.analysis.evaluation import window_key
-from labctl.analysis.intervals import Statistic, pooled
+from labctl.analysis.intervals import SHARE, Statistic, pooled
 from labctl.analysis.prequential import READOUTS, prequential
 from labctl.errors import AnalysisError
 from labctl.reports.canvas import Series
@@ -93,7 +93,10 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     here: dict[str, dict[str, dict[str, Statistic]]] = {
         drift.key: {
             window: {
-                name: pooled([np.mean(found.right[drift.key][window][name][-settings.last :]) for found in findings])
+                name: pooled(
+                    [np.mean(found.right[drift.key][window][name][-settings.last :]) for found in findings],
+                    within=SHARE,
+                )
                 for name in READOUTS
             }
             for window in findings[0].right[drift.key]

@@ -17,7 +17,7 @@ from instruments.units import Seconds
 from labctl.analysis.dynamic import periodic_windows, settled_windows
 from labctl.analysis.evaluation import window_key
 from labctl.analysis.ghost_imaging import GhostImaging
-from labctl.analysis.intervals import pooled
+from labctl.analysis.intervals import NOT_NEGATIVE, pooled
 from labctl.analysis.regression import rmse
 from labctl.analysis.windows import sample_count
 from labctl.errors import AnalysisError
@@ -147,7 +147,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         here[one.key] = _pooled([twin.errors for twin in twins]) | {
             "patterns": _pooled([twin.patterns for twin in twins])
         }
-        baseline[one.key] = {"constant": pooled(twin.constant for twin in twins)}
+        baseline[one.key] = {"constant": pooled((twin.constant for twin in twins), within=NOT_NEGATIVE)}
         window = window_key(settings.windows[-1])
         rows = [ImageRow("original", twins[0].originals)]
         for (reading, count), images in twins[0].examples.items():
@@ -278,7 +278,7 @@ def _pooled(twins: Sequence[Any]) -> Any:
     """Every figure of equal trees, one a twin, pooled."""
     if isinstance(twins[0], dict):
         return {key: _pooled([twin[key] for twin in twins]) for key in twins[0]}
-    return pooled(twins)
+    return pooled(twins, within=NOT_NEGATIVE)
 
 
 def _wavelengths(count: str) -> str:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 from instruments.units import Seconds
 from labctl.analysis.anomaly import CovarianceScore, NormalityScore, Roc, roc
 from labctl.analysis.baselines import dark_pixels, dark_share
-from labctl.analysis.intervals import Statistic, pooled
+from labctl.analysis.intervals import SHARE, Statistic, pooled
 from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
@@ -118,11 +118,16 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         twins = [found[rule.key] for found in findings]
         names = list(twins[0].scores)
         here[rule.key] = {
-            name: pooled([split.curve.auc for split in twin.scores[name]] for twin in twins) for name in names
+            name: pooled(([split.curve.auc for split in twin.scores[name]] for twin in twins), within=SHARE)
+            for name in names
         } | {
-            "found": {name: pooled([_found(split) for split in twin.scores[name]] for twin in twins) for name in names}
+            "found": {
+                name: pooled(([_found(split) for split in twin.scores[name]] for twin in twins), within=SHARE)
+                for name in names
+            }
         }
-        baseline[rule.key] = {"dark_pixels": pooled([curve.auc for curve in twin.dark_pixels] for twin in twins)}
+        counts = ([curve.auc for curve in twin.dark_pixels] for twin in twins)
+        baseline[rule.key] = {"dark_pixels": pooled(counts, within=SHARE)}
     first = settings.rules[0]
     shown = [found[first.key] for found in findings]
     figures = [_histogram(shown[0], name, first.label) for name in NAMES if name in shown[0].scores]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from instruments.units import Seconds
-from labctl.analysis.intervals import pooled
+from labctl.analysis.intervals import NOT_NEGATIVE, pooled
 from labctl.analysis.networks import ReconstructionNetwork
 from labctl.analysis.reconstruction import KernelReconstruction
 from labctl.analysis.regression import rmse
@@ -103,9 +103,9 @@ def film_results(films: Sequence[Film]) -> dict[str, Any]:
         after = [_error(film.frames[name][film.new], film.pair[1]) for film in own]
         switched = [time for film in own if (time := _switch_us(film, name)) is not None]
         results[name] = {
-            "before": pooled(before),
-            "after": pooled(after),
-            "switch_us": pooled(switched) if switched else None,
+            "before": pooled(before, within=NOT_NEGATIVE),
+            "after": pooled(after, within=NOT_NEGATIVE),
+            "switch_us": pooled(switched, within=NOT_NEGATIVE) if switched else None,
             "scenes": len(own),
             "scenes_switched": len(switched),
         }

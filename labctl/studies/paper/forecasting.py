@@ -16,7 +16,7 @@ from pydantic import PositiveInt
 
 from instruments.ports import port_name
 from labctl.analysis.baselines import autoregressive_nmse, echo_state_nmse
-from labctl.analysis.intervals import pooled
+from labctl.analysis.intervals import NOT_NEGATIVE, pooled
 from labctl.analysis.regression import nmse, ridge_readout
 from labctl.analysis.symbols import one_step_ahead, require_causal, symbol_features
 from labctl.analysis.threads import one_thread
@@ -212,15 +212,18 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     table = {key: np.stack([getattr(one, key) for one in findings]) for _, key in orders}
     counts = list(range(1, 1 + len(findings[0].ports)))
     here: dict[str, Any] = {
-        key: {str(count): pooled(errors[:, count - 1]) for count in counts} for key, errors in table.items()
+        key: {str(count): pooled(errors[:, count - 1], within=NOT_NEGATIVE) for count in counts}
+        for key, errors in table.items()
     } | {"chosen": {str(place): list(one.chosen) for place, one in enumerate(findings, start=1)}}
     if several := counts[FEW_PORTS - 1 :]:
         here[f"worst_from_{FEW_PORTS}"] = max(
             (here["by_choice"][str(count)] for count in several), key=itemgetter("mean")
         )
     baseline = {
-        f"AR({settings.order})": pooled(one.autoregressive for one in findings),
-        f"echo-state network of {settings.nodes} nodes": pooled(one.echo_state for one in findings),
+        f"AR({settings.order})": pooled((one.autoregressive for one in findings), within=NOT_NEGATIVE),
+        f"echo-state network of {settings.nodes} nodes": pooled(
+            (one.echo_state for one in findings), within=NOT_NEGATIVE
+        ),
     }
     curves = [_curve(label, counts, table[key]) for label, key in orders]
     levels = [Level("AR" if name.startswith("AR") else "echo state", one["mean"]) for name, one in baseline.items()]

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 from instruments.units import Seconds
 from labctl.analysis.baselines import mean_image_rmse
 from labctl.analysis.evaluation import window_key
-from labctl.analysis.intervals import pooled
+from labctl.analysis.intervals import NOT_NEGATIVE, pooled
 from labctl.analysis.networks import ReconstructionNetwork
 from labctl.analysis.reconstruction import KernelReconstruction, LinearReconstruction
 from labctl.analysis.regression import rmse
@@ -107,12 +107,14 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         twins = [found.curves[curve.key] for found in findings]
         here[curve.key] = {
             readout: {
-                window: pooled(twin.errors[readout][window] for twin in twins if readout in twin.errors)
+                window: pooled(
+                    (twin.errors[readout][window] for twin in twins if readout in twin.errors), within=NOT_NEGATIVE
+                )
                 for window in windows
             }
             for readout, windows in twins[0].errors.items()
         }
-        baseline[curve.key] = {"mean_image": pooled(twin.mean_image for twin in twins)}
+        baseline[curve.key] = {"mean_image": pooled((twin.mean_image for twin in twins), within=NOT_NEGATIVE)}
     figures = []
     first = findings[0].curves
     for run in dict.fromkeys(curve.run for curve in settings.curves):

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt
 from instruments.units import Seconds
 from labctl.analysis.baselines import numerical_network_accuracy, raw_pixel_accuracy
 from labctl.analysis.evaluation import validate, window_key
-from labctl.analysis.intervals import pooled
+from labctl.analysis.intervals import SHARE, pooled
 from labctl.analysis.learning_curve import learning_curve
 from labctl.analysis.splits import Split
 from labctl.analysis.windows import sample_count
@@ -135,14 +135,16 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     """Pool all twins and splits."""
     here: dict[str, Any] = {
         curve.key: {
-            window: pooled(found.scores[curve.key][window] for found in findings)
+            window: pooled((found.scores[curve.key][window] for found in findings), within=SHARE)
             for window in findings[0].scores[curve.key]
         }
         for curve in settings.curves
     }
-    raw = pooled(found.raw_pixels for found in findings)
+    raw = pooled((found.raw_pixels for found in findings), within=SHARE)
     baseline: dict[str, Any] = {"raw_pixels": raw} | {
-        rows: {window: pooled(found.numerical[rows][window] for found in findings) for window in windows}
+        rows: {
+            window: pooled((found.numerical[rows][window] for found in findings), within=SHARE) for window in windows
+        }
         for rows, windows in findings[0].numerical.items()
     }
     figures = [_accuracy(here, baseline, settings)]
@@ -150,7 +152,8 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         figures.append(_confusion(findings, settings))
     if settings.learning_sizes:
         here["learning"] = {
-            str(size): pooled(found.learning[size] for found in findings) for size in findings[0].learning
+            str(size): pooled((found.learning[size] for found in findings), within=SHARE)
+            for size in findings[0].learning
         }
         figures.append(_learning_curve(here["learning"], raw["mean"], settings))
     figures += [

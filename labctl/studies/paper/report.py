@@ -80,13 +80,15 @@ def results(reproduced: Reproduced) -> list[Result]:
 
 
 def figure_text(must: Requirement, judged: Judged) -> str:
-    """A figure with its interval, if it has one."""
+    """A figure with its interval, if it has one; before it how many of how many, if it was counted."""
     figure = judged.figure
     if figure is None:
         return "none"
+    counts = f"{figure['right']} of {figure['counted']}: " if "counted" in figure else ""
     if figure["low"] is None:
-        return _text(must, figure["mean"])
-    return f"{_text(must, figure['mean'])} [{_number(must, figure['low'])}, {_number(must, figure['high'])}]"
+        return counts + _text(must, figure["mean"])
+    ends = f"[{_number(must, figure['low'])}, {_number(must, figure['high'])}]"
+    return f"{counts}{_text(must, figure['mean'])} {ends}"
 
 
 def write_report(

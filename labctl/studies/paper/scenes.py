@@ -15,7 +15,7 @@ from sklearn.pipeline import Pipeline
 
 from instruments.units import Seconds
 from labctl.analysis.dynamic import short_time_correlation, sliding_probabilities, switch_time
-from labctl.analysis.intervals import Statistic, pooled
+from labctl.analysis.intervals import NOT_NEGATIVE, SHARE, Statistic, counted, pooled
 from labctl.analysis.readouts import softmax_readout
 from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError
@@ -124,14 +124,19 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     here: dict[str, Any] = {
         "scenes": sum(len(found.scenes) for found in findings),
         "scenes_judged": len(judged),
-        "judged_of_a_twin": pooled(len(found.judged()) for found in findings),
+        "judged_of_a_twin": pooled(
+            (len(found.judged()) for found in findings), within=(0, max(len(found.scenes) for found in findings))
+        ),
         "fewest_judged_of_a_twin": min(len(found.judged()) for found in findings),
-        "before_right": _shares(benches, lambda found, scene: found.verdict(scene)[0]),
-        "after_right": _shares(benches, lambda found, scene: found.verdict(scene)[1]),
-        "scenes_right": _shares(benches, _right),
+        "twins_judged": counted((bool(found.judged()), 1) for found in findings),
+        "before_right": _counted(benches, lambda found, scene: found.verdict(scene)[0]),
+        "after_right": _counted(benches, lambda found, scene: found.verdict(scene)[1]),
+        "scenes_right": _counted(benches, _right),
         "scenes_certain_at_rest": sum(len(scenes) for _, scenes in certain),
-        "scenes_right_of_certain": _shares(certain, _right) if certain else None,
-        "single_windows_right": _shares(benches, Findings.share_right),
+        "scenes_right_of_certain": _counted(certain, _right) if certain else None,
+        "single_windows_right": pooled(
+            (np.mean([found.share_right(scene) for scene in scenes]) for found, scenes in benches), within=SHARE
+        ),
         "switch_by_correlation": _switch([[scene.crossing_s for scene in scenes] for _, scenes in benches], transit_s),
         "switch_by_class": _switch([[scene.stays_s for scene in scenes] for _, scenes in benches], transit_s),
     }
@@ -202,11 +207,11 @@ def _scene(seen: Switching, number: int, readout: Pipeline) -> Scene:
     )
 
 
-def _shares(
-    benches: Sequence[tuple[Findings, Sequence[Scene]]], of_scene: Callable[[Findings, Scene], float]
+def _counted(
+    benches: Sequence[tuple[Findings, Sequence[Scene]]], right: Callable[[Findings, Scene], bool]
 ) -> Statistic:
-    """A share of scenes, or of what is in them, over benches."""
-    return pooled(float(np.mean([of_scene(found, scene) for scene in scenes])) for found, scenes in benches)
+    """How many of the scenes are right, over benches."""
+    return counted((sum(right(found, scene) for scene in scenes), len(scenes)) for found, scenes in benches)
 
 
 def _right(found: Findings, scene: Scene) -> bool:
@@ -224,11 +229,13 @@ def _switch(benches: Sequence[Sequence[float | None]], transit_s: tuple[float, f
     everything = [time for times in seen for time in times]
     return {
         "scenes": len(everything),
-        "share_within_1_us": pooled(
-            sum(off_s(time) <= MOST_OFF_S for time in found) / len(times)
+        "share_within_1_us": counted(
+            (sum(off_s(time) <= MOST_OFF_S for time in found), len(times))
             for found, times in zip(seen, benches, strict=True)
         ),
-        "time_us": pooled(np.multiply(times, 1e6) for times in seen if times) if everything else None,
+        "time_us": pooled((np.multiply(times, 1e6) for times in seen if times), within=NOT_NEGATIVE)
+        if everything
+        else None,
         "furthest_off_us": max(off_s(time) for time in everything) * 1e6 if everything else None,
         "mirrors_move_us": [leaves_s * 1e6, arrives_s * 1e6],
     }

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.analysis.evaluation import validate
-from labctl.analysis.intervals import Statistic, pooled
+from labctl.analysis.intervals import SHARE, Statistic, pooled
 from labctl.bench.signals import Interruption
 from labctl.engine.recorder import WrongRecord
 from labctl.engine.session import Acquisition
@@ -134,7 +134,7 @@ def as_json(dependences: Sequence[Dependence]) -> dict[str, Any]:
 
 def _together(benches: Sequence[list[NDArray[np.float64]] | None]) -> Statistic | None:
     scores = [bench[0] for bench in benches if bench is not None]
-    return pooled(scores) if len(scores) == len(benches) else None
+    return pooled(scores, within=SHARE) if len(scores) == len(benches) else None
 
 
 def points_of(variation: Variation, value: float, seeds: Iterable[int]) -> list[Point]:

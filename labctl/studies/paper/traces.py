@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.ports import port_name
-from labctl.analysis.intervals import Statistic, pooled
+from labctl.analysis.intervals import NOT_NEGATIVE, Statistic, pooled
 from labctl.errors import AnalysisError
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.encoding import encoding_figure
@@ -136,7 +136,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
 
 
 def _ratios(values: Sequence[float]) -> Statistic:
-    return {**pooled(values), "least": min(values)}
+    return {**pooled(values, within=NOT_NEGATIVE), "least": min(values)}
 
 
 def _traces_and_noise(twin: TwinRuns, name: str) -> tuple[Records, NDArray[np.float64]]:

@@ -11,7 +11,7 @@ from pydantic import PositiveInt
 
 from labctl.analysis.baselines import vowel_network_accuracy
 from labctl.analysis.evaluation import validate
-from labctl.analysis.intervals import pooled
+from labctl.analysis.intervals import SHARE, pooled
 from labctl.analysis.splits import Split, random_splits
 from labctl.datasets.cards import card
 from labctl.datasets.sequences import group_splits
@@ -104,10 +104,11 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     counts = list(range(1, 1 + len(first.accuracy["random"])))
     accuracy = {way: np.concatenate([one.accuracy[way] for one in findings], axis=1) for way in WAYS}
     here: dict[str, Any] = {
-        way: {str(count): pooled(one.accuracy[way][count - 1] for one in findings) for count in counts} for way in WAYS
+        way: {str(count): pooled((one.accuracy[way][count - 1] for one in findings), within=SHARE) for count in counts}
+        for way in WAYS
     }
     baseline = {
-        name: {way: pooled(getattr(one, key)[way] for one in findings) for way in WAYS}
+        name: {way: pooled((getattr(one, key)[way] for one in findings), within=SHARE) for way in WAYS}
         for name, key in (
             ("logistic regression on the numbers", "regression"),
             (f"network of {settings.hidden} neurons", "network"),

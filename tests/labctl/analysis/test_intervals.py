@@ -1,12 +1,14 @@
 """What an interval over benches says, and when a bound is reached, not reached or open."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import t, ttest_rel
+from scipy.stats import binomtest, t, ttest_rel
 
-from labctl.analysis.intervals import Bound, Verdict, difference, pooled
+from labctl.analysis.intervals import SHARE, Bound, Verdict, counted, difference, pooled
 from labctl.errors import AnalysisError
 
 SCORE = st.floats(-10, 10, allow_subnormal=False)
@@ -74,9 +76,39 @@ def test_a_bound_is_reached_where_the_interval_lies_beyond_it(bound: Bound, verd
     assert bound.verdict(pooled([0.9])) is Verdict.OPEN, "one bench decides nothing"
 
 
-def test_benches_that_agree_on_the_bound_itself_reach_it() -> None:
-    for sign in (">=", "<="):
-        assert Bound(sign, 1.0).verdict(pooled([1.0, 1.0, 1.0])) is Verdict.REACHED
+@pytest.mark.parametrize("limit", [0.9, 1.0])
+@pytest.mark.parametrize("sign", [">=", "<="])
+def test_benches_that_all_agree_leave_a_bound_open(sign: Literal[">=", "<="], limit: float) -> None:
+    """Their interval has no width: it knows nothing of benches that differ."""
+    assert Bound(sign, limit).verdict(pooled([1.0, 1.0, 1.0])) is Verdict.OPEN
+
+
+def test_an_interval_ends_where_the_quantity_does() -> None:
+    found = pooled([0.6, 1.0, 1.0], within=SHARE)
+    assert pooled([0.6, 1.0, 1.0])["high"] > 1.3
+    assert (found["high"], found["low"]) == (1.0, pooled([0.6, 1.0, 1.0])["low"])
+
+
+def test_an_interval_of_counts_has_a_width_where_all_are_right() -> None:
+    found = counted([(3, 3), (2, 2)])
+    assert (found["mean"], found["right"], found["counted"], found["by_bench"]) == (1.0, 5, 5, [1.0, 1.0])
+    assert (found["low"], found["high"]) == (pytest.approx(1 / (1 + 1.959964**2 / 5), abs=1e-6), 1.0), "Wilson's"
+    assert Bound(">=", 1.0).verdict(found) is Verdict.OPEN, "that all are right cannot be shown on some"
+    assert Bound(">=", 0.5).verdict(found) is Verdict.REACHED
+
+
+def test_an_interval_of_counts_is_as_wide_as_the_benches_differ() -> None:
+    counts = [(20, 20), (0, 20), (20, 20), (20, 20)]
+    found, wilson = counted(counts), binomtest(60, 80).proportion_ci(method="wilson")
+    assert (found["mean"], found["low"], found["high"]) == (0.75, 0.0, 1.0)
+    alike = counted([(15, 20)] * 4)
+    assert (alike["low"], alike["high"]) == pytest.approx((wilson.low, wilson.high))
+
+
+def test_a_bench_on_which_nothing_was_counted_has_no_share() -> None:
+    found = counted([(3, 3), (0, 0), (1, 2)])
+    assert (found["by_bench"], found["right"], found["counted"], found["mean"]) == ([1.0, 0.5], 4, 5, 0.8)
+    assert counted([(0, 0), (3, 3)])["low"] is None, "one bench decides nothing"
 
 
 @given(BENCHES, SCORE)

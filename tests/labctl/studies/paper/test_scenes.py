@@ -6,7 +6,7 @@ import pytest
 
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError
-from labctl.studies.paper.scenes import Settings, conclude, examine
+from labctl.studies.paper.scenes import Findings, Settings, conclude, examine
 from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
@@ -62,6 +62,18 @@ def test_a_scene_with_an_image_that_is_wrong_at_rest_is_not_judged(tmp_path: Pat
     findings = examine(twin_runs(tmp_path, write_run, wrong_at_rest=0), Settings())
     assert [scene.at_rest for scene in findings.scenes] == [(False, True), (True, True)]
     assert conclude([findings], Settings()).here["scenes_judged"] == 1
+
+
+def test_scenes_are_counted_over_benches(tmp_path: Path, write_run: WriteRun) -> None:
+    findings = examine(twin_runs(tmp_path, write_run, wrong_at_rest=0), Settings())
+    none = Findings(findings.classes, findings.scenes[:1])
+    here = conclude([findings, findings, none], Settings()).here
+    for counts in (here["scenes_right"], here["switch_by_correlation"]["share_within_1_us"]):
+        assert (counts["right"], counts["counted"], counts["mean"]) == (2, 2, 1.0)
+        assert counts["low"] < 0.4, "two scenes show little"
+    assert (here["twins_judged"]["right"], here["twins_judged"]["counted"]) == (2, 3)
+    judged = here["judged_of_a_twin"]
+    assert 0 <= judged["low"] < judged["high"] <= 2, "of a twin's two scenes"
 
 
 def test_an_image_that_never_comes_is_reported(tmp_path: Path, write_run: WriteRun) -> None:

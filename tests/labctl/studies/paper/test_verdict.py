@@ -2,7 +2,7 @@
 
 import pytest
 
-from labctl.analysis.intervals import Bound, Statistic, Verdict, pooled
+from labctl.analysis.intervals import Bound, Statistic, Verdict, counted, pooled
 from labctl.studies.paper.analyses import Conclusion
 from labctl.studies.paper.experiments import Baseline, Experiment, Requirement
 from labctl.studies.paper.report import as_json, results
@@ -96,6 +96,14 @@ def test_a_line_says_how_sure_it_is_and_on_what() -> None:
     assert (result.required, result.verdict) == (">= 90.0 %", Verdict.OPEN)
     assert result.repeats == "2 × 10"  # noqa: RUF001
     assert result.baseline == "network 85.0 % (2 splits)"
+
+
+def test_a_line_of_counts_says_how_many_of_how_many() -> None:
+    must = Requirement(what="scenes", path=("accuracy",), at_least=1.0, percent=True)
+    (result,) = results(reproduced(counted([(3, 3), (2, 2)]), None, must))
+    assert (result.here, result.verdict) == ("5 of 5: 100.0 % [56.6, 100.0]", Verdict.OPEN)
+    (alone,) = results(reproduced(counted([(2, 3)]), None, must))
+    assert alone.here == "2 of 3: 66.7 %"
 
 
 def test_a_difference_of_shares_is_in_points() -> None:
