@@ -23,7 +23,7 @@ def scores_figure(normal: ArrayLike, crack: ArrayLike, *, threshold: float, scor
         threshold: Score from which an image counts as abnormal.
         score: What the score is.
     """
-    figure = Figure(figsize=(6.4, 3.6))
+    figure = Figure(figsize=(6.4, 4.0))
     axes = figure.add_subplot()
     normal, crack = np.asarray(normal, np.float64), np.asarray(crack, np.float64)
     edges = _edges(np.concatenate([normal, crack]))
@@ -42,7 +42,7 @@ def scores_figure(normal: ArrayLike, crack: ArrayLike, *, threshold: float, scor
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel(f"{score} (no unit)")
     axes.set_ylabel("share of images (%)")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center")
     return figure
 
 
