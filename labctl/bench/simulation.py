@@ -6,6 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import Tlg220Section
@@ -130,3 +131,16 @@ def physical_parameters(station: Station) -> "Parameters":
         )
     except ValidationError as error:
         raise StationError(f"{station.source}: sim.parameters: {describe(error)}") from None
+
+
+def drive_depth_rad(station: Station) -> float:
+    """Phase swing (rad) of a slow drive on a simulated bench: the AWG's amplitude behind the driver, which saturates.
+
+    Raises:
+        StationError: the station asks for what cannot be.
+    """
+    from sim_backends.optics.drive import amplified
+
+    twin = physical_parameters(station)
+    highest_v = amplified(np.array(station.awg.amplitude / 2), gain=twin.rf_gain, saturation_v=twin.rf_saturation_v)
+    return float(2 * np.pi * highest_v / twin.v_pi_v)

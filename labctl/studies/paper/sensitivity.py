@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from labctl.analysis.evaluation import validate
 from labctl.analysis.intervals import SHARE, Statistic, pooled
 from labctl.bench.signals import Interruption
+from labctl.bench.simulation import drive_depth_rad
+from labctl.bench.station import Station
 from labctl.engine.recorder import WrongRecord
 from labctl.engine.session import Acquisition
 from labctl.errors import ExperimentError
@@ -92,7 +94,7 @@ def sensitivity(
     )
     return [
         Dependence(
-            variation,
+            in_words(variation, plan.station),
             [_together([found[point][0] for point in points[variation, value]]) for value in variation.values],
         )
         for variation in study.parameters
@@ -130,6 +132,18 @@ def as_json(dependences: Sequence[Dependence]) -> dict[str, Any]:
         }
         for found in dependences
     }
+
+
+def in_words(variation: Variation, station: Station) -> Variation:
+    """What it is called beside its results: a gain of the driver by the depth that it gives the drive, rad."""
+    if variation.parameter != "rf_gain":
+        return variation
+    *depths, default = (
+        drive_depth_rad(station.with_parameters(dict(point.parameters)))
+        for value in (*variation.values, variation.default)
+        for point in points_of(variation, value, (station.sim.twin_seed,))
+    )
+    return variation.model_copy(update={"values": tuple(depths), "default": default})
 
 
 def _together(benches: Sequence[list[NDArray[np.float64]] | None]) -> Statistic | None:

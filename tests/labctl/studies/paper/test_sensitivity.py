@@ -11,7 +11,7 @@ from labctl.bench.station import SIMULATED_STATION, Station, read_station, write
 from labctl.errors import ExperimentError, StationError
 from labctl.studies.paper.experiments import Experiment, experiments
 from labctl.studies.paper.reproduction import Plan
-from labctl.studies.paper.sensitivity import Dependence, as_json, figure_of, sensitivity, study_of
+from labctl.studies.paper.sensitivity import Dependence, as_json, figure_of, in_words, sensitivity, study_of
 
 pytestmark = pytest.mark.usefixtures("one_core")
 
@@ -39,6 +39,12 @@ parameter = "detector_bandwidth_hz"
 values = [3.0, 12.0]
 unit = 1e9
 default = 12.0
+[[sensitivity.parameters]]
+name = "drive depth (rad)"
+parameter = "rf_gain"
+values = [3.14, 6.28]
+unit = 2.833
+default = 6.28
 """
 
 
@@ -58,12 +64,20 @@ def test_the_defaults_are_measured_once(experiment: Experiment, tmp_path: Path) 
         progress=lambda done, total: seen.append((done, total)),
     )
     runs = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert runs == ["seed-1", "seed-1-detector_bandwidth_hz-3e+09", "seed-1-enob-3.5"]
-    assert seen[-1] == (3, 3)
+    assert runs == ["seed-1", "seed-1-detector_bandwidth_hz-3e+09", "seed-1-enob-3.5", "seed-1-rf_gain-8.89562"]
+    assert seen[-1] == (4, 4)
     shown = as_json(found)
     assert shown["enob"]["accuracy"][1] == shown["detector_bandwidth_hz"]["accuracy"][1]
     assert all(0 <= accuracy["mean"] <= 1 for one in shown.values() for accuracy in one["accuracy"])
     assert figure_of(study_of(experiment), found).stem == "sensitivity"
+
+
+def test_a_drive_is_as_deep_as_its_driver_that_saturates_makes_it(experiment: Experiment) -> None:
+    *_, gain = study_of(experiment).parameters
+    shown = in_words(gain, SIMULATED_STATION)
+    assert shown.values == pytest.approx([4 * np.pi * np.tanh(value * 2.833 / 32) for value in gain.values], abs=0.005)
+    assert [*shown.values, shown.default] == pytest.approx([3.41, 6.35, 6.35], abs=0.01)
+    assert in_words(study_of(experiment).parameters[0], SIMULATED_STATION) == study_of(experiment).parameters[0]
 
 
 def test_a_real_bench_has_nothing_to_vary(experiment: Experiment, tmp_path: Path) -> None:
