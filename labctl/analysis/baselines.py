@@ -102,7 +102,7 @@ def dark_share(images: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def dark_pixels(dark: NDArray[np.float64], abnormal: ArrayLike, *, normal: NDArray[np.float64] | None = None) -> Roc:
-    """Cracks found by counting dark pixels, what one detector and no fibre could do.
+    """Cracks found by their share of dark pixels, what one detector and no fibre could do.
 
     Args:
         dark: (n,) `dark_share` of each image.

@@ -1,4 +1,4 @@
-"""Cracks found as what differs from normal concrete: scores learnt from normal images, and counting dark pixels."""
+"""Cracks found as what differs from normal concrete: scores learnt from normal images, and shares of dark pixels."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,11 @@ from labctl.studies.paper.twin_runs import TwinRuns, window_features
 NORMAL, CRACK = 0, 1
 GRID = np.linspace(0, 1, 1001)
 """False positive rates at which the curves of all twins and splits are averaged."""
-NAMES = {"normality": "readout $y$ → 1", "covariance": "covariance score", "dark_pixels": "dark pixels, digital"}
+NAMES = {
+    "normality": "readout $y$ → 1",
+    "covariance": "covariance score",
+    "dark_pixels": "unusual share of dark pixels, digital",
+}
 SYMBOLS = {"normality": "anomaly score $(y - 1)^2$", "covariance": "Mahalanobis distance"}
 
 
@@ -85,7 +89,7 @@ class ScoredSplit:
 
 @dataclass(frozen=True)
 class RuleFindings:
-    """One twin by one rule: the splits of each score, dark pixels counted on the same, examples of either kind."""
+    """One twin by one rule: the splits of each score, the share of dark pixels on the same, examples of either kind."""
 
     scores: dict[str, list[ScoredSplit]]
     dark_pixels: list[Roc]
@@ -138,6 +142,8 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     notes = (
         f"`found` is the share of the test cracks above the threshold that {100 * settings.false_alarms:g} % of the "
         "normal training images exceed.",
+        "`dark_pixels`, digital: how far the share of dark pixels of an image is from the mean of the normal training "
+        "images, either way, since by Otsu's rule cracks have fewer of them.",
     )
     return Conclusion(here, baseline, tuple(figures), notes)
 

@@ -10,6 +10,7 @@ from labctl.errors import AnalysisError
 from labctl.studies.paper.cracks import Settings, conclude, examine
 from labctl.studies.paper.twin_runs import TwinRuns
 from protocols.image_readout import ImageReadout
+from tests.labctl.reports.figures.drawn import visible_words
 
 WriteRun = Callable[..., Path]
 NORMAL, CRACKS, SIDE = 60, 20, 16
@@ -54,6 +55,8 @@ def test_cracks_differ_from_what_was_learnt(tmp_path: Path, write_run: WriteRun)
     stems = [figure.stem for figure in concluded.figures]
     assert stems == ["scores-normality", "scores-covariance", "roc", "examples"]
     assert "3 %" in concluded.notes[0]
+    assert any("unusual share of dark pixels" in words for words in visible_words(concluded.figures[2].figure))
+    assert "by Otsu's rule cracks have fewer of them" in concluded.notes[1]
 
 
 def test_splits_differ_and_follow_from_the_seed(tmp_path: Path, write_run: WriteRun) -> None:
