@@ -248,7 +248,10 @@ def _print(whole: dict[str, Any], everything: "Sequence[Reproduced]", without: d
             *((name, why, *[""] * 7, word, "", "") for word in without for name, why in without[word].items()),
         ],
     )
-    say("Means over seeds and, in brackets, their 95 % intervals; open: the interval holds what must be reached.")
+    say(
+        "Means over seeds and, in brackets, their 95 % intervals; seeds share part of their data, so these say less of "
+        "other data. Open: the interval holds what must be reached."
+    )
     for found in everything:
         for what in averages_only(found):
             say(

@@ -79,6 +79,7 @@ def test_a_figure_that_is_surely_short_ends_in_1(
     status, out, _ = labctl(capsys, "reproduce", "few", "--seeds", 2, "--out", tmp_path / "out")
     assert status == 1
     assert "NOT REACHED" in out
+    assert "seeds share part of their data" in out, "its interval knows little of other data"
     assert "2 figures: 1 reached, 1 NOT REACHED, 0 open" in out
     (found,) = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))["experiments"]
     (must,) = found["must"]
