@@ -118,7 +118,7 @@ def in_words(result: dict[str, Any]) -> list[str]:
         if delay:
             mean, sd = (value and 1e9 * value for value in (delay["mean"], delay["sd"]))
             known = f"{mean:.2g}" if sd is None else _with_spread(mean, sd)
-            lines.append(f"delay spread L NA²/(2 n c): {known} ns if {words}")
+            lines.append(f"delay spread L NA²/(2 n c) of the modes that the images light: {known} ns if {words}")
     return lines
 
 

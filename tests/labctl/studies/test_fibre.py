@@ -101,7 +101,7 @@ class TestOnTheSimulatedBench:
         assert "intensity correlation of 8 images on port 0, 1550 nm to 1550.026 nm in steps of 2 pm" in out
         assert "half width at half maximum: " in out
         assert " pm (" in out
-        assert "delay spread L NA²/(2 n c): " in out
+        assert "delay spread L NA²/(2 n c) of the modes that the images light: " in out
         assert f"report: {scanned / 'report.html'}" in out
 
     def test_evaluate_prints_one_object_for_scripts(self, scanned: Path, capsys: pytest.CaptureFixture[str]) -> None:
