@@ -80,6 +80,7 @@ def resample(frames: NDArray[Any], trigger_offset_s: ArrayLike, *, sample_interv
     k * sample_interval_s + offset. Band-limited interpolation by a Kaiser-windowed sinc of 33 taps, good up to 0.8 of
     the Nyquist frequency and normalised so that a constant stays a constant. Beyond the ends the record is continued by
     point reflection, so within 16 samples of an end the accuracy is that of the continuation.
+    A window that is cut afterwards holds a little of the light behind its end.
     Source: Oppenheim & Schafer, Discrete-Time Signal Processing, ch. 4 and 7.
 
     Args:
