@@ -19,6 +19,14 @@ from labctl.commands.service import serving
 from labctl.errors import RecordingError, UsageError
 
 POLL_S = 0.5
+INSIDE = "name the command inside it"
+APART: Mapping[tuple[str, ...], str] = {
+    ("record",): INSIDE,
+    ("replay",): INSIDE,
+    ("queue", "start"): "its items are commands of their own: name one of these",
+    ("init",): "it asks at every address who is there: name labctl check",
+}
+"""Commands that would speak past the recording to the instruments themselves, and what to do instead."""
 
 File = Annotated[Path, typer.Argument(help="Recording.")]
 
@@ -36,7 +44,7 @@ def record(
 
     A command that opens several benches writes one file for each: FILE, then the same name with -2, -3 ...
     """
-    _refuse_nesting(command)
+    _refuse_apart(command)
     if existing := recordings(file):
         raise RecordingError(f"{existing[0]}: exists: name a new file, or remove the old recording")
     try:
@@ -65,7 +73,7 @@ def replay(
     whole recording was played, 1 at a difference, which one line on standard error describes.
     """
     if command:
-        _refuse_nesting(command)
+        _refuse_apart(command)
         if port_base is not None or save_station is not None:
             raise UsageError("--port-base and --save-station are for clients of your own: leave the command out")
         played = [_read(path) for path in recordings(file) or [file]]
@@ -123,9 +131,10 @@ def _serve(served: Replay, resources: Mapping[str, str], as_json: bool) -> int:
     return INTERRUPTED
 
 
-def _refuse_nesting(command: list[str]) -> None:
-    if command[0] in ("record", "replay"):
-        raise UsageError(f"labctl {command[0]} cannot be recorded or replayed: name the command inside it")
+def _refuse_apart(command: list[str]) -> None:
+    for words, remedy in APART.items():
+        if command[: len(words)] == list(words):
+            raise UsageError(f"labctl {' '.join(words)} cannot be recorded or replayed: {remedy}")
 
 
 def _carry_out(context: typer.Context, command: list[str], wire: Wire, as_json: bool) -> int:

@@ -146,6 +146,18 @@ def test_neither_is_nested(nested: tuple[str, ...], tmp_path: Path, capsys: pyte
         assert "cannot be recorded or replayed" in err
 
 
+@pytest.mark.parametrize("apart", [("queue", "start"), ("init", "--no-search", "--scope", "simulated")])
+def test_what_would_speak_past_the_recording_is_refused_before_anything(
+    apart: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for command in ("record", "replay"):
+        status, _, err = labctl(capsys, command, "b.rec", "--", *apart)
+        assert (status, err.count("\n")) == (2, 1)
+        assert "cannot be recorded or replayed" in err
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_is_for_clients_of_your_own_is_refused_with_a_command(
     recorded: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
