@@ -13,7 +13,7 @@ def parse_ports(value: object) -> object:
     """Turn "2-6" or "0,2,4-6" into a tuple of port numbers; anything else is left to pydantic.
 
     Raises:
-        ValueError: a part is neither a number nor a range.
+        ValueError: a part is neither a number nor a range from the lower port to the higher.
     """
     if isinstance(value, int):
         return (value,)
@@ -21,12 +21,13 @@ def parse_ports(value: object) -> object:
         return value
     ports: list[int] = []
     for part in value.split(","):
-        first, _, last = part.strip().partition("-")
-        if not (first.isdecimal() and (last or first).isdecimal() and max(len(first), len(last)) <= 2):
+        first, dash, last = map(str.strip, part.partition("-"))
+        last = last if dash else first
+        if not (first.isdecimal() and last.isdecimal() and len(first) <= 2 >= len(last)) or int(first) > int(last):
             raise ValueError(f"{value!r} is not a list of ports: write it like '2-6' or '2,3,5'")
-        if int(last or first) > LAST_PORT:
+        if int(last) > LAST_PORT:
             raise ValueError(f"the chip has ports 1 to {LAST_PORT}, and 0 is the fibre before it: choose of these")
-        ports.extend(range(int(first), int(last or first) + 1))
+        ports.extend(range(int(first), int(last) + 1))
     return tuple(ports)
 
 

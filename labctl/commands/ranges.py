@@ -20,10 +20,11 @@ def shots_of(text: str | None) -> tuple[int, int] | None:
     """
     if text is None:
         return None
-    first, _, last = text.strip().partition("-")
-    if not (first.isdecimal() and (last or first).isdecimal()) or int(last or first) < int(first):
+    first, dash, last = text.strip().partition("-")
+    last = last if dash else first
+    if not (first.isdecimal() and last.isdecimal()) or int(last) < int(first):
         raise UsageError(f"--shots {text}: is not a range of shots: write it like 0-19 or 7")
-    return int(first), int(last or first)
+    return int(first), int(last)
 
 
 def ports_of(text: str | None) -> tuple[int, ...] | None:

@@ -53,9 +53,11 @@ def test_some_shots_and_ports_in_one_picture(bench_run: Path, tmp_path: Path, ty
     ("options", "message"),
     [
         (("--shots", "5-3"), "is not a range of shots"),
+        (("--shots", "5-"), "is not a range of shots"),
         (("--shots", "90"), "it has shots 0 to 27"),
         (("--ports", "4"), "port 4 was not measured: choose from 2, 3"),
         (("--ports", "two"), "is not a list of ports"),
+        (("--ports", "3-2"), "is not a list of ports"),
         (("--ports", "2,2"), "(2, 2) names one twice: list each once"),
         (("--out", "/dev/null/here"), "name another place by --out"),
     ],
