@@ -28,9 +28,9 @@ OVER_TCP = re.compile(
 
 
 class Holder(BaseModel):
-    """Who holds an instrument, what for, since when, and in which run if it has one."""
+    """Who holds an instrument, what for, since when, and in which run if it has one; no `process` once it let go."""
 
-    process: int
+    process: int | None
     user: str = Field(max_length=100)
     task: str = Field(max_length=100)
     since: datetime
@@ -38,7 +38,9 @@ class Holder(BaseModel):
 
     @property
     def is_there(self) -> bool:
-        """Whether the process has not ended."""
+        """Whether the process has neither let go nor ended."""
+        if self.process is None:
+            return False
         if sys.platform == "win32":  # its lock falls with it
             return True
         try:
@@ -78,11 +80,16 @@ def is_in_use(name: str, told: str) -> BenchInUse:
 
 def holder(lock: LockFile) -> Holder | None:
     """Who holds it; None for one that has ended, or writes its note just now."""
+    found = latest_holder(lock)
+    return found if found is not None and found.is_there else None
+
+
+def latest_holder(lock: LockFile) -> Holder | None:
+    """Who holds it, or held it last; None where there is no such note."""
     try:
-        found = Holder.model_validate_json(lock.note)
+        return Holder.model_validate_json(lock.note)
     except (OSError, ValidationError):
         return None
-    return found if found.is_there else None
 
 
 def place_of(address: str) -> str:

@@ -12,11 +12,12 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 
 from instruments.bench import Observer
 from instruments.sections import SIMULATED
 from instruments.values import Identity
-from labctl.bench.holder import LOOPBACK, Holder, holder, is_in_use, place_of, refuse_in_use
+from labctl.bench.holder import LOOPBACK, Holder, holder, is_in_use, latest_holder, place_of, refuse_in_use
 from labctl.bench.lock_file import LockFile
 from labctl.bench.recording.wire import Wire
 from labctl.bench.station import Station
@@ -78,9 +79,10 @@ class Hold(Observer):
         return tuple(lock.descriptor for lock in self._locks.values())
 
     def close(self) -> None:
-        """Let go; what a supervisor still holds is nobody's."""
+        """Let go; what a supervisor still holds is nobody's, and says of which run it is left."""
+        self._holder = self._holder.model_copy(update={"process": None})
         for lock in self._locks.values():
-            lock.write(b"")
+            self._sign(lock)
             lock.close()
 
     def _sign(self, lock: LockFile) -> None:
@@ -154,13 +156,14 @@ def _refused(lock: LockFile, key: str) -> str:
         if (found := holder(lock)) is not None:
             return found.in_words()
         if time.monotonic() >= give_up:
-            return _left_behind(key)
+            return _left_behind(key, latest_holder(lock))
         time.sleep(LOOK_EVERY_S)
     return ""
 
 
-def _left_behind(key: str) -> str:
+def _left_behind(key: str, last: Holder | None) -> str:
+    confirm = f", or say that you see it dark: labctl dark {quote(last.run)}" if last is not None and last.run else ""
     return (
         f"what used it ({key}) was ended with light on, and its supervisor still tries to switch the laser off: check "
-        f"that the laser is dark, and plug its cable in"
+        f"that the laser is dark, and plug its cable in{confirm}"
     )

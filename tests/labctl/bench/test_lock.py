@@ -1,5 +1,8 @@
 """Where an address leads, and who holds what is there."""
 
+import os
+from pathlib import Path
+
 import pytest
 
 from labctl.bench.holder import place_of
@@ -71,3 +74,19 @@ def test_who_has_it_is_seen_without_taking_it() -> None:
     with held(station, "labctl align"):
         assert in_use(station).startswith("awg is in use: labctl align, process ")
     assert in_use(station) == ""
+
+
+def test_what_a_supervisor_still_holds_is_let_go_by_a_word_about_its_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("labctl.bench.lock.DARK_WITHIN_S", 0.0)
+    station = Station.model_validate({"awg": {"address": "TCPIP::192.0.2.7::INSTR"}, "laser": {"armed": False}})
+    with held(station, "a run of image-readout") as hold:
+        hold.stored_in(tmp_path / "night run")
+        (inherited,) = map(os.dup, hold.descriptors)
+    told = rf"^awg is in use: .* was ended with light on, .*: labctl dark '{tmp_path}/night run'$"
+    with pytest.raises(BenchInUse, match=told), held(station, "labctl check"):
+        pass
+    os.close(inherited)
+    with held(station, "labctl check"):
+        pass
