@@ -1,5 +1,6 @@
 """The installed drivers, by the names that a station file uses: the entry points of the group `labctl.instruments`."""
 
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
@@ -62,6 +63,21 @@ def installed(role: str | None = None) -> dict[str, Driver[Any]]:
         with suppress(*IMPORT_FAILURES):
             found[name] = load(point)
     return {name: one for name, one in found.items() if role in (None, one.role)}
+
+
+def sent_anew(manifest: Mapping[str, Any]) -> Iterator[str]:
+    """The settings in a manifest that its run sent before the first record, as patterns of names.
+
+    None of an instrument whose driver is not installed here.
+    """
+    match manifest:
+        case {"station": dict(station), "instruments": dict(instruments)}:
+            for role in instruments:
+                match station.get(role):
+                    case {"driver": str(name)}:
+                        with suppress(StationError):
+                            sent = driver(role, name).sent_anew
+                            yield from (f"instruments.{role}.settings.{setting}" for setting in sent)
 
 
 def listed(simulated: tuple[str, ...]) -> list[Listed]:

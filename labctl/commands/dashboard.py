@@ -43,6 +43,7 @@ def dashboard(
         raise UsageError(f"{folder}: is no folder: name one of runs")
     if find_spec("nicegui") is None:
         raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
+    from labctl.bench.drivers import sent_anew
     from labctl.bench.lock import in_use
     from labctl.bench.station import read_station
     from labctl.dashboard.guard import is_loopback
@@ -87,7 +88,7 @@ def dashboard(
             return ""
 
     try:
-        serve(folder, host, port, wire.environment(), holder_of, settle, ask, ready)
+        serve(folder, host, port, wire.environment(), holder_of, settle, ask, sent_anew, ready)
     except PortTaken as error:
         raise UsageError(f"{error}: name another --port, or the --host of this machine") from None
     except KeyboardInterrupt:

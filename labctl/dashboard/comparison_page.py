@@ -35,7 +35,7 @@ def show_comparison(watching: Watching, one: str, other: str) -> None:
             for problem in unread:
                 ui.html(f'<p class="problem">{escape(problem)}</p>', sanitize=False)
             if not unread:
-                found = settings_that_differ(first.manifest, second.manifest)
+                found = settings_that_differ(first.manifest, second.manifest, watching.sent_anew)
                 ui.html(wording.differing(found, one, other), sanitize=False)
         with ui.element("section").classes("wide traces"):
             heading("The same picture, as both measured it")

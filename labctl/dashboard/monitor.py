@@ -4,7 +4,7 @@ All pages share what was read. A run is known by its name in the folder and by n
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -150,6 +150,7 @@ class Watching:
         holder_of: Callable[[Path], str] = lambda _station: "",
         settle: Callable[[Queue], list[Item]] = Queue.items,
         ask: Callable[[Queue, Wish], None] = Queue.ask,
+        sent_anew: Callable[[Mapping[str, Any]], Iterable[str]] = lambda _manifest: (),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Watch the runs in `folder`, which need not exist yet; one that is started here has `environment`, too.
@@ -157,12 +158,14 @@ class Watching:
         holder_of: who has the bench of a station file just now, in words; empty if nobody.
         settle: the items of a queue, where what ran when whoever carried it out died waits again.
         ask: ask whoever carries a queue out for something; it raises `UsageError` where nobody does.
+        sent_anew: the settings in a manifest that its run sent before the first record, as patterns of names.
         """
         self.folder = folder
         self.environment = environment
         self.holder_of = holder_of
         self.settle = settle
         self.ask = ask
+        self.sent_anew = sent_anew
         self.learning = Learning()
         self.listing = Listing(folder, clock)
         self.sweeps = Sweeps(folder, clock)

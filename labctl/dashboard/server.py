@@ -3,11 +3,11 @@
 import asyncio
 import os
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 from urllib.parse import unquote
 
 os.environ.setdefault("MATPLOTLIB", "false")  # NiceGUI looks for it: half a second for nothing
@@ -68,6 +68,7 @@ def serve(
     holder_of: Callable[[Path], str],
     settle: Callable[[Queue], list[Item]],
     ask: Callable[[Queue, Wish], None],
+    sent_anew: Callable[[Mapping[str, Any]], Iterable[str]],
     ready: Callable[[Served], AbstractContextManager[None]],
 ) -> None:
     """Serve the runs in `folder` at `host` and `port` (0: any free one), within `ready`, until a signal.
@@ -75,6 +76,7 @@ def serve(
     A run that is started from the page has `environment` in addition to that of this process; none is while
     `holder_of` its station file names somebody who has the bench. `settle` gives the items of a queue, where what
     ran when whoever carried it out died waits again; `ask` asks whoever carries it out for something.
+    `sent_anew` gives the settings in a manifest that its run sent before the first record, as patterns of names.
 
     Raises:
         PortTaken: the port is not free, or the address is not one of this machine.
@@ -89,7 +91,7 @@ def serve(
     with listener:
         bound = listener.getsockname()[1]
         sessions = Sessions()
-        watching = Watching(folder, environment, holder_of, settle, ask)
+        watching = Watching(folder, environment, holder_of, settle, ask, sent_anew)
         watching.look_elsewhere()
         app = _application(watching)
         names = (socket.gethostname(), socket.getfqdn())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from labctl.analysis.evaluation import WindowAccuracy, accuracy_against_window, mean_and_sd, window_key, windows_to_try
 from labctl.analysis.splits import enough_splits
 from labctl.analysis.windows import WindowFeatures
+from labctl.bench.drivers import sent_anew
 from labctl.errors import AnalysisError
 from labctl.printable import printable
 from labctl.reports.canvas import Series
@@ -84,7 +85,7 @@ def compare(first: Path, second: Path) -> Comparison:
                     left_out.append(f"the accuracy of {run.path} is left out: {error}")
         return Comparison(
             _names(first, second),
-            settings_that_differ(one.manifest, other.manifest),
+            settings_that_differ(one.manifest, other.manifest, sent_anew),
             (_shots(one), _shots(other)),
             same,
             (accuracies[0], accuracies[1]),

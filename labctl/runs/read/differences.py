@@ -1,6 +1,6 @@
 """How two runs, or what one was begun with and what is there now, differ in their settings."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
@@ -42,9 +42,14 @@ def differences(
     )
 
 
-def settings_that_differ(one: Mapping[str, Any], other: Mapping[str, Any]) -> tuple[Difference, ...]:
-    """What differs between the manifests of two runs: protocol, station, instruments, versions, seeds and the rest."""
-    return differences(one, other, ignored=FOLLOWS)
+def settings_that_differ(
+    one: Mapping[str, Any], other: Mapping[str, Any], sent_anew: Callable[[Mapping[str, Any]], Iterable[str]]
+) -> tuple[Difference, ...]:
+    """What differs between the manifests of two runs: protocol, station, instruments, versions, seeds and the rest.
+
+    Of settings that are `sent_anew` by the run of a manifest, as patterns, it says what an earlier command had left.
+    """
+    return differences(one, other, ignored=(*FOLLOWS, *sent_anew(one), *sent_anew(other)))
 
 
 def _same(then: object, now: object) -> bool:

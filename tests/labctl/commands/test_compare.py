@@ -8,7 +8,10 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from labctl.bench.drivers import sent_anew
+from labctl.bench.station import write_addresses
 from labctl.runs.read.differences import Difference, differences, settings_that_differ
+from sim_backends.bench import SimulatedBench
 from tests.labctl.commands.conftest import AsJson, Typed
 
 
@@ -61,6 +64,19 @@ def test_a_run_beside_one_without_labels(
     assert list((tmp_path / "pictures").iterdir()) == []
 
 
+def test_what_earlier_commands_left_and_each_run_sends_anew_is_no_difference(tmp_path: Path, as_json: AsJson) -> None:
+    station = tmp_path / "station.toml"
+    with SimulatedBench() as bench:
+        write_addresses(station, {name: found["socket"] for name, found in bench.resources.items()})
+        for out, window in (("first", "0.4 ns"), ("second", "0.4 ns"), ("third", "0.8 ns")):
+            words = ("--set", "images=4", "--set", "ports=2", "--set", f"window={window}")
+            status, _ = as_json("run", "image-readout", *words, "--station", station, "--out", tmp_path / out)
+            assert status == 0
+    assert as_json("compare", tmp_path / "first", tmp_path / "second")[1]["differences"] == []
+    found = as_json("compare", tmp_path / "first", tmp_path / "third")[1]["differences"]
+    assert [one["setting"] for one in found] == ["protocol.settings.window", "shape.samples"]
+
+
 def test_what_is_no_run_is_not_compared(bench_run: Path, tmp_path: Path, typed: Typed) -> None:
     status, out, told = typed("compare", bench_run, tmp_path)
     assert (status, out, told.count("\n")) == (2, "", 1)
@@ -77,7 +93,7 @@ def test_differences_are_named_and_rounding_is_none() -> None:
         Difference("seed", 10_000_001, 10_000_002),
     )
     assert differences(then, now, of="scope", ignored=("a.*", "[gms]*")) == ()
-    assert settings_that_differ({"started": "a", "protocol": {"digest": "x"}}, {"started": "b"}) == ()
+    assert settings_that_differ({"started": "a", "protocol": {"digest": "x"}}, {"started": "b"}, sent_anew) == ()
 
 
 def test_runs_are_filtered(bench_run: Path, changed: Path, as_json: AsJson, typed: Typed) -> None:
