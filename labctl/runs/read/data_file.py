@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from instruments.remedies import unreadable
 from instruments.values import Drive
 from labctl.errors import RunError
+from labctl.runs.format import readout
 from labctl.runs.format.columns import require_array, require_table, sizes_of
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.own_files import own_file, place_of
@@ -77,6 +78,8 @@ class DataFile:
             try:
                 stack.callback((stored := own_file(path)).close)
                 self._described = stack.enter_context(walked(stored))
+                if "format" in self._described.attrs and attribute(self._described, "format") == readout.FORMAT:
+                    raise RunError(f"{path}: is a readout, not a run: name a run directory")
                 check_version(attribute(self._described, "format_version"), path)
                 check_plain(self._described, MOST_BYTES, besides="frames")
                 self.manifest = Manifest.parse(attribute(self._described, "manifest"), path)

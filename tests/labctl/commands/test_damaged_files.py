@@ -99,6 +99,13 @@ def test_a_readout_that_its_maker_calls_whole_must_be_sound(
     assert refused(name, "evaluate", changed, measured) == 2
 
 
+def test_a_readout_in_the_place_of_a_run_is_called_what_it_is(measured: Path, typed: Typed) -> None:
+    saved = measured / "models" / "softmax.h5"
+    for words in (("evaluate", saved, saved), ("export", saved, "--to", "npz"), ("compare", measured, saved)):
+        status, _, told = typed(*words)
+        assert (status, told) == (2, f"labctl: {saved}: is a readout, not a run: name a run directory\n"), words
+
+
 @pytest.mark.parametrize("turn", TURNS)
 def test_a_changed_data_file_is_read_or_refused(
     measured: Path, refused: Callable[..., int], tmp_path: Path, turn: int
