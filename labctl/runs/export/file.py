@@ -35,7 +35,7 @@ def write(content: Content, to: str, path: Path) -> int:
     if path.exists():
         raise RunError(f"{path}: exists: name another file by --out")
     write_as = _writer(to, path)
-    require_room(path, content.size * LARGER[to])
+    require_room(path, content.size * LARGER[to], "make room, choose some of the --shots")
     with aside(path) as temporary:
         write_as(content, temporary)
     return sum(part.stat().st_size for part in (path, *path.rglob("*")) if part.is_file())
@@ -51,11 +51,11 @@ def _writer(to: str, path: Path) -> Write:
         raise RunError(f'{path}: needs {error.name} to be written: pip install "photonic-labctl[data]"') from None
 
 
-def require_room(path: Path, size: float) -> None:
+def require_room(path: Path, size: float, remedy: str) -> None:
     """Refuse what does not fit where `path` is to be made.
 
     Raises:
-        RunError: it does not.
+        RunError: it does not; the `remedy`, or another place.
     """
     try:
         free = shutil.disk_usage(path.parent).free
@@ -63,8 +63,7 @@ def require_room(path: Path, size: float) -> None:
         raise _not_written(path, error) from None
     if size > free:
         raise RunError(
-            f"{path}: needs {size / 1e9:.3g} GB, {free / 1e9:.3g} GB are free: make room, choose some of the --shots, "
-            f"or name another place by --out"
+            f"{path}: needs {size / 1e9:.3g} GB, {free / 1e9:.3g} GB are free: {remedy}, or name another place by --out"
         )
 
 

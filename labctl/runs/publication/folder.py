@@ -51,7 +51,7 @@ def publish(run: Path, out: Path, to: str, said: Declaration, published: date) -
     subject = Subject.of(paths)
     encode(subject, said, {}, published)  # what is missing is said before a long copy
     found = sorted(path for path in run.rglob("*") if path.is_file() and _belongs(path))
-    require_room(out, sum(path.stat().st_size for path in found))
+    require_room(out, sum(path.stat().st_size for path in found), "make room")
     with aside(out) as folder:
         files = {(place := path.relative_to(run).as_posix()): _copied(path, folder / place) for path in found}
         metadata = encode(subject, said, files, published)

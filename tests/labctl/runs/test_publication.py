@@ -182,6 +182,14 @@ def test_nothing_is_overwritten_and_only_runs_are_published(real: Path, tmp_path
         publish(real, tmp_path / "given", "ro-crate", SAID, DAY)
 
 
+def test_what_does_not_fit_is_refused_with_options_that_there_are(real: Path, tmp_path: Path) -> None:
+    with (real / "huge").open("wb") as file:
+        file.truncate(shutil.disk_usage(tmp_path).total + 10**9)
+    with pytest.raises(RunError, match=r"GB are free: make room, or name another place by --out$"):
+        publish(real, tmp_path / "given", "ro-crate", SAID, DAY)
+    assert [path.name for path in tmp_path.iterdir()] == ["real"]
+
+
 def test_as_it_is_typed(whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("publish", whole, "--as", "ro-crate", "--out", tmp_path / "given")
     status, out, err = typed(capsys, *words)

@@ -177,6 +177,8 @@ def test_too_large_a_file_is_refused_before_it_is_begun(tmp_path: Path) -> None:
     with open_run(write_whole(tmp_path / "run")) as run:
         content = Content.of(run, None, "volts")
     huge = Variable("volts", ("shot", "port", "time"), (7, 5, 10**15), np.dtype(np.float64), cast(Any, None), "signal")
-    with pytest.raises(RunError, match=r"out\.nc: needs 2.8e\+08 GB, .* GB are free: make room"):
+    with pytest.raises(
+        RunError, match=r"out\.nc: needs 2.8e\+08 GB, .* GB are free: make room, choose some of the --shots, or"
+    ):
         write(replace(content, variables=(huge,)), "netcdf", tmp_path / "out.nc")
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
