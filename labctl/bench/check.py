@@ -15,6 +15,8 @@ from labctl.bench.opening import Access, opened_one_by_one
 from labctl.bench.station import Station
 
 PASSED, NOT_RUN = "passed", "not run"
+BY_HAND = "by hand"
+"""In the place of an address."""
 QUICK_S = 60.0
 """Self-tests that may take longer are left out, unless somebody has asked for them."""
 UNKNOWN, UNTOLD = Identity("", "", "", ""), Examination()
@@ -25,7 +27,7 @@ class Finding:
     """What is known of one instrument.
 
     Attributes:
-        driver, address: As the station says.
+        driver, address: As the station says; `BY_HAND` for what a person sets.
         identity: Who it is.
         examination: Options, what the error queue held, limits of the driver.
         allowed: The limits of the station for what is set here, by the names of `examination`.
@@ -79,10 +81,11 @@ def check_bench(
         held(station, "labctl check", access.wire) as hold,
         opened_one_by_one(station, transcript, access) as instruments,
     ):
-        findings = {}
+        findings, by_hand = {}, station.by_hand
         for name, instrument in instruments.items():
             section = station.section_of(name)
-            findings[name] = Finding(section.driver, section.address, allowed=allowed.get(name, {}))
+            address = BY_HAND if name in by_hand else section.address
+            findings[name] = Finding(section.driver, address, allowed=allowed.get(name, {}))
             try:
                 if isinstance(instrument, InstrumentError):
                     raise instrument

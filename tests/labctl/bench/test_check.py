@@ -208,3 +208,11 @@ def test_an_instrument_at_anothers_address_is_refused_and_one_that_only_reads_ot
         for named, well in (("dpo72504", True), ("DPO7000", False)):
             path.write_text(text.replace("[scope]\n", f"[scope]\nidentity = '{named}'\n"), "utf-8")
             assert checked(path, capsys)[1]["instruments"]["scope"]["ok"] == well
+
+
+def test_what_a_person_sets_is_at_no_address(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text("[laser]\ndriver = 'manual-laser'\n[patch_panel]\ndriver = 'manual-patch-panel'\n", "utf-8")
+    status, found = checked(path, capsys, "--attended")
+    at = {name: told["address"] for name, told in found["instruments"].items()}
+    assert (status, at) == (0, dict.fromkeys(ROLES, "simulated") | {"laser": "by hand", "patch_panel": "by hand"})
