@@ -76,6 +76,8 @@ def init(
         raise StationError(f"{file}: exists: name a new file, or remove it")
     asking = sys.stdin.isatty() and not yes
     said = {"awg": awg, "scope": scope, "laser": laser, "dmd": dmd, "patch_panel": patch_panel}
+    for role, place in said.items():
+        _require_place(role, place or "")
     named = [*(addresses or []), *(place for place in said.values() if place and "::" in place)]
     with progress_bar("asking who is there"):
         listed = visible_addresses() if search else ()
@@ -112,14 +114,14 @@ def init(
     called = _asked(asking, "Name of the bench", name, file.stem, lambda text: Station(name=text))
     schema = file.with_name(file_name(STATION))
     _write(file, draft(values, remarks, name=called, schema=schema.name), schema)
+    spoken_to = [role for role, place in places.items() if "::" in place]
+    spoken_to += [place for place in addresses or [] if place not in places.values()]
     result = {
         "station": str(file),
         "schema": str(schema),
         "instruments": {role: values[role] for role in TITLES},
         "absent": [role for role, place in places.items() if not place],
-        "silent": [
-            role for role, place in places.items() if "::" in place and place not in held and not _at(place, answers)
-        ],
+        "silent": [one for one in spoken_to if (at := places.get(one, one)) not in held and not _at(at, answers)],
         "held": held,
         "others": [
             {"address": answer.address, "identity": answer.who}
@@ -173,6 +175,14 @@ def _check_place(role: str, place: str) -> None:
     InstrumentSection(driver=USUAL[role], address=place)
 
 
+def _require_place(role: str, place: str) -> None:
+    try:
+        _check_place(role, place)
+    except ValueError as error:
+        told = describe(error) if isinstance(error, ValidationError) else str(error)
+        raise UsageError(f"--{role.replace('_', '-')}: {told}") from None
+
+
 def _check_ports(ports: str) -> None:
     PatchPanelSection.model_validate({"driver": USUAL["patch_panel"], "ports": ports})
 
@@ -208,9 +218,7 @@ def _instruments(
     for role, place in places.items():
         answer = _at(place, answers)
         if place == MANUAL:
-            if not (by_hand := _by_hand(role)):
-                raise UsageError(f"--{role} {MANUAL}: this instrument is not set by hand: give its VISA address")
-            values[role] = {"driver": by_hand}
+            values[role] = {"driver": _by_hand(role)}
             continue
         known = answer.driver if answer and answer.instrument == role else USUAL[role]
         values[role] = {"driver": known, "address": place}
@@ -258,8 +266,9 @@ def _print(result: dict[str, Any]) -> None:
     )
     for role in result["absent"]:
         say(f"{role}: not found: write its address into the file")
-    for role in result["silent"]:
-        say(f"{role}: nobody answers at its address: check that it is switched on, or correct the address in the file")
+    for silent in result["silent"]:
+        at, wrong = ("at its address", "the address in the file") if silent in TITLES else ("there", "--address")
+        say(f"{silent}: nobody answers {at}: check that it is switched on, or correct {wrong}")
     for place, holder in result["held"].items():
         say(f"{place}: held by {holder}; it was not asked who is there")
     for other in result["others"]:

@@ -22,7 +22,7 @@ from labctl.bench.station import Station, read_station
 from sim_backends.bench import SimulatedBench
 from tests.command_line import labctl
 
-SILENT = "TCPIP0::127.0.0.1::9::SOCKET"
+SILENT, NOBODY = "TCPIP0::127.0.0.1::9::SOCKET", "TCPIP0::127.0.0.1::7::SOCKET"
 
 
 class Terminal(io.StringIO):
@@ -75,6 +75,7 @@ def test_nobody_answers_and_nothing_is_asked(tmp_path: Path, capsys: pytest.Capt
     assert station.limits.optical_power == station.laser.power == 0.03
     assert path.read_text("utf-8").count("# Not found") == 5
     assert "laser: not found: write its address into the file" in out
+    assert f"{SILENT}: nobody answers there: check that it is switched on, or correct --address" in out
     assert f"next: labctl check --station {path}" in out
     status, out, _ = labctl(capsys, "check", "--station", path)
     assert status == 1
@@ -100,7 +101,17 @@ def test_every_key_is_there_with_its_default(tmp_path: Path, capsys: pytest.Capt
 def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.toml"
     said = ("--awg", SILENT, "--laser", "manual", "--dmd", "usb", "--patch-panel", "manual", "--ports", "2-6")
-    more = ("--optical-power", "5 mW", "--name", "room 2", "--burst", "--address", addresses["awg"])
+    more = (
+        "--optical-power",
+        "5 mW",
+        "--name",
+        "room 2",
+        "--burst",
+        "--address",
+        addresses["awg"],
+        "--address",
+        NOBODY,
+    )
     status, out, _ = labctl(capsys, "init", path, "--no-search", *said, *more, "--json")
     assert status == 0
     station = written(path)
@@ -108,7 +119,7 @@ def test_what_is_said_wins(addresses: dict[str, str], tmp_path: Path, capsys: py
     assert (station.laser.driver, station.patch_panel.driver) == ("manual-laser", "manual-patch-panel")
     assert (station.limits.optical_power, station.laser.power) == (0.005, 0.005)
     assert (station.name, station.wiring.burst, station.patch_panel.ports) == ("room 2", True, (2, 3, 4, 5, 6))
-    assert json.loads(out)["silent"] == ["awg"]
+    assert json.loads(out)["silent"] == ["awg", NOBODY]
     assert "# Did not answer when this file was written." in path.read_text("utf-8")
     assert [other["address"] for other in json.loads(out)["others"]] == [addresses["awg"]]
 
@@ -157,10 +168,15 @@ def test_a_person_is_asked_and_may_just_press_enter(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--awg", "manual"], "--awg manual: this instrument is not set by hand"),
+        (
+            ["--awg", "manual"],
+            "--awg: 'manual' is no address: write one such as TCPIP0::192.0.2.10::inst0::INSTR, or sim",
+        ),
+        (["--awg", "garbage"], "--awg: 'garbage' is no address"),
+        (["--patch-panel", "usb"], "--patch-panel: 'usb' is no address"),
         (["--optical-power", "30 V"], "--optical-power: '30 V' is not in W"),
         (["--ports", "2-x"], "patch_panel.ports = '2-x'"),
-        (["--dmd", 'a"b'], "dmd.address"),
+        (["--dmd", 'TCPIP::a"b'], "--dmd: address = "),
     ],
 )
 def test_what_would_be_wrong_is_not_written(
