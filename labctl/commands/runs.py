@@ -46,13 +46,13 @@ def runs(
         known = catalogue.keys()
         show({"keys": known}, as_json, lambda: say(", ".join(known) or f"{folder}: no runs yet"))
         return DONE
-    asked = [f"({where})"] if where.strip() else []
+    asked = [where] if where.strip() else []
     asked += [f'protocol = "{protocol}"'] if protocol is not None else []
     asked += [f'started >= "{_time(since)}"'] if since is not None else []
     asked += [f'state = "{_state(state)}"'] if state is not None else []
     asked += [f"seed = {seed}"] if seed is not None else []
     more = [key.strip().lower() for key in columns.split(",") if key.strip()]
-    found = catalogue.find(" and ".join(asked), sort=sort, limit=limit, shown=more)
+    found = catalogue.find(*asked, sort=sort, limit=limit, shown=more)
     listed = [_listed(one) for one in found] if as_json else []
     show({"runs": listed}, as_json, lambda: _print(folder, found, more, asked=bool(asked)))
     return DONE

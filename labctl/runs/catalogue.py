@@ -85,9 +85,9 @@ class Catalogue:
         self._in_memory: sqlite3.Connection | None = None
 
     def find(
-        self, words: str = "", *, sort: str = "started", limit: int | None = None, shown: Sequence[str] = ()
+        self, *words: str, sort: str = "started", limit: int | None = None, shown: Sequence[str] = ()
     ) -> list[Found]:
-        """The runs that `words` ask for, as `labctl.runs.search` reads them, the newest or largest last.
+        """The runs that all of `words` ask for, as `labctl.runs.search` reads them, the newest or largest last.
 
         sort: any key; of several values the largest counts. limit: the last so many. shown: keys that some run must
         have, where there is one.
@@ -95,10 +95,10 @@ class Catalogue:
         Raises:
             UsageError: the words are not understood, or no run has that key.
         """
-        return self.last(words, sort=sort, limit=limit, shown=shown)[0]
+        return self.last(*words, sort=sort, limit=limit, shown=shown)[0]
 
     def last(
-        self, words: str = "", *, sort: str = "started", limit: int | None = None, shown: Sequence[str] = ()
+        self, *words: str, sort: str = "started", limit: int | None = None, shown: Sequence[str] = ()
     ) -> tuple[list[Found], int]:
         """The same, and how many there are, whatever the limit.
 
@@ -108,13 +108,15 @@ class Catalogue:
         return self._told(partial(self._last, words, sort=sort, limit=limit, shown=shown))
 
     def _last(
-        self, words: str, database: sqlite3.Connection, *, sort: str, limit: int | None, shown: Sequence[str]
+        self, words: Sequence[str], database: sqlite3.Connection, *, sort: str, limit: int | None, shown: Sequence[str]
     ) -> tuple[list[Found], int]:
         keys = self._keys(database)
         for key in (sort, *(shown if keys else ())):
             if key not in keys.union(LISTED):
                 raise unknown(key, keys.union(LISTED))
-        sql, values = condition(words, keys, partial(_holds_text, database))
+        asked = [condition(one, keys, partial(_holds_text, database)) for one in words]
+        sql = " AND ".join(f"({one})" for one, _ in asked) or "1"
+        values = [value for _, given in asked for value in given]
         largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"
         order = f"{largest.format('number')} DESC, {largest.format('text')} DESC, name DESC"
         # Names alone are sorted, which are short; rows and facts are then looked up, in whatever order.

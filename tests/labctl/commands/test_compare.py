@@ -118,6 +118,10 @@ def test_runs_are_filtered(bench_run: Path, changed: Path, as_json: AsJson, type
         (("--sort", "colour"), "colour: no run here has that: see `labctl runs --keys`"),
         (("--since", "yesterday"), "is not a date"),
         (("--state", "good"), "choose one of complete"),
+        (("--where", "not"), "the end: comes where"),
+        (("--where", "seed = 1 and", "--seed", 1), "the end: comes where"),
+        (("--where", "((("), "the end: comes where"),
+        (("--where", "seed = 1) or (seed = 2"), "): is not understood here"),
     ):
         status, _, told = typed("runs", changed.parent, *options)
         assert status == 2
