@@ -61,7 +61,7 @@ def read_fault(text: str) -> Befalling:
     return Befalling(
         role,
         fault,
-        moment if moment.count == 0 else Moment(header, max(1, numbers.get("nth", 1)), max(1, numbers.get("times", 1))),
+        moment if moment.count == 0 else Moment(header, numbers.get("nth", 1), numbers.get("times", 1)),
     )
 
 
@@ -90,5 +90,7 @@ def _numbers(text: str, written: str) -> dict[str, int]:
         found = _NUMBER.fullmatch(item.strip())
         if found is None or int(found[2]) > LARGEST:
             raise FaultError(f"{text!r}: {item!r} is none of nth=N, times=N, byte=N")
+        if int(found[2]) == 0 and found[1] != "byte":
+            raise FaultError(f"{text!r}: {item!r}: messages are counted from 1")
         numbers[found[1]] = int(found[2])
     return numbers

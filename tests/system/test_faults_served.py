@@ -94,6 +94,8 @@ def test_a_reply_breaks_off_at_the_byte_that_was_asked_for(served: Served) -> No
         ("dmd:interlock", "no fault 'interlock' of dmd: one of nobody-there, refused, lost-before, "),
         ("scope", "write INSTRUMENT:FAULT[@MESSAGE][,nth=N][,times=N][,byte=N], such as scope:no-reply@CURVe?,nth=3"),
         ("scope:dead,after=3", "',after=3'"),
+        ("scope:dead,nth=0", "'nth=0': messages are counted from 1"),
+        ("scope:no-reply,times=0", "'times=0': messages are counted from 1"),
         ("scope:dead,times=3", "dead lasts from its message on: leave out times="),
         ("scope:dead,byte=3", "byte= says where a reply breaks off: only with lost-inside"),
         ("scope:nobody-there@*IDN?", "nobody-there comes before any message: leave out what follows it"),
