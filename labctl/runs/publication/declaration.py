@@ -2,7 +2,10 @@
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+
+from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
 from labctl.errors import UsageError
 from labctl.printable import printable
@@ -10,7 +13,7 @@ from labctl.printable import printable
 LONGEST = 500
 _PERSON = re.compile(r"(?P<name>[^<>]+?)\s*(?:<(?:https://orcid\.org/)?(?P<orcid>[^<>]*)>)?")
 _ORCID = re.compile(r"(\d{4}-){3}\d{3}[\dX]")
-_SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")
+_SPDX = re.compile(r"(?!(?i:licenseref-))[A-Za-z0-9.-]+")
 
 
 @dataclass(frozen=True)
@@ -56,10 +59,7 @@ def declared(
     needed = {"--title": title, "--creator": " ".join(creators), "--licence": licence}
     if missing := [option for option, said in needed.items() if not said.strip()]:
         raise UsageError(f"{' and '.join(missing)}: only you can say that: add it, such as {EXAMPLES[missing[0]]}")
-    if not _SPDX.fullmatch(licence) and not re.fullmatch(r"https://\S+", licence):
-        raise UsageError(
-            f"--licence {licence}: name it by its SPDX identifier, such as CC-BY-4.0, or its https address"
-        )
+    licence = _licence(licence)
     if too_long := [one for one in (title, publisher, *creators) if len(one) > LONGEST]:
         raise UsageError(f"{too_long[0][:40]}...: write {LONGEST} characters at most")
     texts = (printable(" ".join(one.split())) for one in (title, publisher, description))
@@ -72,6 +72,16 @@ EXAMPLES = {
     "--creator": '--creator "Ada Lovelace"',
     "--licence": "--licence CC-BY-4.0",
 }
+
+
+def _licence(text: str) -> str:
+    """A licence by its address, or by its SPDX identifier as the address of its text spells it."""
+    if re.fullmatch(r"https://\S+", text):
+        return text
+    with suppress(InvalidLicenseExpression):
+        if _SPDX.fullmatch(text):
+            return canonicalize_license_expression(text)
+    raise UsageError(f"--licence {text}: name it by its SPDX identifier, such as CC-BY-4.0, or its https address")
 
 
 def _person(text: str) -> Person:

@@ -146,6 +146,9 @@ def test_every_file_of_a_crate_is_described(real: Path, tmp_path: Path) -> None:
         ({"creators": []}, "--creator"),
         ({"licence": " "}, "--licence"),
         ({"licence": "do what you like"}, "SPDX"),
+        ({"licence": "foo"}, "SPDX"),
+        ({"licence": "LicenseRef-foo"}, "SPDX"),
+        ({"licence": "MIT+"}, "SPDX"),
         ({"creators": ["Ada <0000-0002-1825-0098>"]}, "ORCID"),
         ({"title": "x" * 501}, "500 characters"),
     ],
@@ -162,6 +165,11 @@ def test_names_with_and_without_an_orcid() -> None:
         title="x", creators=["Ada  Lovelace", "J. Carberry <https://orcid.org/0000-0002-1825-0097>"], licence="MIT"
     )
     assert found.creators == (Person("Ada Lovelace"), Person("J. Carberry", "0000-0002-1825-0097"))
+
+
+def test_a_licence_is_spelt_as_its_address_is() -> None:
+    found = declared(title="x", creators=["Ada"], licence="cc-by-4.0")
+    assert (found.licence, found.licence_url) == ("CC-BY-4.0", "https://spdx.org/licenses/CC-BY-4.0")
 
 
 def test_datacite_needs_a_publisher_and_nothing_is_made_before(real: Path, tmp_path: Path) -> None:
