@@ -62,6 +62,10 @@ def test_what_is_listed_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixtu
     Queue(tmp_path).add(SMALL, tmp_path / "run", {}, "ada")
     _, listed, _ = labctl(capsys, "queue", "list", "--folder", tmp_path)
     assert "labctl run image-readout --set images=4 --set ports=2 --set 'window=0.4 ns'" in listed
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "taken").touch()
+    _, _, told = labctl(capsys, "queue", "start", "--folder", tmp_path)
+    assert "1: labctl run image-readout --set images=4 --set ports=2 --set 'window=0.4 ns'" in told
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Carrying a queue out: each item is a `labctl` of its own, so that it leaves nothing to the next but a dark bench."""
 
 import json
+import shlex
 import signal
 import subprocess
 import sys
@@ -88,7 +89,7 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
                 f"is gone: wait for it, or stop it by 'labctl stop'"
             )
         while not interruption.requested and not queue.wishes and (item := queue.claim()) is not None:
-            tell(f"{item.number}: labctl {' '.join(item.words)}")
+            tell(f"{item.number}: labctl {shlex.join(item.words)}")
             status, message = _carried_out(item, queue)
             if status == 0:
                 queue.end(item.number, State.DONE)
