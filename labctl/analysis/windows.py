@@ -159,6 +159,12 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
             raise AnalysisError("the records hold values that are not finite: leave the broken shots out")
         return features
 
+    def at(self, rows: Sequence[int], ports: int) -> Self:
+        """Take the same columns, in their order, from other `rows` of records of so many `ports`; returns itself."""
+        self.set_params(ports=rows, recorded_ports=range(ports))
+        self.rows_, self.ports_in_ = np.asarray(rows, np.intp), ports
+        return self
+
     def get_feature_names_out(self, input_features: object = None) -> NDArray[np.object_]:
         """Name of each feature: port and time after the start of the window."""
         check_is_fitted(self)

@@ -17,7 +17,8 @@ class Masks(BaseModel):
     """The masks of a run, as far as it says.
 
     drive: SHA-256 over samples and rate of the drive, in hex. drive_seed: what it was drawn from. wavelengths_nm: of
-    all passes. bench: name of its station. twin: seed and parameters of a simulated bench, none of a real one.
+    all passes. columns: port and wavelength, nm, of each entry of the port axis; of a readout those that it sees, in
+    its order. bench: name of its station. twin: seed and parameters of a simulated bench, none of a real one.
     """
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -25,6 +26,7 @@ class Masks(BaseModel):
     drive: str | None
     drive_seed: int | None
     wavelengths_nm: tuple[float, ...]
+    columns: tuple[tuple[int, float], ...] = ()  # earlier readouts do not say them
     sample_interval_s: float
     bench: str
     twin: dict[str, Any] | None
@@ -41,6 +43,7 @@ class Masks(BaseModel):
             drive=None if run.drive is None else _digest(run.drive),
             drive_seed=drawn_from if isinstance(drawn_from, int) else None,
             wavelengths_nm=tuple(sorted(set(run.shape.wavelengths_nm))),
+            columns=tuple(zip(run.ports, run.shape.wavelength_of_port, strict=True)),
             sample_interval_s=run.shape.sample_interval_s,
             bench=str(station.get("name", "")),
             twin={key: twin.get(key) for key in ("twin_seed", "parameters")} if simulated else None,
@@ -53,8 +56,14 @@ class Masks(BaseModel):
             return f"its drive is not that of this run: measure{again}, or train anew"
         if self.twin != others.twin or (self.twin is None and self.bench != others.bench):
             return f"it was trained on {self._bench}, and this run is of {others._bench}: train anew"
-        if self.wavelengths_nm != others.wavelengths_nm:
+        if not self.columns and self.wavelengths_nm != others.wavelengths_nm:
             return f"it was trained at {_in_nm(self)}, and this run is at {_in_nm(others)}: train anew"
+        if missing := [one for one in self.columns if one not in others.columns]:
+            port, wavelength_nm = missing[0]
+            return (
+                f"it was trained on port {port} at {wavelength_nm:.8g} nm, which this run does not hold: measure "
+                "it, or train anew"
+            )
         if abs(self.sample_interval_s - others.sample_interval_s) > SAMPLE_TOLERANCE * self.sample_interval_s:
             here, there = (f"{1e12 * one.sample_interval_s:g}" for one in (self, others))
             return f"its samples are {here} ps apart, here {there}: train anew"

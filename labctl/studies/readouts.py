@@ -120,7 +120,7 @@ def train_readout(
         "readout": "softmax",
         "run": str(directory),
         "frames_sha256": digest,
-        "masks": masks.model_dump(mode="json"),
+        "masks": masks.model_dump(mode="json") | {"columns": [masks.columns[row] for row in pipeline[0].rows_]},
         "dataset": protocol_settings(manifest).get("dataset"),
         "inputs_source": source_of(manifest),
         "window_s": window_s,
@@ -181,8 +181,13 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     """
     readout, trained = load_model(model), _Trained.of(model)
     with open_run(directory) as run:
-        if trained.masks is not None and (why := trained.masks.unlike(Masks.of(run))) is not None:
-            raise AnalysisError(f"{model}: cannot work on {directory}: {why}")
+        here = Masks.of(run)
+        with _used(model, directory):
+            if (why := _unlike(trained, readout[0], here)) is not None:
+                raise AnalysisError(f"{model}: cannot work on {directory}: {why}")
+            if trained.masks is not None and trained.masks.columns:
+                readout[0].at([here.columns.index(one) for one in trained.masks.columns], len(here.columns))
+            ports = dict.fromkeys(here.columns[row][0] for row in readout[0].rows_)
         records, left_out = bounded_records(run)
         test = _unseen(run, records, trained)
         if not test.size:
@@ -231,7 +236,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         directory,
         title=f"Image recognition: {directory.name}",
         summary=(
-            f"{records.labels.size} images on ports {', '.join(map(str, trained.ports))}; softmax readout, "
+            f"{records.labels.size} images on ports {', '.join(map(str, ports))}; softmax readout, "
             f"{splits} random splits with a tenth of the images to test{_without(left_out)}."
         ),
         accuracies={"softmax readout": {window_key(row.window_s): mean_and_sd(row.scores) for row in windows}},
@@ -264,6 +269,17 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         carried_out=one_by_one,
     )
     return found | {"report": str(report)}
+
+
+def _unlike(trained: _Trained, window: WindowFeatures, here: Masks) -> str | None:
+    """Why a readout cannot work on a run of the masks `here`; of an earlier one, which says less, all ports count."""
+    if trained.masks is not None and ((why := trained.masks.unlike(here)) is not None or trained.masks.columns):
+        return why
+    its, those = tuple(window.recorded_ports or trained.ports), tuple(port for port, _ in here.columns)
+    if its == those:
+        return None
+    known, found = (", ".join(map(str, dict.fromkeys(ports))) for ports in (its, those))
+    return f"it was trained on ports {known}, and this run is of {found}: train anew"
 
 
 def _windows_to_try(records: Records, window: WindowFeatures) -> list[float]:

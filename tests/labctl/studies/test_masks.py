@@ -31,6 +31,16 @@ TWIN = {"twin_seed": 1, "parameters": {}}
             "train anew",
         ),
         ({}, {"wavelengths_nm": (1551.0,)}, "it was trained at 1550 nm, and this run is at 1551 nm: train anew"),
+        (
+            {"columns": ((2, 1550.0), (3, 1550.0))},
+            {"columns": ((2, 1551.0), (3, 1550.0))},
+            "it was trained on port 2 at 1550 nm, which this run does not hold: measure it, or train anew",
+        ),
+        (
+            {"columns": ((3, 1550.0), (2, 1551.0))},
+            {"columns": ((2, 1551.0), (3, 1551.0), (2, 1550.0), (3, 1550.0)), "wavelengths_nm": (1550.0, 1551.0)},
+            None,
+        ),
         ({}, {"sample_interval_s": 10e-12}, "its samples are 40 ps apart, here 10: train anew"),
         ({}, {"sample_interval_s": 40.000000001e-12}, None),
         ({"twin": TWIN}, {"twin": TWIN, "bench": "another name of the same twin"}, None),

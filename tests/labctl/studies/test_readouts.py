@@ -1,6 +1,70 @@
 """What is made of readouts of runs."""
 
-from labctl.studies.readouts import file_name
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from labctl.bench.station import SIMULATED_STATION
+from labctl.engine.session import Acquisition, acquire
+from labctl.errors import AnalysisError
+from labctl.studies.readout_file import load_metadata, load_model, save_model
+from labctl.studies.readouts import evaluate_readout, file_name, train_readout
+from protocols.image_readout import ImageReadout
+
+
+def measured(directory: Path, **settings: Any) -> Path:
+    """A run of 0.4 ns of the simulated bench."""
+    protocol = ImageReadout.model_validate({"images": 80, "window": 0.4e-9} | settings)
+    acquire(Acquisition(protocol, SIMULATED_STATION, directory))
+    return directory
+
+
+def trained(run: Path, ports: tuple[int, ...] | None = None) -> Path:
+    """A readout of a run, beside it."""
+    return Path(train_readout(run, window_s=0.4e-9, ports=ports, seed=1, out=run.with_suffix(".h5"))["model"])
+
+
+def as_earlier(model: Path) -> None:
+    """Make it one of an earlier version, which does not say at which wavelength each entry of its records was."""
+    metadata = load_metadata(model)
+    del metadata["masks"]["columns"]
+    save_model(model, load_model(model), metadata)
+
+
+def test_a_readout_sees_the_ports_it_was_trained_on_wherever_they_are_in_a_run(tmp_path: Path) -> None:
+    model = trained(measured(tmp_path / "trained", ports="2-6"))
+    others = measured(tmp_path / "others", ports="7,6,5,4,3,2", image_seed=9)
+    found = evaluate_readout(model, others)
+    assert found["accuracy"] > 0.6
+    assert "images on ports 2, 3, 4, 5, 6; softmax" in Path(found["report"]).read_text(encoding="utf-8")
+    assert found["controls"]["shuffled labels"]["at_chance"]
+
+    missing = measured(tmp_path / "missing", ports="3-7", image_seed=9)
+    told = r"was trained on port 2 at 1550 nm, which this run does not hold: measure it, or train anew"
+    with pytest.raises(AnalysisError, match=told):
+        evaluate_readout(model, missing)
+    as_earlier(model)
+    with pytest.raises(AnalysisError, match=r"was trained on ports 2, 3, 4, 5, 6, and this run is of 3, 4, 5, 6, 7: "):
+        evaluate_readout(model, missing)
+
+
+def test_ports_that_a_readout_does_not_see_may_be_missing(tmp_path: Path) -> None:
+    run = measured(tmp_path / "trained", ports="2-6")
+    fewer = measured(tmp_path / "fewer", ports="2-4", image_seed=9)
+    assert evaluate_readout(trained(run, ports=(4, 3, 2)), fewer)["accuracy"] > 0.5
+    with pytest.raises(AnalysisError, match="was trained on port 5 at 1550 nm"):
+        evaluate_readout(trained(run), fewer)
+
+
+def test_a_readout_knows_its_wavelengths_in_any_order(tmp_path: Path) -> None:
+    model = trained(measured(tmp_path / "trained", ports="2-4", wavelengths=(1550.0, 1551.0)))
+    turned = measured(tmp_path / "turned", ports="2-4", wavelengths=(1551.0, 1550.0), image_seed=9)
+    found = evaluate_readout(model, turned)
+    assert found["accuracy"] > 0.6
+    assert "images on ports 2, 3, 4; softmax" in Path(found["report"]).read_text(encoding="utf-8")
+    as_earlier(model)
+    assert evaluate_readout(model, tmp_path / "trained")["accuracy"] == load_metadata(model)["accuracy"]
 
 
 def test_a_readout_is_called_by_its_ports_at_however_many_wavelengths() -> None:
