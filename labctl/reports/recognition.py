@@ -13,7 +13,7 @@ from instruments.ports import port_name
 from labctl.reports.canvas import Series
 from labctl.reports.figures.confusion import confusion_figure
 from labctl.reports.figures.traces import traces_figure
-from labctl.reports.figures.window import accuracy_figure
+from labctl.reports.figures.window import Claim, accuracy_figure
 from labctl.reports.page import CarryOut, Result, embedded, write_report
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
@@ -41,6 +41,8 @@ def recognition_report(
     confusions: Sequence[Confusion],
     classes: Sequence[str],
     chance: float,
+    tau_s: float,
+    claim: Claim | None,
     carried_out: CarryOut[str],
 ) -> Path:
     """Write `figures/` and `report.html` of the run in `directory` and return the path of the report.
@@ -54,15 +56,17 @@ def recognition_report(
         confusions: One matrix each.
         classes: Names of the classes, in the order of the matrices.
         chance: What guessing reaches, 0..1.
+        tau_s: Interval of the features, s.
+        claim: What the figure of the accuracy marks; None = nothing.
         carried_out: Who lets the figures be drawn.
     """
     paths = RunPaths(directory)
     curves = [Series.of(name, accuracy, unit=1e-9) for name, accuracy in accuracies.items()]
     with open_run(directory) as run:
-        interval, manifest = run.shape.sample_interval_s, run.manifest
+        manifest = run.manifest
         traces = _traces(run, classes)
     figures = {
-        "accuracy": accuracy_figure(curves, tau_s=interval, chance=chance),
+        "accuracy": accuracy_figure(curves, tau_s=tau_s, chance=chance, claim=claim),
         "confusion": confusion_figure([(confusion.title, confusion.counts) for confusion in confusions], classes),
         "traces": traces,
     }

@@ -113,7 +113,7 @@ def draw(comparison: Comparison, out: Path) -> list[Path]:
             for name, table in named
             if table is not None
         ]:
-            figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=0, claim=None)
+            figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=0)
             pictures.append(save_figure(figure, out / "accuracy", comparison.origin).png)
     except OSError as error:
         raise cannot_be_drawn(out, error) from None

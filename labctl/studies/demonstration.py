@@ -15,12 +15,14 @@ import numpy as np
 
 from labctl.bench.signals import Interruption
 from labctl.engine.inputs import images_for, inputs_for
+from labctl.reports.figures.window import PAPER_CLAIM
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.layout import run_name
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.recognition import Settings, confusions
 from labctl.studies.paper.report import as_json, results
 from labctl.studies.paper.reproduction import Plan, Reproduced, reproduce
+from labctl.studies.paper.twin_runs import TAU_S
 from labctl.studies.processes import side_by_side
 from labctl.studies.tasks import Interrupted
 from protocols.base import Measurement
@@ -138,5 +140,7 @@ def _report(found: Reproduced, images: int) -> Path:
         ],
         classes=settings.classes,
         chance=1 / len(settings.classes),
+        tau_s=TAU_S,
+        claim=PAPER_CLAIM if settings.claim else None,
         carried_out=side_by_side,
     )

@@ -31,6 +31,7 @@ from labctl.analysis.threads import one_thread
 from labctl.analysis.windows import WindowFeatures
 from labctl.datasets import catalogue
 from labctl.errors import AnalysisError, UsageError, one_line, writing
+from labctl.reports.figures.window import PAPER_CLAIM
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.layout import RunPaths
@@ -45,6 +46,8 @@ from labctl.studies.tasks import one_by_one
 
 MOST_NUMBERS = 1 << 25
 """Samples of all records that are judged at once, 134 MB; of a run with more of them evenly spread ones are."""
+CLAIMED_SOURCE, CLAIMED_CLASSES = "mnist", [0, 1, 2, 3]
+"""What the paper's claim on recognition is of."""
 LONGEST_REASON = 200
 """Characters of what other people's code says that a message shows."""
 
@@ -199,6 +202,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         with _used(model, directory):
             controls = _controls(run, records, readout, splits=splits, seed=trained.seed)
         own = _own_split(run, records)
+        of_digits = source_of(run.manifest) == CLAIMED_SOURCE
     with _used(model, directory):
         ways = random_splits(records.labels, records.groups, splits=splits, seed=trained.seed)
         right, (random, forward, *by_set) = _judged(
@@ -266,6 +270,8 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         confusions=[Confusion(f"{window_key(trained.window_s)} ns", random.confusion)],
         classes=[str(label) for label in random.classes],
         chance=chance_of(records.labels),
+        tau_s=records.sample_interval_s,
+        claim=PAPER_CLAIM if of_digits and random.classes.tolist() == CLAIMED_CLASSES else None,
         carried_out=one_by_one,
     )
     return found | {"report": str(report)}

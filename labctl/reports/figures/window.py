@@ -44,7 +44,7 @@ def accuracy_figure(
     *,
     tau_s: float,
     chance: float,
-    claim: Claim | None = PAPER_CLAIM,
+    claim: Claim | None = None,
     levels: Sequence[Level] = (),
 ) -> Figure:
     """Accuracy against acquisition time, with one standard deviation and a second axis C = N / pixels.

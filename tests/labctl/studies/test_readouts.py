@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from labctl.bench.station import SIMULATED_STATION
@@ -23,6 +24,18 @@ def measured(directory: Path, **settings: Any) -> Path:
 def trained(run: Path, ports: tuple[int, ...] | None = None) -> Path:
     """A readout of a run, beside it."""
     return Path(train_readout(run, window_s=0.4e-9, ports=ports, seed=1, out=run.with_suffix(".h5"))["model"])
+
+
+def drawn(run: Path) -> str:
+    """The figure of the accuracy."""
+    return (run / "figures" / "accuracy.svg").read_text(encoding="utf-8")
+
+
+def own_set(path: Path, *, classes: int) -> Path:
+    """Random images of 8 x 8, 20 of each class."""
+    images = np.random.default_rng(classes).random((20 * classes, 8, 8)) < 0.5
+    np.savez(path, images=images, labels=np.arange(len(images)) % classes)
+    return path
 
 
 def as_earlier(model: Path) -> None:
@@ -65,6 +78,18 @@ def test_a_readout_knows_its_wavelengths_in_any_order(tmp_path: Path) -> None:
     assert "images on ports 2, 3, 4; softmax" in Path(found["report"]).read_text(encoding="utf-8")
     as_earlier(model)
     assert evaluate_readout(model, tmp_path / "trained")["accuracy"] == load_metadata(model)["accuracy"]
+
+
+def test_what_the_paper_says_is_drawn_over_what_it_is_said_of(tmp_path: Path) -> None:
+    cases: list[tuple[dict[str, Any], bool]] = [
+        ({}, True),
+        ({"classes": (0, 1)}, False),
+        ({"dataset": str(own_set(tmp_path / "own.npz", classes=4))}, False),
+    ]
+    for number, (settings, said) in enumerate(cases):
+        run = measured(tmp_path / f"run-{number}", images=40, ports="2-4", **settings)
+        evaluate_readout(trained(run), run)
+        assert ("paper: " in drawn(run)) is said
 
 
 def test_a_readout_is_called_by_its_ports_at_however_many_wavelengths() -> None:

@@ -4,7 +4,7 @@ from matplotlib.figure import Figure
 
 from labctl.reports.canvas import Level, Series
 from labctl.reports.figure_files import save_figure
-from labctl.reports.figures.window import Claim, accuracy_figure, interval_figure, rmse_figure
+from labctl.reports.figures.window import PAPER_CLAIM, Claim, accuracy_figure, interval_figure, rmse_figure
 from labctl.runs.format.origin import Origin
 from tests.labctl.reports.figures.drawn import beside, check_figure, legend
 
@@ -14,7 +14,7 @@ WINDOWS = (0.08e-9, 0.16e-9, 0.4e-9, 0.56e-9, 1e-9, 2e-9)
 def accuracy() -> Figure:
     with_reservoir = Series("with reservoir", WINDOWS, [0.75, 0.83, 0.91, 0.93, 0.95, 0.96], [0.03] * 6)
     without = Series("without <reservoir>", WINDOWS, [0.5, 0.6, 0.76, 0.81, 0.88, 0.94], [0.05] * 6)
-    return accuracy_figure([with_reservoir, without], tau_s=40e-12, chance=0.25)
+    return accuracy_figure([with_reservoir, without], tau_s=40e-12, chance=0.25, claim=PAPER_CLAIM)
 
 
 def rmse() -> Figure:
@@ -60,7 +60,7 @@ def test_the_second_axis_is_the_compressive_ratio() -> None:
 
 def test_an_accuracy_without_a_claim_draws_none() -> None:
     curve = Series("flat", WINDOWS, [0.9] * 6, [0.0] * 6)
-    figure = accuracy_figure([curve], tau_s=40e-12, chance=0.25, claim=None)
+    figure = accuracy_figure([curve], tau_s=40e-12, chance=0.25)
     assert len(figure.axes[0].lines) == 2, "the curve and chance"
     assert beside(figure.axes[0]) == ["chance"]
 
