@@ -270,7 +270,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         confusions=[Confusion(f"{window_key(trained.window_s)} ns", random.confusion)],
         classes=[str(label) for label in random.classes],
         chance=chance_of(records.labels),
-        tau_s=records.sample_interval_s,
+        tau_s=readout[0].tau_s or records.sample_interval_s,
         claim=PAPER_CLAIM if of_digits and random.classes.tolist() == CLAIMED_CLASSES else None,
         carried_out=one_by_one,
     )

@@ -80,6 +80,14 @@ def test_a_readout_knows_its_wavelengths_in_any_order(tmp_path: Path) -> None:
     assert evaluate_readout(model, tmp_path / "trained")["accuracy"] == load_metadata(model)["accuracy"]
 
 
+def test_the_compressive_ratio_is_of_the_samples_that_a_readout_sees(tmp_path: Path) -> None:
+    run = measured(tmp_path / "run", images=40)
+    model = train_readout(run, window_s=0.4e-9, tau_s=80e-12, ports=None, seed=1, out=None)["model"]
+    evaluate_readout(Path(model), run)
+    assert ">0.64<" in drawn(run), "five samples of 784 pixels at 0.4 ns"
+    assert ">1.28<" not in drawn(run)
+
+
 def test_what_the_paper_says_is_drawn_over_what_it_is_said_of(tmp_path: Path) -> None:
     cases: list[tuple[dict[str, Any], bool]] = [
         ({}, True),
