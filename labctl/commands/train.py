@@ -140,5 +140,9 @@ def _print_evaluation(found: dict[str, Any]) -> None:
         verdict = "at chance" if control["at_chance"] else "NOT at chance"
         rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))
     table(("what", "accuracy", ""), rows)
+    if (other := found["other_images"]) is not None:
+        known, shown = other["trained_on"], other["tested_on"]
+        again = "another set called " if shown == known else ""
+        say(f"this readout was trained on images of {known}; this run shows those of {again}{shown}")
     _say_left_out(found)
     say(f"report: {found['report']}")

@@ -202,7 +202,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         with _used(model, directory):
             controls = _controls(run, records, readout, splits=splits, seed=trained.seed)
         own = _own_split(run, records)
-        of_digits = source_of(run.manifest) == CLAIMED_SOURCE
+        source, shown = source_of(run.manifest), protocol_settings(run.manifest).get("dataset")
     with _used(model, directory):
         ways = random_splits(records.labels, records.groups, splits=splits, seed=trained.seed)
         right, (random, forward, *by_set) = _judged(
@@ -221,6 +221,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
             seed=trained.seed,
             readout=_learner(readout[1:]),
         )
+    others = {"trained_on": trained.dataset or trained.source, "tested_on": shown or source}
     found: dict[str, Any] = {
         "model": str(model),
         "run": str(directory),
@@ -228,6 +229,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "accuracy": float(np.mean(right)),
         "interval": interval(int(right.sum()), right.size),
         "left_out": left_out,
+        "other_images": None if source is None or trained.source in (None, source) else others,
         "splits": splits,
         "random_splits": mean_and_sd(random.scores),
         "forward_in_time": float(forward.scores[0]),
@@ -271,7 +273,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         classes=[str(label) for label in random.classes],
         chance=chance_of(records.labels),
         tau_s=readout[0].tau_s or records.sample_interval_s,
-        claim=PAPER_CLAIM if of_digits and random.classes.tolist() == CLAIMED_CLASSES else None,
+        claim=PAPER_CLAIM if source == CLAIMED_SOURCE and random.classes.tolist() == CLAIMED_CLASSES else None,
         carried_out=one_by_one,
     )
     return found | {"report": str(report)}

@@ -415,7 +415,7 @@ class TestReadout:
         assert status == 0
         assert found["test_shots"] == 8
         assert found["accuracy"] == trained["accuracy"]
-        assert found["own_split"] is None
+        assert found["own_split"] is found["other_images"] is None
         assert found["controls"]["shuffled labels"]["at_chance"]
         report = Path(found["report"]).read_text()
         assert "http://" not in report.replace("http://www.w3.org", "")
@@ -478,6 +478,22 @@ class TestReadout:
         status, _, err = labctl(capsys, "evaluate", trained["model"], run)
         assert status == 2
         assert f"was trained on every image of {run}: test it on a run of others" in err
+
+    def test_images_of_another_set_are_named(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        own, digits, model = tmp_path / "own.npz", tmp_path / "digits", tmp_path / "model.h5"
+        runs = [digits, tmp_path / "1", tmp_path / "2"]
+        for seed, directory in enumerate(runs):
+            images = np.random.default_rng(seed).random((60, 8, 8)) < 0.5
+            np.savez(own, images=images, labels=np.arange(60) % 3)
+            shown = ("images=60", "window=0.16 ns", "ports=2", *([f"dataset={own}"] if directory != digits else []))
+            options = [word for setting in shown for word in ("--set", setting)]
+            assert as_json(capsys, "run", "image-readout", *options, "--out", directory)[0] == 0
+        for trained_on, tested_on, told in (
+            (digits, runs[1], f"trained on images of mnist-0-3; this run shows those of {own}"),
+            (runs[1], runs[2], f"this run shows those of another set called {own}"),
+        ):
+            assert as_json(capsys, "train", trained_on, "--window", "0.16 ns", "--out", model)[0] == 0
+            assert told in labctl(capsys, "evaluate", model, tested_on)[1]
 
     def test_a_readout_of_every_second_sample_is_tested_at_times_of_whole_samples(
         self, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
