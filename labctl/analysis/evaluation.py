@@ -27,11 +27,13 @@ class CrossValidation:
         scores: (splits,) accuracy on the test shots of each split, 0..1.
         classes: (k,) the class labels.
         confusion: (k, k) test shots over all splits, true class by row, predicted class by column.
+        right: (shots,) part of the splits that tested a shot in which it was recognised; NaN where none did.
     """
 
     scores: NDArray[np.float64]
     classes: NDArray[Any]
     confusion: NDArray[np.int64]
+    right: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -136,10 +138,14 @@ def _judged(
         answered = answers(members, ways)
     confusion = np.zeros((classes.size, classes.size), np.int64)
     scores = []
+    right, tested = np.zeros(members.size), np.zeros(members.size)
     for (_, test), answer in zip(ways, answered, strict=True):
         np.add.at(confusion, (members[test], answer), 1)
         scores.append(float(np.mean(answer == members[test])))
-    return CrossValidation(np.array(scores), classes, confusion)
+        right[test] += answer == members[test]
+        tested[test] += 1
+    share = np.divide(right, tested, out=np.full(members.size, np.nan), where=tested > 0)
+    return CrossValidation(np.array(scores), classes, confusion, share)
 
 
 def _standardised(features: NDArray[Any]) -> NDArray[np.floating]:

@@ -40,8 +40,9 @@ def evaluate_sweep(
     A run that has begun is a point as soon as its images are enough.
 
     window_s: part of each record that the readout sees, None for all. ports: those that it sees, None for all. The
-    interval is Wilson's, of as many images as the run shows. Runs at one point, such as the reference, are listed in
-    the order they were measured: they differ by chance and by drift. carried_out: who reads the runs and judges them.
+    interval is Wilson's, of the images that the splits test, each counted once. Runs at one point, such as the
+    reference, are listed in the order they were measured: they differ by chance and by drift. carried_out: who reads
+    the runs and judges them.
 
     Raises:
         AnalysisError: nothing is measured yet, or a run has no such window or ports, or too few images.
