@@ -2,6 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -106,6 +107,13 @@ class Images:
     def digest(self) -> str:
         """SHA-256 over pixels and labels."""
         return _sha256(self.images, self.labels)
+
+    @property
+    def identical(self) -> int:
+        """How many of them have the same pixels as another one."""
+        packed = np.packbits(self.images.reshape(len(self.images), -1), axis=1)
+        alike = Counter(row.tobytes() for row in packed)
+        return sum(number for number in alike.values() if number > 1)
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ def seconds(text: str) -> float:
 
 def _print_training(trained: dict[str, Any]) -> None:
     say(f"{trained['model']}: softmax on {trained['features']} features, {trained['training_shots']} training shots")
-    _say_left_out(trained)
+    _say_what_is_special(trained)
     say(f"accuracy on the {trained['test_shots']} shots kept apart: {with_interval(trained)}, 95 % interval")
 
 
@@ -110,9 +110,14 @@ def _print_search(found: dict[str, Any], axes: list[str]) -> None:
     _print_training(found)
 
 
-def _say_left_out(found: dict[str, Any]) -> None:
+def _say_what_is_special(found: dict[str, Any]) -> None:
     if found["left_out"]:
         say(f"{found['left_out']} more images of the run, evenly spread, are left out: memory is bounded")
+    if found["identical_images"]:
+        say(
+            f"{found['identical_images']} images of the run are identical to another one of it: some are tested that a "
+            "readout was trained on, and it seems better than it is"
+        )
 
 
 def with_interval(found: dict[str, Any]) -> str:
@@ -144,5 +149,5 @@ def _print_evaluation(found: dict[str, Any]) -> None:
         known, shown = other["trained_on"], other["tested_on"]
         again = "another set called " if shown == known else ""
         say(f"this readout was trained on images of {known}; this run shows those of {again}{shown}")
-    _say_left_out(found)
+    _say_what_is_special(found)
     say(f"report: {found['report']}")

@@ -8,7 +8,7 @@ from instruments.bench import Bench
 from instruments.values import Identity
 from labctl.engine.plan import Request
 from labctl.runs.format.provenance import git_revision, versions
-from protocols.base import Measurement
+from protocols.base import Images, Inputs, Measurement
 
 
 def manifest(request: Request, bench: Bench, identities: Mapping[str, Identity], started: datetime) -> dict[str, Any]:
@@ -33,6 +33,7 @@ def manifest(request: Request, bench: Bench, identities: Mapping[str, Identity],
         **({"coordinates": dict(request.coordinates)} if request.coordinates else {}),
         "inputs_sha256": request.inputs.digest,
         "inputs_source": request.inputs.source,
+        **_identical(request.inputs),
         "started": started.isoformat(timespec="seconds"),
         "versions": versions(),
         "git_revision": git_revision(),
@@ -41,6 +42,12 @@ def manifest(request: Request, bench: Bench, identities: Mapping[str, Identity],
             "twin_seed": request.station.sim.twin_seed if request.station.simulated else None,
         },
     }
+
+
+def _identical(inputs: Inputs) -> dict[str, int]:
+    """How many images show what another one shows, though they have groups of their own; nothing where none does."""
+    count = inputs.identical if isinstance(inputs, Images) else 0
+    return {"identical_images": count} if count else {}
 
 
 def _own_file(protocol: Measurement[Any]) -> dict[str, Any]:

@@ -39,7 +39,7 @@ from labctl.runs.format.manifest import protocol_settings
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
 from labctl.runs.read.records import Records, read_records
 from labctl.runs.read.run import Run, open_run
-from labctl.studies.inputs_of_runs import identity_of, source_of
+from labctl.studies.inputs_of_runs import identical_images, identity_of, source_of
 from labctl.studies.masks import Masks
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 from labctl.studies.tasks import one_by_one
@@ -135,6 +135,7 @@ def train_readout(
         "training_shots": int(train.size),
         "test_shots": int(test.size),
         "left_out": left_out,
+        "identical_images": identical_images(manifest),
         "training_groups": np.unique(records.groups[train]).tolist(),
         "test_groups": np.unique(records.groups[test]).tolist(),
         "accuracy": float(np.mean(right)),
@@ -202,6 +203,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         with _used(model, directory):
             controls = _controls(run, records, readout, splits=splits, seed=trained.seed)
         own = _own_split(run, records)
+        identical = identical_images(run.manifest)
         source, shown = source_of(run.manifest), protocol_settings(run.manifest).get("dataset")
     with _used(model, directory):
         ways = random_splits(records.labels, records.groups, splits=splits, seed=trained.seed)
@@ -229,6 +231,7 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "accuracy": float(np.mean(right)),
         "interval": interval(int(right.sum()), right.size),
         "left_out": left_out,
+        "identical_images": identical,
         "other_images": None if source is None or trained.source in (None, source) else others,
         "splits": splits,
         "random_splits": mean_and_sd(random.scores),

@@ -7,7 +7,15 @@ from typing import Any
 
 SAME = 1e-6
 """Numbers that an instrument reports again may differ by so much of themselves."""
-FOLLOWS = ("started", "plan_sha256", "inputs_sha256", "images_sha256", "protocol.digest", "format_version")
+FOLLOWS = (
+    "started",
+    "plan_sha256",
+    "inputs_sha256",
+    "images_sha256",
+    "identical_images",
+    "protocol.digest",
+    "format_version",
+)
 """Of a manifest: what is another in every run, or what follows from the settings that are listed."""
 
 

@@ -495,6 +495,19 @@ class TestReadout:
             assert as_json(capsys, "train", trained_on, "--window", "0.16 ns", "--out", model)[0] == 0
             assert told in labctl(capsys, "evaluate", model, tested_on)[1]
 
+    def test_identical_images_are_counted(self, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        images, labels = np.random.default_rng(1).random((40, 8, 8)) < 0.5, np.random.default_rng(2).integers(0, 2, 40)
+        np.savez(tmp_path / "own.npz", images=images[[*range(40), 3, 3, 5]], labels=labels[[*range(40), 3, 3, 5]])
+        options = ("--set", f"dataset={tmp_path / 'own.npz'}", "--set", "images=all", "--out", tmp_path / "own")
+        assert as_json(capsys, "run", "image-readout", *options)[0] == 0
+        status, trained = as_json(capsys, "train", tmp_path / "own")
+        assert (status, trained["identical_images"]) == (0, 5)
+        told = "5 images of the run are identical to another one of it: some are tested that a readout was trained on"
+        assert told in labctl(capsys, "train", tmp_path / "own")[1]
+        assert told in labctl(capsys, "evaluate", trained["model"], tmp_path / "own")[1]
+        assert as_json(capsys, "train", run, "--out", tmp_path / "model.h5")[1]["identical_images"] == 0
+        assert "identical" not in (run / "manifest.json").read_text(encoding="utf-8")
+
     def test_a_readout_of_every_second_sample_is_tested_at_times_of_whole_samples(
         self, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
