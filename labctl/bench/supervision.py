@@ -122,7 +122,7 @@ class _Supervisor(Observer):
         self._replies.close()
 
     def _say_if_there(self, line: str) -> None:
-        with suppress(BrokenPipeError):  # it has ended: `before_light` and `progress` find that
+        with suppress(OSError):  # it has ended: `before_light` and `progress` find that
             self._say(line)
 
     def _say(self, line: str) -> None:

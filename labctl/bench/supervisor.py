@@ -156,7 +156,7 @@ def main() -> None:
     def say(word: bytes) -> None:
         if word == TRYING:
             _let_go()
-        with suppress(BrokenPipeError):  # the parent is gone already
+        with suppress(OSError):  # the parent is gone already; Windows has no error of its own for that
             os.write(STANDARD_OUTPUT, word)
 
     def follow(orders: BinaryIO) -> Followed:

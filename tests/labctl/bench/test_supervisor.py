@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from io import FileIO
 from pathlib import Path
 
 import pytest
@@ -163,6 +164,38 @@ def test_where_standard_error_is_a_terminal_it_is_told_in_red(station: Station) 
         process.kill()
     os.close(ours)
     assert re.match(r"\a\x1b\[1;31mlabctl: the run ended without .* the laser may still emit.*\x1b\[0m", told)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that takes nothing")
+def test_a_parent_that_cannot_be_told_anything_keeps_nobody_from_trying(station: Station) -> None:
+    """Whatever the system calls a pipe that nobody reads: Windows calls it an invalid argument."""
+    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
+    with (
+        Path("/dev/full").open("wb") as full,
+        subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=full, stderr=subprocess.PIPE) as process,
+    ):
+        assert process.stdin is not None
+        assert process.stderr is not None
+        process.stdin.write(orders(station.model_copy(update={"laser": nobody})).read())
+        process.stdin.close()
+        told = process.stderr.readline()
+        process.kill()
+    assert b"the laser is tried again for 10 min" in told
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that takes nothing")
+def test_a_supervisor_that_cannot_be_told_anything_hinders_no_run_on_its_way_into_the_dark(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        CommandLog() as log,
+        supervised(station, log) as supervisor,
+        monkeypatch.context() as patched,
+        FileIO("/dev/full", "w") as full,
+    ):
+        patched.setattr(supervisor, "_orders", full)
+        supervisor.emission(on=True)
+        supervisor.safe_state(None)
 
 
 def test_a_laser_that_is_never_reached_is_left_to_its_key_switch(
