@@ -13,6 +13,7 @@ from io import FileIO
 from pathlib import Path
 
 from labctl.errors import BenchInUse
+from labctl.runs.format.file_lock import lock
 
 PLACES = (Path("/run/lock"), Path("/tmp"))  # noqa: S108  # for all users, who cannot remove each other's files there
 LONGEST_NOTE = 1 << 12
@@ -79,15 +80,7 @@ class LockFile:
 
 def _locked(file: FileIO) -> bool:
     try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            file.seek(LONGEST_NOTE)  # behind the note, which others may read
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(file)
     except OSError:
         return False
     return True

@@ -12,7 +12,6 @@ says why the shots of the shard may be wrong: they complete nothing. Of several 
 """
 
 import os
-import sys
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from instruments.remedies import unreadable
 from labctl.errors import RunError, RunInUse
 from labctl.runs.format.checked_line import TornLine, decode, encode
 from labctl.runs.format.durable import not_written, replace_file, write_all
+from labctl.runs.format.file_lock import lock
 from labctl.runs.format.own_files import opened, read_own
 
 LARGEST_JOURNAL = 1 << 28
@@ -206,12 +206,8 @@ class JournalFile:
         self.close()
 
     def _lock(self) -> None:
-        if sys.platform == "win32":  # its locks would keep readers out of a running run
-            return
-        import fcntl
-
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(self._file)
         except BlockingIOError:
             raise RunInUse(
                 f"{self._path.parent}: another process is writing this run; wait for it or stop it"

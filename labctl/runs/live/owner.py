@@ -2,13 +2,14 @@
 
 import os
 import platform
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from io import FileIO
 from pathlib import Path
 
+from labctl.runs.format.file_lock import lock
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import opened
 from labctl.runs.live.events import Event, EventReader
@@ -39,10 +40,7 @@ def owned(directory: Path) -> Iterator[None]:
         OSError: it cannot be written.
     """
     with FileIO(directory / OWNER, "ab", opener=opened) as file:
-        if sys.platform != "win32":
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(file)
         yield
 
 
@@ -70,19 +68,24 @@ def of_another_machine(started: Event) -> bool:
 def _writes(process: int, paths: RunPaths) -> bool:
     """Whether a process of this machine writes the run.
 
-    Linux shows it by the lock on the journal, or on `OWNER`, which the writer holds to its end, so that neither a
-    reader nor another process that got the same number is taken for it. Other systems show only whether there is such
-    a process; Windows not even that, and it is taken to be there.
+    The lock on the journal, or on `OWNER`, shows it, which the writer holds to its end, so that neither a reader nor
+    another process that got the same number is taken for it. Linux shows which process has the lock, other systems only
+    whether one has.
     """
-    if process <= 0 or sys.platform == "win32":
-        return process > 0
-    if _PROCESSES.is_dir():
-        return _locks(process, paths.journal) or _locks(process, paths.directory / OWNER)
+    locked = partial(_locks, process) if _PROCESSES.is_dir() else _is_held
+    return process > 0 and (locked(paths.journal) or locked(paths.directory / OWNER))
+
+
+def _is_held(path: Path) -> bool:
+    """Whether a process has the lock of a file: it cannot be had here, not even for a moment."""
     try:
-        os.kill(process, 0)
+        with FileIO(opened(path, os.O_RDONLY)) as file:
+            lock(file)
+    except BlockingIOError:
+        return True
     except OSError:
         return False
-    return True
+    return False
 
 
 def _locks(process: int, journal: Path) -> bool:

@@ -14,6 +14,7 @@ import pytest
 from labctl.commands.main import main
 from labctl.runs.catalogue import Catalogue
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.live import owner
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import writer_of
 from labctl.runs.write.writer import RunWriter
@@ -35,6 +36,16 @@ def claim(directory: Path, process: int) -> None:
         events.keep_in(RunPaths(directory).events)
 
 
+@pytest.fixture(params=[True, False], ids=["Linux", "elsewhere"])
+def _shown(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Whether the system shows which process has a lock."""
+    if not request.param:
+        monkeypatch.setattr(owner, "_PROCESSES", tmp_path / "no processes")
+    elif not Path("/proc").is_dir():
+        pytest.skip("only Linux tells who holds a lock")
+
+
+@pytest.mark.usefixtures("_shown")
 def test_a_run_is_running_as_long_as_its_writer_lives(
     cut: Path, whole: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -55,12 +66,24 @@ def test_a_run_is_running_as_long_as_its_writer_lives(
     assert states(capsys, folder)["live"] == "incomplete"
 
 
-@pytest.mark.skipif(not Path("/proc").is_dir(), reason="only Linux tells who holds a lock")
+@pytest.mark.usefixtures("_shown")
 def test_whoever_reads_a_run_does_not_write_it(cut: Path, measure_missing: Callable[[RunWriter], None]) -> None:
     claim(cut, os.getpid())
     with RunPaths(cut).journal.open("rb"), RunPaths(cut).events.open("ab"):
+        assert writer_of(RunPaths(cut)) is None
         assert [one.row.state for one in Catalogue(cut.parent).find()] == ["incomplete"]
     with RunWriter.resume(cut) as writer:
         assert [one.row.state for one in Catalogue(cut.parent).find()] == ["running"]
         measure_missing(writer)
     assert [one.row.state for one in Catalogue(cut.parent).find()] == ["complete"]
+
+
+@pytest.mark.usefixtures("_shown")
+def test_a_live_view_or_sweep_has_an_owner_as_long_as_its_folder_is_held(tmp_path: Path) -> None:
+    claim(tmp_path, os.getpid())
+    assert writer_of(RunPaths(tmp_path)) is None
+    with owner.owned(tmp_path):
+        assert writer_of(RunPaths(tmp_path)) is not None
+        with pytest.raises(BlockingIOError), owner.owned(tmp_path):
+            pass
+    assert writer_of(RunPaths(tmp_path)) is None
