@@ -5,18 +5,22 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from labctl.bench.signals import Interruption
 from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
+from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import writer_of
 from labctl.runs.notes import read_notes
-from labctl.runs.queue import Queue
+from labctl.runs.queue import Queue, Wish
+from labctl.studies.queue.work import OnFailure, Worked, work
 from tests.command_line import answer, labctl
 from tests.system.waiting import until, until_stored
 
@@ -225,6 +229,26 @@ def test_a_failure_ends_it_or_not_as_is_told(tmp_path: Path) -> None:
     put(tmp_path, SMALL, taken)
     queue(tmp_path, "move", 4, "--to", 1)
     assert queue(tmp_path, "start", "--on-failure", "go-on") == (1, {"done": 2, "failed": 1, "waiting": 0})
+
+
+def test_stopping_now_takes_no_signal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On Windows a process can be sent none but one that kills it."""
+    signalled = subprocess.Popen.send_signal
+
+    def as_on_windows(process: subprocess.Popen[str], number: int) -> None:
+        if number != signal.SIGTERM:
+            raise ValueError(f"Unsupported signal: {number}")
+        signalled(process, signal.SIGKILL)
+
+    monkeypatch.setattr(subprocess.Popen, "send_signal", as_on_windows)
+    put(tmp_path, (*LONG[:3], "images=2000", *LONG[4:]), tmp_path / "run")
+    with ThreadPoolExecutor(1) as pool:
+        worked = pool.submit(work, Queue(tmp_path), OnFailure.STOP, Interruption(), print)
+        until(lambda: worked.done() or (tmp_path / "run" / "journal.jsonl").exists())
+        Queue(tmp_path).ask(Wish.STOP_NOW)
+        assert worked.result() == Worked(done=0, failed=0, waiting=1)
+    assert [event.name for event in EventReader(tmp_path / "run" / "events.jsonl").read()][-1] == "stopped"
+    assert not (tmp_path / "run" / "control").exists()
 
 
 def test_while_it_runs_others_add_and_stop_and_nobody_starts_it_twice(tmp_path: Path) -> None:

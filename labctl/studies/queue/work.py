@@ -2,7 +2,6 @@
 
 import json
 import shlex
-import signal
 import subprocess
 import sys
 import time
@@ -18,7 +17,9 @@ from labctl.bench.lock_file import LockFile
 from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
 from labctl.errors import BenchInUse, UsageError
+from labctl.runs import asking
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.live.control_file import Word, word_in
 from labctl.runs.live.owner import writer_of
 from labctl.runs.queue import Item, Queue, State, Wish
 from labctl.runs.sweep import is_sweep
@@ -150,15 +151,13 @@ def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
         )
     except OSError as error:
         return 1, f"{item.cwd}: where this was added is no folder any more ({error.strerror}): add it again"
-    stopping = False
     try:
         while True:
             try:
                 out, _ = process.communicate(timeout=LOOK_EVERY_S)
             except subprocess.TimeoutExpired:
-                if not stopping and Wish.STOP_NOW in queue.wishes:
-                    stopping = True
-                    process.send_signal(signal.SIGINT)
+                if Wish.STOP_NOW in queue.wishes:
+                    _stop(item.directory)
                 continue
             return process.returncode, str(_said(out).get("error", f"it ended with {process.returncode}"))
     except BaseException:
@@ -166,6 +165,13 @@ def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
         process.communicate()
         queue.end(item.number, State.WAITING)
         raise
+
+
+def _stop(directory: Path) -> None:
+    """Ask the run or sweep of an item to end after its shot, as soon as it listens: an earlier word means nothing."""
+    if writer_of(RunPaths(directory)) is not None and word_in(directory) is not Word.STOP:
+        with suppress(OSError):  # it is asked again
+            asking.tell(directory, Word.STOP)
 
 
 def _protocols(words: Sequence[str], cwd: Path) -> list[Path]:
