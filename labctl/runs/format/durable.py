@@ -1,6 +1,7 @@
 """Putting bytes on a disk: whole or not at all, and mostly so that they are still there after the power fails."""
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
@@ -9,6 +10,8 @@ from pathlib import Path
 from instruments.remedies import reason, remedy
 from labctl.errors import RunError
 
+REPLACED_AGAIN_S = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3) if os.name == "nt" else ()
+"""Windows replaces no file that somebody has open, if only to look: how long it is waited for before each next try."""
 Refused = Callable[[Path, OSError], RunError]
 """Makes the one line for a file that could not be written."""
 
@@ -46,10 +49,19 @@ def _renamed(temporary: Path, path: Path) -> Iterator[FileIO]:
         temporary.unlink(missing_ok=True)  # a killed process left it; or it leads somewhere else
         with FileIO(temporary, "x+") as file:
             yield file
-        os.replace(temporary, path)
+        _replace(temporary, path)
     finally:
         with suppress(OSError):  # whatever is the matter has been said
             temporary.unlink(missing_ok=True)
+
+
+def _replace(temporary: Path, path: Path) -> None:
+    for pause_s in REPLACED_AGAIN_S:
+        with suppress(PermissionError):
+            os.replace(temporary, path)
+            return
+        time.sleep(pause_s)
+    os.replace(temporary, path)
 
 
 def show_file(path: Path, data: bytes) -> None:

@@ -1,9 +1,11 @@
 import os
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from labctl.errors import RunError
+from labctl.runs.format import durable
 from labctl.runs.format.durable import replace_file, replacement, show_file
 
 
@@ -44,6 +46,28 @@ def test_an_error_in_between_leaves_the_old_file(tmp_path: Path) -> None:
         raise OSError(28, "no room")
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
     assert path.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("refusals", [2, 3])
+def test_a_file_that_somebody_reads_is_replaced_a_moment_later_where_the_system_refuses_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusals: int
+) -> None:
+    """As Windows does, for as long as it is open."""
+    path, replace, refused = tmp_path / "file", os.replace, [PermissionError(13, "Access is denied")] * refusals
+
+    def with_readers(source: Path, target: Path) -> None:
+        if refused:
+            raise refused.pop()
+        replace(source, target)
+
+    show_file(path, b"old")
+    monkeypatch.setattr(os, "replace", with_readers)
+    monkeypatch.setattr(durable, "REPLACED_AGAIN_S", (0.0, 0.0))
+    with pytest.raises(PermissionError) if refusals > 2 else nullcontext():
+        show_file(path, b"new")
+    assert {found.name: found.read_bytes() for found in tmp_path.iterdir()} == {
+        "file": b"old" if refusals > 2 else b"new"
+    }
 
 
 def test_what_is_shown_waits_for_no_disk_and_goes_nowhere_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
