@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, cast
 
 from instruments.bench import Observer
 from instruments.safe_state import MAY_EMIT, UnsafeBench
+from labctl.apart import apart
 from labctl.bench.recording.wire import Wire
 from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
@@ -60,7 +61,7 @@ class _Supervisor(Observer):
         self._lit = False
         try:
             self._process = subprocess.Popen(  # noqa: S603
-                COMMAND, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **_apart(held)
+                COMMAND, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **apart(held)
             )
         except OSError as error:
             raise UnsafeBench(f"the supervisor cannot be started ({error}): {REFUSED}") from None
@@ -127,10 +128,3 @@ class _Supervisor(Observer):
 
     def _say(self, line: str) -> None:
         self._orders.write(f"{line}\n".encode())
-
-
-def _apart(inherited: tuple[int, ...]) -> dict[str, Any]:
-    """What keeps the signals of the terminal and of the process group from a new process, and lets it inherit locks."""
-    if sys.platform == "win32":
-        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.DETACHED_PROCESS}
-    return {"start_new_session": True, "pass_fds": inherited}

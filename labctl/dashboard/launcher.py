@@ -14,6 +14,7 @@ from secrets import token_hex
 from threading import Thread
 from typing import IO
 
+from labctl.apart import apart
 from labctl.printable import printable
 from labctl.runs.format.layout import run_name
 
@@ -103,7 +104,7 @@ def start(words: Sequence[str], environment: Mapping[str, str]) -> Started:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=printed,
-        start_new_session=True,
+        **apart(),
     )
     Thread(target=process.wait, daemon=True).start()  # or its entry stays when it has ended and no page asks for it
     return Started(process, printed)
