@@ -311,10 +311,6 @@ def _show_form(watching: Watching) -> None:
             button = ui.button("Start", color=None).classes("start")
         message = ui.label().classes("message")
 
-    def leads_to(process: int) -> str:
-        view = view_going_on(watching.folder)
-        return "/live" if view is not None and view.directory.name.endswith(f"-{process}") else ""
-
     async def start() -> None:
         bench = (station.value or "").strip()
         named = [f"--station={bench}"] if bench else []
@@ -327,6 +323,12 @@ def _show_form(watching: Watching) -> None:
             f"--unwatched={UNWATCHED}",
             *light,
         ]
+        before = views_in(watching.folder)
+
+        def leads_to() -> str:
+            view = view_going_on(watching.folder)
+            return "/live" if view is not None and view.directory not in before else ""
+
         armed.set_value(False)
         await begin(words, watching, message, leads_to, bench)
 

@@ -131,7 +131,7 @@ class Form:
         asked = self._asked(armed=bool(self._armed.value))
         directory = launcher.new_directory(self._watching.folder, asked)
 
-        def leads_to(_process: int) -> str:
+        def leads_to() -> str:
             self._watching.listing.look_again()
             if asked.over:
                 return f"/sweep/{directory.name}" if is_sweep(directory) else ""

@@ -15,14 +15,14 @@ async def begin(
     words: Sequence[str],
     watching: Watching,
     message: ui.label,
-    leads_to: Callable[[int], str] = lambda _process: "",
+    leads_to: Callable[[], str] = str,
     station: str = "",
 ) -> bool:
     """Start a command of labctl for these runs; whether it could be started.
 
     message: where it is said.
     station: the station file it uses: while somebody has that bench, nothing is started; empty where it opens none.
-    leads_to: the address of the page that shows what that process does; empty until there is something to be seen.
+    leads_to: the address of the page that shows what was begun; empty until there is something to be seen.
     """
     if station and (holder := await run.io_bound(watching.holder_of, Path(station))):
         message.set_text(printable(holder))
@@ -36,7 +36,7 @@ async def begin(
 
     def look() -> None:
         ended = started.process.poll() is not None  # asked first: what it did until then is there to be led to
-        if address := leads_to(started.process.pid):
+        if address := leads_to():
             looking.cancel()
             ui.navigate.to(address)
         elif ended:

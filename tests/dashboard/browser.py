@@ -6,7 +6,7 @@ import re
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
@@ -57,11 +57,13 @@ class Dashboard:
 
 
 @contextmanager
-def dashboard(runs: Path | str, opening: Mapping[str, str] | None = None) -> Iterator[Dashboard]:
+def dashboard(
+    runs: Path | str, opening: Mapping[str, str] | None = None, labctl: Sequence[str] = LABCTL
+) -> Iterator[Dashboard]:
     """`labctl dashboard` for the runs in a folder or at a URL; `opening` tells which browser it opens, if any."""
     no_open = ["--no-open"] if opening is None else []
     named = runs.name if isinstance(runs, Path) else runs
-    command = [*LABCTL, "dashboard", named, "--port", "0", "--json", *no_open]
+    command = [*labctl, "dashboard", named, "--port", "0", "--json", *no_open]
     with subprocess.Popen(
         command,
         stdout=subprocess.PIPE,

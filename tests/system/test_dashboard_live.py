@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -94,6 +95,24 @@ def test_it_is_started_watched_and_ended(page: Page, unarmed: Path, emitting: Ca
     narrow(page)
     page.get_by_role("button", name="End").click()
     says(page, ".emission-region", "LASER OFF")
+    assert not emitting()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a shell; there every virtual environment does so")
+def test_its_page_is_found_where_another_process_starts_python(
+    window: Browser, tmp_path: Path, unarmed: Path, emitting: Callable[[], bool]
+) -> None:
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\n"{sys.executable}" "$@"\nexit $?\n', encoding="utf-8")
+    python.chmod(0o700)
+    (tmp_path / "runs").mkdir()
+    in_an_environment = (sys.executable, "-c", f"import sys; sys.executable = {str(python)!r}; {LABCTL[-1]}")
+    with dashboard(tmp_path / "runs", labctl=in_an_environment) as shown, let_in(window, shown) as page:
+        page.goto(f"{page.url}live")
+        connected(page)
+        start(page, unarmed)
+        page.get_by_role("button", name="End").click()
+        says(page, ".emission-region", "LASER OFF")
     assert not emitting()
 
 
