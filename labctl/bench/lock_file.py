@@ -66,6 +66,8 @@ class LockFile:
         with suppress(OSError, BenchInUse):  # another user's
             self._file = self._opened()
             if self.lock():
+                if sys.platform == "win32":  # it removes none that is open, be it by somebody who wants to lock it
+                    self._file.close()
                 self._path.unlink()
         self._file.close()
 

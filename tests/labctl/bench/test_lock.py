@@ -2,9 +2,11 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from labctl.bench import lock_file
 from labctl.bench.holder import place_of
 from labctl.bench.lock import held, in_use
 from labctl.bench.lock_file import LockFile
@@ -55,6 +57,24 @@ def test_a_lock_goes_from_one_to_the_next_and_leaves_no_file() -> None:
     assert path.exists()
     second.close()
     assert not path.exists()
+
+
+def test_on_windows_it_is_closed_before_it_is_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """There no file is removed while it is open, and one that stays is the next user's to read only."""
+    monkeypatch.setattr(lock_file, "sys", SimpleNamespace(platform="win32"))
+    monkeypatch.setenv("PROGRAMDATA", str(tmp_path))
+    remove = Path.unlink
+
+    def remove_closed(path: Path) -> None:
+        if not lock._file.closed:
+            raise PermissionError(13, "The process cannot access the file", str(path))
+        remove(path)
+
+    monkeypatch.setattr(Path, "unlink", remove_closed)
+    lock = LockFile("a test of locks")
+    assert lock.lock()
+    lock.close()
+    assert list(tmp_path.glob("*/*")) == []
 
 
 def test_who_holds_it_is_told_also_while_he_writes_which_run_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
