@@ -7,6 +7,8 @@ is printed for people goes through `printable`, and whatever is printed for prog
 
 import json
 import logging
+import shlex
+import sys
 from traceback import format_exception
 from types import TracebackType
 from typing import Any
@@ -27,6 +29,15 @@ def printable_lines(text: str) -> str:
 def json_line(result: Any) -> str:
     """One JSON object in one line of printable ASCII; it ends with the line's end."""
     return json.dumps(result, allow_nan=False).replace("\x7f", "\\u007f") + "\n"
+
+
+def typed(*words: str) -> str:
+    """Words of a command as they are typed: the shells of Windows have other quotes, and its paths need none."""
+    if sys.platform == "win32":
+        from subprocess import list2cmdline
+
+        return list2cmdline(words)
+    return shlex.join(words)
 
 
 def printable_traceback(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> str:

@@ -1,11 +1,11 @@
 """What a run is good for: how its protocol says that it is judged, and the command that leads on from it."""
 
-import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from labctl.errors import UsageError
+from labctl.printable import typed
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.run import open_run
 from protocols.base import Judgement
@@ -30,7 +30,7 @@ def next_command(directory: Path) -> str:
 
 def resume_command(directory: Path, options: str = "") -> str:
     """What to type after a run that ended early, with the options that it was begun with."""
-    return f"labctl resume {shlex.quote(str(directory))}{options}"
+    return f"labctl resume {typed(str(directory))}{options}"
 
 
 def options_again(
@@ -39,7 +39,7 @@ def options_again(
     """The options of a run that its manifest does not keep, as they are typed once more to go on with it."""
     places = {"--station": station, "--data": data, "--scheduler": scheduler}
     said = {"--attended": attended, "--arm": armed}
-    named = [f" {option} {shlex.quote(str(place))}" for option, place in places.items() if place is not None]
+    named = [f" {option} {typed(str(place))}" for option, place in places.items() if place is not None]
     return "".join([*named, *(f" {option}" for option, given in said.items() if given)])
 
 
@@ -108,12 +108,12 @@ def cannot_judge(directory: Path) -> UsageError:
 
 def _judged(directory: Path) -> tuple[str, str]:
     """How a run is judged, and the command that does so or comes first."""
-    where = shlex.quote(str(directory))
+    where = typed(str(directory))
     protocol, judgement = protocol_of(directory)
     match judgement:
         case Judgement.READOUT:
             found = RunPaths(directory).readouts
-            judging = f"labctl evaluate {shlex.quote(str(found[0]))} {where}" if found else f"labctl train {where}"
+            judging = f"labctl evaluate {typed(str(found[0]))} {where}" if found else f"labctl train {where}"
             return "is judged with a readout", judging
         case Judgement.ITSELF:
             return "is judged without a readout", f"labctl evaluate {where}"

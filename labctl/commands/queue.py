@@ -1,7 +1,6 @@
 """The queue: runs and sweeps one after the other, through the night."""
 
 import getpass
-import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +10,7 @@ from labctl.bench.signals import interruptible
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.errors import UsageError
+from labctl.printable import typed
 from labctl.runs.format.layout import is_taken
 from labctl.runs.queue import Item, Queue, Wish
 from labctl.studies.queue.work import OnFailure, Worked, ask, forecast, settle, work
@@ -123,7 +123,7 @@ def _described(item: Item) -> dict[str, Any]:
 
 
 def _what(item: Item) -> str:
-    return f"labctl {shlex.join(item.words)}"
+    return f"labctl {typed(*item.words)}"
 
 
 def _time(item: Item) -> str:

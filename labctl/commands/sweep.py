@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -21,6 +20,7 @@ from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SideBySideOption, StoreOption, engine_of
 from labctl.errors import UsageError
+from labctl.printable import typed
 from labctl.runs.said import Said
 from labctl.runs.sweep import Sweep, read
 from labctl.runs.sweep_axes import Order, parse_axis
@@ -154,7 +154,7 @@ def measure(
                 )
     whole = found.complete == found.runs
     judged = all(point.protocol.judgement is Judgement.READOUT for point in every)
-    look = f"labctl {'evaluate' if judged else 'runs'} {quote(str(directory))}"
+    look = f"labctl {'evaluate' if judged else 'runs'} {typed(str(directory))}"
     result = {
         "sweep": str(directory),
         "runs": found.runs,

@@ -1,7 +1,6 @@
 """Starting what the page asks for: a command of labctl in a process of its own, which outlives the dashboard."""
 
 import os
-import shlex
 import subprocess
 import sys
 import tempfile
@@ -15,7 +14,7 @@ from threading import Thread
 from typing import IO
 
 from labctl.apart import apart
-from labctl.printable import printable
+from labctl.printable import printable, typed
 from labctl.runs.format.layout import run_name
 
 COMMAND = (sys.executable, "-P", "-c", "from labctl.commands.main import main; main()")
@@ -82,7 +81,7 @@ def protocols() -> list[str]:
 
 def in_words(words: Sequence[str]) -> str:
     """A command as it would be typed, as it may be shown."""
-    return f"labctl {printable(shlex.join(words))}"
+    return f"labctl {printable(typed(*words))}"
 
 
 def new_directory(folder: Path, asked: Asked) -> Path:

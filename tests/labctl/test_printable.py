@@ -2,11 +2,12 @@
 
 import json
 import logging
+import sys
 
 import pytest
 
 from labctl.commands.main import main
-from labctl.printable import PrintableFormatter, json_line, printable
+from labctl.printable import PrintableFormatter, json_line, printable, typed
 
 OBEYED = "\x1b[2J\x07\x9b31m\x7f\u202e\u2066\u200f\ud800\r\n\t"
 
@@ -20,6 +21,14 @@ def test_the_rest_is_written_out() -> None:
     assert printable(OBEYED) == shown
     assert json.loads(json_line({OBEYED: OBEYED})) == {OBEYED: OBEYED}
     assert json_line(OBEYED)[:-1].isprintable()
+
+
+def test_what_is_to_be_typed_has_the_quotes_of_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ("resume", r"runs\a b", r"C:\runs\c")
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert typed(*words) == r"resume 'runs\a b' 'C:\runs\c'"
+    monkeypatch.setattr(sys, "platform", "win32")
+    assert typed(*words) == r'resume "runs\a b" C:\runs\c'
 
 
 def test_a_log_line_is_one_line_of_text() -> None:
