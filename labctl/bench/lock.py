@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from shlex import quote
 
 from instruments.bench import Observer
 from instruments.sections import SIMULATED
@@ -22,6 +21,7 @@ from labctl.bench.lock_file import LockFile
 from labctl.bench.recording.wire import Wire
 from labctl.bench.station import Station
 from labctl.errors import BenchInUse
+from labctl.printable import typed
 
 DARK_WITHIN_S = 10.0
 """How long a supervisor may take to make dark what a process that is gone has left, before it is named."""
@@ -162,7 +162,7 @@ def _refused(lock: LockFile, key: str) -> str:
 
 
 def _left_behind(key: str, last: Holder | None) -> str:
-    confirm = f", or say that you see it dark: labctl dark {quote(last.run)}" if last is not None and last.run else ""
+    confirm = f", or say that you see it dark: {typed('labctl', 'dark', last.run)}" if last is not None and last.run else ""
     return (
         f"what used it ({key}) was ended with light on, and its supervisor still tries to switch the laser off: check "
         f"that the laser is dark, and plug its cable in{confirm}"

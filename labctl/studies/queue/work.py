@@ -1,7 +1,6 @@
 """Carrying a queue out: each item is a `labctl` of its own, so that it leaves nothing to the next but a dark bench."""
 
 import json
-import shlex
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ from labctl.bench.lock_file import LockFile
 from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
 from labctl.errors import BenchInUse, UsageError
+from labctl.printable import typed
 from labctl.runs import asking
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.control_file import Word, word_in
@@ -90,7 +90,7 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
                 f"is gone: wait for it, or stop it by 'labctl stop'"
             )
         while not interruption.requested and not queue.wishes and (item := queue.claim()) is not None:
-            tell(f"{item.number}: labctl {shlex.join(item.words)}")
+            tell(f"{item.number}: labctl {typed(*item.words)}")
             status, message = _carried_out(item, queue)
             if status == 0:
                 queue.end(item.number, State.DONE)
