@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.tektronix_dpo72504dx_settings import PLAIN
 from instruments.values import Answer
 from instruments.visa import VisaLink, number_in
 
@@ -20,7 +21,8 @@ UNSIGNED_AHEAD = -128
 
 def answers(link: VisaLink) -> Iterator[Answer]:
     """Ask the instrument behind `link`; the settings that this takes are set again before every run."""
-    for message in ("ACQuire:STATE STOP", "HORizontal:MODE MANual", "ACQuire:STOPAfter SEQuence"):
+    replies = (setting.message for setting in PLAIN)
+    for message in (*replies, "ACQuire:STATE STOP", "HORizontal:MODE MANual", "ACQuire:STOPAfter SEQuence"):
         link.write(message)
     yield _shortest(link, "OFF", "shortest record of a single trigger", SHORTEST_ALONE)
     yield _shortest(link, "ON", "shortest record in FastFrame", SHORTEST_FRAMED)

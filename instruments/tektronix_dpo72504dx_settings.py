@@ -19,6 +19,9 @@ TERMINATION_OHM = 50
 MOST_SURPLUS = 1000
 """Points that a record may have more than were asked for: single ones begin at 500 (Blackchirp allows as many)."""
 
+PLAIN = (Setting("HEADer", "OFF"), Setting("VERBose", "ON"))
+"""How it replies: numbers without headers and words in full, whatever a former user has made of it (`FACtory`, say)."""
+
 REPORTED = {
     "sample_rate": "HORizontal:MODE:SAMPLERate?",
     "record_length": "HORizontal:MODE:RECOrdlength?",
@@ -67,8 +70,7 @@ def configuration(
     FastFrame comes before the record length, which it allows to be shorter, and the channels before the sample rate,
     which more than two of them limit. `DATa:STOP` cuts a record that is longer than was asked for to its first points.
     """
-    yield Setting("HEADer", "OFF")
-    yield Setting("VERBose", "ON")
+    yield from PLAIN
     yield Setting("FASTAcq:STATE", "OFF")
     yield Setting("ACQuire:SAMPlingmode", "RT")
     yield Setting("ACQuire:STOPAfter", "SEQuence")
@@ -136,7 +138,7 @@ def reported(link: VisaLink, asked: Mapping[str, str]) -> dict[str, str | float]
     names = {question: name for name, question in asked.items()}
     for channel in INPUTS:
         names |= {f"CH{channel}:{question}": f"ch{channel}_{name}" for name, question in REPORTED_OF_CHANNEL.items()}
-    answers = link.query(";:".join(names)).split(";")
+    answers = link.query(";:".join((*(setting.message for setting in PLAIN), *names))).split(";")
     report = {
         name: answer if name.endswith(WORDS) else number_in(answer)
         for name, answer in zip(names.values(), answers, strict=False)

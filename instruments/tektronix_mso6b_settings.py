@@ -11,6 +11,7 @@ from instruments.tektronix_dpo72504dx_settings import (
     INPUTS,
     LEVEL_TOLERANCE_V,
     MOST_SURPLUS,
+    PLAIN,
     RATE_TOLERANCE,
     input_conversion,
 )
@@ -34,8 +35,7 @@ def acquisition(timebase: Timebase, channels: tuple[int, ...]) -> Iterator[Setti
 
     A sequence is one acquisition, and a new sample rate leaves the record as long as it is.
     """
-    yield Setting("HEADer", "OFF")
-    yield Setting("VERBose", "ON")
+    yield from PLAIN
     yield Setting("ACQuire:FASTAcq:STATE", "OFF")
     yield Setting("ACQuire:FASTAVerage:STATE", "OFF")
     yield Setting("ACQuire:STOPAfter", "SEQuence")
