@@ -19,8 +19,11 @@ TERMINATION_OHM = 50
 MOST_SURPLUS = 1000
 """Points that a record may have more than were asked for: single ones begin at 500 (Blackchirp allows as many)."""
 
-PLAIN = (Setting("HEADer", "OFF"), Setting("VERBose", "ON"))
-"""How it replies: numbers without headers and words in full, whatever a former user has made of it (`FACtory`, say)."""
+PLAIN = (Setting("HEADer", "OFF"), Setting("VERBose", "ON"), Setting("DESE", "255"))
+"""How it replies: numbers without headers, words in full, and every error, whatever a former user has made of it.
+
+`FACtory` switches headers on; what DESE masks is no event, neither in `*ESR?` nor in `ALLEv?`, and `*RST` leaves it.
+"""
 
 REPORTED = {
     "sample_rate": "HORizontal:MODE:SAMPLERate?",
@@ -73,6 +76,7 @@ def configuration(
     yield from PLAIN
     yield Setting("FASTAcq:STATE", "OFF")
     yield Setting("ACQuire:SAMPlingmode", "RT")
+    yield Setting("ACQuire:SYNcsamples", "OFF")
     yield Setting("ACQuire:STOPAfter", "SEQuence")
     yield Setting("ACQuire:MODe", "SAMple")
     for channel in INPUTS:
@@ -84,6 +88,8 @@ def configuration(
     yield from _delay(timebase)
     for channel in channels:
         yield from input_conversion(channel, bandwidth_hz)
+        yield Setting(f"CH{channel}:BANdwidth:ENHanced", "AUTO")
+        yield Setting(f"CH{channel}:VTERm:BIAS", "0", unit="V")
     yield from _trigger(trigger)
     yield Setting("DATa:STARt", "1")
     yield Setting("DATa:STOP", str(timebase.samples))

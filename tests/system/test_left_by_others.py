@@ -51,6 +51,24 @@ def test_an_oscilloscope_whose_replies_have_headers_is_understood(driver: str, l
         run(path)
 
 
+@pytest.mark.parametrize(
+    ("driver", "setting", "others", "own"),
+    [
+        (DPO, "DESE", "0", "255"),
+        (SIX, "DESE", "0", "255"),
+        (DPO, "ACQuire:SYNcsamples", "ON", "0"),
+        (DPO, "CH1:BANdwidth:ENHanced", "OFF", "AUTO"),
+        (DPO, "CH1:VTERm:BIAS", "1.5", "0.0000000000E+00"),
+    ],
+)
+def test_what_changes_records_or_hides_errors_is_set(
+    driver: str, setting: str, others: str, own: str, tmp_path: Path
+) -> None:
+    with bench(path := tmp_path / "bench.toml", driver, scope=f"{setting} {others}") as found:
+        run(path)
+        assert asked(found, "scope", f"{setting}?") == own
+
+
 @pytest.mark.parametrize("left", HEADERS)
 def test_open_questions_are_answered_by_an_oscilloscope_whose_replies_have_headers(left: str, tmp_path: Path) -> None:
     with bench(path := tmp_path / "bench.toml", scope=left):
