@@ -240,6 +240,7 @@ class Awg70002a(Awg):
         settings = (
             Setting("INSTrument:MODE", "AWG", name="instrument mode"),
             Setting(f"{source}:DAC:RESolution", str(self.MARKER_RESOLUTION_BITS), unit="bits", name="DAC resolution"),
+            self._marker_level("OFFSet", (self.MARKER_HIGH_V + self.MARKER_LOW_V) / 2),  # each level limits the other
             self._marker_level("HIGH", self.MARKER_HIGH_V),
             self._marker_level("LOW", self.MARKER_LOW_V),
             Setting(f"{source}:MARKer1:DELay", "0", unit="s", name="marker delay"),

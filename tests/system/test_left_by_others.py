@@ -69,6 +69,15 @@ def test_what_changes_records_or_hides_errors_is_set(
         assert asked(found, "scope", f"{setting}?") == own
 
 
+@pytest.mark.parametrize("left", ["AMPLitude 0.5;OFFSet 1.15", "AMPLitude 0.9;OFFSet -0.95"])
+def test_marker_levels_are_set_whatever_they_were(left: str, tmp_path: Path) -> None:
+    marker = "SOURce1:MARKer1:VOLTage"
+    with bench(path := tmp_path / "bench.toml", awg=f"{marker}:{left}") as found:
+        run(path)
+        levels = asked(found, "awg", f"{marker}:HIGH?;LOW?").split(";")
+    assert [float(level) for level in levels] == [1.0, 0.0]
+
+
 @pytest.mark.parametrize("left", HEADERS)
 def test_open_questions_are_answered_by_an_oscilloscope_whose_replies_have_headers(left: str, tmp_path: Path) -> None:
     with bench(path := tmp_path / "bench.toml", scope=left):
