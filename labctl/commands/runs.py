@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, get_args
 
@@ -14,6 +13,7 @@ from labctl.errors import UsageError
 from labctl.runs.catalogue import Catalogue, Found
 from labctl.runs.format.store import is_elsewhere, location
 from labctl.runs.index import RunRow, State
+from labctl.runs.search import when
 
 STATES = get_args(State)
 USUAL = Path("runs")
@@ -48,7 +48,7 @@ def runs(
         return DONE
     asked = [where] if where.strip() else []
     asked += [f'protocol = "{protocol}"'] if protocol is not None else []
-    asked += [f'started >= "{_time(since)}"'] if since is not None else []
+    asked += [f'started >= "{when(f"--since {since}", since)[0]}"'] if since is not None else []
     asked += [f'state = "{_state(state)}"'] if state is not None else []
     asked += [f"seed = {seed}"] if seed is not None else []
     more = [key.strip().lower() for key in columns.split(",") if key.strip()]
@@ -56,14 +56,6 @@ def runs(
     listed = [_listed(one) for one in found] if as_json else []
     show({"runs": listed}, as_json, lambda: _print(folder, found, more, asked=bool(asked)))
     return DONE
-
-
-def _time(text: str) -> str:
-    try:
-        found = datetime.fromisoformat(text)
-    except ValueError:
-        raise UsageError(f"--since {text}: is not a date: write it like 2026-11-21 or 2026-11-21T09:15") from None
-    return (found if found.tzinfo else found.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
 
 
 def _state(text: str) -> str:

@@ -1,14 +1,16 @@
 """The words by which runs are found: `protocol = image-readout and images >= 300 and tag = good`.
 
 A comparison is a key, one of = != < <= > >= ~ (contains) and a value, which may have a unit: `window >= 1 ns`. They are
-joined by `and`, `or`, `not` and brackets. Words without a comparison are looked for in all that is known of a run, and
-each of them must begin one of its words: `crack incomplete`.
+joined by `and`, `or`, `not` and brackets. When a run started, is compared with a day or second: `started = 2026-11-21`.
+Words without a comparison are looked for in all that is known of a run, and each of them must begin one of its words:
+`crack incomplete`.
 """
 
 import re
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, date, datetime, timedelta
 from difflib import get_close_matches
 
 from instruments.units import any_quantity
@@ -66,6 +68,22 @@ def unknown(key: str, keys: frozenset[str]) -> UsageError:
     close = get_close_matches(key, keys, 1)
     hint = f"did you mean {close[0]}?" if close else "see `labctl runs --keys`"
     return UsageError(f"{key}: no run here has that: {hint}")
+
+
+def when(said: str, text: str) -> tuple[str, str]:
+    """The first moment of a day or a second, and the first one after it, as runs have it: UTC, which is meant without a
+    zone. `said`: what somebody has written, for the message.
+
+    Raises:
+        UsageError: `text` is not a date.
+    """
+    try:
+        found = datetime.fromisoformat(text)
+        begin = (found if found.tzinfo else found.replace(tzinfo=UTC)).astimezone(UTC).replace(microsecond=0)
+        end = begin + (timedelta(days=1) if _is_day(text) else timedelta(seconds=1))
+    except (ValueError, OverflowError):
+        raise UsageError(f"{said}: is not a date: write it like 2026-11-21 or 2026-11-21T09:15") from None
+    return begin.isoformat(), end.isoformat()
 
 
 def words_in(text: str) -> list[str]:
@@ -148,11 +166,23 @@ def _comparison(key: str, operator: str, value: str) -> Condition:
     if operator == "!=":
         sql, values = _comparison(key, "=", value)
         return f"NOT {sql}", values
+    if key == "started":
+        begin, end = when(f"{key} {operator} {value}", value)
+        if operator == "=":
+            return _HAS.format("fact.text >= ? AND fact.text < ?"), [key, begin, end]
+        sign, border = {"<": ("<", begin), ">=": (">=", begin), "<=": ("<", end), ">": (">=", end)}[operator]
+        return _HAS.format(f"fact.text {sign} ?"), [key, border]
     if (number := _number(value)) is None:
         return _HAS.format(f"fact.text {operator} ?"), [key, value]
     if operator == "=":  # a tag or a name may read like a number
         return _HAS.format("(fact.number = ? OR fact.text = ?)"), [key, number, value]
     return _HAS.format(f"fact.number {operator} ?"), [key, number]
+
+
+def _is_day(text: str) -> bool:
+    with suppress(ValueError):
+        return bool(date.fromisoformat(text))
+    return False
 
 
 def _number(value: str) -> float | None:

@@ -13,6 +13,8 @@ from labctl.runs.search import LONGEST, MOST_NESTED, condition, words_in
 RUNS: dict[str, dict[str, list[str | float]]] = {
     "a-image": {"protocol": ["image-readout"], "images": [300.0], "window": [1e-9], "tag": ["good", "shown twice"]},
     "b-image": {"protocol": ["image-readout"], "images": [100.0, 500.0], "accuracy": [0.8, 0.93]},
+    "d-night": {"started": ["2026-11-29T16:50:11+00:00"]},
+    "e-night": {"started": ["2026-11-30T00:00:00+00:00"]},
     "c-scene": {"protocol": ["dynamic-scene"], "tag": ["50% off", "007"], "note": ["the fibre was touched"]},
 }
 KEYS = frozenset(key for facts in RUNS.values() for key in facts)
@@ -42,7 +44,7 @@ def found(words: str) -> str:
 @pytest.mark.parametrize(
     ("words", "names"),
     [
-        ("", "abc"),
+        ("", "abcde"),
         ("image", "ab"),
         ("IMAGE-readout", "ab"),
         ("mage", ""),
@@ -50,7 +52,7 @@ def found(words: str) -> str:
         ("protocol = image-readout and images >= 300 and tag = good", "a"),
         ("protocol = image-readout images >= 300", "ab"),
         ("images > 300", "b"),
-        ("images != 300", "bc"),
+        ("images != 300", "bcde"),
         ("accuracy > 0.9", "b"),
         ("window = 1 ns", "a"),
         ("window < 1 us and window >= 0.5 ns", "a"),
@@ -61,13 +63,26 @@ def found(words: str) -> str:
         ("note ~ fibre was", "c"),
         ("tag = 007", "c"),
         ("tag = '007'", "c"),
-        ("tag != 007", "ab"),
+        ("tag != 007", "abde"),
         ("Tag = GOOD", "a"),
-        ("not tag = good", "bc"),
-        ("not (tag = good or accuracy > 0)", "c"),
+        ("not tag = good", "bcde"),
+        ("not (tag = good or accuracy > 0)", "cde"),
         ('"or"', ""),
+        ("started = 2026-11-29", "d"),
+        ("started <= 2026-11-29", "d"),
+        ("started > 2026-11-29", "e"),
+        ("started < 2026-11-30", "d"),
+        ("started >= 2026-11-30", "e"),
+        ("started != 2026-11-29", "abce"),
+        ("started >= 2026-11-29T16:50:11Z", "de"),
+        ("started = 2026-11-29 16:50:11", "d"),
+        ("started <= 2026-11-29T17:50:11+01:00", "d"),
+        ("started > 2026-11-29T16:50:11", "e"),
+        ("started < 2026-11-29T18:30+02:00", ""),
+        ("started < 2026-11-30T02:00:01+02:00", "de"),
+        ("started ~ 2026-11", "de"),
         ("not " * MOST_NESTED + "image", "ab"),
-        ("not (x " * (MOST_NESTED // 2) + ")" * (MOST_NESTED // 2), "abc"),
+        ("not (x " * (MOST_NESTED // 2) + ")" * (MOST_NESTED // 2), "abcde"),
     ],
 )
 def test_words_and_what_they_find(words: str, names: str) -> None:
@@ -81,6 +96,9 @@ def test_words_and_what_they_find(words: str, names: str) -> None:
         ("images >", "images >: a value is missing"),
         ("images > many", "images > many: images is a number"),
         ("accuracy > 80 %", "accuracy > 80 %: accuracy is a number"),
+        ("started > yesterday", "started > yesterday: is not a date: write it like 2026-11-21 or 2026-11-21T09:15"),
+        ("started = 9999-12-31", "is not a date"),
+        ("started = 0001-01-01T00:00+14:00", "is not a date"),
         ("(image", "a bracket is not closed"),
         ("image)", "): is not understood here"),
         ("and image", "and: comes where a word or a comparison is missing"),
@@ -104,4 +122,4 @@ def test_any_words_are_a_search_or_refused(words: str) -> None:
         condition(words, KEYS, holds_text)
     except UsageError:
         return
-    assert set(found(words)) <= set("abc")
+    assert set(found(words)) <= set("abcde")
