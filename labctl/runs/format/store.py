@@ -48,8 +48,10 @@ def location(named: Path | str) -> Path:
     Nothing is requested yet. `file:///runs` is the folder `/runs`.
 
     Raises:
-        UsageError: the URL leads outside of itself.
+        UsageError: the URL leads outside of itself, or the name is empty, which would be the present folder.
     """
+    if named == "":
+        raise UsageError("a name is empty: name a folder (the shell may not know its variable)")
     if not isinstance(named, str) or (found := _URL.match(named)) is None:
         return named if isinstance(named, Path | StorePath) else Path(named)
     if found[1] in ("file", "local"):
@@ -65,7 +67,7 @@ def here(named: Path | str) -> Path:
     """What a person names, of a command that needs it on this machine.
 
     Raises:
-        UsageError: it is elsewhere.
+        UsageError: it is elsewhere, or the name is empty.
     """
     if isinstance(named, str) and _URL.match(named):
         if isinstance(location(named), StorePath):
@@ -74,7 +76,7 @@ def here(named: Path | str) -> Path:
                 "scp, and name the copy"
             )
         raise UsageError(f"{named}: is on this machine: name it by its path, {location(named)}")
-    return Path(named)
+    return Path(location(named))
 
 
 def is_elsewhere(path: Path) -> bool:

@@ -147,6 +147,14 @@ def test_a_password_that_later_commands_would_lack_is_refused(tmp_path: Path, ty
     assert not (tmp_path / "out").exists()
 
 
+def test_a_name_with_nothing_in_it_is_not_the_folder_one_is_in(tmp_path: Path, typed: Typed) -> None:
+    told = "labctl: a name is empty: name a folder (the shell may not know its variable)\n"
+    assert typed(*SWEEP, *TWENTY, "--store", "", "--out", tmp_path / "out") == (2, "", told)
+    assert not (tmp_path / "out").exists()
+    for command in ("runs", "show", "resume"):
+        assert typed(command, "")[::2] == (2, told)
+
+
 def test_a_store_in_memory_is_refused(tmp_path: Path, typed: Typed) -> None:
     status, out, told = typed(*SWEEP, *TWENTY, "--store", "memory://lab", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
