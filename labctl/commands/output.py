@@ -1,8 +1,10 @@
 """What every command prints: one JSON object, or text and tables, on standard output; warnings on standard error."""
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Annotated, Any
+from contextlib import suppress
+from typing import Annotated, Any, TextIO
 
 import typer
 from rich.console import Console
@@ -22,12 +24,23 @@ errors = Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 
 
 def show(result: Mapping[str, Any], as_json: bool, as_text: Callable[[], None]) -> None:
-    """Print `result` as JSON, or let `as_text` print it for people."""
-    if as_json:
-        sys.stdout.write(json_line(result))
-        sys.stdout.flush()
-    else:
-        as_text()
+    """Print `result` as JSON, or let `as_text` print it for people.
+
+    Raises:
+        OSError: it cannot be printed, which is no failure of what was done.
+    """
+    try:
+        if as_json:
+            sys.stdout.write(json_line(result))
+            sys.stdout.flush()
+        else:
+            as_text()
+    except OSError as error:
+        if error.filename is None:  # of no file that `as_text` reads
+            error.filename = "standard output"
+            error.add_note("the command itself is done: what it made is kept")
+            _lead_nowhere(sys.stdout)
+        raise
 
 
 def say(line: str) -> None:
@@ -36,13 +49,25 @@ def say(line: str) -> None:
 
 
 def tell(line: str) -> None:
-    """Print one line for people on standard error, above a progress bar if there is one."""
-    errors.print(printable(line), markup=False)
+    """Print one line for people on standard error, above a progress bar if there is one.
+
+    Where it takes nothing, as on a full disk, what goes on is worth more than the line.
+    """
+    try:
+        errors.print(printable(line), markup=False)
+    except OSError:
+        _lead_nowhere(sys.stderr)
 
 
 def warn(line: str) -> None:
     """`tell` what somebody should heed."""
     tell(f"labctl: {line}")
+
+
+def _lead_nowhere(stream: TextIO) -> None:
+    """Drop what a stream that takes nothing still holds: it would fail again as Python ends (exit status 120)."""
+    with suppress(OSError), open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

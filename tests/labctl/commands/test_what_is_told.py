@@ -1,5 +1,6 @@
 """What a command tells where something about the command itself is unusual: its words, its output, what it is given."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -7,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.command_line import LABCTL, labctl
+from tests.command_line import LABCTL, as_json, labctl
+
+FULL = Path("/dev/full")
+SMALL = ("run", "image-readout", "--set", "images=4", "--set", "ports=2", "--set", "window=0.4 ns")
 
 
 def test_without_a_command_the_help_is_shown_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
@@ -23,6 +27,36 @@ def test_a_closed_output_takes_what_is_printed_to_nowhere(tmp_path: Path) -> Non
         [shutil.which("sh") or "sh", "-c", 'exec "$@" >&-', "sh", *words], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="a device that takes nothing")
+def test_a_run_whose_warnings_cannot_be_shown_goes_on(tmp_path: Path) -> None:
+    station = tmp_path / "bench.toml"
+    station.write_text('[scope]\ndriver = "tektronix-mso6b"\n', encoding="utf-8")
+    words = [*LABCTL, *SMALL, "--station", str(station), "--json", "--out"]
+    told = subprocess.run([*words, str(tmp_path / "told")], capture_output=True, text=True, check=True).stderr
+    assert told.startswith("labctl: "), "there is something to be told"
+    with FULL.open("w") as full:
+        done = subprocess.run([*words, str(tmp_path / "run")], stdout=subprocess.PIPE, stderr=full, check=False)
+    assert (done.returncode, json.loads(done.stdout)["complete"]) == (0, True)
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+@pytest.mark.skipif(not FULL.exists(), reason="a device that takes nothing")
+def test_a_result_that_cannot_be_shown_is_told_apart_from_a_run_that_is_not_whole(
+    options: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = (*LABCTL, *SMALL, "--out", str(tmp_path / "run"), *options)
+    with FULL.open("w") as full:
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr.splitlines()) == (
+        1,
+        [
+            "labctl: standard output: No space left on device: make room",
+            "labctl: the command itself is done: what it made is kept",
+        ],
+    )
+    assert as_json(capsys, "show", tmp_path / "run")[1]["complete"]
 
 
 def test_what_an_encoding_lacks_is_escaped(tmp_path: Path) -> None:
