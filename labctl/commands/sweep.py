@@ -22,7 +22,7 @@ from labctl.commands.scheduler import LOCAL, SideBySideOption, StoreOption, engi
 from labctl.errors import UsageError
 from labctl.printable import typed
 from labctl.runs.said import Said
-from labctl.runs.sweep import Sweep, read
+from labctl.runs.sweep import Sweep, read_to_go_on
 from labctl.runs.sweep_axes import Order, parse_axis
 from labctl.studies.sweeps import folder
 from labctl.studies.sweeps.declaration import Point, points, read_sweep
@@ -114,7 +114,7 @@ def go_on(
     as_json: bool,
 ) -> int:
     """Go on with a sweep where it ended: `labctl resume`."""
-    file = read(directory)
+    file = read_to_go_on(directory)
     store = None
     if file.store:
         scheduler, store = scheduler or LOCAL, folder.runs_of(directory, file)

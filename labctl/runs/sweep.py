@@ -1,5 +1,7 @@
 """sweep.json: what a sweep is declared as, and which runs in its folder are its points."""
 
+import hashlib
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +19,8 @@ FILE = "sweep.json"
 LARGEST = 1 << 22
 WITHOUT_MICRO = ("1.0", "1.1", "1.2")
 """Versions of the file whose runs have no micro sign in their names."""
+DIGEST = "sha256"
+"""Key of the file: the digest of all else in it, by which an edited one is known. Those before 1.4 have none."""
 LONGEST_NAME = 80
 MICRO = "[\u00b5\u03bc]"
 """As keyboards write it, and as the Greek letter."""
@@ -53,7 +57,7 @@ class SweepFile(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     format: str = Field("labctl-sweep", pattern="^labctl-sweep$")
-    format_version: str = "1.3"
+    format_version: str = "1.4"
     sweep: Sweep
     station: str
     station_sha256: str
@@ -61,6 +65,11 @@ class SweepFile(BaseModel):
     protocol_sha256: str = ""
     said: Said = Said()
     store: str = ""
+
+    def encode(self) -> bytes:
+        """The bytes of sweep.json."""
+        values = json.loads(self.model_dump_json())
+        return json.dumps(values | {DIGEST: _digest(values)}, indent=2).encode()
 
 
 def is_sweep(directory: Path) -> bool:
@@ -86,6 +95,22 @@ def read(directory: Path) -> SweepFile:
     return found.model_copy(update={"sweep": found.sweep.model_copy(update={"micro": ""})})
 
 
+def read_to_go_on(directory: Path) -> SweepFile:
+    """The sweep that a folder was made for, as it was asked for when that was done.
+
+    Raises:
+        RunError: it is none, or its file is damaged, or was edited.
+    """
+    found = read(directory)
+    values = json.loads(read_own(directory / FILE, LARGEST))
+    digest = values.pop(DIGEST, None)
+    if digest is not None and digest != _digest(values):
+        raise RunError(
+            f"{directory / FILE}: edited since the sweep was begun: restore it from a copy, or begin a new sweep"
+        )
+    return found
+
+
 def places(sweep: Sweep) -> list[tuple[str, dict[str, str]]]:
     """Name of the folder and values on the axes of every run, in the order they are measured.
 
@@ -98,6 +123,10 @@ def places(sweep: Sweep) -> list[tuple[str, dict[str, str]]]:
         order = with_reference(order, sweep.reference_every)
     slugs = [_slug(values, sweep.micro) for values in grid]
     return [(f"{number:03d}-{slugs[place]}"[:LONGEST_NAME], grid[place]) for number, place in enumerate(order)]
+
+
+def _digest(values: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
 def _slug(values: Mapping[str, str], micro: str) -> str:

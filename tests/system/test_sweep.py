@@ -181,6 +181,27 @@ def test_stop_of_a_run_ends_the_sweep_dark_and_resume_goes_on_with_it(
     assert (status, found["complete"], found["measured"], emitting()) == (0, 2, 2, False)
 
 
+def test_a_sweep_does_not_go_on_as_another_one(tmp_path: Path) -> None:
+    folder = tmp_path / "sweep"
+    asked = ("sweep", "image-readout", "--set", "images=4", "--over", "window=0.4 ns,0.8 ns", "--order", "as-given")
+    assert run(*asked, "--reference-every", "0", "--out", folder)[0] == 0
+    rmtree(folder / "001-window=0.8ns")
+    file = folder / "sweep.json"
+    said = file.read_text(encoding="utf-8")
+    for now, there in (('"images": "5"', '"images": "4"'), ('"0.9 ns"', '"0.8 ns"')):
+        file.write_text(said.replace(there, now), encoding="utf-8")
+        status, found, _ = run("resume", folder)
+        assert (status, found["error"]) == (
+            2,
+            f"{file}: edited since the sweep was begun: restore it from a copy, or begin a new sweep",
+        )
+    earlier = json.loads(said) | {"format_version": "1.3"}
+    del earlier["sha256"]
+    file.write_text(json.dumps(earlier), encoding="utf-8")
+    status, found, _ = run("resume", folder)
+    assert (status, found["complete"], found["measured"]) == (0, 2, 1)
+
+
 def test_what_is_refused(swept: Path, tmp_path: Path) -> None:
     status, found, _ = run(*SWEEP, "--out", swept)
     assert (status, found["error"]) == (

@@ -90,7 +90,7 @@ def begin(
         said=said or Said(),
         store=place,
     )
-    replace_file(directory / FILE, kept.model_dump_json(indent=2).encode(), not_made)
+    replace_file(directory / FILE, kept.encode(), not_made)
     if kept.store:
         remember(directory / FILE)
 
