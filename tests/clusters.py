@@ -24,10 +24,10 @@ class Cluster:
         self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
         self.workers = [self.worker() for _ in range(workers)]
 
-    def worker(self, threads: int = 1) -> subprocess.Popen[bytes]:
-        """One more."""
+    def worker(self, threads: int = 1, checkout: Path | None = None) -> subprocess.Popen[bytes]:
+        """One more, which runs the labctl of a `checkout` if not that of the tests."""
         words = ("worker", self.address, "--nthreads", str(threads), "--no-nanny", "--no-dashboard")
-        return self._begun(*words, "--local-directory", str(self._folder))
+        return self._begun(*words, "--local-directory", str(self._folder), checkout=checkout)
 
     def have(self, workers: int) -> None:
         """Return when there are so many workers: in place of the killed come others, whoever is too many goes."""
@@ -52,8 +52,9 @@ class Cluster:
         with Client(self.address, timeout=60, set_as_default=False) as client:  # type: ignore[no-untyped-call]
             client.wait_for_workers(workers, timeout=60)
 
-    def _begun(self, *words: str) -> subprocess.Popen[bytes]:
-        process = subprocess.Popen([*DASK, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    def _begun(self, *words: str, checkout: Path | None = None) -> subprocess.Popen[bytes]:
+        quiet = subprocess.DEVNULL
+        process = subprocess.Popen([*DASK, *words], stdout=quiet, stderr=quiet, cwd=checkout)
         self._stack.callback(process.wait)
         self._stack.callback(process.kill)
         return process

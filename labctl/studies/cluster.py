@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from uuid import uuid4
 
 from labctl.errors import ClusterError, LabctlError, UsageError
-from labctl.runs.format.provenance import versions
+from labctl.runs.format.provenance import sources_sha256, versions
 from labctl.studies.tasks import CALLER, Interrupted, Workers, timed
 
 Found = TypeVar("Found")
@@ -131,7 +131,7 @@ class _Connection:
     def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
         """Begin a task on some worker."""
         future: Future[tuple[Found, float]] = Future()
-        given = self._client.submit(_carry_out, task, id(task), self._name, versions(), os.getcwd(), pure=False)
+        given = self._client.submit(_carry_out, task, id(task), self._name, _made_by(), os.getcwd(), pure=False)
         self._client.loop.add_callback(_pass_on, given, future)
         return future
 
@@ -198,6 +198,11 @@ class _Client:
         self._known, self._told = self._records, time.monotonic()
 
 
+def _made_by() -> dict[str, str]:
+    """What must be the same on a worker: packages, and labctl itself, which may have been changed under one version."""
+    return versions() | {"sources of labctl": sources_sha256()}
+
+
 def _stop(name: str) -> None:
     """On a worker."""
     _stopped.add(name)
@@ -210,7 +215,7 @@ def _carry_out(
     worker = _dask().get_worker()
     if worker.state.nthreads != 1:
         raise ClusterError(f"{worker.address}: has {worker.state.nthreads} threads: start it with --nthreads 1")
-    if (own := versions()) != wanted:
+    if (own := _made_by()) != wanted:
         differ = ", ".join(f"{one} {own.get(one)}, not {wanted[one]}" for one in wanted if own.get(one) != wanted[one])
         raise ClusterError(f"{worker.address}: has {differ}: install there what is installed here")
     if os.path.isdir(folder):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 import h5py
 import pytest
@@ -16,6 +17,7 @@ from distributed import Client
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION
 from labctl.errors import ClusterError
+from labctl.runs.format.provenance import SOURCES
 from labctl.studies.cluster import cluster
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.report import as_json
@@ -23,6 +25,7 @@ from labctl.studies.paper.reproduction import Plan, reproduce
 from labctl.studies.processes import processes
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
+from tests.checkout import ROOT
 from tests.clusters import Cluster
 from tests.command_line import answer
 
@@ -231,4 +234,21 @@ def test_a_worker_of_several_threads_is_refused(tmp_path: Path) -> None:
         found.until_there(1)
         plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(found.address, print))
         with pytest.raises(ClusterError, match=r"has 2 threads: start it with --nthreads 1$"):
+            reproduce(plan, interruption=Interruption())
+
+
+@pytest.mark.usefixtures("started_anew")
+def test_a_worker_of_a_changed_labctl_is_refused(tmp_path: Path) -> None:
+    for package in SOURCES:
+        copytree(ROOT / package, tmp_path / "checkout" / package, ignore=ignore_patterns("__pycache__"))
+    with (tmp_path / "checkout" / "sim_backends" / "world" / "noise.py").open("a", encoding="utf-8") as changed:
+        changed.write("# louder\n")
+    with ExitStack() as stack:
+        found = Cluster(tmp_path / "workers", stack, workers=0)
+        found.worker(checkout=tmp_path / "checkout")
+        found.until_there(1)
+        plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(found.address, print))
+        with pytest.raises(
+            ClusterError, match=r": has sources of labctl [0-9a-f]{64}, not [0-9a-f]{64}: install there"
+        ):
             reproduce(plan, interruption=Interruption())
