@@ -5,6 +5,7 @@ when there is one again at its address, what it had is submitted again. A run ap
 is not measured again if it is there, so that to be carried out twice costs time and nothing else.
 """
 
+import asyncio
 import logging
 import os
 import time
@@ -15,14 +16,17 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 from uuid import uuid4
 
-from labctl.errors import ClusterError, LabctlError, UsageError
+from labctl.errors import ClusterError, LabctlError, UsageError, one_line
 from labctl.runs.format.provenance import sources_sha256, versions
 from labctl.studies.tasks import CALLER, Interrupted, Workers, timed
 
 Found = TypeVar("Found")
 
+TRANSPORTS = ("tcp", "tls", "ucx", "ws", "wss")
+"""Of dask between machines: what an address begins with."""
 CONNECT_S = 10.0
 """To wait for an answer of the scheduler."""
 TELL_S = 0.5
@@ -39,13 +43,27 @@ def cluster(address: str, tell: Callable[[str], None]) -> Callable[[int], Abstra
     tell: hears in one line that the scheduler is lost, and that it is there again.
 
     Raises:
-        UsageError: dask.distributed is not installed.
+        UsageError: that is no address, or dask.distributed is not installed.
     """
+    if not _is_address(address):
+        raise UsageError(
+            f"--scheduler = {address!r}: is no address: write one such as tcp://192.0.2.7:8786, or local for the cores "
+            f"of this machine"
+        )
     try:
         _dask()
     except ImportError as error:
         raise UsageError('--scheduler needs dask: pip install "photonic-labctl[cluster]"') from error
     return partial(_connected, address, tell)
+
+
+def _is_address(text: str) -> bool:
+    """Whether it names host and port; without a transport dask takes TCP."""
+    try:
+        parts = urlsplit(text if "://" in text else f"tcp://{text}")
+        return parts.scheme in TRANSPORTS and bool(parts.hostname) and bool(parts.port)
+    except ValueError:
+        return False
 
 
 def _dask() -> Any:
@@ -78,15 +96,17 @@ class _Connection:
         self._lost = self._deserted = False
         self._workers, self._counted = 0, -COUNT_S
         self._name = uuid4().hex
-        try:
-            self._client = self._connect()
-        except OSError as error:
-            raise ClusterError(
-                f"{address}: no scheduler answers: start 'dask scheduler', or correct the address"
-            ) from (error)
+        self._client = self._connect()
 
     def _connect(self) -> Any:
-        client = _dask().Client(self._address, timeout=CONNECT_S, set_as_default=False)
+        try:
+            asyncio.run(_reach(self._address))
+            client = _dask().Client(self._address, timeout=CONNECT_S, set_as_default=False)
+        except Exception as error:  # dask raises anything where another program answers
+            why = "" if isinstance(error, OSError) else f" ({one_line(error)})"
+            raise ClusterError(
+                f"{self._address}: no scheduler answers{why}: start 'dask scheduler', or correct the address"
+            ) from error
         client.subscribe_topic(self._name, self._hear)
         return client
 
@@ -108,7 +128,7 @@ class _Connection:
                 return self._wait()
             if time.monotonic() - self._counted >= COUNT_S:
                 self._count()
-        except OSError:
+        except (OSError, ClusterError):
             return self._wait()
         if self._lost:
             self._lost = False
@@ -147,6 +167,19 @@ class _Connection:
             if self._client.status == "running":
                 self._client.run(_stop, self._name, on_error="ignore")
         self._client.close()
+
+
+async def _reach(address: str) -> None:
+    """Return if a scheduler answers: dask's own client for threads waits for ever, and cannot be closed, if none does.
+
+    Raises:
+        Exception: whatever dask does.
+    """
+    client = _dask().Client(address, timeout=CONNECT_S, set_as_default=False, asynchronous=True)
+    try:
+        await asyncio.wait_for(client, CONNECT_S)
+    finally:
+        await client.close()
 
 
 async def _pass_on(given: Any, future: Future[Found]) -> None:

@@ -9,6 +9,7 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from shutil import copytree, ignore_patterns
+from threading import Thread
 
 import h5py
 import pytest
@@ -225,6 +226,39 @@ def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(address, print))
     with pytest.raises(ClusterError, match=rf"^{address}: no scheduler answers: start 'dask scheduler', or correct"):
         reproduce(plan, interruption=Interruption())
+
+
+@pytest.mark.parametrize("said", [b"", b"HTTP/1.0 400 Bad Request\r\n\r\n"])
+def test_who_answers_is_no_scheduler(said: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("labctl.studies.cluster.CONNECT_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as other, ExitStack() as stack:
+
+        def talk() -> None:
+            with suppress(OSError):  # it is closed
+                while True:
+                    asked = stack.enter_context(other.accept()[0])
+                    asked.sendall(said)
+
+        Thread(target=talk, daemon=True).start()
+        address = f"tcp://127.0.0.1:{other.getsockname()[1]}"
+        with pytest.raises(ClusterError, match=rf"^{address}: no scheduler answers.*: start 'dask scheduler', or cor"):
+            stack.enter_context(cluster(address, print)(1))
+
+
+@pytest.mark.parametrize("address", ["", "Local", "127.0.0.1", "tcp://127.0.0.1", "foo://127.0.0.1:1", "tcp://h:port"])
+@pytest.mark.parametrize(
+    "words", [("sweep", "image-readout", "--over", "window=0.4 ns,1 ns"), ("reproduce", "fig3"), ("demo",)]
+)
+def test_what_is_no_address_is_refused_before_a_folder_is_made(
+    words: tuple[str, ...], address: str, tmp_path: Path
+) -> None:
+    status, found, _ = answer(*words, "--scheduler", address, "--out", tmp_path / "out", "--json")
+    assert (status, found["error"]) == (
+        2,
+        f"--scheduler = {address!r}: is no address: write one such as tcp://192.0.2.7:8786, or local for the cores of "
+        f"this machine",
+    )
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_worker_of_several_threads_is_refused(tmp_path: Path) -> None:
