@@ -18,6 +18,7 @@ from labctl.engine.recorded_protocol import refuse_other_inputs
 from labctl.engine.resume import MAY_CHANGE
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
 from labctl.errors import LabctlError, RunError, RunInUse, writing
+from labctl.runs.format.durable import NotStored
 from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
@@ -119,7 +120,7 @@ def _whole(outcome: Outcome) -> Outcome:
 def _placed(directory: Path) -> Iterator[Path]:
     """Where to measure what is to be in `directory` at the end of the block, if that is no failure.
 
-    What was measured and cannot be put there is kept, and the error says where.
+    What was measured and cannot be put there is kept, and the error says where. Of a run that ends early nothing is.
     """
     scratch = CALLER.get().scratch
     if scratch is None and not is_elsewhere(directory):
@@ -131,7 +132,11 @@ def _placed(directory: Path) -> Iterator[Path]:
         measured = Path(mkdtemp(".part", f"{directory.name}.", scratch)) / directory.name
     with ExitStack() as stack:
         stack.callback(rmtree, measured.parent, ignore_errors=True)
-        yield measured
+        try:
+            yield measured
+        except NotStored as error:
+            what, remedy = error.args
+            raise RunError(f"{what}, on {node()}; nothing of this run is kept: {remedy}, then begin it anew") from error
         try:
             put_whole(measured, directory)
         except LabctlError as error:

@@ -16,14 +16,20 @@ Refused = Callable[[Path, OSError], RunError]
 """Makes the one line for a file that could not be written."""
 
 
+class NotStored(RunError):
+    """A run that has begun cannot be stored any further. Arguments: what cannot be written and why, and the remedy."""
+
+    def __str__(self) -> str:
+        """The line, of a run that is where it will be."""
+        what, remedy = self.args
+        return f"{what}; what was stored before is safe: {remedy}, then `labctl resume` the run"
+
+
 def not_written(path: Path, error: OSError) -> RunError:
     """Of a run that has begun: what it has on disk stays, and it can go on; unless its folder is gone."""
     if gone := [folder for folder in path.parents if not folder.exists()]:
         return taken_away(gone[-1])
-    return RunError(
-        f"{path}: cannot be written: {reason(error)}; what was stored before is safe: "
-        f"{remedy(error, 'put its folder back')}, then `labctl resume` the run"
-    )
+    return NotStored(f"{path}: cannot be written: {reason(error)}", remedy(error, "put its folder back"))
 
 
 def taken_away(folder: Path) -> RunError:

@@ -1,9 +1,11 @@
 """A run as one task among others: what it leaves behind."""
 
 import gc
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from platform import node
 
 import pytest
 
@@ -31,6 +33,18 @@ class Alone:
 
     def measured(self, records: int) -> None:
         pass
+
+
+class OnASmallDisk(Alone):
+    """Has the run measured in a folder where a file, from its first record on, takes no more than some bytes."""
+
+    def __init__(self, scratch: Path) -> None:
+        self.scratch = scratch
+
+    def measured(self, records: int) -> None:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
 
 
 class Impatient(Alone):
@@ -96,6 +110,23 @@ def test_a_run_that_a_lost_worker_is_still_writing_is_waited_for(tmp_path: Path)
     begin(tmp_path / "run")
     with waiting(OnAWorker(tmp_path, RunWriter.resume(tmp_path / "run"))):
         assert acquire_run(acquisition(tmp_path / "run")).complete
+
+
+def test_of_one_that_finds_no_room_on_a_worker_nothing_is_kept_and_it_says_so(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        with waiting(OnASmallDisk(tmp_path / "scratch")), pytest.raises(RunError) as raised:
+            acquire_run(acquisition(tmp_path / "run"))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert re.fullmatch(
+        rf"{tmp_path}/scratch/run\..*: cannot be written: File too large, on {node()}; nothing of this run is kept: "
+        r"files may be larger after .*, then begin it anew",
+        str(raised.value),
+    )
+    assert list((tmp_path / "scratch").iterdir()) == []
+    assert not (tmp_path / "run").exists()
 
 
 def test_one_that_somebody_here_is_writing_is_refused(tmp_path: Path) -> None:
