@@ -99,6 +99,7 @@ def sweep(
         access=access,
         data=data,
         engine=engine,
+        kept=_kept(scheduler, store),
         as_json=as_json,
     )
 
@@ -121,7 +122,16 @@ def go_on(
     protocol = folder.protocol_of(directory, file)
     every = points(file.sweep, protocol, folder.station_of(directory, file, protocol, station))
     engine = None if scheduler is None else engine_of(scheduler, store=store)
-    return measure(directory, every, options=options, access=access, data=data, engine=engine, as_json=as_json)
+    return measure(
+        directory,
+        every,
+        options=options,
+        access=access,
+        data=data,
+        engine=engine,
+        kept=_kept(scheduler, store),
+        as_json=as_json,
+    )
 
 
 def measure(
@@ -132,9 +142,13 @@ def measure(
     access: Access,
     data: Path | None,
     as_json: bool,
-    engine: "Engine | None" = None,
+    engine: "Engine | None",
+    kept: str,
 ) -> int:
-    """Carry out what a sweep lacks, one run after the other or side by side by `engine`, and say how far it is."""
+    """Carry out what a sweep lacks, one run after the other or side by side by `engine`, and say how far it is.
+
+    kept: what stays if it ends early, in words.
+    """
     command = resume_command(directory, options)
     with interruptible() as interruption, _noting(f"the sweep can go on: {command}"):
         if engine is None:
@@ -162,7 +176,7 @@ def measure(
         "measured": found.measured,
         "next": look if whole else command,
     }
-    show(result, as_json, lambda: _print(result))
+    show(result, as_json, lambda: _print(result, kept))
     return DONE if whole else INTERRUPTED
 
 
@@ -249,8 +263,14 @@ def _print_plan(plan: dict[str, Any]) -> None:
     say(_in_words(plan))
 
 
-def _print(result: dict[str, Any]) -> None:
+def _kept(scheduler: str | None, store: object) -> str:
+    """What stays of a sweep that ends early: of a run that is not measured in its place, nothing."""
+    in_place = scheduler in (None, LOCAL) and not store
+    return "the finished shots are kept" if in_place else "the finished runs are kept, those under way begin anew"
+
+
+def _print(result: dict[str, Any], kept: str) -> None:
     say(f"{result['sweep']}: {result['complete']} of {result['runs']} runs complete, {result['measured']} measured now")
     if result["complete"] < result["runs"]:
-        say("interrupted: the finished shots are kept, the bench is in the safe state")
+        say(f"interrupted: {kept}, the bench is in the safe state")
     say(f"next: {result['next']}")

@@ -2,9 +2,11 @@
 
 import json
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from shutil import copytree, rmtree
 from typing import Any
@@ -200,6 +202,28 @@ def test_a_sweep_does_not_go_on_as_another_one(tmp_path: Path) -> None:
     file.write_text(json.dumps(earlier), encoding="utf-8")
     status, found, _ = run("resume", folder)
     assert (status, found["complete"], found["measured"]) == (0, 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("where", "kept"),
+    [
+        ((), "the finished shots are kept"),
+        (("--store", "store"), "the finished runs are kept, those under way begin anew"),
+    ],
+)
+def test_ctrl_c_says_what_is_kept(
+    where: tuple[str, ...], kept: str, labctl_command: tuple[str, ...], tmp_path: Path
+) -> None:
+    words = ("sweep", "image-readout", "--set", "images=4000", "--over", "power=10 mW,30 mW", "--scheduler", "local")
+    command = [*labctl_command, *words, *where, "--out", "sweep"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not list(tmp_path.glob("*/**/journal.jsonl")):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(1e-2)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"interrupted: {kept}, the bench is in the safe state\n" in out
 
 
 def test_what_is_refused(swept: Path, tmp_path: Path) -> None:
