@@ -185,11 +185,11 @@ class Bench:
 
     Five there always are. `train` has those behind the laser; `others`, by role, those that only their drivers know:
     they are identified, noted, made safe and closed with the rest, and what else is asked of them a protocol decides.
-    A protocol works through the methods here, so that `observer` follows it; of the instruments themselves it asks
-    what they can do. `armed` says that a person has allowed light. `source` is the file that describes the bench, for
-    messages. `now` gives the time of the bench in seconds: a monotonic clock on a real bench, the virtual clock of a
-    simulated one. `undisturbed` keeps what would stop the program out of the way into the safe state. `lit` says that
-    light was switched on, and that the safe state was not reached since.
+    A protocol works through the methods here, so that `observer` follows it; of the instruments themselves it asks what
+    they can do. `armed` says that a person has allowed light. `played`: a recording answers, nothing emits. `source` is
+    the file that describes the bench, for messages. `now` gives the time of the bench in seconds: a monotonic clock on
+    a real bench, the virtual clock of a simulated one. `undisturbed` keeps what would stop the program out of the way
+    into the safe state. `lit` says that light was switched on, and that the safe state was not reached since.
     """
 
     awg: Awg
@@ -206,6 +206,7 @@ class Bench:
     train: OpticalTrain = field(default_factory=OpticalTrain)
     others: Mapping[str, Instrument] = field(default_factory=dict)
     observer: Observer = field(default_factory=Observer)
+    played: bool = False
     undisturbed: Callable[[], AbstractContextManager[None]] = nullcontext
     lit: bool = field(default=False, init=False)
 
@@ -337,7 +338,7 @@ class Bench:
         steps = {name: instrument.make_safe for name, instrument in self.instruments.items()}
         with self.undisturbed():
             try:
-                safe_state(steps | {"laser": darken, "awg": silence})
+                safe_state(steps | {"laser": darken, "awg": silence}, emits=not self.played)
             except UnsafeBench as error:
                 self.lit = False
                 self.observer.safe_state(error)

@@ -76,8 +76,10 @@ def in_order(by_role: Mapping[str, Of]) -> dict[str, Of]:
     return {**named, **by_role}
 
 
-def safe_state(steps: dict[str, Callable[[], None]]) -> None:
+def safe_state(steps: dict[str, Callable[[], None]], *, emits: bool = True) -> None:
     """Take the steps of instruments, by name, into the safe state: in their order, each one however another ends.
+
+    emits: whether they are instruments that can give light, and not a recording of some.
 
     Raises:
         UnsafeBench: an instrument did not obey, or its driver failed; caused by the first of these errors.
@@ -93,6 +95,8 @@ def safe_state(steps: dict[str, Callable[[], None]]) -> None:
     with ExitStack() as stack:  # which calls them all, whatever one of them raises
         for name, step in reversed(steps.items()):
             stack.callback(take, name, step)
+    if failures and not emits:
+        raise UnsafeBench(f"the recording has no safe state: {'; '.join(map(_told, failures.values()))}")
     if failures:
         failed = "; ".join(f"{name}: {_told(error)}" for name, error in failures.items())
         dark = "laser" in steps and "laser" not in failures

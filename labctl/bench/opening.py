@@ -118,8 +118,12 @@ class _Reach:
     @property
     def armed(self) -> bool:
         """Whether light is allowed, or there is none."""
-        replayed = self.access.wire.replay is not None and "laser" not in self.station.by_hand
-        return self.access.armed or self.station.laser.armed or replayed or "laser" in self.station.simulations
+        return self.access.armed or self.station.laser.armed or self.played or "laser" in self.station.simulations
+
+    @property
+    def played(self) -> bool:
+        """Whether a recording answers in place of the laser."""
+        return self.access.wire.replay is not None and "laser" not in self.station.by_hand
 
     def open(self, name: str) -> Any:
         """The instrument called `name`; no message is sent.
@@ -221,6 +225,7 @@ def _bench(reach: _Reach, observer: Observer) -> Bench:
             projector=station.wiring.projector,
         ),
         armed=reach.armed,
+        played=reach.played,
         source=station.source,
         now=partial(getattr, simulation.world.clock, "now")
         if simulation is not None and "scope" in station.simulations

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from labctl.errors import UsageError
+from labctl.errors import RunError, UsageError
 from labctl.printable import typed
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.origin import Origin
 from labctl.runs.read.run import open_run
 from protocols.base import Judgement
 from protocols.registry import judgement_of
@@ -50,9 +51,17 @@ def resumable(directory: Path, options: str = "") -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        if _journal_bytes(directory) != before:
+        if _journal_bytes(directory) != before and not is_replayed(directory):
             error.add_note(f"the run can go on: {resume_command(directory, options)}")
         raise
+
+
+def is_replayed(directory: Path) -> bool:
+    """Whether the records of a run are those of a recording, so that no bench goes on with it."""
+    try:
+        return Origin.of_runs([directory]) is Origin.REPLAYED
+    except RunError:
+        return False
 
 
 def _journal_bytes(directory: Path) -> int | None:

@@ -9,7 +9,7 @@ import typer
 from labctl.bench.recording.format import Recording, read_recording
 from labctl.bench.recording.recorder import recordings
 from labctl.bench.recording.replay import Replay, addresses, replay_of
-from labctl.bench.recording.wire import RecordingRequest, Wire
+from labctl.bench.recording.wire import Played, RecordingRequest, Wire
 from labctl.bench.signals import stops_heard
 from labctl.bench.station import write_addresses
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
@@ -101,7 +101,8 @@ def _play_to(
 ) -> int:
     """The command's own exit status, or 1 if it left the recording or did not play all of it."""
     try:
-        status = _carry_out(context, command, Wire(replay=addresses(served, played)), as_json)
+        wire = Wire(replay=addresses(served, played), played=tuple(Played.of(one.path) for one in played))
+        status = _carry_out(context, command, wire, as_json)
     finally:
         served.stop()  # not before the last messages of the command have arrived
         if served.difference is not None:

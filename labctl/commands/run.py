@@ -95,14 +95,15 @@ def _for_people(plan: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def describe(outcome: "Outcome", options: str) -> dict[str, Any]:
     """What is printed of a run that was carried out or resumed; `options` are those that going on with it needs."""
-    from labctl.commands.next_steps import next_command, resume_command
+    from labctl.commands.next_steps import is_replayed, next_command, resume_command
     from labctl.runs.read.run import open_run
 
     with open_run(outcome.directory) as stored:
         digest = stored.digest()
         ports = list(stored.ports)
         records = {"records": sum(stored.done), "records_planned": stored.shape.shots * len(stored.shape.passes)}
-    following = next_command(outcome.directory) if outcome.complete else resume_command(outcome.directory, options)
+    goes_on = not outcome.complete and not is_replayed(outcome.directory)
+    following = resume_command(outcome.directory, options) if goes_on else next_command(outcome.directory)
     return {
         "run": str(outcome.directory),
         "shots": outcome.shots,

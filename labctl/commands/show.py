@@ -11,6 +11,7 @@ from labctl.commands.output import JsonOption, say, table
 from labctl.commands.output import show as output
 from labctl.commands.ranges import ShotsOption, ports_of, shots_of
 from labctl.errors import UsageError
+from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere, location
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.file_summary import is_run, summary_of
@@ -86,6 +87,7 @@ def _described(path: Path, run: Run) -> dict[str, Any]:
         "protocol": manifest.get("protocol"),
         "started": manifest.get("started"),
         "seeds": manifest.get("seeds"),
+        "origin": Origin.of(manifest),
         "instruments": manifest.get("instruments"),
     }
 

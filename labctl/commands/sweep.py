@@ -1,7 +1,7 @@
 """`labctl sweep`: a protocol over settings of itself and of the bench."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -150,7 +150,8 @@ def measure(
     kept: what stays if it ends early, in words.
     """
     command = resume_command(directory, options)
-    with interruptible() as interruption, _noting(f"the sweep can go on: {command}"):
+    noting = _noting(f"the sweep can go on: {command}") if access.wire.replay is None else nullcontext()
+    with interruptible() as interruption, noting:
         if engine is None:
             found = folder.carry_out(
                 directory, every, data=data, access=access, interruption=interruption, follow=_follow

@@ -22,6 +22,7 @@ document.documentElement.style.colorScheme = localStorage.getItem("labctl-scheme
 NOT_REAL = {
     Origin.SIMULATED: "SIMULATED BENCH: no instrument, no light",
     Origin.MIXED: "MIXED BENCH: some instruments are simulated, the others are real",
+    Origin.REPLAYED: "RECORDING: no instrument, no light",
 }
 
 

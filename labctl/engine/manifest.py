@@ -7,6 +7,7 @@ from typing import Any
 from instruments.bench import Bench
 from instruments.values import Identity
 from labctl.engine.plan import Request
+from labctl.runs.format.manifest import REPLAY
 from labctl.runs.format.provenance import git_revision, versions
 from protocols.base import Images, Inputs, Measurement
 
@@ -31,6 +32,7 @@ def manifest(request: Request, bench: Bench, identities: Mapping[str, Identity],
         "instruments": instruments,
         "calibration": request.calibration,
         **({"coordinates": dict(request.coordinates)} if request.coordinates else {}),
+        **({REPLAY: [one.model_dump() for one in request.played]} if request.played else {}),
         "inputs_sha256": request.inputs.digest,
         "inputs_source": request.inputs.source,
         **_identical(request.inputs),

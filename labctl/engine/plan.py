@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from instruments.bench import Bench
 from instruments.values import Drive
+from labctl.bench.recording.wire import Played
 from labctl.bench.station import Station
 from labctl.runs.format.columns import shot_table
 from labctl.runs.format.layout import run_name
@@ -22,13 +23,17 @@ from protocols.base import Inputs, Measurement, Pass, Shot
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be run: protocol, what it shows or plays, station, a reference to its calibration, its coordinates."""
+    """What is to be run: protocol, what it shows or plays, station, a reference to its calibration, its coordinates.
+
+    played: the recordings that answer in place of the instruments, if any do.
+    """
 
     protocol: Measurement[Any]
     inputs: Inputs
     station: Station
     calibration: Mapping[str, Any] | None = None
     coordinates: Mapping[str, float | str] = field(default_factory=dict)
+    played: tuple[Played, ...] = ()
 
     @property
     def durability(self) -> Durability:

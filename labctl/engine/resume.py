@@ -12,10 +12,12 @@ from pydantic import ValidationError
 from instruments.toml_files import describe
 from instruments.values import Drive
 from labctl.bench.own_files import is_own
+from labctl.bench.recording.wire import Wire
 from labctl.bench.station import Station, read_station
 from labctl.errors import RunError, StationError
 from labctl.runs.format.columns import same_shots
 from labctl.runs.format.layout import RunPaths
+from labctl.runs.format.manifest import REPLAY
 from labctl.runs.format.plan import edited, names_its_manifest, read_plan
 from labctl.runs.format.shape import RunShape
 from labctl.runs.format.version import FORMAT_VERSION
@@ -59,6 +61,19 @@ def refuse_edited(paths: RunPaths, manifest: Mapping[str, Any]) -> None:
     named = names_its_manifest(paths, manifest)
     if not named and paths.data.exists() and manifest_in(paths.data).values != manifest:
         raise edited(paths)
+
+
+def refuse_replayed(directory: Path, manifest: Mapping[str, Any], wire: Wire) -> None:
+    """Refuse to go on with a run of a recording where instruments would answer.
+
+    Raises:
+        RunError: it is one.
+    """
+    if manifest.get(REPLAY) and wire.replay is None:
+        raise RunError(
+            f"{directory}: its records are those of a recording, to which a bench adds none: repeat its command under "
+            f"'labctl replay', or begin a new run"
+        )
 
 
 def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Station | None) -> Station:

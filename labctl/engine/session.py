@@ -23,7 +23,7 @@ from labctl.engine.kept import KeptBench
 from labctl.engine.plan import Request, aliasing, durability_of
 from labctl.engine.profile import Profile
 from labctl.engine.recorded_protocol import protocol_of_manifest, refuse_other_inputs
-from labctl.engine.resume import own_station, refuse_edited, station_of_manifest
+from labctl.engine.resume import own_station, refuse_edited, refuse_replayed, station_of_manifest
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.logs import CommandLog, EventLog
@@ -87,7 +87,7 @@ def acquire(
         _warn([*warnings(reference, station), *answers.warnings(station)], observers)
         for path in (Path(station.source), *(() if protocol.source_file is None else (protocol.source_file.path,))):
             remember(path)
-        request = Request(protocol, inputs, station, reference, acquisition.coordinates)
+        request = Request(protocol, inputs, station, reference, acquisition.coordinates, acquisition.access.wire.played)
         outcome = carry_out(request, open_bench.bench, interruption or Interruption(), acquisition.directory)
         return Acquired(outcome, profile.budget(outcome.shots) if acquisition.profile else {})
 
@@ -118,7 +118,7 @@ def resume(
 
     Raises:
         RunError: no run, one that another process is writing, one whose manifest was edited, or one that cannot go on
-            as it was begun.
+            as it was begun, such as one of a recording.
         DatasetError, StationError, ProtocolError: what the manifest asks for is not there any more; or nobody names the
             station of this bench.
         InstrumentError: an instrument failed, or the light is not what it was; finished shots are kept.
@@ -146,6 +146,7 @@ def resume(
                 bench_seconds=0.0,
                 simulated=station.simulated,
             )
+        refuse_replayed(directory, manifest.values, resumption.access.wire)
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
         session = _session(protocol, station, resumption.access, observers, observer, bench)

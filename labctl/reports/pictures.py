@@ -17,7 +17,7 @@ from labctl.runs.format.origin import Origin
 PIXELS_PER_INCH = 150
 STRIP = 0.27
 """Height of the strip for the mark, inches."""
-MARKS = {Origin.SIMULATED: "simulated bench", Origin.MIXED: "partly simulated bench"}
+MARKS = {Origin.SIMULATED: "simulated bench", Origin.MIXED: "partly simulated bench", Origin.REPLAYED: "recording"}
 
 
 def save_png(figure: Figure, path: Path, origin: Origin) -> None:

@@ -59,7 +59,7 @@ def test_the_page_is_enough(tmp_path: Path) -> None:
     insert(tmp_path / "labctl" / "runs" / "format" / "columns.py", DECLARED, column)
     insert(tmp_path / "protocols" / "base.py", FIELD, field, behind=True)
     version = tmp_path / "labctl" / "runs" / "format" / "version.py"
-    version.write_text(version.read_text("utf-8").replace('FORMAT_VERSION = "1.3"', 'FORMAT_VERSION = "1.4"'), "utf-8")
+    version.write_text(version.read_text("utf-8").replace('FORMAT_VERSION = "1.4"', 'FORMAT_VERSION = "1.5"'), "utf-8")
     older = ROOT / "tests" / "labctl" / "runs" / "older" / "1.1" / "complete"
     used = subprocess.run(
         [sys.executable, "-c", USED, str(older), str(tmp_path)],

@@ -1,5 +1,6 @@
 """What becomes of the messages of every bench that a command opens: passed on, recorded, or answered by a recording."""
 
+import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +22,21 @@ class RecordingRequest(BaseModel):
     command: tuple[str, ...]
 
 
+class Played(BaseModel):
+    """A recording that is played: its name and the SHA-256 of the file."""
+
+    model_config = ConfigDict(frozen=True)
+
+    name: str
+    sha256: str
+
+    @classmethod
+    def of(cls, path: Path) -> Self:
+        """Of the recording in `path`."""
+        with path.open("rb") as file:
+            return cls(name=path.name, sha256=hashlib.file_digest(file, "sha256").hexdigest())
+
+
 class Wire(BaseModel):
     """What is between the drivers and their instruments: nothing but the network, unless one of these is set.
 
@@ -28,12 +44,14 @@ class Wire(BaseModel):
         record: What every bench writes a recording of itself for, if it does.
         replay: VISA addresses that answer as recorded, by the bench (`bench_of` its station) and the instrument; None
             where nothing is played.
+        played: The recordings that these answers come from.
     """
 
     model_config = ConfigDict(frozen=True)
 
     record: RecordingRequest | None = None
     replay: Mapping[str, Mapping[str, str]] | None = None
+    played: tuple[Played, ...] = ()
 
     @classmethod
     def of_this_process(cls) -> Self:

@@ -19,6 +19,8 @@ LARGEST_MANIFEST = 1 << 23  # bytes: that of a scan of 5000 wavelengths has some
 
 SUSPECT = "suspect"
 """Why records are in doubt, and how many for each reason: a key of the manifest of a run that ended so."""
+REPLAY = "replay"
+"""`name` and `sha256` of each recording that answered in place of the instruments: a key of such a run's manifest."""
 WRITTEN_AFTER_THE_PLAN = ("plan_sha256", SUSPECT)
 """Keys that the digest in plan.h5 cannot know."""
 

@@ -1,4 +1,4 @@
-"""Whether records come from a bench, from the simulated one, or from a bench that is simulated in part."""
+"""Whether records come from a bench, the simulated one, one that is simulated in part, or a recording of any."""
 
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from instruments.sections import SIMULATED, USB
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.manifest import REPLAY, Manifest
 
 SERIAL = "SIM"
 """What the serial number of an instrument of a simulated bench begins with, wherever it is served."""
@@ -21,10 +21,13 @@ class Origin(StrEnum):
     REAL = "real"
     MIXED = "mixed"
     SIMULATED = "simulated"
+    REPLAYED = "replayed"
 
     @classmethod
     def of(cls, manifest: Mapping[str, Any]) -> Self:
         """By the addresses and identities in a manifest; instruments that a person sets do not count."""
+        if manifest.get(REPLAY):
+            return cls(cls.REPLAYED)
         station, instruments = (_mapping(manifest.get(name)) for name in ("station", "instruments"))
         simulated = {
             _simulated(_mapping(station.get(role)), identity)

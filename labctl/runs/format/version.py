@@ -5,7 +5,7 @@ from pathlib import Path
 
 from labctl.errors import RunError
 
-FORMAT_VERSION = "1.3"
+FORMAT_VERSION = "1.4"
 READABLE_MAJOR = 1
 LONGEST_VERSION = 40  # characters of one that cannot be read, in a message
 

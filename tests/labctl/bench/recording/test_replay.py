@@ -1,5 +1,6 @@
 """`labctl record` and `labctl replay`, as they are typed: a run is played again without any physics."""
 
+import hashlib
 import json
 import re
 import signal
@@ -50,6 +51,10 @@ def test_the_replay_gives_the_same_frames(
     status, out, err = labctl(capsys, "replay", recording, "--json", "--", *RUN, "--out", tmp_path / "again")
     assert (status, err) == (0, "")
     assert json.loads(out)["frames_sha256"] == run["frames_sha256"]
+    origins = [
+        json.loads(labctl(capsys, "show", one, "--json")[1])["origin"] for one in (run["run"], tmp_path / "again")
+    ]
+    assert origins == ["simulated", "replayed"]
 
 
 def test_the_drivers_say_what_they_said_when_it_was_recorded(capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,8 +90,8 @@ def test_a_changed_driver_is_named(
         r"expected 'SOURce1:DAC:RESolution 9', was sent 'SOURce1:DAC:RESolution 8'",
         difference,
     )
-    assert "cannot be reached" in err.splitlines()[-2]
-    assert "labctl resume" in err.splitlines()[-1]
+    assert "cannot be reached" in err.splitlines()[-1]
+    assert "labctl resume" not in err
 
 
 def test_a_changed_block_is_named_by_its_first_byte(
@@ -116,6 +121,24 @@ def test_a_torn_recording_is_played_to_its_end(
     assert "is incomplete" in err.splitlines()[0]
     (difference,) = [line for line in err.splitlines() if line.startswith("replay:")]
     assert "nothing more" in difference
+    assert "key switch" not in err
+
+
+def test_a_run_of_a_recording_says_so_and_goes_on_with_no_bench(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    torn, run = tmp_path / "torn.rec", tmp_path / "again"
+    torn.write_bytes(recorded[0].read_bytes()[:-20_000])
+    status, _, err = labctl(capsys, "replay", torn, "--", *RUN, "--out", run)
+    assert (status, "labctl resume" in err) == (1, False)
+    manifest = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["replay"] == [{"name": "torn.rec", "sha256": hashlib.sha256(torn.read_bytes()).hexdigest()}]
+    assert labctl(capsys, "resume", run) == (
+        2,
+        "",
+        f"labctl: {run}: its records are those of a recording, to which a bench adds none: repeat its command under "
+        "'labctl replay', or begin a new run\n",
+    )
 
 
 def test_damaged_and_existing_files(

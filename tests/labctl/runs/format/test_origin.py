@@ -30,10 +30,11 @@ BY_HAND = ("manual-laser", "simulated", HAND)
         (manifest(awg=AWG, scope=("own-scope", "simulated", "1")), Origin.MIXED),
         (manifest(awg=("own-awg", "simulated", "1"), laser=BY_HAND), Origin.SIMULATED),
         (manifest(awg=("own-awg", ADDRESS, SIM), dmd=("vialux-alp", ADDRESS, "13042")), Origin.SIMULATED),
+        (manifest(awg=AWG) | {"replay": [{"name": "bench.rec", "sha256": "0" * 64}]}, Origin.REPLAYED),
         ({}, Origin.REAL),
         ({"station": 3, "instruments": {"awg": 4}}, Origin.REAL),
     ],
-    ids=["a bench", "one simulated", "all simulated", "served", "nothing known", "damaged"],
+    ids=["a bench", "one simulated", "all simulated", "served", "replayed", "nothing known", "damaged"],
 )
 def test_simulated_instruments_are_known_by_address_and_serial_number(found: dict[str, Any], origin: Origin) -> None:
     assert Origin.of(found) is origin
