@@ -162,7 +162,9 @@ def _refused(lock: LockFile, key: str) -> str:
 
 
 def _left_behind(key: str, last: Holder | None) -> str:
-    confirm = f", or say that you see it dark: {typed('labctl', 'dark', last.run)}" if last is not None and last.run else ""
+    confirm = (
+        f", or say that you see it dark: {typed('labctl', 'dark', last.run)}" if last is not None and last.run else ""
+    )
     return (
         f"what used it ({key}) was ended with light on, and its supervisor still tries to switch the laser off: check "
         f"that the laser is dark, and plug its cable in{confirm}"
