@@ -111,7 +111,7 @@ def test_a_changed_constant_in_the_data_file_is_found(whole: Path, name: str) ->
         ("/", "complete", False),
         ("/", "suspect", 1),
         ("/", "shots_planned", 8),
-        ("/", "format_version", "1.4"),
+        ("/", "format_version", "1.0"),
         ("/scale", "units", "mV"),
         ("/shots", "time_s_units", "ms"),
     ],

@@ -26,7 +26,7 @@ GUIDE = ROOT / "docs" / "how-to" / "run-the-experiments-on-your-bench.md"
 @pytest.fixture
 def eleventh(tmp_path: Path) -> Experiment:
     """The experiment that the guide writes."""
-    found = re.search(r"```toml\n(.*?)```", GUIDE.read_text("utf-8"), re.DOTALL)
+    found = re.search(r"```toml\n(title = .*?)```", GUIDE.read_text("utf-8"), re.DOTALL)
     assert found is not None
     (tmp_path / "one-port.toml").write_text(found[1], encoding="utf-8")
     (experiment,) = experiments(folder=tmp_path)
