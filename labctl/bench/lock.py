@@ -81,7 +81,7 @@ class Hold(Observer):
     def close(self) -> None:
         """Let go; what a supervisor still holds is nobody's, and says of which run it is left."""
         self._holder = self._holder.model_copy(update={"process": None})
-        for lock in self._locks.values():
+        for lock in reversed(self._locks.values()):  # so that whoever asks for them in turn never gets a part of them
             self._sign(lock)
             lock.close()
 
