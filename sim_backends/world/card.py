@@ -117,6 +117,7 @@ class CardReceivers:
         """See `LightPath.sampled`."""
         constants, host = self._parameters, optics.host
         shown = self._put(after)
+        settled = shown if before is None else self._put(before)
         if not host.lit:
             zero = torch.zeros(len(after), len(acquisition.channels), acquisition.samples, device=self._place)
             return zero, zero
@@ -125,14 +126,13 @@ class CardReceivers:
         if before is not None:
             times = light.age_s + grid.first_s + grid.step_s * np.arange(grid.points, dtype=np.float64)
             moved = mirrors.moved_fraction(times, leaves=constants.mirror_leaves_s, arrives=constants.mirror_arrives_s)
-            old = self._field(optics, self._put(before), start_s, grid)
+            old = self._field(optics, settled, start_s, grid)
             field = old + self._put(moved.astype(np.float32)) * (field - old)
         clean, slope = _filtered(grid, self._put(grid.sampling.matrix), _fast_volts(field), acquisition.samples)
-        settled = after if before is None else before
         if constants.detector_coupling == "ac":
-            clean = clean - self._put(self._light_path.mean_volts(host, settled))
+            clean = clean - self._put(self._light_path.mean_volts(host, after if before is None else before))
         if optics.power_factors is not None:
-            watts = (self._put(settled) @ optics.power_factors).square().sum(dim=1)
+            watts = (settled @ optics.power_factors).square().sum(dim=1)
             gain = (2 / (1 + (1 + 4 * watts / constants.amplifier_saturation_w).sqrt()))[:, None, None]
             clean, slope = clean * gain, slope * gain
         return clean, slope
