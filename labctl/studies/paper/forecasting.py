@@ -258,7 +258,6 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
             "triggers shows.",
             f"Ports are chosen on the last {settings.held_out} of {settings.train} training steps; test steps take no "
             "part in it.",
-            "Each twin has its own stretch of the series.",
         ),
     )
 
