@@ -130,8 +130,8 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
                 for name in names
             }
         }
-        counts = ([curve.auc for curve in twin.dark_pixels] for twin in twins)
-        baseline[rule.key] = {"dark_pixels": pooled(counts, within=SHARE)}
+        areas = ([curve.auc for curve in twin.dark_pixels] for twin in twins)
+        baseline[rule.key] = {"dark_pixels": pooled(areas, within=SHARE)}
     first = settings.rules[0]
     shown = [found[first.key] for found in findings]
     figures = [_histogram(shown[0], name, first.label) for name in NAMES if name in shown[0].scores]
