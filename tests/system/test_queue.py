@@ -115,6 +115,7 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
     finally:
         os.killpg(worker.pid, signal.SIGKILL)
         worker.wait()
+    until(lambda: writer_of(RunPaths(tmp_path / "queue-0002")) is None)
     assert not complete(tmp_path / "queue-0002")
     assert states(tmp_path) == [(1, "done"), (2, "waiting")]
     status, found = queue(tmp_path, "start")
