@@ -41,7 +41,7 @@ class NotesPanel:
         self._star.set_text(_star(self._shown))
         if (self._operator.value or "").strip() == before.operator:
             self._operator.set_value(self._shown.operator)
-        if sorted(self._tags.value) != list(self._shown.tags):
+        if self._tags.value != list(self._shown.tags):
             self._tags.set_value(list(self._shown.tags))
         self._notes.refresh()
 

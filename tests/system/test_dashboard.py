@@ -384,6 +384,7 @@ def test_what_others_say_of_a_run_stays_and_is_shown(page: Page, runs: Path) -> 
     say_of(run, tags=["theirs"], star=True, operator="Ada")
     tags.press("Enter")
     says(page, ".notes .message", "write 1 to 100 characters")
+    expect(chips).to_have_text(["first", "theirs"])
     tags.fill("mine")
     tags.press("Enter")
     expect(chips).to_have_text(["first", "mine", "theirs"])
