@@ -12,7 +12,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5d, h5l, h5o, h5t
+from h5py import h5a, h5d, h5l, h5o, h5s, h5t
+from numpy.typing import NDArray
 
 from labctl.runs.format.global_heaps import WalkedFile
 from labctl.runs.format.own_files import own_file
@@ -54,7 +55,7 @@ def attribute(owner: h5py.Group, name: str) -> Any:
         KeyError: there is none.
         ValueError: it has several values, or is a text of variable length in a file of format 1.2 or later.
     """
-    stored = owner.attrs.get_id(name)
+    stored = h5a.open(owner.id, name.encode())
     if stored.shape != ():
         raise ValueError(f"{name!r} has several values")
     if stored.dtype.hasobject and not _is_older(owner.file):
@@ -64,6 +65,18 @@ def attribute(owner: h5py.Group, name: str) -> Any:
     value = np.empty((), stored.dtype)
     stored.read(value)
     return value.item().decode() if value.dtype.kind == "S" else value.item()
+
+
+def stored_array(file: h5py.File, name: str) -> NDArray[Any]:
+    """A whole data set of a file that is plain.
+
+    Raises:
+        OSError, RuntimeError, KeyError: It is damaged, or there is none.
+    """
+    stored = h5d.open(file.id, name.encode())  # h5py's own object takes longer to make than a small one to read
+    found = np.empty(stored.shape, stored.dtype)
+    stored.read(h5s.ALL, h5s.ALL, found)
+    return found
 
 
 def check_plain(file: h5py.File, largest: int, *, besides: str = "") -> None:

@@ -20,18 +20,20 @@ from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5a
+from h5py import h5a, h5d
 from numpy.typing import ArrayLike, NDArray
 
 from instruments.values import Frames
 from labctl.errors import RunError
 from labctl.runs.format.columns import ROWS_DTYPE, ShotFlag, in_this_version
-from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, attribute, check_plain, set_text, walked
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, attribute, check_plain, set_text, stored_array, walked
 from labctl.runs.format.shape import RunShape
 from labctl.runs.format.version import FORMAT_VERSION, check_version
 
 MOST_BYTES = 1 << 30  # of one shard, as a file and unpacked: a burst of 1000 shots, 14 ports, 2500 samples has 35 MB
 
+BESIDE_CODES = ("trigger_offset_s", "clipped", "scale", "offset")
+"""What a shard holds beside codes and rows."""
 MOST_KEPT = 1 << 20
 """Bytes of codes of a shard that an empty one is kept for."""
 
@@ -133,7 +135,9 @@ class Shard:
                 if not 0 <= pass_index < len(shape.passes):
                     raise RunError(f"{origin}: pass {pass_index} is not one of this run")
                 ports = len(shape.passes[pass_index])
-                rows = in_this_version(file["rows"][:], ROWS_DTYPE)
+                rows = in_this_version(stored_array(file, "rows"), ROWS_DTYPE)
+                there: dict[str, Any] = {name: stored_array(file, name) for name in BESIDE_CODES}
+                there["frames"] = h5d.open(file.id, b"frames")
                 for name, kind, size in (
                     ("frames", shape.dtype, (rows.size, ports, shape.samples)),
                     ("trigger_offset_s", np.dtype("<f8"), (rows.size, ports)),
@@ -141,16 +145,16 @@ class Shard:
                     ("scale", np.dtype("<f8"), (ports,)),
                     ("offset", np.dtype("<f8"), (ports,)),
                 ):
-                    if file[name].dtype != kind or file[name].shape != size:
+                    if there[name].dtype != kind or there[name].shape != size:
                         raise RunError(f"{origin}: {name} are not of this run's shape")
                 shard = cls(
                     pass_index,
                     first,
-                    file["scale"][:],
-                    file["offset"][:],
-                    _codes(image, file["frames"].id.get_offset(), rows.size, ports, shape),
-                    file["trigger_offset_s"][:],
-                    file["clipped"][:],
+                    there["scale"],
+                    there["offset"],
+                    _codes(image, there["frames"].get_offset(), rows.size, ports, shape),
+                    there["trigger_offset_s"],
+                    there["clipped"],
                     rows,
                 )
         except HDF5_ERRORS as error:

@@ -27,7 +27,7 @@ from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, set_text
 from labctl.runs.format.plan import write_drive
 from labctl.runs.format.shard import encode
-from labctl.runs.format.shards import Shards
+from labctl.runs.format.shards import NAMES, Shards
 from labctl.runs.format.version import FORMAT_VERSION
 
 SCALES = {"shot": "shot", "port": "ports", "sample": "time", "pass": "passes"}
@@ -55,14 +55,16 @@ def write_data_file(shards: Shards, manifest: Manifest, drive: Drive | None, *, 
                     file[name].dims[dimension].attach_scale(file[SCALES[axis]])
                 set_text(file, "manifest", json.dumps(dict(manifest.values)))
                 for owner, attributes in attributes_in(file, shards).items():
+                    described = file[owner]
                     for name, value in attributes.items():
                         if isinstance(value, str):
-                            set_text(file[owner], name, value)
+                            set_text(described, name, value)
                         else:
-                            file[owner].attrs[name] = value
+                            described.attrs[name] = value
+                arrays = {name: file[name] for name in NAMES}
                 for start, block in shards.blocks():
                     for name, values in block.items():
-                        file[name][start : start + len(values)] = values
+                        arrays[name][start : start + len(values)] = values
                     target.check()
         except HDF5_ERRORS:
             target.check()
