@@ -23,6 +23,7 @@ class Knob:
         factor: the number that `sent` asks for is set again, so many times as large; None: `sent` changes it.
         harmless: no record depends on it.
         burst_only: it is there in bursts only.
+        answered: every instrument goes on answering; the twin may have light of a long drive to find first.
     """
 
     role: str
@@ -32,6 +33,7 @@ class Knob:
     factor: float | None = None
     harmless: bool = False
     burst_only: bool = False
+    answered: bool = False
 
     def befalls(self, bench: VisitedBench) -> None:
         """The other client does it; it must be something that the instrument accepts."""
@@ -168,7 +170,7 @@ KNOBS = (
     _awg("trigger level", "TRIGger:LEVel 4,ATRigger", "level"),
     _awg("trigger slope", "TRIGger:SLOPe POSitive,ATRigger", "slope"),
     _awg("trigger input", "SOURce1:TINPut BTRigger", "input"),
-    _awg("trigger source", "TRIGger:SOURce INTernal", "source"),
+    Knob("awg", "trigger source", b"TRIGger:SOURce INTernal", "source", answered=True),
     _awg("trigger impedance", "TRIGger:IMPedance 1000,ATRigger", "impedance", harmless=True),
     _awg("trigger timing", "TRIGger:MODE SYNChronous,ATRigger", "mode", harmless=True),
     _awg("the other channel", "SOURce2:VOLTage 0.3", "amplitude", harmless=True),
