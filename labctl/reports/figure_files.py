@@ -25,8 +25,8 @@ REDUCED = 7 / 9
 """Text that is laid out with 9 points is printed in a column with 7."""
 NARROWEST = 6.4
 """Figures across both columns are laid out for at least this width, inches."""
-LAYOUT_TABLES = ("GDEF", "GPOS", "GSUB")
-"""Of a font, what chooses glyphs and their places, as OpenType has it; of no use where both are chosen, as in a PDF."""
+OF_NO_USE = ("GDEF", "GPOS", "GSUB", "OS/2", "cmap", "gasp", "kern", "name", "post")
+"""Tables of a font that choose glyphs, place or describe them: a PDF names each glyph by its number (ISO 32000-1, 9.9)."""
 LEAST_PANEL = 0.5
 """A panel that is a smaller part of its figure's width has no place in one column."""
 
@@ -102,7 +102,7 @@ def _print(figure: Figure, width: float, path: Path) -> None:
 
 @contextmanager
 def _glyphs_alone() -> Iterator[None]:
-    """Fonts are embedded without `LAYOUT_TABLES`, which most of the time goes into: they would be made smaller too.
+    """Fonts are embedded without what is `OF_NO_USE`, which most of the time goes into: it would be made smaller too.
 
     matplotlib has no setting for it, and lets fontTools load the fonts.
     """
@@ -110,7 +110,7 @@ def _glyphs_alone() -> Iterator[None]:
 
     def load_glyphs(*what: Any, **how: Any) -> TTFont:
         font = load(*what, **how)
-        for table in set(LAYOUT_TABLES) & set(font.keys()):
+        for table in set(OF_NO_USE) & set(font.keys()):
             del font[table]
         return font
 

@@ -64,7 +64,7 @@ def _mark(figure: Figure, origin: Origin) -> float:
     height = figure.get_figheight()
     figure.set_figheight(height + STRIP)
     text = figure.text(0.99, 1 - 0.08 / (height + STRIP), MARKS[origin], ha="right", va="top", color=BLACK)
-    text.set(fontsize=8, fontweight="bold", in_layout=False)
+    text.set(fontsize=8, in_layout=False)
     text.set_bbox({"boxstyle": "square,pad=0.3", "facecolor": PURPLE, "linewidth": 0})
     return height / (height + STRIP)
 
