@@ -26,7 +26,7 @@ REDUCED = 7 / 9
 NARROWEST = 6.4
 """Figures across both columns are laid out for at least this width, inches."""
 OF_NO_USE = ("GDEF", "GPOS", "GSUB", "OS/2", "cmap", "gasp", "kern", "name", "post")
-"""Tables of a font that choose glyphs, place or describe them: a PDF names each glyph by its number (ISO 32000-1, 9.9)."""
+"""Of a font, what chooses, places or describes glyphs: a PDF names each by its number (ISO 32000-1, 9.9)."""
 LEAST_PANEL = 0.5
 """A panel that is a smaller part of its figure's width has no place in one column."""
 
