@@ -20,7 +20,8 @@ from labctl.runs.catalogue import Catalogue, Found
 from labctl.runs.format.store import here, location
 from labctl.runs.sweep import Sweep
 from labctl.runs.sweep_axes import Order, values_of
-from labctl.studies.readouts import evaluate_readout, train_readout
+from labctl.studies.readout_evaluation import evaluate_readout
+from labctl.studies.readout_training import train_readout
 from labctl.studies.sweeps.declaration import points
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts

@@ -6,17 +6,18 @@ from typing import Annotated, Any
 import typer
 
 from labctl.analysis.prequential import READOUTS
-from labctl.commands import train
 from labctl.commands.exit_status import DONE
 from labctl.commands.next_steps import cannot_judge, protocol_of, require_readout
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.commands.ranges import ports_of
 from labctl.commands.scheduler import SideBySideOption, carrying
+from labctl.commands.train import say_what_is_special, seconds, with_interval
 from labctl.errors import UsageError
 from labctl.runs.format.store import here, location
 from labctl.runs.sweep import is_sweep
 from labctl.studies import online as online_study
 from labctl.studies.fibre import in_words, measure_fibre
+from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from protocols.base import Judgement
 
@@ -58,7 +59,7 @@ def evaluate(
     """
     if is_sweep(subject) and not online and run is None:
         here(str(subject))  # its figure is written into it
-        window_s = None if window is None else train.seconds(window)
+        window_s = None if window is None else seconds(window)
         swept = evaluate_sweep(
             subject, window_s=window_s, ports=ports_of(ports), carried_out=carrying(scheduler, "evaluate")
         )
@@ -74,7 +75,9 @@ def evaluate(
         )
     if run is not None:
         require_readout(run)
-        return train.evaluate(subject, run, as_json)
+        judged = evaluate_readout(subject, run)
+        show(judged, as_json, lambda: _print_readout(judged))
+        return DONE
     if subject.is_file():
         raise UsageError(f"{subject}: a model file is tested on a run: name the run directory after it")
     if protocol_of(subject)[1] is not Judgement.ITSELF:
@@ -90,10 +93,37 @@ def _online(subject: Path, model_run: Path | None, window: str | None, ports: st
     if not subject.is_dir():
         raise UsageError(f"{subject}: no such directory: name a run directory, as 'labctl runs' lists them")
     require_readout(subject)
-    window_s = None if window is None else train.seconds(window)
+    window_s = None if window is None else seconds(window)
     found = online_study.evaluate_online(subject, window_s=window_s, ports=ports_of(ports))
     show(found, as_json, lambda: _print_online(found))
     return DONE
+
+
+def _print_readout(found: dict[str, Any]) -> None:
+    rows = [
+        ("this readout, unseen shots", with_interval(found), f"{found['test_shots']} shots, 95 % interval"),
+        (
+            "random splits",
+            f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}",
+            f"{found['splits']} splits",
+        ),
+        ("forward in time", f"{found['forward_in_time']:.3f}", "last tenth of the run"),
+    ]
+    if found["own_split"] is not None:
+        rows.append(("the data set's own split", f"{found['own_split']:.3f}", "trained on its training part"))
+    for name, control in found["controls"].items():
+        if control is None:
+            rows.append((f"control: {name}", "not judged", "too few such shots in this run"))
+            continue
+        verdict = "at chance" if control["at_chance"] else "NOT at chance"
+        rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))
+    table(("what", "accuracy", ""), rows)
+    if (other := found["other_images"]) is not None:
+        known, shown = other["trained_on"], other["tested_on"]
+        again = "another set called " if shown == known else ""
+        say(f"this readout was trained on images of {known}; this run shows those of {again}{shown}")
+    say_what_is_special(found)
+    say(f"report: {found['report']}")
 
 
 def _print_sweep(found: dict[str, Any]) -> None:
@@ -103,7 +133,7 @@ def _print_sweep(found: dict[str, Any]) -> None:
             (
                 row["run"][:3],
                 *(row[axis] for axis in found["axes"]),
-                train.with_interval(row),
+                with_interval(row),
                 "" if row["complete"] else "not complete",
             )
             for row in found["points"]
@@ -120,7 +150,7 @@ def _print_online(found: dict[str, Any]) -> None:
     table(
         ("readout", f"all {found['judged_shots']} shots", f"last {found['last_shots']}"),
         (
-            (READOUTS[name], *(train.with_interval(entry[part]) for part in ("all", "last")))
+            (READOUTS[name], *(with_interval(entry[part]) for part in ("all", "last")))
             for name, entry in found["readouts"].items()
         ),
     )

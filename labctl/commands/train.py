@@ -1,4 +1,4 @@
-"""`labctl train`: a readout from a run. `labctl evaluate`: how good it is, honestly."""
+"""`labctl train`: a readout from a run."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +15,7 @@ from labctl.commands.scheduler import SideBySideOption, carrying
 from labctl.errors import UsageError
 from labctl.runs.sweep_axes import parse_axis
 from labctl.studies.readout_search import search_readout
-from labctl.studies.readouts import evaluate_readout, train_readout
+from labctl.studies.readout_training import train_readout
 
 
 def train(
@@ -68,17 +68,6 @@ def train(
     return DONE
 
 
-def evaluate(
-    model: Annotated[Path, typer.Argument(help="Model file that labctl train wrote.")],
-    run: Annotated[Path, typer.Argument(help="Run directory.")],
-    as_json: JsonOption = False,
-) -> int:
-    """Test a readout on shots it has not seen, and its kind on random and forward-in-time splits, with controls."""
-    found = evaluate_readout(model, run)
-    show(found, as_json, lambda: _print_evaluation(found))
-    return DONE
-
-
 def seconds(text: str) -> float:
     """The option --window in s; UsageError if it is no time."""
     try:
@@ -89,7 +78,7 @@ def seconds(text: str) -> float:
 
 def _print_training(trained: dict[str, Any]) -> None:
     say(f"{trained['model']}: softmax on {trained['features']} features, {trained['training_shots']} training shots")
-    _say_what_is_special(trained)
+    say_what_is_special(trained)
     say(f"accuracy on the {trained['test_shots']} shots kept apart: {with_interval(trained)}, 95 % interval")
 
 
@@ -110,7 +99,8 @@ def _print_search(found: dict[str, Any], axes: list[str]) -> None:
     _print_training(found)
 
 
-def _say_what_is_special(found: dict[str, Any]) -> None:
+def say_what_is_special(found: dict[str, Any]) -> None:
+    """What of the images of a run somebody should know who reads how good a readout is."""
     if found["left_out"]:
         say(f"{found['left_out']} more images of the run, evenly spread, are left out: memory is bounded")
     if found["identical_images"]:
@@ -124,30 +114,3 @@ def with_interval(found: dict[str, Any]) -> str:
     """An accuracy and its interval, for people."""
     low, high = found["interval"]
     return f"{found['accuracy']:.3f} [{low:.3f}, {high:.3f}]"
-
-
-def _print_evaluation(found: dict[str, Any]) -> None:
-    rows = [
-        ("this readout, unseen shots", with_interval(found), f"{found['test_shots']} shots, 95 % interval"),
-        (
-            "random splits",
-            f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}",
-            f"{found['splits']} splits",
-        ),
-        ("forward in time", f"{found['forward_in_time']:.3f}", "last tenth of the run"),
-    ]
-    if found["own_split"] is not None:
-        rows.append(("the data set's own split", f"{found['own_split']:.3f}", "trained on its training part"))
-    for name, control in found["controls"].items():
-        if control is None:
-            rows.append((f"control: {name}", "not judged", "too few such shots in this run"))
-            continue
-        verdict = "at chance" if control["at_chance"] else "NOT at chance"
-        rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))
-    table(("what", "accuracy", ""), rows)
-    if (other := found["other_images"]) is not None:
-        known, shown = other["trained_on"], other["tested_on"]
-        again = "another set called " if shown == known else ""
-        say(f"this readout was trained on images of {known}; this run shows those of {again}{shown}")
-    _say_what_is_special(found)
-    say(f"report: {found['report']}")

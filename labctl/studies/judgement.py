@@ -6,7 +6,7 @@ from typing import Any
 
 from labctl.runs.format.layout import RunPaths
 from labctl.studies.fibre import measure_fibre
-from labctl.studies.readouts import evaluate_readout
+from labctl.studies.readout_evaluation import evaluate_readout
 from protocols.base import Judgement
 
 

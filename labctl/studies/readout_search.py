@@ -15,7 +15,7 @@ from labctl.analysis.splits import enough_splits, random_splits
 from labctl.errors import UsageError
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep_axes import points_of
-from labctl.studies.readouts import bounded_records, kept_apart, require_replaceable, train_readout
+from labctl.studies.readout_training import bounded_records, kept_apart, require_replaceable, train_readout
 from labctl.studies.tasks import one_by_one
 
 AXES = {"window": "s", "tau": "s", "C": ""}

@@ -22,7 +22,7 @@ TURNS = [turn if turn < 2 else pytest.param(turn, marks=pytest.mark.full) for tu
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory, bench_run: Path) -> Path:
     """A run of its own, with a readout."""
-    from labctl.studies.readouts import train_readout
+    from labctl.studies.readout_training import train_readout
 
     directory = tmp_path_factory.mktemp("damaged") / "run"
     shutil.copytree(bench_run, directory)

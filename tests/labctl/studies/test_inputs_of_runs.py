@@ -12,7 +12,8 @@ from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from labctl.studies.comparison import compare
 from labctl.studies.inputs_of_runs import source_of
-from labctl.studies.readouts import evaluate_readout, train_readout
+from labctl.studies.readout_evaluation import evaluate_readout
+from labctl.studies.readout_training import train_readout
 from protocols.image_readout import ImageReadout
 
 Measured = Callable[[str, int], Path]

@@ -10,8 +10,9 @@ from labctl.analysis.evaluation import validate
 from labctl.analysis.splits import forward_in_time_split
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
+from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.readout_file import load_model
-from labctl.studies.readouts import evaluate_readout, train_readout
+from labctl.studies.readout_training import train_readout
 from tests.command_line import answer
 
 AGAIN = slice(5, 10)

@@ -9,8 +9,9 @@ import pytest
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError
+from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.readout_file import load_metadata, load_model, save_model
-from labctl.studies.readouts import evaluate_readout, file_name, train_readout
+from labctl.studies.readout_training import file_name, train_readout
 from protocols.image_readout import ImageReadout
 
 
