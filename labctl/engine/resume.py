@@ -63,16 +63,22 @@ def refuse_edited(paths: RunPaths, manifest: Mapping[str, Any]) -> None:
         raise edited(paths)
 
 
-def refuse_replayed(directory: Path, manifest: Mapping[str, Any], wire: Wire) -> None:
-    """Refuse to go on with a run of a recording where instruments would answer.
+def refuse_mixed(directory: Path, manifest: Mapping[str, Any], wire: Wire) -> None:
+    """Refuse to go on with a run of a recording where instruments would answer, and with a run of a bench in a replay.
 
     Raises:
         RunError: it is one.
     """
-    if manifest.get(REPLAY) and wire.replay is None:
+    replayed = bool(manifest.get(REPLAY))
+    if replayed and wire.replay is None:
         raise RunError(
             f"{directory}: its records are those of a recording, to which a bench adds none: repeat its command under "
             f"'labctl replay', or begin a new run"
+        )
+    if not replayed and wire.replay is not None:
+        raise RunError(
+            f"{directory}: its records are those of a bench, to which a recording adds none: leave out 'labctl "
+            f"replay', or begin a new run"
         )
 
 

@@ -23,7 +23,7 @@ from labctl.engine.kept import KeptBench
 from labctl.engine.plan import Request, aliasing, durability_of
 from labctl.engine.profile import Profile
 from labctl.engine.recorded_protocol import protocol_of_manifest, refuse_other_inputs
-from labctl.engine.resume import own_station, refuse_edited, refuse_replayed, station_of_manifest
+from labctl.engine.resume import own_station, refuse_edited, refuse_mixed, station_of_manifest
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.live.logs import CommandLog, EventLog
@@ -146,7 +146,7 @@ def resume(
                 bench_seconds=0.0,
                 simulated=station.simulated,
             )
-        refuse_replayed(directory, manifest.values, resumption.access.wire)
+        refuse_mixed(directory, manifest.values, resumption.access.wire)
         inputs = inputs_for(protocol, resumption.data)
         refuse_other_inputs(directory, manifest.values, inputs)
         session = _session(protocol, station, resumption.access, observers, observer, bench)

@@ -9,6 +9,7 @@ import subprocess
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import pytest
@@ -25,9 +26,12 @@ from labctl.bench.recording.wire import RecordingRequest, Wire
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import SimSection, Station, read_station
 from labctl.errors import StationError
+from tests.checkout import ROOT
 from tests.command_line import LABCTL, labctl
 
 MOST_POLLS = 1000
+KILLED = ROOT / "tests" / "labctl" / "runs" / "older" / "1.1" / "killed"
+"""A run of a bench that is not whole."""
 STORED = Path(__file__).with_name("check.rec")
 """`labctl record check.rec --mask -- check`, on the simulated bench: make it anew when a driver is meant to differ."""
 
@@ -139,6 +143,15 @@ def test_a_run_of_a_recording_says_so_and_goes_on_with_no_bench(
         f"labctl: {run}: its records are those of a recording, to which a bench adds none: repeat its command under "
         "'labctl replay', or begin a new run\n",
     )
+
+
+def test_a_recording_adds_nothing_to_a_run_of_a_bench(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = copytree(KILLED, tmp_path / "killed")
+    status, _, err = labctl(capsys, "replay", recorded[0], "--", "resume", run)
+    assert status == 2
+    assert f"labctl: {run}: its records are those of a bench, to which a recording adds none: leave out 'labctl" in err
 
 
 def test_damaged_and_existing_files(
