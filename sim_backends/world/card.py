@@ -116,11 +116,11 @@ class CardReceivers:
     ) -> tuple[Tensor, Tensor]:
         """See `LightPath.sampled`."""
         constants, host = self._parameters, optics.host
-        shown = self._put(after)
-        settled = shown if before is None else self._put(before)
         if not host.lit:
             zero = torch.zeros(len(after), len(acquisition.channels), acquisition.samples, device=self._place)
             return zero, zero
+        shown = self._put(after)
+        settled = shown if before is None else self._put(before)
         start_s = light.phase_s + grid.first_s - host.delay_s
         field = self._field(optics, shown, start_s, grid)
         if before is not None:

@@ -32,6 +32,11 @@ class Lie:
     when_burst: str | None = MIDDLE
     harmless: bool = False
 
+    @property
+    def answered(self) -> bool:
+        """Whether every instrument goes on answering."""
+        return self.harmless
+
     def befalls(self, bench: VisitedBench) -> None:
         """It waits for its message from now on."""
         bench.befall(self.role, self.fault, self.moment)

@@ -23,7 +23,7 @@ class Knob:
         factor: the number that `sent` asks for is set again, so many times as large; None: `sent` changes it.
         harmless: no record depends on it.
         burst_only: it is there in bursts only.
-        answered: every instrument goes on answering; the twin may have light of a long drive to find first.
+        long_drive: it makes the drive so long that the twin takes a while to find its light.
     """
 
     role: str
@@ -33,7 +33,12 @@ class Knob:
     factor: float | None = None
     harmless: bool = False
     burst_only: bool = False
-    answered: bool = False
+    long_drive: bool = False
+
+    @property
+    def answered(self) -> bool:
+        """Whether every instrument goes on answering, if only after a while."""
+        return self.harmless or self.long_drive
 
     def befalls(self, bench: VisitedBench) -> None:
         """The other client does it; it must be something that the instrument accepts."""
@@ -170,7 +175,7 @@ KNOBS = (
     _awg("trigger level", "TRIGger:LEVel 4,ATRigger", "level"),
     _awg("trigger slope", "TRIGger:SLOPe POSitive,ATRigger", "slope"),
     _awg("trigger input", "SOURce1:TINPut BTRigger", "input"),
-    Knob("awg", "trigger source", b"TRIGger:SOURce INTernal", "source", answered=True),
+    Knob("awg", "trigger source", b"TRIGger:SOURce INTernal", "source", long_drive=True),
     _awg("trigger impedance", "TRIGger:IMPedance 1000,ATRigger", "impedance", harmless=True),
     _awg("trigger timing", "TRIGger:MODE SYNChronous,ATRigger", "mode", harmless=True),
     _awg("the other channel", "SOURce2:VOLTage 0.3", "amplitude", harmless=True),

@@ -119,8 +119,7 @@ def carried_out(case: Case, expected: Ended, folder: Path) -> Ended:
     else:
         moment = moments(expected.overheard, RECORDS[case.mode])[case.when]
         bench = VisitedBench(SMALL, moment=moment, visit=case.cause.befalls)
-    answered = case.cause.harmless or (isinstance(case.cause, Knob) and case.cause.answered)
-    return _carried_out(bench, case.mode, folder, PATIENCE_S if answered else TIMEOUT_S)
+    return _carried_out(bench, case.mode, folder, PATIENCE_S if case.cause.answered else TIMEOUT_S)
 
 
 def outcome(case: Case, ended: Ended, alone: Mapping[str, Ended]) -> str:

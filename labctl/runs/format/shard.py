@@ -32,8 +32,6 @@ from labctl.runs.format.version import FORMAT_VERSION, check_version
 
 MOST_BYTES = 1 << 30  # of one shard, as a file and unpacked: a burst of 1000 shots, 14 ports, 2500 samples has 35 MB
 
-BESIDE_CODES = ("trigger_offset_s", "clipped", "scale", "offset")
-"""What a shard holds beside codes and rows."""
 MOST_KEPT = 1 << 20
 """Bytes of codes of a shard that an empty one is kept for."""
 
@@ -136,27 +134,21 @@ class Shard:
                     raise RunError(f"{origin}: pass {pass_index} is not one of this run")
                 ports = len(shape.passes[pass_index])
                 rows = in_this_version(stored_array(file, "rows"), ROWS_DTYPE)
-                there: dict[str, Any] = {name: stored_array(file, name) for name in BESIDE_CODES}
-                there["frames"] = h5d.open(file.id, b"frames")
-                for name, kind, size in (
-                    ("frames", shape.dtype, (rows.size, ports, shape.samples)),
-                    ("trigger_offset_s", np.dtype("<f8"), (rows.size, ports)),
-                    ("clipped", np.dtype(np.bool_), (rows.size, ports)),
-                    ("scale", np.dtype("<f8"), (ports,)),
-                    ("offset", np.dtype("<f8"), (ports,)),
-                ):
-                    if there[name].dtype != kind or there[name].shape != size:
+                expected = {
+                    "frames": (shape.dtype, (rows.size, ports, shape.samples)),
+                    "trigger_offset_s": (np.dtype("<f8"), (rows.size, ports)),
+                    "clipped": (np.dtype(np.bool_), (rows.size, ports)),
+                    "scale": (np.dtype("<f8"), (ports,)),
+                    "offset": (np.dtype("<f8"), (ports,)),
+                }
+                frames = h5d.open(file.id, b"frames")
+                arrays = {name: stored_array(file, name) for name in expected if name != "frames"}
+                for name, (kind, size) in expected.items():
+                    stored = arrays.get(name, frames)
+                    if stored.dtype != kind or stored.shape != size:
                         raise RunError(f"{origin}: {name} are not of this run's shape")
-                shard = cls(
-                    pass_index,
-                    first,
-                    there["scale"],
-                    there["offset"],
-                    _codes(image, there["frames"].get_offset(), rows.size, ports, shape),
-                    there["trigger_offset_s"],
-                    there["clipped"],
-                    rows,
-                )
+                codes = _codes(image, frames.get_offset(), rows.size, ports, shape)
+                shard = cls(pass_index, first, frames=codes, rows=rows, **arrays)
         except HDF5_ERRORS as error:
             raise RunError(f"{origin}: damaged shard ({error})") from error
         last = first + rows.size
