@@ -1,5 +1,7 @@
 """The command `labctl`: how it starts, and how every one of its commands ends."""
 
+import atexit
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -49,6 +51,7 @@ def labctl(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command and end the process with its exit status."""
+    atexit.register(gc.freeze)  # the end of Python would look through all that libraries have loaded
     _prepare_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words

@@ -1,5 +1,6 @@
 """Processes of this machine that carry out tasks: as many as there are cores."""
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -28,8 +29,8 @@ Found = TypeVar("Found")
 
 OWN = ("labctl", "protocols", "instruments", "sim_backends")
 """Our packages; what they need comes with them."""
-LATE = (SIMULATION, "pint")
-"""What tasks load when they need it, and most do."""
+FIRST, LATE = "labctl.studies.template_process", (SIMULATION, "pint")
+"""What is loaded before all else, and what tasks load when they need it, and most do."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def load_meanwhile(*modules: str) -> None:
     To load scikit-learn takes seconds. Where to copy a process is not safe there is no such one, and each loads it.
     """
     if sys.platform == "linux":
-        multiprocessing.get_context("forkserver").set_forkserver_preload([*modules, *LATE])
+        multiprocessing.get_context("forkserver").set_forkserver_preload([FIRST, *modules, *LATE])
         forkserver.ensure_running()
 
 
@@ -149,7 +150,8 @@ def _stopped_at_once() -> Iterator[None]:
 
 
 def _join(shared: _Shared, environment: Mapping[str, str]) -> None:
-    os.environ.clear()  # of when the process that is copied began
+    gc.enable()  # which it is not in the process that is copied
+    os.environ.clear()  # of when that one began
     os.environ.update(environment)
     # Ctrl-C reaches the whole process group; these processes hear of it from their parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

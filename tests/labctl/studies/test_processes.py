@@ -1,5 +1,6 @@
 """Work in several processes: in the order that it needs, and ended by the first failure or by somebody."""
 
+import gc
 import operator
 import os
 import signal
@@ -16,7 +17,7 @@ import pytest
 
 from labctl.bench.signals import Interruption
 from labctl.errors import WorkerKilled
-from labctl.studies.processes import processes
+from labctl.studies.processes import processes, side_by_side
 from labctl.studies.tasks import Interrupted, in_parallel
 
 Tasks = dict[str, Callable[[], Any]]
@@ -41,6 +42,11 @@ def test_a_task_begins_when_those_it_needs_are_done(tmp_path: Path) -> None:
     assert all(seconds >= 0 for _, seconds in found.values())
     assert seen == sorted(seen)
     assert seen[-1] == 3
+
+
+def test_what_tasks_leave_is_collected() -> None:
+    """It is not in the process that those of a pool are copies of, which only loads."""
+    assert side_by_side(dict.fromkeys(range(3), gc.isenabled)) == dict.fromkeys(range(3), True)
 
 
 def test_the_first_failure_ends_it_all(tmp_path: Path) -> None:
@@ -100,7 +106,7 @@ ONE_IDLES_ONE_WORKS = """
 import multiprocessing, time
 from functools import partial
 from labctl.bench.signals import Interruption
-from labctl.studies.processes import processes
+from labctl.studies.processes import processes, side_by_side
 from labctl.studies.tasks import in_parallel
 
 def progress(done, _records):

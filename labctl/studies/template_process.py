@@ -1,0 +1,10 @@
+"""What the process loads first that those of a pool are copies of: all that it loads after this is there for good.
+
+Python's collector of garbage would look through it again and again while it grows, and once more when it ends.
+"""
+
+import atexit
+import gc
+
+gc.disable()
+atexit.register(gc.freeze)
