@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.errors import InstrumentError, NotConfigured, OutOfRange, SettingChanged
+from instruments.errors import InstrumentError, LightLost, LinkError, NotConfigured, OutOfRange, SettingChanged
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
-from instruments.limits import Levels, Limits
+from instruments.limits import Levels, Limits, OverLimit
 from instruments.optical_train import OpticalTrain
 from instruments.safe_state import UnsafeBench, ending_with, in_order, safe_state
 from instruments.values import Drive, EdgeTrigger, Frames, Identity, Timebase
@@ -298,6 +298,7 @@ class Bench:
             NotConfigured: the bench is not armed; nothing was sent.
             InstrumentError: somebody left something that no run may change; the laser stays off.
             OverLimit: by its own answer or the power meter's, the laser gives more than the limit; or the amplifier.
+            SettingChanged: the block failed because of a setting that was changed from elsewhere.
             UnsafeBench: an instrument did not obey. Where the block fails, this is a note to its error.
         """
         self.require_arm()
@@ -312,7 +313,27 @@ class Bench:
             self.laser.emit()
             self.limits.check_power(self.laser.power())
             self._let_through()
+            with self._explained():
+                yield
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        """An instrument that answers and fails may do so because of a setting that somebody else has changed.
+
+        It is looked for before the safe state changes settings too. Light that went out is told before it: nobody may
+        mend a setting, and so switch it on again, who does not know why.
+        """
+        try:
             yield
+        except (LinkError, LightLost, OverLimit, SettingChanged):
+            raise
+        except InstrumentError as error:
+            try:
+                self.laser.require_emission()
+                self.require_unchanged()
+            except LinkError:
+                raise error from None
+            raise
 
     def _let_through(self) -> None:
         if found := self.train.let_through(self.laser, self.limits):

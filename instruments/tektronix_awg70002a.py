@@ -127,7 +127,7 @@ class Awg70002a(Awg):
     MARKER_1 = 0x40
     MARKER_RESOLUTION_BITS = 9  # 10 bits would take the marker's place
     CHANNELS = (1, 2)  # an AWG70001A has the first
-    WAITING, RUNNING = "1", "2"
+    STOPPED, WAITING, RUNNING = "0", "1", "2"
     DIRECT = ("DIR", "DIRECT")
     self_test_s = 1200.0
     """It is the power-on test: minutes, and so long waits the vendor's own public test framework."""
@@ -148,6 +148,7 @@ class Awg70002a(Awg):
         self._outputs: tuple[str, ...] = (f"OUTPut{channel}:STATe?", "OUTPut:OFF?")
         self._kept = KeptSettings(link)
         self._loaded: tuple[Drive, int, bool] | None = None  # with its length in memory, and whether marked once
+        self._waits = False  # for triggers, and runs from each of them on for a while
         self._asked = self._compared = 0
 
     def identify(self) -> Identity:
@@ -199,7 +200,7 @@ class Awg70002a(Awg):
         length = drive.repeated_length(max(shortest, int(periods) * drive.samples.size))
         Range(1, longest, "samples").check("drive length", length)
         self._kept.forget()
-        self._loaded, self._asked = None, 0
+        self._loaded, self._waits, self._asked = None, False, 0
         with self._link.checked():
             self._link.write("AWGControl:ARSettings 0")
             self._link.write(f'WLISt:WAVeform:DELete "{drive.name}"')
@@ -310,6 +311,8 @@ class Awg70002a(Awg):
         """
         if found := self._kept.changes():
             return found
+        if self._waits and self._link.query(RUN_STATE) == self.STOPPED:
+            return (Change(RUN_STATE.removesuffix("?"), self.WAITING, self.STOPPED),)
         self._asked += 1
         if self._loaded is None or self._asked % SAMPLES_EVERY != 1:
             return ()
@@ -337,12 +340,14 @@ class Awg70002a(Awg):
             raise InstrumentError(
                 f"{self._link.name}: does not run ({RUN_STATE} answers {excerpt(state)}): load a drive first"
             )
-        if state == self.WAITING:
-            self._kept.forget([RUN_STATE])  # it runs from each trigger on for a while
+        self._waits = state == self.WAITING
+        if self._waits:
+            self._kept.forget([RUN_STATE])
 
     def stop(self) -> None:
         """All outputs off at once, then stop."""
         self._kept.forget([RUN_STATE, *self._outputs])
+        self._waits = False
         with self._link.checked():
             self._link.write("OUTPut:OFF 1")
             self._link.write(f"OUTPut{self._channel}:STATe 0")

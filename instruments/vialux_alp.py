@@ -214,11 +214,12 @@ class VialuxAlp(BurstDmd):
         self._alp.Run(self._pictures, loop=False)
 
     def changes(self) -> tuple[Change, ...]:
-        """What turns pictures into others: mirrors released, inversion, direction, format, none of them projected."""
+        """What turns pictures into others, or delays them: mirrors, trigger, inversion, direction, format, a halt."""
         if self._sequence is None:
             return ()
         wanted = {
             "mode of the mirrors": (ALP_DEFAULT, self._alp.DevInquire(ALP_DEV_DMD_MODE)),
+            "projection mode": (ALP_SLAVE if self._slave else ALP_MASTER, self._alp.ProjInquire(ALP_PROJ_MODE)),
             "inversion": (ALP_DEFAULT, self._alp.ProjInquire(ALP_PROJ_INVERSION)),
             "direction": (ALP_DEFAULT, self._alp.ProjInquire(ALP_PROJ_UPSIDE_DOWN)),
         }
@@ -245,9 +246,11 @@ class VialuxAlp(BurstDmd):
         Whatever turned pictures into others is set back first: a dark picture that is inverted would be all light.
         """
         try:
-            self._prepare()
+            sequence = self._prepare()
             self._halt()
+            self._alp.SeqControl(sequence, ALP_DATA_FORMAT, ALP_DATA_BINARY_TOPDOWN)
             self._alp.DevControl(ALP_DEV_DMD_MODE, ALP_DEFAULT)
+            self._obey_trigger(slave=False)
             self._alp.ProjControl(ALP_PROJ_INVERSION, ALP_DEFAULT)
             self._alp.ProjControl(ALP_PROJ_UPSIDE_DOWN, ALP_DEFAULT)
             self.blank()

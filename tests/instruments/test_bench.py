@@ -2,20 +2,21 @@
 
 import re
 import time
-from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, nullcontext
 from typing import Any
 
 import numpy as np
 import pytest
 
 from instruments.bench import Bench
-from instruments.errors import InstrumentError, LinkError, NotConfigured, OutOfRange
+from instruments.errors import InstrumentError, LightLost, LinkError, NotConfigured, OutOfRange, SettingChanged
 from instruments.interfaces import BYPASS_PORT, Instrument
 from instruments.limits import Limits, OverLimit
 from instruments.safe_state import UnsafeBench
 from instruments.values import Drive, Scaling
 from instruments.vialux_alp import VialuxAlp
+from instruments.visa import VisaLink
 from labctl.bench.opening import Access, opened
 from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import LimitsSection, Station
@@ -35,6 +36,41 @@ def test_dark_after_a_failure(bench: Bench) -> None:
     with pytest.raises(RuntimeError, match="fault"), bench.emitting(1550.0):
         raise RuntimeError("fault")
     assert bench.laser.settings()["emitting"] == 0
+
+
+def failing_once(bench: Bench, simulation: SimulatedBench, said: Mapping[str, str]) -> None:
+    """Measure, and fail when another client has said something to each of some instruments, by role."""
+    drive = Drive("square", np.tile(np.float32([-1, 1]), 1200), sample_rate=25e9, amplitude_vpp=0.5)
+    with bench.emitting(1550.0), ExitStack() as stack:
+        bench.load_drive(drive)
+        bench.play_drive()
+        for role, line in said.items():
+            resource = simulation.resources[role]["socket"]
+            other = VisaLink(resource, name="another client", timeout_s=5, transcript=lambda *_: None)
+            stack.callback(other.close)
+            other.write(line)
+            other.query("*OPC?")
+        raise InstrumentError("scope: no trigger came")
+
+
+def test_a_setting_that_somebody_changed_is_the_reason_why_an_instrument_fails(
+    bench: Bench, simulation: SimulatedBench
+) -> None:
+    with pytest.raises(SettingChanged, match="awg: OUTPut1:STATe was 1 and is 0"):
+        failing_once(bench, simulation, {"awg": "OUTPut1 OFF"})
+
+
+def test_light_that_somebody_switched_off_is_told_before_a_setting_that_was_changed(
+    bench: Bench, simulation: SimulatedBench
+) -> None:
+    """After a setting that was changed a run goes on, with light."""
+    with pytest.raises(LightLost, match="the light went out by itself"):
+        failing_once(bench, simulation, {"awg": "OUTPut1 OFF", "laser": "OUTPUT OFF"})
+
+
+def test_an_instrument_that_fails_by_itself_tells_its_own_error(bench: Bench, simulation: SimulatedBench) -> None:
+    with pytest.raises(InstrumentError, match="scope: no trigger came"):
+        failing_once(bench, simulation, {"awg": "*CLS"})
 
 
 def test_the_safe_state_comes_in_its_order(bench: Bench, log: Any) -> None:
