@@ -143,6 +143,15 @@ def test_it_is_judged_point_by_point(swept: Path) -> None:
     assert Path(found["figure"]).stat().st_size > 10_000
 
 
+def test_how_many_images_is_an_axis_like_any_other(tmp_path: Path) -> None:
+    chosen = ("--set", "window=0.4 ns", "--set", "ports=2", "--over", "images=40,80", "--reference-every", "0")
+    folder = tmp_path / "sweep"
+    assert run("sweep", "image-readout", *chosen, "--out", folder)[0] == 0
+    status, found, _ = run("evaluate", folder)
+    assert status == 0
+    assert {one["images"]: one["judged_images"] for one in found["points"]} == {"40": 40, "80": 80}
+
+
 def test_a_run_that_has_just_begun_keeps_no_other_from_being_judged(swept: Path, tmp_path: Path) -> None:
     folder = tmp_path / "sweep"
     shutil.copytree(swept, folder)

@@ -94,7 +94,13 @@ def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) ->
             if complete:
                 raise
             return error
-    return vars(found) | {"interval": list(found.interval), "complete": complete}
+    return {
+        "accuracy": found.accuracy,
+        "interval": list(found.interval),
+        "chance": found.chance,
+        "judged_images": found.images,  # `images` may be an axis
+        "complete": complete,
+    }
 
 
 def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]]) -> Any:
