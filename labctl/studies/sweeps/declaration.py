@@ -67,6 +67,10 @@ def _point(sweep: Sweep, asked: type[Measurement[Any]], station: Station, run: s
     settings, keys = {}, {}
     for name, value in values.items():
         target = SHORT.get(name, name)
+        if target == "laser.wavelength":
+            raise UsageError(
+                f"{name}: {sweep.protocol} tunes the laser itself: vary a setting of it, such as wavelengths"
+            )
         if target in asked.model_fields:
             settings[target] = value
         elif "." in target:

@@ -71,6 +71,10 @@ def test_a_list_of_one_is_a_number_and_what_is_no_number_is_its_text() -> None:
     [
         ({"pwer": ("1 mW",)}, "pwer: is no setting of image-readout and no key of the station: choose from power"),
         ({"laser.pwer": ("1 mW",)}, "laser.pwer: built-in station has no such key"),
+        (
+            {"laser.wavelength": ("1550 nm",)},
+            "laser.wavelength: image-readout tunes the laser itself: vary a setting of it, such as wavelengths",
+        ),
         ({"power": ("1",)}, "laser.power"),
         ({"window": ("1 mW",)}, "window"),
     ],
