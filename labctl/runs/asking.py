@@ -1,4 +1,4 @@
-"""What is asked of a run from outside, and of the sweep that it is part of; or of a sweep, and of its run under way."""
+"""What is asked of a run from outside, or of a sweep, which is asked of all its runs under way."""
 
 import os
 import signal
@@ -9,26 +9,25 @@ from pathlib import Path
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.owner import writer_of
-from labctl.runs.sweep import is_sweep, places, read
+from labctl.runs.sweep import is_sweep
 
 
 def tell(directory: Path, word: Word) -> None:
     """Ask the run or sweep in `directory` for something: `labctl.runs.live.control_file.ask`.
 
-    A sweep looks before each of its runs and when one has begun. It is asked first, so that no run begins unheard.
+    What a run is asked, the sweep under way that it is part of is asked. A sweep looks before each of its runs and when
+    one has begun. It is asked first, so that no run begins unheard.
 
     Raises:
         OSError: it cannot be written.
-        RunError: the file of the sweep is damaged.
     """
-    if is_sweep(directory):
-        ask(directory, word)
-        if (run := _under_way(directory)) is not None:
-            ask(run, word)
-        return
-    if is_sweep(directory.parent) and writer_of(RunPaths(directory.parent)) is not None:
-        ask(directory.parent, word)
-    ask(directory, word)
+    part = is_sweep(directory.parent) and writer_of(RunPaths(directory.parent)) is not None
+    asked = directory.parent if part else directory
+    ask(asked, word)
+    if is_sweep(asked):
+        for run in asked.iterdir():
+            if writer_of(RunPaths(run)) is not None:
+                ask(run, word)
 
 
 def stop_at_once(directory: Path, process: int | None) -> None:
@@ -39,7 +38,6 @@ def stop_at_once(directory: Path, process: int | None) -> None:
 
     Raises:
         OSError: the word cannot be written, and there is no process to signal.
-        RunError: the file of the sweep is damaged.
     """
     try:
         tell(directory, Word.STOP_NOW)
@@ -49,13 +47,3 @@ def stop_at_once(directory: Path, process: int | None) -> None:
     if process is not None and sys.platform != "win32":
         with suppress(ProcessLookupError):
             os.kill(process, signal.SIGTERM)
-
-
-def _under_way(sweep: Path) -> Path | None:
-    """The run of a sweep that a process of this machine writes now: if any, the one that reported last."""
-    told = {}
-    for name, _ in places(read(sweep).sweep):
-        with suppress(OSError):
-            told[sweep / name] = RunPaths(sweep / name).events.stat().st_mtime_ns
-    latest = max(told, key=lambda run: told[run], default=None)
-    return latest if latest is not None and writer_of(RunPaths(latest)) is not None else None

@@ -1,6 +1,7 @@
 """A run as one task among others."""
 
 import gc
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -12,6 +13,7 @@ from typing import Any
 
 from instruments.bench import Observer, Observers
 from labctl.bench.signals import Interruption
+from labctl.engine.control import Control
 from labctl.engine.engine import Outcome
 from labctl.engine.inputs import inputs_for
 from labctl.engine.recorded_protocol import refuse_other_inputs
@@ -25,6 +27,7 @@ from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.provenance import versions
 from labctl.runs.format.store import alone, is_elsewhere, mended
 from labctl.runs.index import run_row
+from labctl.runs.live.control_file import CONTROL
 from labctl.runs.read.differences import differences
 from labctl.runs.write.placing import put_whole
 from labctl.studies.tasks import CALLER, Interrupted
@@ -39,19 +42,30 @@ OWN_BUSINESS = (
 
 
 class TaskObserver(Observer):
-    """Follows a run inside a task: counts its records, and ends it when the task should come to its end."""
+    """Follows a run inside a task: counts its records, and ends it when the task should come to its end.
 
-    def __init__(self, interruption: Interruption) -> None:
-        """Of the run that `interruption` ends."""
-        self._interruption = interruption
+    A sweep that the run is part of may be told something before the run can be.
+    """
+
+    def __init__(self) -> None:
+        """Of the run that its `interruption` ends."""
+        self.interruption = Interruption(wait=self._wait)
         self._caller = CALLER.get()
         self._done = 0
+
+    def stored_in(self, directory: Path) -> None:
+        """From now on the run can be told something itself."""
+        Control(directory.parent / CONTROL, self.interruption).wait()
 
     def progress(self, done: int, total: int, last: Callable[[], Mapping[str, Any]] = dict) -> None:
         """More records: one, or those of a burst."""
         self._caller.measured(done - self._done)
         self._done = done
-        self._interruption.requested |= self._caller.stopped()
+        self.interruption.requested |= self._caller.stopped()
+
+    def _wait(self, seconds: float) -> None:
+        time.sleep(seconds)
+        self.interruption.requested |= self._caller.stopped()
 
 
 def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
@@ -67,11 +81,11 @@ def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
         _refuse_another(run, run.directory)
         known = _whole_in_place(run, run.directory)
         return known or resume_run(Resumption(run.directory, run.station, run.data, run.access), *others)
-    interruption = Interruption()
-    following = Observers(TaskObserver(interruption), *others)
+    task = TaskObserver()
+    following = Observers(task, *others)
     with _placed(run.directory) as directory, nothing_left():
         meanwhile = replace(run, directory=directory)
-        outcome = _whole(acquire(meanwhile, observer=following, interruption=interruption).outcome)
+        outcome = _whole(acquire(meanwhile, observer=following, interruption=task.interruption).outcome)
     return replace(outcome, directory=run.directory)
 
 
@@ -80,18 +94,18 @@ def resume_run(run: Resumption, *others: Observer) -> Outcome:
 
     On a cluster the same may be going on still where a worker is that was thought to be gone: it is waited for.
     """
-    interruption, caller = Interruption(), CALLER.get()
-    following = Observers(TaskObserver(interruption), *others)
+    task, caller = TaskObserver(), CALLER.get()
+    following = Observers(task, *others)
     while True:
         try:
             with nothing_left():
-                return _whole(resume(run, observer=following, interruption=interruption))
+                return _whole(resume(run, observer=following, interruption=task.interruption))
         except RunInUse:
             if caller.scratch is None:
                 raise
             if caller.stopped():
                 raise Interrupted from None
-            interruption.wait(AGAIN_S)
+            time.sleep(AGAIN_S)
 
 
 @contextmanager

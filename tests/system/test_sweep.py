@@ -1,6 +1,7 @@
 """A sweep of real processes on the simulated bench: killed, resumed, opened as one, judged."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -19,6 +20,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.notes import read_notes
 from labctl.runs.sweep import Sweep, places
 from tests.command_line import answer
+from tests.system.test_controlled import until
 from tests.system.waiting import until_stored
 
 OVER = {"window": ("0.4 ns", "1 ns", "2 ns"), "power": ("10 mW", "30 mW")}
@@ -190,6 +192,35 @@ def test_stop_of_a_run_ends_the_sweep_dark_and_resume_goes_on_with_it(
     )
     status, found, _ = run("resume", folder)
     assert (status, found["complete"], found["measured"], emitting()) == (0, 2, 2, False)
+
+
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="runs are side by side where there are two cores")
+@pytest.mark.parametrize("end", ["stop", "Ctrl-C"])
+def test_side_by_side_all_pause_go_on_and_end(end: str, labctl_command: tuple[str, ...], tmp_path: Path) -> None:
+    folder, over = tmp_path / "sweep", "power=10 mW,30 mW"
+    words = ("--set", "images=4000", "--over", over, "--reference-every", "0", "--scheduler", "local")
+    command = [*labctl_command, "sweep", "image-readout", *words, "--out", str(folder), "--json"]
+    runs = [folder / name for name, _ in places(Sweep.model_validate(ASKED))]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        try:
+            for run_ in runs:
+                until(run_, "progress", process)
+            for asked, first, then in (
+                ("pause", "run started", "paused"),
+                ("go-on", "paused", "going on"),
+                ("pause", "going on", "paused"),
+            ):
+                assert run(asked, folder)[0] == 0
+                for run_ in runs:
+                    until(run_, then, process, after=first)
+            if end == "stop":
+                assert run("stop", runs[0])[0] == 0
+            else:
+                process.send_signal(signal.SIGINT)
+            out, _ = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert (process.returncode, json.loads(out)["complete"]) == (130, 0)
 
 
 def test_a_sweep_does_not_go_on_as_another_one(tmp_path: Path) -> None:

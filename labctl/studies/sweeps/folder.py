@@ -209,7 +209,8 @@ def carry_out_side_by_side(
     progress: called again and again with how many of the runs that were missing are done, and of how many. The runs are
     where the sweep's file says.
 
-    It heeds what its folder is told but a pause, and its runs what they are told.
+    While it is paused no run begins; a run that is measured in its place is told by `labctl.runs.asking`, others go on
+    to their end.
 
     Raises:
         StationError: a bench is not wholly simulated.
@@ -236,7 +237,8 @@ def carry_out_side_by_side(
     with _under_way(directory, interruption) as control, suppress(Interrupted):
 
         def follow(done: int, _records: int) -> None:
-            if not control.holds:
+            control.wait()
+            if not control.stopped:
                 progress(done, len(tasks))
 
         in_parallel(tasks, engine=engine, interruption=interruption, progress=follow)

@@ -14,6 +14,8 @@ from labctl.engine.session import Acquisition
 from labctl.errors import RunError, RunInUse
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
+from labctl.runs.live.control_file import Word, ask
+from labctl.runs.live.events import EventReader
 from labctl.runs.write.writer import RunWriter
 from labctl.studies.run_tasks import acquire_run
 from labctl.studies.tasks import CALLER, Caller, Interrupted
@@ -59,6 +61,20 @@ class Impatient(Alone):
         self.begun = True
 
 
+class Pausing(Alone):
+    """Has the run pause after its first record, and wants it to end when it waits."""
+
+    def __init__(self, run: Path) -> None:
+        self.run, self.asked = run, 0
+
+    def stopped(self) -> bool:
+        self.asked += 1
+        return self.asked > 1
+
+    def measured(self, records: int) -> None:
+        ask(self.run, Word.PAUSE)
+
+
 class OnAWorker(Alone):
     """Gives the same task to others, one of which writes the run until it is asked whether it should stop."""
 
@@ -95,6 +111,22 @@ def test_a_run_that_has_begun_in_its_place_is_gone_on_with(tmp_path: Path) -> No
     with waiting(Alone()):
         assert acquire_run(acquisition(tmp_path / "run")).complete
         assert acquire_run(acquisition(tmp_path / "run")).measured == 0
+
+
+def test_a_paused_run_hears_that_it_should_end(tmp_path: Path) -> None:
+    with waiting(Pausing(tmp_path / "run")), pytest.raises(Interrupted):
+        acquire_run(acquisition(tmp_path / "run"))
+    assert "paused" in [event.name for event in EventReader(RunPaths(tmp_path / "run").events).read()]
+
+
+def test_a_run_that_begins_while_its_sweep_is_paused_waits_in_the_dark(tmp_path: Path) -> None:
+    ask(tmp_path, Word.PAUSE)
+    impatient = Impatient()
+    impatient.begun = True
+    with waiting(impatient), pytest.raises(Interrupted):
+        acquire_run(acquisition(tmp_path / "run"))
+    assert run_row(RunPaths(tmp_path / "run")).shots == 0
+    assert "emission" not in [event.name for event in EventReader(RunPaths(tmp_path / "run").events).read()]
 
 
 def test_another_run_that_has_begun_there_is_refused(tmp_path: Path) -> None:
