@@ -22,8 +22,8 @@ FILE = "calibration.json"
 FORMAT_VERSION = "1.0"
 LARGEST = 1 << 20
 """Bytes; a calibration has some ten thousand."""
-SET_ASIDE = ("timeout", "armed")
-"""Keys that change nothing of what is measured."""
+SET_ASIDE = ("timeout", "armed", "commands", "library")
+"""Keys that change nothing of what is measured, or name a file in whatever way the station's own was named."""
 
 
 class Stored(BaseModel):

@@ -92,7 +92,7 @@ def station_of_manifest(directory: Path, manifest: Mapping[str, Any], given: Sta
         RunError: the manifest does not say, or not in words that this version of labctl and its drivers know.
     """
     try:
-        begun = Station.model_validate(_without_files(manifest["station"]))
+        begun = Station.model_validate(without_files(manifest["station"]))
     except KeyError:
         raise RunError(f"{directory}: the manifest does not name the station: begin a new run") from None
     except ValidationError as error:
@@ -136,8 +136,8 @@ def _differences(begun: Station, found: Station, ignored: tuple[str, ...]) -> tu
     return differences(then, now, of="station", ignored=ignored)
 
 
-def _without_files(station: object) -> object:
-    """A station of a manifest without the files that its sections name; what is no station is left to its model."""
+def without_files(station: object) -> object:
+    """A station as a file keeps it without the files that its sections name; what is no station is left as it is."""
     if not isinstance(station, Mapping):
         return station
     return {

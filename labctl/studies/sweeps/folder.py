@@ -21,6 +21,7 @@ from labctl.engine.engine import Outcome
 from labctl.engine.forecast import forecast
 from labctl.engine.kept import kept
 from labctl.engine.recorded_protocol import own_protocol
+from labctl.engine.resume import without_files
 from labctl.engine.session import Acquisition, Resumption
 from labctl.engine.start import this_process
 from labctl.errors import RunError, RunExists, StationError, writing
@@ -84,7 +85,7 @@ def begin(
     kept = SweepFile(
         sweep=sweep,
         station=station.source,
-        station_sha256=_digest(station),
+        station_sha256=_digest(without_files(_settings(station))),
         protocol_file="" if file is None else str(file.path),
         protocol_sha256="" if file is None else file.sha256,
         said=said or Said(),
@@ -138,7 +139,8 @@ def station_of(directory: Path, file: SweepFile, protocol: type[Measurement[Any]
         station = (
             SIMULATED_STATION.cabled(projector=protocol.projector) if built_in else read_station(Path(file.station))
         )
-    if _digest(station) != file.station_sha256:
+    settings = _settings(station)
+    if file.station_sha256 not in (_digest(without_files(settings)), _digest(settings)):  # so in earlier sweeps
         raise StationError(
             f"{directory}: {station.source} has changed since the sweep was begun: restore it, or begin a new sweep"
         )
@@ -306,12 +308,15 @@ def forecasts(every: list[Point], *, data: Path | None, access: Access) -> Itera
     """
     known: dict[str, dict[str, Any]] = {}
     for point in every:
-        key = f"{point.protocol.digest()} {_digest(point.station.twin(0))}"
+        key = f"{point.protocol.digest()} {_digest(_settings(point.station.twin(0)))}"
         if key not in known:
             known[key] = forecast(Acquisition(point.protocol, point.station, None, data, access))
         yield known[key]
 
 
-def _digest(station: Station) -> str:
-    whole = station.model_dump(mode="json", exclude={"source"})
-    return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
+def _settings(station: Station) -> dict[str, Any]:
+    return station.model_dump(mode="json", exclude={"source"})
+
+
+def _digest(settings: object) -> str:
+    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()

@@ -9,7 +9,7 @@ import pytest
 from labctl.analysis.estimates import Estimate
 from labctl.bench.calibration import concerns, folder_of, new_folder, newest, read, save, warnings
 from labctl.bench.signals import Interruption
-from labctl.bench.station import SIMULATED_STATION, Station
+from labctl.bench.station import SIMULATED_STATION, Station, read_station
 from labctl.commands.main import main
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.live.events import EventReader
@@ -75,6 +75,16 @@ def test_a_station_that_changed_is_named_key_by_key(tmp_path: Path) -> None:
     assert found is not None
     (told,) = concerns(found, changed, NOW)
     assert "awg.amplitude was 0.5, is 0.4" in told
+
+
+def test_it_does_not_matter_how_the_station_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bench.toml").write_text('[laser]\ncommands = "tlg.toml"\n', encoding="utf-8")
+    saved(read_station(Path("bench.toml")), NOW)
+    named = read_station(tmp_path / "bench.toml")
+    found = newest(named)
+    assert found is not None
+    assert concerns(found, named, NOW) == []
 
 
 def test_one_that_fell_short_says_so(tmp_path: Path) -> None:

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from labctl.bench.station import SIMULATED_STATION
-from labctl.errors import LabctlError, UsageError
+from labctl.bench.station import SIMULATED_STATION, read_station
+from labctl.errors import LabctlError, StationError, UsageError
 from labctl.runs.sweep import FILE, Sweep, places, read
 from labctl.runs.sweep_axes import Order
 from labctl.studies.sweeps.declaration import points, read_sweep
-from labctl.studies.sweeps.folder import begin
+from labctl.studies.sweeps.folder import begin, station_of
 from protocols.image_readout import ImageReadout
 from tests.checkout import ROOT
 
@@ -57,6 +57,17 @@ def test_runs_of_a_sweep_that_was_begun_when_names_dropped_it_are_found(tmp_path
     said = json.loads(file.read_text("utf-8"))
     file.write_text(json.dumps(said | {"format_version": "1.2"}), "utf-8")
     assert [name for name, _ in places(read(tmp_path).sweep)] == ["000-power=9000W"]
+
+
+def test_a_station_that_is_named_otherwise_has_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bench.toml").write_text('[laser]\ncommands = "tlg.toml"\n', encoding="utf-8")
+    begin(Path("sweep"), sweep(window=("0.4 ns",)), ImageReadout, read_station(Path("bench.toml")))
+    named = read_station(tmp_path / "bench.toml")
+    assert station_of(Path("sweep"), read(Path("sweep")), ImageReadout, named) == named
+    changed = named.model_copy(update={"name": "another"})
+    with pytest.raises(StationError, match="has changed since the sweep was begun"):
+        station_of(Path("sweep"), read(Path("sweep")), ImageReadout, changed)
 
 
 def test_a_list_of_one_is_a_number_and_what_is_no_number_is_its_text() -> None:
