@@ -537,6 +537,7 @@ class TestReadout:
         [
             (["{run}", "{run}", "--online"], "--online trains readouts of its own: name the run directory alone"),
             (["nowhere", "--online"], "nowhere: no such directory"),
+            (["{run}", "{run}/models/softmax.h5"], "name the model file first, then the run directory"),
             (["{run}", "--window", "0.4 ns"], "--window and --ports are for --online"),
             (["{run}", "--online", "--ports", "9"], "ports [9] were not recorded"),
         ],
