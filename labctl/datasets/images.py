@@ -109,6 +109,10 @@ def read_npz(path: Path) -> ImageSet:
     Raises:
         DatasetError: The file cannot be read, or its arrays are of another size or type.
     """
+    if not path.exists():
+        raise DatasetError(
+            f"{path.absolute()}: no such file: repeat the command in the folder that it was named from, or put it there"
+        )
     with archives.opened(path, NPZ) as archive:
         images, labels = (_array(archive, path, name) for name in ("images", "labels"))
     if images.ndim != 3 or images.dtype not in (np.bool_, np.uint8) or 0 in images.shape:

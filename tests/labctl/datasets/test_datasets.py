@@ -266,6 +266,12 @@ def test_a_file_that_is_no_npz_is_refused(content: bytes, tmp_path: Path) -> Non
         datasets.load(str(tmp_path / "own.npz"))
 
 
+def test_one_that_is_not_there_is_named_by_its_whole_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(datasets.DatasetError, match=f"^{tmp_path}/own.npz: no such file: repeat the command in the fo"):
+        datasets.load("own.npz")
+
+
 def test_a_single_array_is_no_npz_file(tmp_path: Path) -> None:
     with (tmp_path / "own.npz").open("wb") as file:
         np.save(file, IMAGES)
