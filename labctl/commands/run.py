@@ -124,12 +124,15 @@ def describe(outcome: "Outcome", options: str) -> dict[str, Any]:
 
 def print_outcome(result: dict[str, Any]) -> None:
     """Print what `describe` says, for people."""
+    from labctl.commands.next_steps import is_replayed
+
     resumed = f", {result['measured']} of them now" if result["measured"] < result["shots"] else ""
     ports = ", ".join(map(str, dict.fromkeys(result["ports"])))
     say(f"{result['run']}: {result['shots']} shots on ports {ports}{resumed}")
     if not result["complete"]:
         say(f"{result['records']} of {result['records_planned']} records on disk; a shot is whole with its last pass")
-    real = f"; a real bench needs about {result['bench_seconds']:.0f} s" if result["simulated"] else ""
+    timed = result["simulated"] and not is_replayed(Path(result["run"]))  # a recording has no clock of a bench
+    real = f"; a real bench needs about {result['bench_seconds']:.0f} s" if timed else ""
     say(f"{result['seconds']:.1f} s, {result['shots_per_second']:.0f} shots/s{real}")
     if result["clipped"]:
         say(f"{result['clipped']} records touch the end of the vertical range")

@@ -61,6 +61,13 @@ def test_the_replay_gives_the_same_frames(
     assert origins == ["simulated", "replayed"]
 
 
+def test_a_replay_says_nothing_of_how_long_a_bench_takes(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, _ = labctl(capsys, "replay", recorded[0], "--", *RUN, "--out", tmp_path / "again")
+    assert (status, "shots/s\n" in out) == (0, True)
+
+
 def test_the_drivers_say_what_they_said_when_it_was_recorded(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = labctl(capsys, "replay", STORED, "--json", "--", "check")
     assert (status, err) == (0, "")
