@@ -60,6 +60,8 @@ def reproduce(
 
     Exit 0 if every figure is reached or open, 1 if one is not reached or an experiment of 'all' had to be skipped.
     """
+    if vary and fit:
+        raise UsageError("--sensitivity and --fit are two studies: ask for one of them")
     wanted = names or ["all"]
     chosen = experiments(wanted)
     engine = engine_of(scheduler, "labctl.studies.paper.report", "labctl.studies.paper.recognition", store=store)

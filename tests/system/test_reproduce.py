@@ -28,6 +28,12 @@ def test_what_is_varied_must_be_said_by_the_experiment(tmp_path: Path, capsys: p
     assert "says nothing to vary" in str(shown["error"])
 
 
+def test_two_studies_at_once_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ("--fit", "--sensitivity", "--out", str(tmp_path / "out"))
+    status, shown = as_json(capsys, "reproduce", "fig3", *options)
+    assert (status, shown["error"]) == (2, "--sensitivity and --fit are two studies: ask for one of them")
+
+
 FEW = """
 title = "Few images"
 paper = ""

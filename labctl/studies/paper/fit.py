@@ -79,7 +79,8 @@ def fit(plan: Plan, experiment: Experiment, *, interruption: Interruption, progr
     study = fit_of(experiment)
     if not plan.station.wholly_simulated:
         raise ExperimentError(f"{plan.station.source}: a real bench has no parameters to fit: leave --station out")
-    seeds = range(study.first_seed, study.first_seed + (plan.seeds or study.twins))
+    twins = plan.seeds or (experiment.quick_twins if plan.quick else study.twins)
+    seeds = range(study.first_seed, study.first_seed + twins)
     points = {value: points_of(study.variation, value, seeds) for value in study.variation.values}
     splits = plan.splits_of(experiment)
     tasks = {

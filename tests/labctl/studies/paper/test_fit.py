@@ -66,6 +66,14 @@ def test_every_value_is_measured_on_seeds_of_its_own(tmp_path: Path) -> None:
     assert figure_of(fit_of(experiment), found).figure.axes
 
 
+def test_a_quick_one_takes_one_twin(tmp_path: Path) -> None:
+    (tmp_path / "few.toml").write_text(FILE.replace("twins = 1", "twins = 2"), encoding="utf-8")
+    (experiment,) = experiments(folder=tmp_path)
+    plan = Plan((experiment,), SIMULATED_STATION, tmp_path / "out", quick=True)
+    found = fit(plan, experiment, interruption=Interruption(), progress=lambda *_: None)
+    assert [len(one.misfit["by_bench"]) for one in found.tried] == [1, 1]
+
+
 def test_what_has_nothing_to_fit_says_so() -> None:
     (experiment,) = experiments(["fig2"])
     with pytest.raises(ExperimentError, match="says nothing to fit"):
