@@ -123,6 +123,16 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
     assert complete(tmp_path / "queue-0002")
 
 
+def test_a_sweep_goes_on_with_the_scheduler_that_it_was_added_with(tmp_path: Path) -> None:
+    sweep = ("sweep", *SMALL[1:], "--over", "power=10 mW,30 mW", "--reference-every", "0")
+    assert answer(*sweep, "--out", tmp_path / "sweep", "--json")[0] == 0
+    put(tmp_path, (*sweep, "--scheduler", "nobody"), tmp_path / "sweep")
+    Queue(tmp_path).claim()  # as if it had begun that sweep and been killed
+    assert queue(tmp_path, "start") == (1, {"done": 0, "failed": 1, "waiting": 0})
+    [item] = queue(tmp_path, "list")[1]["items"]
+    assert "nobody" in item["message"]
+
+
 def test_an_item_that_outlives_whoever_carried_the_queue_out_runs_and_is_not_begun_again(tmp_path: Path) -> None:
     put(tmp_path, (*LONG[:3], "images=2000", *LONG[4:]), tmp_path / "run")
     worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])

@@ -32,7 +32,7 @@ LOOK_EVERY_S = 0.2
 LOOKED_S, AGAIN_S = 0.5, 0.01
 """Longer than anybody takes to `settle` a queue, and how often it is tried meanwhile to have it."""
 INTERRUPTED = 130
-KEPT_OPTIONS = {"--station": 1, "--data": 1, "--arm": 0, "--attended": 0}
+KEPT_OPTIONS = {"--station": 1, "--data": 1, "--scheduler": 1, "--arm": 0, "--attended": 0}
 """Options that going on with a run or sweep needs again, and how many words each is followed by."""
 
 
