@@ -47,11 +47,19 @@ def redirected(station: Station, benches: Mapping[str, Mapping[str, str]]) -> St
     The station decides which, so that it does not matter who comes first; one bench alone is everybody's.
 
     Raises:
-        StationError: several benches were recorded, none of them with a station like this one.
+        StationError: several benches were recorded, none of them with a station like this one; or it has an instrument
+            that was not recorded, and would be spoken to itself.
     """
     resources = next(iter(benches.values())) if len(benches) == 1 else benches.get(bench_of(station))
     if resources is None:
         raise StationError(f"{station.source}: no bench with these settings was recorded: repeat the recorded command")
+    own = set(station.roles).difference(resources, station.simulations, station.by_hand)
+    if own:
+        names = ", ".join(sorted(own))
+        raise StationError(
+            f"{station.source}: {names} is not in the recording, so a replay would speak to the real one: repeat the "
+            f"recorded command with its own station file, or leave the section out"
+        )
     station = with_laser_commands(station)  # before the new addresses hide that the laser is the simulated one
     sections = {
         role: station.section_of(role).model_copy(update={"address": resources[role]})

@@ -24,8 +24,10 @@ from labctl.bench.recording.recorder import Masks, recordings
 from labctl.bench.recording.replay import addresses, redirected, replay_of
 from labctl.bench.recording.wire import RecordingRequest, Wire
 from labctl.bench.simulation import SIMULATED_LASER
-from labctl.bench.station import SimSection, Station, read_station
+from labctl.bench.station import SIMULATED_STATION, SimSection, Station, read_station, write_addresses
 from labctl.errors import StationError
+from sim_backends.bench import SimulatedBench
+from sim_backends.virtual.attenuator.instrument import VirtualAttenuator
 from tests.checkout import ROOT
 from tests.command_line import LABCTL, labctl
 
@@ -354,6 +356,28 @@ def test_stations_are_redirected_to_the_replay(recorded: tuple[Path, dict[str, A
             laser = redirected(told, benches).laser
             assert isinstance(laser, Tlg220Section)
             assert laser.commands == commands
+
+
+def test_a_replay_speaks_to_no_instrument_that_was_not_recorded(
+    recorded: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = []
+    with SimulatedBench(plugged_in={"attenuator": VirtualAttenuator}) as bench:
+        attenuator = {"driver": "table-attenuator", "commands": "simulated", "attenuation_db": 1.0}
+        station = Station.model_validate(
+            SIMULATED_STATION.model_dump(exclude_defaults=True) | {"attenuator": attenuator}
+        )
+        write_addresses(tmp_path / "six.toml", {name: at["socket"] for name, at in bench.resources.items()}, station)
+        _, host, port, _ = bench.resources["attenuator"]["socket"].split("::")
+        with socket.create_connection((host, int(port)), timeout=20) as link, link.makefile("rb") as lines:
+            link.sendall(b"OUTPut ON\n")
+            for command in ((*RUN, "--out", tmp_path / "again"), ("check",)):
+                told.append(labctl(capsys, "replay", recorded[0], "--", *command, "--station", tmp_path / "six.toml"))
+                link.sendall(b"OUTPut?;INPut:ATTenuation?\n")
+                assert lines.readline() == b"1;0.0000000000E+00\n"
+    for status, _, err in told:
+        assert status == 2
+        assert "six.toml: attenuator is not in the recording, so a replay would speak to the real one: " in err
 
 
 def test_a_child_process_learns_of_the_wire_by_its_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
