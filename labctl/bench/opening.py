@@ -14,7 +14,7 @@ from instruments.errors import InstrumentError, NotConfigured
 from instruments.interfaces import INTERFACES, Awg, Instrument
 from instruments.limits import Levels, Limits
 from instruments.optical_train import OpticalTrain
-from instruments.safe_state import ending_with, in_order
+from instruments.safe_state import MAY_EMIT, ending_with, in_order
 from instruments.sections import SIMULATED, AmplifierSection, AttenuatorSection, PowerMeterSection
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
@@ -64,7 +64,8 @@ def opened(
     is asked to allow it.
 
     Raises:
-        StationError: a driver that does not exist, or a laser that must not be switched on.
+        StationError: a driver that does not exist, or a laser that must not be switched on; or one that is simulated
+            before an amplifier that is not.
         RecordingError: the bench was to be recorded, and the recording cannot be written.
         OutOfRange: a level above its limit.
     """
@@ -199,6 +200,12 @@ def _train(reach: _Reach) -> OpticalTrain:
 
 def _bench(reach: _Reach, observer: Observer) -> Bench:
     station, simulation = reach.station, reach.simulation
+    if "laser" in station.simulations:  # for whose light nobody is asked
+        for name in MAY_EMIT.keys() & set(station.roles).difference(station.simulations):
+            raise StationError(
+                f"the laser is simulated, the {name} is not: it would emit without a seed: write the laser's address, "
+                f"or simulate both"
+            )
     laser = reach.open("laser")
     if not (laser.switches_itself or reach.access.attended):
         raise NotConfigured(

@@ -1,14 +1,20 @@
 """Which benches are opened at all."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from instruments.interfaces import Instrument
+from instruments.sections import FOLDER
 from instruments.transcripts import Transcript
-from labctl.bench.opening import opened, opened_one_by_one
+from instruments.units import WITH_UNITS
+from labctl.bench.opening import Access, opened, opened_one_by_one
 from labctl.bench.station import Station
 from labctl.errors import StationError
+from sim_backends.bench import SimulatedBench
 from sim_backends.faults.bench import FaultyBench
+from sim_backends.virtual.amplifier.instrument import VirtualAmplifier
 
 
 def served(bench: FaultyBench, *roles: str) -> dict[str, Any]:
@@ -39,3 +45,26 @@ def test_an_instrument_without_an_address_is_told_before_anything_is_asked(log: 
         opened(station, log),
     ):
         pass
+
+
+def test_a_real_amplifier_is_not_driven_by_a_simulated_laser(log: Transcript) -> None:
+    amplifier = {"driver": "table-amplifier", "commands": "simulated", "power": "50 mW"}
+    with SimulatedBench(plugged_in={"amplifier": VirtualAmplifier}) as bench:
+        there = amplifier | {"address": bench.resources["amplifier"]["socket"]}
+        station = read({"mixed": True, "amplifier": there})
+        for access in (Access(), Access(armed=True)):
+            with (
+                pytest.raises(StationError, match=r"^built-in station: the laser is simulated, the amplifier is not: "),
+                opened(station, log, access),
+            ):
+                pass
+        with opened_one_by_one(station, log) as instruments:
+            amplifier_itself = instruments["amplifier"]
+            assert isinstance(amplifier_itself, Instrument)
+            assert amplifier_itself.identify().model == "optical amplifier (simulated)", "a check may look"
+    with opened(read({"mixed": True, "amplifier": amplifier}), log) as found:
+        assert found.bench.armed
+
+
+def read(tables: dict[str, Any]) -> Station:
+    return Station.model_validate(tables, context={FOLDER: Path(), WITH_UNITS: True})
