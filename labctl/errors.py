@@ -25,6 +25,7 @@ __all__ = [
     "RunInUse",
     "StationError",
     "StoppedEarly",
+    "TooFewImages",
     "UsageError",
     "WorkerKilled",
     "noted_on",
@@ -98,6 +99,10 @@ class RecordingError(UsageError):
 
 class AnalysisError(LabctlError, ValueError):
     """Data and settings of an analysis do not fit together; one line that says what to do."""
+
+
+class TooFewImages(AnalysisError):
+    """There are too few images to train on some and test on others, or those to train on are of one class."""
 
 
 class ExperimentError(LabctlError):

@@ -13,7 +13,7 @@ from labctl.analysis.softmax import deviations, held_out_answers
 from labctl.analysis.splits import Split, random_splits
 from labctl.analysis.threads import one_thread
 from labctl.analysis.windows import WindowFeatures, as_float, compressive_ratio
-from labctl.errors import AnalysisError
+from labctl.errors import AnalysisError, TooFewImages
 
 STANDARD_ERRORS = 4.0
 """A control counts as chance up to this many standard errors above it: an honest one fails once in 30000 times."""
@@ -85,7 +85,8 @@ def validate(
         readout: Unfitted estimator; None = `softmax_classifier()`, of all splits at once.
 
     Raises:
-        AnalysisError: All shots of a training part are of one class, or a feature is not finite.
+        TooFewImages: All shots of a training part are of one class.
+        AnalysisError: A feature is not finite.
     """
     if readout is None:
         standard = _standardised(features)
@@ -114,7 +115,7 @@ def validate_softmax(
         spreads: Unit of each feature in the penalty, for the features and the splits, as in `held_out_answers`.
 
     Raises:
-        AnalysisError: All shots of a training part are of one class.
+        TooFewImages: All shots of a training part are of one class.
     """
 
     def answers(members: NDArray[np.intp], ways: Sequence[Split]) -> list[NDArray[np.intp]]:
@@ -133,7 +134,7 @@ def _judged(
     classes, members = np.unique(labels, return_inverse=True)
     for train, _ in ways:
         if not np.ptp(members[train]):
-            raise AnalysisError(f"all {train.size} shots to train on are of one class: acquire more images")
+            raise TooFewImages(f"all {train.size} shots to train on are of one class: acquire more images")
     with one_thread():
         answered = answers(members, ways)
     confusion = np.zeros((classes.size, classes.size), np.int64)

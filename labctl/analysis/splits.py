@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedShuffleSplit
 
-from labctl.errors import AnalysisError
+from labctl.errors import AnalysisError, TooFewImages
 
 SEEDS = 1 << 32
 """How many seeds a split can have: those of scikit-learn."""
@@ -34,7 +34,8 @@ def random_splits(
         seed: Seed of the draw.
 
     Raises:
-        AnalysisError: No such seed, a group has shots of different classes, or too few groups for such splits.
+        AnalysisError: No such seed, or a group has shots of different classes.
+        TooFewImages: Too few groups for such splits.
     """
     if not 0 <= seed < SEEDS:
         raise AnalysisError(f"seed {seed}: choose one from 0 to {SEEDS - 1}")
@@ -46,7 +47,7 @@ def random_splits(
     fewest = np.unique_counts(group_labels).counts.min()
     classes = np.unique(group_labels).size
     if fewest < 2 or test_groups < classes or names.size - test_groups < classes:
-        raise AnalysisError(
+        raise TooFewImages(
             f"{names.size} images of {classes} classes cannot be split with a test part of {test_size:g}: every class "
             "needs an image on both sides, measure more images or change the test part"
         )
@@ -98,7 +99,7 @@ def forward_in_time_split(
         order: (shots,) time or number of each shot; None = they are in the order of acquisition.
 
     Raises:
-        AnalysisError: One of the parts would be empty.
+        TooFewImages: One of the parts would be empty.
 
     Example:
         >>> import numpy as np
@@ -113,7 +114,7 @@ def forward_in_time_split(
     train = np.sort(by_time[:-count])
     train = train[~np.isin(groups[train], groups[test])]
     if not train.size:
-        raise AnalysisError(
+        raise TooFewImages(
             f"no shot is left to train on: {groups.size} shots with a test part of {test_size:g} repeat the same images"
         )
     return train, test
@@ -122,5 +123,5 @@ def forward_in_time_split(
 def _share(test_size: float | int, shots: int) -> float:
     share = test_size if test_size < 1 else test_size / shots
     if not 0 < share < 1:
-        raise AnalysisError(f"a test part of {test_size:g} of {shots} shots leaves nothing on one side: change it")
+        raise TooFewImages(f"a test part of {test_size:g} of {shots} shots leaves nothing on one side: change it")
     return share

@@ -21,6 +21,8 @@ from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from protocols.base import Judgement
 
+NOT_JUDGED = ("not judged", "too few such shots in this run, or of one class alone")
+
 
 def evaluate(
     subject: Annotated[
@@ -102,20 +104,20 @@ def _online(subject: Path, model_run: Path | None, window: str | None, ports: st
 
 
 def _print_readout(found: dict[str, Any]) -> None:
-    rows = [
-        ("this readout, unseen shots", with_interval(found), f"{found['test_shots']} shots, 95 % interval"),
-        (
-            "random splits",
-            f"{found['random_splits']['mean']:.3f} ± {found['random_splits']['sd']:.3f}",
-            f"{found['splits']} splits",
-        ),
-        ("forward in time", f"{found['forward_in_time']:.3f}", "last tenth of the run"),
-    ]
+    rows = [("this readout, unseen shots", with_interval(found), f"{found['test_shots']} shots, 95 % interval")]
+    if (random := found["random_splits"]) is None:
+        rows.append(("random splits", *NOT_JUDGED))
+    else:
+        rows.append(("random splits", f"{random['mean']:.3f} ± {random['sd']:.3f}", f"{found['splits']} splits"))
+    if (forward := found["forward_in_time"]) is None:
+        rows.append(("forward in time", *NOT_JUDGED))
+    else:
+        rows.append(("forward in time", f"{forward:.3f}", "last tenth of the run"))
     if found["own_split"] is not None:
         rows.append(("the data set's own split", f"{found['own_split']:.3f}", "trained on its training part"))
     for name, control in found["controls"].items():
         if control is None:
-            rows.append((f"control: {name}", "not judged", "too few such shots in this run"))
+            rows.append((f"control: {name}", *NOT_JUDGED))
             continue
         verdict = "at chance" if control["at_chance"] else "NOT at chance"
         rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))

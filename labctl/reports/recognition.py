@@ -51,7 +51,7 @@ def recognition_report(
         directory: Run directory; its traces and its manifest are shown.
         title: Headline.
         summary: What was done and what came out, one paragraph.
-        accuracies: One curve for each name.
+        accuracies: One curve for each name; without any neither they nor `confusions` are drawn.
         results: Paper against here.
         confusions: One matrix each.
         classes: Names of the classes, in the order of the matrices.
@@ -65,11 +65,12 @@ def recognition_report(
     with open_run(directory) as run:
         manifest = run.manifest
         traces = _traces(run, classes)
-    figures = {
-        "accuracy": accuracy_figure(curves, tau_s=tau_s, chance=chance, claim=claim),
-        "confusion": confusion_figure([(confusion.title, confusion.counts) for confusion in confusions], classes),
-        "traces": traces,
-    }
+    figures = {"traces": traces}
+    if curves:
+        figures |= {
+            "accuracy": accuracy_figure(curves, tau_s=tau_s, chance=chance, claim=claim),
+            "confusion": confusion_figure([(confusion.title, confusion.counts) for confusion in confusions], classes),
+        }
     write_report(
         paths.report,
         "recognition.html",
@@ -77,7 +78,7 @@ def recognition_report(
         summary=summary,
         results=results,
         names=list(accuracies),
-        rows=_rows(accuracies),
+        rows=_rows(accuracies) if accuracies else [],
         manifest=manifest,
         pictures=carried_out(
             {

@@ -1,7 +1,8 @@
 """How good a readout is: tested on a run's images that it has not seen, beside its like that is trained anew."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.splits import SEEDS, Split, enough_splits, forward_in_time_split, own_split, random_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.datasets import catalogue
-from labctl.errors import AnalysisError, one_line
+from labctl.errors import AnalysisError, TooFewImages, one_line
 from labctl.reports.figures.window import PAPER_CLAIM
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
@@ -44,6 +45,7 @@ from labctl.studies.tasks import one_by_one
 
 CLAIMED_SOURCE, CLAIMED_CLASSES = "mnist", [0, 1, 2, 3]
 """What the paper's claim on recognition is of."""
+NOT_SPLIT = "its images are too few, or of one class alone, to train others of its kind"
 LONGEST_REASON = 200
 """Characters of what other people's code says that a message shows."""
 
@@ -80,6 +82,7 @@ class _Trained(BaseModel):
 def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     """Test a saved readout on a run, and the same kind of readout trained anew on parts of that run.
 
+    Of images that are too few to train on some and test on others, or of one class, the first alone comes out.
     Random splits are as many as the number of images needs; where the run shows training and test part of a data set,
     the set's own split is one more. Only shots of images that the readout was not trained on are tested, whichever run
     showed them. Controls train on what says nothing about the labels (shuffled labels, a fixed image, darkness), on
@@ -113,23 +116,34 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         identical = identical_images(run.manifest)
         source, shown = source_of(run.manifest), protocol_settings(run.manifest).get("dataset")
     with _used(model, directory):
-        ways = random_splits(records.labels, records.groups, splits=splits, seed=trained.seed)
         right, (random, forward, *by_set) = _judged(
             readout,
             records,
             test,
-            [ways, [forward_in_time_split(records.groups, order=records.time_s)], *([] if own is None else [[own]])],
+            [
+                partial(random_splits, records.labels, records.groups, splits=splits, seed=trained.seed),
+                lambda: [forward_in_time_split(records.groups, order=records.time_s)],
+                *([] if own is None else [lambda: [own]]),
+            ],
         )
-        windows = accuracy_against_window(
-            records.traces,
-            records.labels,
-            records.groups,
-            windows_s=_windows_to_try(records, readout[0]),
-            window=readout[0],
-            splits=splits,
-            seed=trained.seed,
-            readout=_learner(readout[1:]),
+        windows = (
+            accuracy_against_window(
+                records.traces,
+                records.labels,
+                records.groups,
+                windows_s=_windows_to_try(records, readout[0]),
+                window=readout[0],
+                splits=splits,
+                seed=trained.seed,
+                readout=_learner(readout[1:]),
+            )
+            if random
+            else ()
         )
+    classes, window = np.unique(records.labels).tolist(), f"{window_key(trained.window_s)} ns"
+    by_itself = [("the data set's own split", judged) for judged in by_set]
+    anew = [(f"accuracy at {window}", random), ("forward in time", forward), *by_itself]
+    ways = f"{splits} random splits with a tenth of the images to test" if random else NOT_SPLIT
     others = {"trained_on": trained.dataset or trained.source, "tested_on": shown or source}
     found: dict[str, Any] = {
         "model": str(model),
@@ -141,33 +155,31 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         "identical_images": identical,
         "other_images": None if source is None or trained.source in (None, source) else others,
         "splits": splits,
-        "random_splits": mean_and_sd(random.scores),
-        "forward_in_time": float(forward.scores[0]),
-        "own_split": float(by_set[0].scores[0]) if by_set else None,
+        "random_splits": mean_and_sd(random.scores) if random else None,
+        "forward_in_time": float(forward.scores[0]) if forward else None,
+        "own_split": float(by_set[0].scores[0]) if by_set and by_set[0] else None,
         "controls": controls,
-        "classes": random.classes.tolist(),
-        "confusion": random.confusion.tolist(),
+        "classes": classes,
+        "confusion": random.confusion.tolist() if random else None,
     }
     report = recognition_report(
         directory,
         title=f"Image recognition: {directory.name}",
         summary=(
             f"{records.labels.size} images on ports {', '.join(map(str, ports))}; softmax readout, "
-            f"{splits} random splits with a tenth of the images to test{_without(left_out)}."
+            f"{ways}{_without(left_out)}."
         ),
-        accuracies={"softmax readout": {window_key(row.window_s): mean_and_sd(row.scores) for row in windows}},
+        accuracies={"softmax readout": {window_key(row.window_s): mean_and_sd(row.scores) for row in windows}}
+        if windows
+        else {},
         results=[
-            Result(
-                f"accuracy at {window_key(trained.window_s)} ns",
-                "",
-                "",
-                f"{100 * np.mean(random.scores):.1f} %",
-                None,
-            ),
-            Result("forward in time", "", "", f"{100 * found['forward_in_time']:.1f} %", None),
-            *(Result("the data set's own split", "", "", f"{100 * judged.scores[0]:.1f} %", None) for judged in by_set),
+            Result("this readout, unseen shots", "", "", f"{100 * found['accuracy']:.1f} %", None),
             *(
-                Result(f"control: {name}", "", "at chance", "too few such shots", None)
+                Result(name, "", "", f"{100 * np.mean(judged.scores):.1f} %" if judged else "not judged", None)
+                for name, judged in anew
+            ),
+            *(
+                Result(f"control: {name}", "", "at chance", "not judged", None)
                 if entry is None
                 else Result(
                     f"control: {name}",
@@ -179,11 +191,11 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
                 for name, entry in controls.items()
             ),
         ],
-        confusions=[Confusion(f"{window_key(trained.window_s)} ns", random.confusion)],
-        classes=[str(label) for label in random.classes],
+        confusions=[Confusion(window, random.confusion)] if random else [],
+        classes=[str(label) for label in classes],
         chance=chance_of(records.labels),
         tau_s=readout[0].tau_s or records.sample_interval_s,
-        claim=PAPER_CLAIM if source == CLAIMED_SOURCE and random.classes.tolist() == CLAIMED_CLASSES else None,
+        claim=PAPER_CLAIM if source == CLAIMED_SOURCE and classes == CLAIMED_CLASSES else None,
         carried_out=one_by_one,
     )
     return found | {"report": str(report)}
@@ -207,12 +219,21 @@ def _windows_to_try(records: Records, window: WindowFeatures) -> list[float]:
 
 
 def _judged(
-    readout: Pipeline, records: Records, test: NDArray[np.intp], ways: Iterable[Iterable[Split]]
-) -> tuple[NDArray[np.bool_], list[CrossValidation]]:
-    """Which of the `test` shots a readout recognises; and its like, trained anew on each of some ways to split them."""
+    readout: Pipeline, records: Records, test: NDArray[np.intp], ways: Iterable[Callable[[], Iterable[Split]]]
+) -> tuple[NDArray[np.bool_], list[CrossValidation | None]]:
+    """Which of the `test` shots a readout recognises; and its like, trained anew on each of some ways to split them.
+
+    None for a way that the images are too few for, or of one class.
+    """
     features, learner = readout[0].transform(records.traces), _learner(readout[1:])
     right = np.asarray(readout[1:].predict(features[test]) == records.labels[test])
-    return right, [validate(features, records.labels, splits, readout=learner) for splits in ways]
+    judged: list[CrossValidation | None] = []
+    for splits in ways:
+        try:
+            judged.append(validate(features, records.labels, splits(), readout=learner))
+        except TooFewImages:
+            judged.append(None)
+    return right, judged
 
 
 @contextmanager
@@ -269,7 +290,7 @@ def _own_split(run: Run, records: Records) -> Split | None:
 def _controls(
     run: Run, records: Records, readout: Pipeline, *, splits: int, seed: int
 ) -> dict[str, dict[str, Any] | None]:
-    """Accuracy of a readout's like on what must not be recognisable, and chance; None of too few shots.
+    """Accuracy of a readout's like on what must not be recognisable, and chance; None of too few, or of one class.
 
     A reference or dark shot is given the label of the image shown last before it: were anything but the mirrors to
     carry the label (drift, a trace read twice), it would be found there.
@@ -288,7 +309,7 @@ def _controls(
     for name, (features, labels, groups) in candidates.items():
         try:
             checked = control(features, labels, groups, splits=splits, seed=seed, readout=learner)
-        except AnalysisError:
+        except TooFewImages:
             found[name] = None
             continue
         found[name] = {

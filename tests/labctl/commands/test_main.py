@@ -456,6 +456,21 @@ class TestReadout:
         assert found["controls"]["dark"] is None
         assert "too few such shots" in labctl(capsys, "evaluate", model, tmp_path / "image_seed=9")[1]
 
+        for name, settings in (("few", ("images=8",)), ("one", ("images=40", "classes=3"))):
+            words = [word for setting in (*settings, "image_seed=9") for word in ("--set", setting)]
+            assert as_json(capsys, "run", "image-readout", *words, "--out", tmp_path / name)[0] == 0
+            status, found = as_json(capsys, "evaluate", model, tmp_path / name)
+            assert (status, found["random_splits"], found["confusion"]) == (0, None, None)
+            assert found["controls"]["shuffled labels"] is None
+            assert found["test_shots"] == len(groups_of(tmp_path / name))
+            assert found["accuracy"] > 0.4
+            report = Path(found["report"]).read_text("utf-8")
+            assert f"{100 * found['accuracy']:.1f} %" in report
+            assert "Which classes" not in report
+            told = labctl(capsys, "evaluate", model, tmp_path / name)[1]
+            assert "random splits" in told
+            assert "not judged" in told
+
         status, _, err = labctl(capsys, "evaluate", model, tmp_path / "drive_seed=9")
         assert status == 2
         assert "its drive is not that of this run: measure with --set drive_seed=1, or train anew" in err
