@@ -34,7 +34,8 @@ MOST_STEPS = 1000
 class SoftmaxRegression(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn ships no types
     """y = softmax(W x + b), with the least mean cross-entropy + sum(W^2) / (2 C shots).
 
-    Calculates in float32 on float32 features, else in float64; `_optimum` says how.
+    Calculates in float32 on float32 features, else in float64; always in that where C exceeds one: weights are large
+    then, and the loss is small. `_optimum` says how.
 
     Args:
         C: Inverse of the penalty.
@@ -59,7 +60,7 @@ class SoftmaxRegression(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
         Raises:
             ValueError: All shots are of one class, or a feature is not finite.
         """
-        features, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
+        features, labels = validate_data(self, X, y, dtype=self._kinds)
         self.classes_, members = np.unique(labels, return_inverse=True)
         if self.classes_.size < 2:
             raise ValueError("all shots are of one class: there is nothing to tell apart")
@@ -74,7 +75,7 @@ class SoftmaxRegression(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
     def decision_function(self, X: ArrayLike) -> NDArray[np.floating]:  # noqa: N803
         """W x + b (shots, k)."""
         check_is_fitted(self)
-        features = validate_data(self, X, dtype=[np.float64, np.float32], reset=False)
+        features = validate_data(self, X, dtype=self._kinds, reset=False)
         scores: NDArray[np.floating] = features @ self.coef_.T.astype(features.dtype)
         scores += self.intercept_.astype(features.dtype)
         return scores
@@ -87,6 +88,11 @@ class SoftmaxRegression(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  
     def predict(self, X: ArrayLike) -> NDArray[Any]:  # noqa: N803
         """The most probable class (shots,)."""
         return np.asarray(self.classes_[np.argmax(self.decision_function(X), axis=1)])
+
+    @property
+    def _kinds(self) -> list[type[np.floating]]:
+        """What it calculates in, the first unless the features are of another."""
+        return [np.float64, np.float32] if self.C <= 1 else [np.float64]
 
 
 def held_out_answers(

@@ -101,7 +101,8 @@ def _judged(directory: Path, choice: Choice, ports: tuple[int, ...] | None, seed
         sample_interval_s=records.sample_interval_s,
         tau_s=choice.tau_s,
         recorded_ports=records.ports if ports else None,
-    ).set_params(softmaxregression__C=choice.inverse_penalty)
+        inverse_penalty=choice.inverse_penalty,
+    )
     features = readout[0].fit_transform(traces)
     splits = random_splits(labels, groups, splits=enough_splits(np.unique(groups).size), seed=seed)
     scores = mean_and_sd(validate(features, labels, splits, readout=readout[1:]).scores)

@@ -54,7 +54,8 @@ def train_readout(
         sample_interval_s=records.sample_interval_s,
         tau_s=tau_s,
         recorded_ports=records.ports if ports else None,
-    ).set_params(softmaxregression__C=inverse_penalty)
+        inverse_penalty=inverse_penalty,
+    )
     train, test = kept_apart(records, seed)
     if np.unique(records.labels[train]).size < 2:
         raise AnalysisError(f"{directory}: all images are of one class: there is nothing to tell apart")

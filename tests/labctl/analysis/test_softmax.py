@@ -4,6 +4,7 @@ from sklearn.datasets import load_digits
 from sklearn.linear_model import LogisticRegression
 from sklearn.preprocessing import StandardScaler
 
+from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.softmax import SoftmaxRegression
 
 Data = tuple[np.ndarray, np.ndarray]
@@ -30,6 +31,19 @@ def test_it_finds_the_same_optimum_as_newtons_method(smooth: Data) -> None:
     found = SoftmaxRegression(tol=1e-7).fit(features.astype(np.float64), labels)
     assert loss(found, features, labels) == pytest.approx(loss(exact, features, labels), rel=1e-6)
     np.testing.assert_allclose(found.predict_proba(features), exact.predict_proba(features), atol=2e-4)
+
+
+@pytest.mark.parametrize("weak", [1e2, 1e4, 1e6])
+def test_a_weak_penalty_is_balanced_too(weak: float) -> None:
+    """Where all shots are recognised, the loss alone is soon below any tolerance: the penalty decides the optimum."""
+    images, labels = (some[::6] for some in load_digits(return_X_y=True))
+    features = images.astype(np.float32)
+    scaler, found = softmax_classifier(weak).fit(features, labels)
+    standard = scaler.transform(features)
+    exact = LogisticRegression(C=weak, solver="newton-cholesky", tol=1e-12, max_iter=1000)
+    exact.fit(standard.astype(np.float64), labels)
+    assert found.score(standard, labels) == 1
+    assert loss(found, standard, labels) == pytest.approx(loss(exact, standard, labels), rel=0.01)
 
 
 def test_features_that_are_alike_cost_few_steps(smooth: Data) -> None:
