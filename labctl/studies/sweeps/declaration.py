@@ -57,7 +57,8 @@ def points(sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> 
     """Every run of a sweep of a protocol on a bench, in the order they are measured.
 
     Raises:
-        UsageError: an axis is neither a setting nor a key of the station, or the axes do not fit each other.
+        UsageError: an axis is neither a setting nor a key of the station, sets what another one sets, or the axes do
+            not fit each other.
         ProtocolError, StationError: a value does not fit.
     """
     return [_point(sweep, protocol, station, name, values) for name, values in places(sweep)]
@@ -71,6 +72,8 @@ def _point(sweep: Sweep, asked: type[Measurement[Any]], station: Station, run: s
             raise UsageError(
                 f"{name}: {sweep.protocol} tunes the laser itself: vary a setting of it, such as wavelengths"
             )
+        if target in settings or target in keys:
+            raise UsageError(f"{name}: another axis sets {target} too, and a run has one value of it: leave one out")
         if target in asked.model_fields:
             settings[target] = value
         elif "." in target:

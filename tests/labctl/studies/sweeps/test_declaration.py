@@ -88,6 +88,9 @@ def test_a_list_of_one_is_a_number_and_what_is_no_number_is_its_text() -> None:
         ),
         ({"power": ("1",)}, "laser.power"),
         ({"window": ("1 mW",)}, "window"),
+        ({"power": ("10 mW",), "laser.power": ("5 mW",)}, "laser.power: another axis sets laser.power too"),
+        ({"laser.power": ("10 mW",), "power": ("5 mW",)}, "power: another axis sets laser.power too"),
+        ({"wavelengths": ("1550 nm",), "wavelength": ("1551 nm",)}, "wavelength: another axis sets wavelengths too"),
     ],
 )
 def test_what_cannot_be_varied(over: dict[str, tuple[str, ...]], told: str) -> None:
