@@ -1,5 +1,6 @@
 """A sweep under way that is told to stop or wait, whenever that comes: nothing is lit thereafter."""
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -93,6 +94,18 @@ def test_stop_as_soon_as_a_run_can_be_found_lights_nothing(tmp_path: Path) -> No
     found = carried_out(sweep, at=(SECOND, "run started"), act=lambda: tell(sweep, Word.STOP))
     assert found.complete == 1
     assert not lit(sweep / SECOND)
+
+
+def test_stop_is_heard_by_the_run_under_way_after_the_clock_was_set_back(tmp_path: Path) -> None:
+    sweep = tmp_path / "sweep"
+
+    def stop() -> None:
+        now = RunPaths(sweep / SECOND).events.stat().st_mtime
+        os.utime(RunPaths(sweep / FIRST).events, (now + 7200, now + 7200))
+        tell(sweep, Word.STOP)
+
+    assert carried_out(sweep, at=(SECOND, "pass started"), act=stop).complete == 1
+    assert not (sweep / THIRD).exists()
 
 
 def test_stop_now_between_two_runs_ends_at_once(tmp_path: Path) -> None:
