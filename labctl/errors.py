@@ -23,6 +23,7 @@ __all__ = [
     "RunError",
     "RunExists",
     "RunInUse",
+    "ShardLost",
     "StationError",
     "StoppedEarly",
     "TooFewImages",
@@ -87,6 +88,10 @@ class RunError(LabctlError):
 
 class RunInUse(RunError):
     """Another process is writing the run."""
+
+
+class ShardLost(RunError):
+    """A shard is not there, or not the one that the journal names."""
 
 
 class RunExists(RunError):

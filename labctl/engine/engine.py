@@ -106,7 +106,7 @@ def go_on(request: Request, bench: Bench, interruption: Interruption, writer: Ru
         RunError: the run was planned otherwise, or cannot be written.
         ProtocolError: the protocol does not suit the inputs or the bench.
     """
-    text = f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}"
+    text = "; ".join([f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}", *writer.recovered])
     with controlled(writer.paths.directory, interruption) as control:
         _tell_start("run resumed", request, bench, writer, text=text)
         bench.make_safe()

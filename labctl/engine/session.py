@@ -113,8 +113,9 @@ def resume(
 
     `bench` is one that is held already, and stays so for further runs.
 
-    Concerns about the calibration that the run refers to are warnings, before light is switched on. A run that
-    lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is opened then.
+    What is found of a crash, and concerns about the calibration that the run refers to, are warnings, before light is
+    switched on. A run that lacks nothing is left as it is, but for a data.h5 that it may not have yet; no bench is
+    opened then.
 
     Raises:
         RunError: no run, one that another process is writing, one whose manifest was edited, or one that cannot go on
@@ -131,7 +132,7 @@ def resume(
     begun = station_of_manifest(directory, manifest.values, resumption.station)
     station = own_station(directory, begun) if resumption.station is None else begun
     durability = None if resumption.station is None else durability_of(station)
-    observers = Observers()  # the session adds to them, long before there is anything to warn of
+    observers = Observers(observer or Observer())  # the others of a session follow once the bench is opened
     with ExitStack() as stack:
         writer = stack.enter_context(RunWriter.resume(directory, durability, on_warning=observers.warning))
         if writer.complete == manifest.shape.shots:
@@ -172,7 +173,7 @@ def _session(
 ) -> Iterator[OpenBench]:
     """The opened bench, held, supervised, allowed to light; nothing was sent to it yet. Aliasing is noted in the logs.
 
-    Its hold, supervisor, logs and `observer`, in this order, are added to `observers`, who follow it.
+    Its hold, supervisor, logs and `observer`, in this order, become the `observers`, who follow it.
     """
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
@@ -182,8 +183,7 @@ def _session(
         else:
             hold, opening = bench.hold, bench.opened
         supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
-        for one in (hold, supervisor, log, events, observer or Observer()):
-            observers.add(one)
+        observers.follow(hold, supervisor, log, events, observer or Observer())
         open_bench = stack.enter_context(opening(station, log, access, observer=observers))
         if (simulation := open_bench.simulation) is not None and simulation.world.fallback:
             observers.warning(without_card(simulation.world.fallback))

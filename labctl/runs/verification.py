@@ -1,6 +1,5 @@
 """Is everything that was measured still there, and is data.h5 what the shards say?"""
 
-import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -129,8 +128,7 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         try:
             named.read(number)
         except RunError as error:
-            text = f"{error}; `labctl resume` measures its shots again"
-            problems.append(Problem(text, _in_shard(named, number)))
+            problems.append(Problem(str(error), _in_shard(named, number)))
             lost.add(number)
     intact = Shards(paths, manifest.shape, plan, [named.entries[n] for n in named.entries if n not in lost])
     if rebuild and lost:
@@ -291,16 +289,14 @@ def _in_shard(shards: Shards, number: int) -> Damage:
     """Where a damaged shard differs from what it was, if data.h5 still has all that was in it."""
     whole = _whole(shards.paths, shards.paths.shard(number))
     try:
-        with walked(shards.paths.data) as file:
-            check_plain(file, MOST_BYTES, besides="frames")
-            expected = bytes(shard_in_data_file(file, shards, shards.entries[number]))
+        expected = shard_in_data_file(shards, shards.entries[number])
         found = read_own(shards.paths.shard(number), MOST_OF_A_SHARD)
-    except HDF5_ERRORS:
+    except (OSError, RunError):
         return whole
-    if whole.last is None or hashlib.sha256(expected).hexdigest() != shards.entries[number].sha256:
+    if expected is None:
         return whole
     length = max(len(found), len(expected))
-    sides = [np.frombuffer(side.ljust(length, b"\0"), np.uint8) for side in (found, expected)]
+    sides = [np.frombuffer(bytes(side).ljust(length, b"\0"), np.uint8) for side in (found, expected)]
     different = np.flatnonzero(sides[0] != sides[1])
     if len(found) != len(expected):
         different = np.append(different, [min(len(found), len(expected)), length - 1])

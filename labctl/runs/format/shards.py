@@ -1,5 +1,6 @@
 """All shards of a run, as one table of the shots that are complete on all passes."""
 
+import errno
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.remedies import unreadable
-from labctl.errors import RunError
+from labctl.errors import RunError, ShardLost
 from labctl.runs.format.columns import MEASURED, OF_A_SHOT, in_this_version, sizes_of
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.layout import RunPaths
@@ -199,23 +200,26 @@ class Shards:
         """The bytes of one shard.
 
         Raises:
-            RunError: it is missing, or not the one that the journal names.
+            ShardLost: it is missing, or not the one that the journal names.
+            RunError: it cannot be read, whatever is in it.
         """
         path = self.paths.shard(number)
+        remedy = mended(path, "`labctl resume` makes it again from data.h5, or measures its shots again")
         try:
             image = read_own(path, MOST_BYTES)
         except OSError as error:
-            remedy = mended(path, "labctl resume measures its shots again")
-            raise RunError(unreadable(path, error, remedy)) from error
+            lost = error.errno in (errno.ENOENT, errno.EFBIG)  # no shard is as large as that
+            raise (ShardLost if lost else RunError)(unreadable(path, error, remedy)) from error
         if hashlib.sha256(image).hexdigest() != self.entries[number].sha256:
-            raise RunError(f"{path}: damaged: its sha256 is not the journal's")
+            raise ShardLost(f"{path}: damaged: its sha256 is not the journal's: {remedy}")
         return image
 
     def read(self, number: int) -> Shard:
         """Read one shard.
 
         Raises:
-            RunError: it is missing, or not the one that the journal names.
+            ShardLost: it is missing, or not the one that the journal names.
+            RunError: it cannot be read, or is not of this run.
         """
         entry = self.entries[number]
         path = self.paths.shard(number)

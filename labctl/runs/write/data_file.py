@@ -10,6 +10,7 @@ than planned, identifies them by `/shots.index` and has `complete` false; the sh
 and ends, data.h5 is made again.
 """
 
+import hashlib
 import json
 from collections.abc import Iterator
 from typing import Any
@@ -24,11 +25,13 @@ from labctl.runs.format.durable import replacement
 from labctl.runs.format.hdf5_target import Hdf5Target
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.manifest import Manifest
-from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, set_text
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, check_plain, set_text, walked
 from labctl.runs.format.plan import write_drive
+from labctl.runs.format.shape import RunShape
 from labctl.runs.format.shard import encode
 from labctl.runs.format.shards import NAMES, Shards
 from labctl.runs.format.version import FORMAT_VERSION
+from labctl.runs.read.data_file import MOST_BYTES, damaged
 
 SCALES = {"shot": "shot", "port": "ports", "sample": "time", "pass": "passes"}
 """The data set with the coordinates of each axis."""
@@ -118,15 +121,32 @@ def attached() -> Iterator[tuple[str, int, str]]:
                 yield name, dimension, axis
 
 
-def shard_in_data_file(file: h5py.File, shards: Shards, entry: Entry) -> memoryview:
-    """The shard that the journal's `entry` names, made again from data.h5.
+def shard_in_data_file(shards: Shards, entry: Entry) -> memoryview | None:
+    """The bytes of the shard that the journal's `entry` names, made again from data.h5; None where it has others.
 
-    Its bytes are those of the shard wherever their sha256 is the entry's; they are of no use where it is not.
+    Raises:
+        RunError: data.h5 cannot be read, whatever is in it.
+    """
+    try:
+        with walked(shards.paths.data) as file:
+            check_plain(file, MOST_BYTES, besides="frames")
+            image = _shard_in(file, shards.shape, entry)
+    except FileNotFoundError:
+        return None
+    except HDF5_ERRORS as error:
+        if isinstance(error, OSError) and error.errno:
+            raise damaged(shards.paths.data, error) from error
+        return None
+    return image if hashlib.sha256(image).hexdigest() == entry.sha256 else None
+
+
+def _shard_in(file: h5py.File, shape: RunShape, entry: Entry) -> memoryview:
+    """A shard made of the shots in data.h5.
 
     Raises:
         KeyError: data.h5 has not all of its shots.
     """
-    index, shape = file["shots"]["index"], shards.shape
+    index = file["shots"]["index"]
     places = np.flatnonzero((index >= entry.first) & (index < entry.first + entry.count))
     if len(places) != entry.count:
         raise KeyError(f"shots of shard {entry.shard}")

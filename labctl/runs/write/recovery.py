@@ -4,30 +4,31 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from labctl.errors import RunError
-from labctl.runs.format.durable import not_written, sync_folder
+from labctl.errors import RunError, ShardLost
+from labctl.runs.format.durable import not_written, replace_file, sync_folder
 from labctl.runs.format.journal import NOT_COMPARED, Entry, JournalFile
 from labctl.runs.format.own_files import read_own
 from labctl.runs.format.shard import MOST_BYTES, Shard
 from labctl.runs.format.shards import Shards
+from labctl.runs.write.data_file import shard_in_data_file
 
 
 def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]:
     """Make disk and journal agree; returns what was found, a line each, and the number of the next shard.
 
-    A shard that the journal names but that is missing or damaged is set aside as `.damaged` and discarded in the
-    journal: its shots are to be measured again. So is one that is in doubt, as `.suspect`; and so is a whole shard that
-    the journal does not name, because the process died between renaming it and writing the line: nobody knows whether
-    its settings were compared. Half-written files go.
+    A shard that the journal names but that is missing or damaged is made again from data.h5. Where data.h5 has it not,
+    it is set aside as `.damaged` and discarded in the journal: its shots are to be measured again. So is one that is in
+    doubt, as `.suspect`; and so is a whole shard that the journal does not name, because the process died between
+    renaming it and writing the line: nobody knows whether its settings were compared. Half-written files go.
 
     Raises:
-        RunError: the disk is full or refuses.
+        RunError: a shard cannot be read, whatever is in it, and nothing was changed; or the disk is full or refuses.
     """
     folder = shards.paths.shards
     for renamed_in in (shards.paths.directory, folder):
         _keep_names(renamed_in)
     found = [
-        *_discard_damaged(shards, journal),
+        *_restore_lost(shards, journal),
         *_name_unnamed(shards, journal),
         *discard_suspect(shards, journal),
     ]
@@ -58,15 +59,33 @@ def discard_suspect(shards: Shards, journal: JournalFile) -> list[str]:
     return found
 
 
-def _discard_damaged(shards: Shards, journal: JournalFile) -> list[str]:
+def _restore_lost(shards: Shards, journal: JournalFile) -> list[str]:
+    """Make missing and damaged shards again from data.h5, which may be the last copy, or discard them."""
     found = []
+    for entry in _lost(shards):
+        path = shards.paths.shard(entry.shard)
+        if (image := shard_in_data_file(shards, entry)) is not None:
+            replace_file(path, image)
+            found.append(f"{path}: was missing or damaged, and is made again from data.h5")
+        else:
+            _set_aside(shards, journal, entry, "damaged", "missing or damaged")
+            found.append(f"{path}: missing or damaged: its {entry.count} shots will be measured again")
+    return found
+
+
+def _lost(shards: Shards) -> list[Entry]:
+    """Those of the journal's shards that are missing or damaged.
+
+    Raises:
+        RunError: one of them cannot be read: nobody knows what is in it.
+    """
+    lost = []
     for number, entry in sorted(shards.entries.items()):
         try:
             shards.image(number)
-        except RunError as error:
-            _set_aside(shards, journal, entry, "damaged", str(error))
-            found.append(f"{error}; its {entry.count} shots will be measured again")
-    return found
+        except ShardLost:
+            lost.append(entry)
+    return lost
 
 
 def _set_aside(shards: Shards, journal: JournalFile, entry: Entry, state: str, reason: str) -> None:

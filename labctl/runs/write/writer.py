@@ -170,12 +170,12 @@ class RunWriter:
         """Go on with an interrupted run: `missing` lists what is still to be measured.
 
         What a crash left behind is put in order first, and `recovered` describes what was found: a shard that did
-        not reach the journal, and one that is damaged, is set aside and its shots are missing again. `on_warning`,
-        `timer` and `clock` are as of `create`.
+        not reach the journal is set aside, as is one that is damaged and not in data.h5, and its shots are missing
+        again. `on_warning` is called with each of these lines too; `timer` and `clock` are as of `create`.
 
         Raises:
-            RunError: no run, a run that another process is writing, a damaged manifest or plan, or too little room on
-                the disk for what is still to come.
+            RunError: no run, a run that another process is writing, a damaged manifest or plan, a shard that cannot be
+                read, or too little room on the disk for what is still to come.
         """
         paths = RunPaths(directory)
         manifest = Manifest.read(paths)
@@ -190,6 +190,8 @@ class RunWriter:
         try:
             shards = Shards(paths, shape, plan, read_journal(paths.journal).entries)
             recovered, next_shard = recover(shards, journal)
+            for line in recovered:
+                on_warning(line)
             room = Room(directory, shape, drive, shots_a_shard(shape, durability, 0.0), on_warning)
             writer = cls(
                 manifest,

@@ -169,6 +169,26 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, record
         assert resumed.manifest["seeds"] == whole.manifest["seeds"]
 
 
+@pytest.mark.parametrize("whole", [True, False])
+def test_what_is_found_of_damage_is_told_when_a_run_goes_on(whole: bool, tmp_path: Path) -> None:
+    interruption, told = Interruption(), list[str]()
+    protocol = ImageReadout(images=4, classes=(0, 1), ports=(2,), window=0.4e-9)
+
+    def stop(done: int, _total: int) -> None:
+        interruption.requested = not whole and done == 3
+
+    acquire(Acquisition(protocol, BY_STATE, tmp_path / "run"), interruption=interruption, observer=Follower(stop))
+    with open_run(tmp_path / "run") as stored:
+        before = stored.digest()
+    (tmp_path / "run" / "shards" / "000000.h5").write_bytes(b"")
+    assert resume(Resumption(tmp_path / "run"), observer=Follower(warning=told.append)).complete
+    line = f"{tmp_path / 'run'}/shards/000000.h5: was missing or damaged, and is made again from data.h5"
+    assert told.count(line) == 1
+    assert (tmp_path / "run" / "commands.log").read_text().count(line) == (not whole)
+    with open_run(tmp_path / "run") as stored:
+        assert (stored.digest() == before) == whole
+
+
 @pytest.mark.parametrize(
     "protocol",
     [

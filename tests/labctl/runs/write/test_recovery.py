@@ -2,6 +2,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import pytest
 
 from labctl.errors import RunError
@@ -76,6 +77,53 @@ def test_a_damaged_shard_is_measured_again(
     lines = [json.loads(line) for line in (cut / "journal.jsonl").read_text().splitlines()]
     assert sum(line["shots"] for line in lines) == 7
     assert Catalogue(cut.parent).find()[0].row.shots == 7
+
+
+@pytest.mark.parametrize("harm", ["flip", "cut", "remove"])
+def test_a_damaged_shard_is_made_again_from_the_data_file(whole: Path, harm: str) -> None:
+    before = {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()}
+    for number in (0, 5):
+        path = whole / "shards" / f"{number:06d}.h5"
+        if harm == "flip":
+            image = bytearray(before[path])
+            image[len(image) // 2] ^= 4
+            path.write_bytes(image)
+        elif harm == "cut":
+            path.write_bytes(before[path][:-1])
+        else:
+            path.unlink()
+    told: list[str] = []
+    with RunWriter.resume(whole, on_warning=told.append) as writer:
+        assert [writer.missing(p).tolist() for p in (0, 1)] == [[], []]
+    assert {path: path.read_bytes() for path in whole.rglob("*") if path.is_file()} == before
+    assert told == [
+        f"{whole}/shards/{number:06d}.h5: was missing or damaged, and is made again from data.h5" for number in (0, 5)
+    ]
+
+
+def test_only_what_the_data_file_has_not_is_measured_again(whole: Path, measure_missing: Finish) -> None:
+    frames = digest(whole)
+    for number in (1, 5):
+        (whole / "shards" / f"{number:06d}.h5").write_bytes(b"")
+    with h5py.File(whole / "data.h5", "r+") as file:
+        file["epoch"][6, 1] += 1  # of the last shot of the second pass, which is all of its last shard
+    with RunWriter.resume(whole) as writer:
+        assert [writer.missing(p).tolist() for p in (0, 1)] == [[], [6]]
+        measure_missing(writer)
+    assert verify_run(whole).data_file == "current"
+    assert digest(whole) == frames
+
+
+@pytest.mark.parametrize("unreadable", ["shards/000001.h5", "data.h5"])
+def test_what_cannot_be_read_is_not_taken_for_damaged(whole: Path, unreadable: str) -> None:
+    (whole / "shards" / "000000.h5").write_bytes(b"")
+    (whole / unreadable).unlink()
+    (whole / unreadable).mkdir()
+    before = {path: path.is_dir() or path.read_bytes() for path in whole.rglob("*")}
+    assert any("is a folder where a run has a file" in problem for problem in verify_run(whole).problems)
+    with pytest.raises(RunError, match=rf"{unreadable}: cannot be read \(is a folder where a run has a file"):
+        RunWriter.resume(whole)
+    assert {path: path.is_dir() or path.read_bytes() for path in whole.rglob("*")} == before
 
 
 def test_half_written_files_go(cut: Path, measure_missing: Finish) -> None:
