@@ -1,6 +1,7 @@
 """Is everything that was measured still there, and is data.h5 what the shards say?"""
 
 import json
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from instruments.values import Drive
 from labctl.errors import RunError
 from labctl.runs.format.columns import in_this_version
-from labctl.runs.format.journal import read_journal
+from labctl.runs.format.journal import held, read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
 from labctl.runs.format.own_files import own_file, place_of, read_own, require_own_files
@@ -95,6 +96,7 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
     `rebuild` makes data.h5 anew first, unless a shard is damaged: then the old data.h5 may be the last copy.
 
     Raises:
+        RunInUse: `rebuild` of a run that another process is writing, or is making the data.h5 of.
         RunError: not a run directory at all, or `rebuild` finds the disk full.
 
     Example:
@@ -107,6 +109,11 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
     if not paths.manifest.exists():
         raise RunError(f"{paths.directory}: not a run directory (no manifest.json in it)")
     require_own_files(paths.directory)
+    with held(paths.journal) if rebuild and paths.journal.exists() else nullcontext():
+        return _verified(str(path), paths, rebuild=rebuild)
+
+
+def _verified(path: str, paths: RunPaths, *, rebuild: bool) -> RunReport:
     at = paths.manifest
     try:
         manifest = Manifest.read(paths)
@@ -118,7 +125,7 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
         journal = read_journal(paths.journal)
         named = Shards(paths, manifest.shape, plan, journal.entries)
     except (RunError, KeyError) as error:
-        return RunReport(str(path), problems=(str(error),), damaged=_whole(paths, at))
+        return RunReport(path, problems=(str(error),), damaged=_whole(paths, at))
     line = journal.damaged and Damage(paths.journal.name, *journal.damaged)
     problems = [Problem(text, line) for text in journal.problems]
     problems += [Problem(text, _whole(paths, paths.journal)) for text in _measured_twice(named)]
@@ -141,7 +148,7 @@ def verify_run(path: Path | str, *, rebuild: bool = False) -> RunReport:
     notes += [f"{count} records are suspect: {reason}" for reason, count in intact.suspect.items()]
     notes += _of_notes(paths)
     return RunReport(
-        path=str(path),
+        path=path,
         complete=intact.completed == manifest.shape.shots,
         shots=intact.completed,
         suspect=sum(intact.suspect.values()),

@@ -12,8 +12,8 @@ says why the shots of the shard may be wrong: they complete nothing. Of several 
 """
 
 import os
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BytesIO, FileIO
 from pathlib import Path
@@ -137,6 +137,23 @@ def read_journal(path: Path) -> Journal:
     return Journal(tuple(entries), tuple(problems), damaged, whole)
 
 
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Nobody else writes the run of the journal at `path` inside the block; the journal itself stays as it is.
+
+    Raises:
+        RunInUse: another process is writing this run.
+        RunError: the file cannot be opened.
+    """
+    try:
+        file = FileIO(path, "r+", opener=opened)
+    except OSError as error:
+        raise not_written(path, error) from error
+    with file:
+        _lock(file, path)
+        yield
+
+
 class JournalFile:
     """The journal of a run that is being written. Only one process can hold it open."""
 
@@ -153,7 +170,7 @@ class JournalFile:
         except OSError as error:
             raise not_written(path, error) from error
         try:
-            self._lock()
+            _lock(self._file, path)
             self._mend()
         except RunError:
             self._file.close()
@@ -205,16 +222,6 @@ class JournalFile:
     ) -> None:
         self.close()
 
-    def _lock(self) -> None:
-        try:
-            lock(self._file)
-        except BlockingIOError:
-            raise RunInUse(
-                f"{self._path.parent}: another process is writing this run; wait for it or stop it"
-            ) from None
-        except OSError:
-            return  # some network file systems have no locks: then nothing guards against a second writer
-
     def _mend(self) -> None:
         whole = read_journal(self._path).whole_bytes
         try:
@@ -228,3 +235,17 @@ class JournalFile:
             self._size = self._file.seek(0, os.SEEK_END)
         except OSError as error:
             raise not_written(self._path, error) from error
+
+
+def _lock(file: FileIO, path: Path) -> None:
+    """Lock the opened journal at `path`.
+
+    Raises:
+        RunInUse: another process has it.
+    """
+    try:
+        lock(file)
+    except BlockingIOError:
+        raise RunInUse(f"{path.parent}: another process is writing this run; wait for it or stop it") from None
+    except OSError:
+        return  # some network file systems have no locks: then nothing guards against a second writer

@@ -1,12 +1,13 @@
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
 import pytest
 
 from instruments.values import Frames
-from labctl.errors import RunError
-from labctl.runs.format.journal import Entry, JournalFile
+from labctl.errors import RunError, RunInUse
+from labctl.runs.format.journal import Entry, JournalFile, held
 from labctl.runs.format.shape import RunShape
 from labctl.runs.verification import Damage, RunReport, verify_run
 from labctl.runs.write.writer import RunWriter
@@ -202,6 +203,30 @@ def test_a_data_file_is_stale_where_its_shots_were_measured_again(
     earlier.rename(whole / "data.h5")
     report = verify_run(whole)
     assert (report.complete, report.data_file, report.problems) == (False, "stale", ())
+
+
+def test_a_data_file_is_made_anew_by_one_process_at_a_time(
+    tmp_path: Path, whole: Path, begin: Callable[..., RunWriter]
+) -> None:
+    (whole / "data.h5").write_bytes(b"another one writes it")
+    with held(whole / "journal.jsonl"):
+        for write in (partial(verify_run, rebuild=True), RunWriter.resume):
+            with pytest.raises(RunInUse, match="whole: another process is writing this run"):
+                write(whole)
+        assert verify_run(whole).data_file == "damaged"
+    assert (whole / "data.h5").read_bytes() == b"another one writes it"
+    assert verify_run(whole, rebuild=True).data_file == "current"
+    writer = begin(tmp_path / "run")
+    with pytest.raises(RunInUse, match="run: another process is writing this run"):
+        verify_run(tmp_path / "run", rebuild=True)
+    writer.abandon()
+
+
+def test_a_run_without_its_journal_is_damaged_and_gets_none(whole: Path) -> None:
+    (whole / "journal.jsonl").unlink()
+    report = verify_run(whole, rebuild=True)
+    assert "journal.jsonl: cannot be read" in report.problems[0]
+    assert not (whole / "journal.jsonl").exists()
 
 
 def test_problems_of_the_journal(whole: Path) -> None:
