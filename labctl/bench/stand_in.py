@@ -36,11 +36,11 @@ def alone(orders: BinaryIO) -> Followed:
     return Followed(iter(orders), _now(), dismiss=lambda: None)
 
 
-def with_a_copy(orders: BinaryIO) -> Followed:
+def with_a_copy(orders: BinaryIO, left_alone: Callable[[], None]) -> Followed:
     """Fork the copy; this returns in both processes. Each has all lines: those of the copy go on when the other ended.
 
-    `orders` must not be buffered: the copy would have twice what waits there. The supervisor ends when its copy does:
-    then the run hears that nobody is left, and goes dark.
+    `orders` must not be buffered: the copy would have twice what waits there. The supervisor goes on without its copy,
+    since it may be all that is left; `left_alone` is called in it when the copy has ended, so that the run goes dark.
     """
     if sys.platform == "win32":
         return alone(orders)
@@ -49,7 +49,7 @@ def with_a_copy(orders: BinaryIO) -> Followed:
     copy = os.fork()
     if copy:
         os.close(heard)
-        return Followed(_passed_on(orders, told), _now(), _dismissing(copy))
+        return Followed(_passed_on(orders, told), _now(), _dismissing(copy, left_alone))
     os.close(told)
     os.setsid()
     kill_when_stopped(supervisor, lambda: True)
@@ -82,27 +82,28 @@ def _is_stopped(process: int) -> bool:
     return state == b"T"
 
 
-def _dismissing(copy: int) -> Callable[[], None]:
-    """What ends the copy; ended by anybody else it ends this process."""
-    dismissed = threading.Event()
+def _dismissing(copy: int, left_alone: Callable[[], None]) -> Callable[[], None]:
+    """What ends the copy; `left_alone` is called when it has ended, whoever ended it."""
+    ended = threading.Event()
 
-    def end_with_it() -> None:
+    def hear_its_end() -> None:
         os.waitpid(copy, 0)
-        if not dismissed.is_set():
-            os._exit(1)
+        ended.set()
+        left_alone()
 
     def dismiss() -> None:
-        dismissed.set()
-        with suppress(ProcessLookupError):
-            os.kill(copy, signal.SIGKILL)
+        if not ended.is_set():  # another process may have its number by then
+            with suppress(ProcessLookupError):
+                os.kill(copy, signal.SIGKILL)
 
-    threading.Thread(target=end_with_it, daemon=True).start()
+    threading.Thread(target=hear_its_end, daemon=True).start()
     return dismiss
 
 
 def _passed_on(orders: BinaryIO, told: int) -> Iterator[bytes]:
     for line in orders:
-        os.write(told, line)
+        with suppress(BrokenPipeError):  # the copy has ended
+            os.write(told, line)
         yield line
 
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from itertools import chain
 from typing import Any, BinaryIO, cast
 
 from instruments.bench import Observer
@@ -23,8 +24,8 @@ COMMAND = (sys.executable, "-P", "-m", "labctl.bench.supervisor")
 START_S = 30.0
 """A supervisor that takes longer to start will not: no light is switched on."""
 GONE = (
-    "the supervisor has ended: the bench was made dark, since nothing would switch the light off if this process were "
-    "killed too; finished shots are kept"
+    "the supervisor or its copy has ended: the bench was made dark, since nothing would switch the light off if the "
+    "other one and this process were killed too; finished shots are kept"
 )
 REFUSED = "no light is switched on, since nothing would switch it off if this process were killed: repeat the command"
 
@@ -66,25 +67,25 @@ class _Supervisor(Observer):
         except OSError as error:
             raise UnsafeBench(f"the supervisor cannot be started ({error}): {REFUSED}") from None
         self._orders, self._replies = cast(BinaryIO, self._process.stdin), cast(BinaryIO, self._process.stdout)
-        self._starting = ThreadPoolExecutor(1, thread_name_prefix="supervisor")
-        self._ready = self._starting.submit(self._replies.readline)
+        self._listening = ThreadPoolExecutor(1, thread_name_prefix="supervisor")
+        self._ready, self._next = (self._listening.submit(self._replies.readline) for _ in range(2))
         task = Task(station=with_laser_commands(station), log_started=log.started, process=os.getpid())
         self._say_if_there(task.model_dump_json())
 
     def before_light(self) -> None:
         """Refuse light that nothing would switch off if this process were killed."""
         try:
-            well = self._ready.result(START_S) == READY and self._process.poll() is None
+            well = self._ready.result(START_S) == READY and not self._is_gone()
             if well and self._log.path is not None:
                 self._say(json.dumps(str(self._log.path.absolute())))
         except OSError:  # a broken pipe, or too late
             well = False
         if not well:
-            raise UnsafeBench(f"the supervisor has not started or has ended: {REFUSED}")
+            raise UnsafeBench(f"the supervisor has not started, or it or its copy has ended: {REFUSED}")
 
     def while_lit(self) -> None:
-        """Whose supervisor is gone ends, dark: nothing would switch the light off if this process were killed."""
-        if self._lit and self._process.poll() is not None:
+        """Whose supervisor is gone or alone ends, dark: soon nothing might be left to switch the light off."""
+        if self._lit and self._is_gone():
             raise UnsafeBench(GONE)
 
     def progress(self, _done: int, _total: int, _last: Callable[[], Mapping[str, Any]] = dict) -> None:
@@ -117,10 +118,14 @@ class _Supervisor(Observer):
                 self._process.wait()
             self._say_if_there(json.dumps(None))
         self._orders.close()
-        self._starting.shutdown()
-        if self._replies.readline() != TRYING:
+        if TRYING not in chain([self._next.result()], iter(self._replies.readline, b"")):
             self._process.wait()
+        self._listening.shutdown()
         self._replies.close()
+
+    def _is_gone(self) -> bool:
+        """Or without its copy: then it has said something, since it was ready."""
+        return self._process.poll() is not None or self._next.done()
 
     def _say_if_there(self, line: str) -> None:
         with suppress(OSError):  # it has ended: `before_light` and `progress` find that

@@ -8,7 +8,8 @@ a cable that is plugged in later finds it lit. A copy of this process stands in 
 
 Standard input: a `Task` in JSON, one line; later, lines in JSON: the path of the run's log; true before light is
 switched on, false when the bench is dark; null when nothing is left to do. Until then there may be light.
-Standard output: `READY`, once everything that the safe state needs is loaded; `TRYING`, if the laser goes on emitting.
+Standard output: `READY`, once everything that the safe state needs is loaded; `ALONE`, when its copy has ended;
+`TRYING`, if the laser goes on emitting.
 Standard error: what was done; let go of as soon as that was said once, unless it is a terminal.
 """
 
@@ -37,7 +38,7 @@ from labctl.printable import printable
 from labctl.runs.live.control_file import Word, word_in
 from labctl.runs.live.logs import CommandLog, EventLog
 
-READY, TRYING = b"ready\n", b"trying\n"
+READY, ALONE, TRYING = b"ready\n", b"alone\n", b"trying\n"
 AGAIN_S, ATTEMPTS = 1.0, 600
 """How long to wait before a laser that goes on emitting is tried again, and how often."""
 TELL_EVERY = 10
@@ -160,7 +161,7 @@ def main() -> None:
             os.write(STANDARD_OUTPUT, word)
 
     def follow(orders: BinaryIO) -> Followed:
-        followed = with_a_copy(orders)
+        followed = with_a_copy(orders, lambda: say(ALONE))
         if not followed.acts.is_set():
             _let_go()
         return followed

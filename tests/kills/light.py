@@ -47,6 +47,17 @@ def _both_by_and_by(run: int, supervisor: int, generator: random.Random) -> None
     os.kill(run, signal.SIGKILL)
 
 
+def _with_the_copy(run: int, supervisor: int, generator: random.Random) -> None:
+    killed = [run, _child_of(supervisor)]
+    generator.shuffle(killed)
+    for process in killed:
+        os.kill(process, signal.SIGKILL)
+
+
+def _child_of(process: int) -> int:
+    return int(Path(f"/proc/{process}/task/{process}/children").read_text().split()[0])
+
+
 STRIKES: dict[str, Strike] = {
     "run killed": lambda run, _supervisor, _generator: os.kill(run, signal.SIGKILL),
     "its process group killed": lambda run, _supervisor, _generator: os.killpg(run, signal.SIGKILL),
@@ -55,6 +66,7 @@ STRIKES: dict[str, Strike] = {
     "supervisor stopped": lambda _run, supervisor, _generator: os.kill(supervisor, signal.SIGSTOP),
     "both killed": _both,
     "supervisor killed, then the run": _both_by_and_by,
+    "run and copy killed": _with_the_copy,
 }
 
 
@@ -145,7 +157,7 @@ def _one_run(
     ) as process:
         until_stored(process, directory)
         time.sleep(generator.uniform(0, LATER_S))
-        supervisor = int(Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0])
+        supervisor = _child_of(process.pid)
         laser.seconds_until(emits=True)  # it is dark between bursts
         befalls(process.pid, supervisor, generator)
         seconds = laser.seconds_until(emits=False)

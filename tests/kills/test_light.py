@@ -23,8 +23,9 @@ BY = {
     "supervisor stopped": ITSELF,
     "both killed": SUPERVISED,
     "supervisor killed, then the run": SUPERVISED | ITSELF,
+    "run and copy killed": SUPERVISED,
 }
-USUAL = ("its process group killed", "run stopped", "both killed")
+USUAL = ("its process group killed", "run stopped", "both killed", "run and copy killed")
 
 
 @pytest.mark.parametrize(

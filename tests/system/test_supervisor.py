@@ -140,7 +140,7 @@ def test_a_run_whose_supervisor_is_killed_ends_dark_and_goes_on_under_a_new_one(
         _, said = process.communicate(timeout=30)
     assert process.returncode == 1
     first, second = said.strip().splitlines()[-2:]
-    assert first.startswith("labctl: the supervisor has ended: the bench was made dark")
+    assert first.startswith("labctl: the supervisor or its copy has ended: the bench was made dark")
     assert second.startswith("labctl: the run can go on: labctl resume ")
     with open_run(run) as stored:
         kept = max(stored.done)
@@ -251,7 +251,7 @@ def test_no_light_without_a_supervisor(served: Served, laser: Asked, tmp_path: P
         process = supervisor._process  # type: ignore[attr-defined]
         process.kill()
         process.wait()
-        with pytest.raises(UnsafeBench, match="the supervisor has not started or has ended: no light"):
+        with pytest.raises(UnsafeBench, match="the supervisor has not started, or it or its copy has ended: no light"):
             found.bench.emitting(1550.0).__enter__()
         assert laser.ask("OUTPUT?") == "0"
 
@@ -259,7 +259,7 @@ def test_no_light_without_a_supervisor(served: Served, laser: Asked, tmp_path: P
 def test_a_supervisor_that_is_gone_or_alone_is_noticed_while_something_is_uploaded(
     served: Served, laser: Asked
 ) -> None:
-    """It ends with the copy that stands in for it."""
+    """Without the copy that stands in for it."""
     station = read_station(served[1])
     with (
         CommandLog() as log,
@@ -272,12 +272,14 @@ def test_a_supervisor_that_is_gone_or_alone_is_noticed_while_something_is_upload
             with found.bench.emitting(1550.0):
                 supervisor.uploading("waveform", 1, 2)
                 os.kill(child_of(process.pid), signal.SIGKILL)
-                process.wait(10)
-                supervisor.uploading("waveform", 2, 2)
+                until(lambda: supervisor.uploading("waveform", 2, 2))
 
-        with pytest.raises(UnsafeBench, match="the supervisor has ended: the bench was made dark"):
+        with pytest.raises(UnsafeBench, match="the supervisor or its copy has ended: the bench was made dark"):
             upload_alone()
         assert laser.ask("OUTPUT?") == "0"
+        with pytest.raises(UnsafeBench, match="or its copy has ended: no light"):
+            found.bench.emitting(1550.0).__enter__()
+        assert process.poll() is None, "it acts if this process is killed now"
 
 
 def test_a_safe_state_that_was_cut_short_is_left_to_the_supervisor(
