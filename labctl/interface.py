@@ -22,7 +22,7 @@ from labctl.runs.sweep import Sweep
 from labctl.runs.sweep_axes import Order, values_of
 from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.readout_training import train_readout
-from labctl.studies.sweeps.declaration import points
+from labctl.studies.sweeps.declaration import points, refuse_set_twice
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts
 from labctl.studies.sweeps.folder import new_directory as new_sweep_directory
@@ -166,6 +166,7 @@ def sweep(
         order=Order(order),
         reference_every=reference_every,
     )
+    refuse_set_twice(asked)
     found = _station(station, projector=measured.projector)
     every = points(asked, measured, found)
     directory = new_sweep_directory(every[0].protocol, datetime.now(UTC)) if out is None else Path(out)

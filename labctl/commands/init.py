@@ -99,6 +99,8 @@ def init(
             _tell_who(role, places[role], answers, held)
     values, remarks = _instruments(places, answers, held)
     if laser_commands is not None:
+        if "commands" not in driver("laser", values["laser"]["driver"]).section.model_fields:
+            raise UsageError("--laser-commands: this laser has no command table: leave it out")
         values["laser"]["commands"] = SIMULATED if str(laser_commands) == SIMULATED else str(laser_commands.absolute())
     with_fibre = "Ports of the chip that have a fibre, such as 2-6; 0 is the fibre before it"
     if (wired := _asked(asking, with_fibre, ports, EVERY_PORT, _check_ports)) != EVERY_PORT:

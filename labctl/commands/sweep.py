@@ -25,7 +25,7 @@ from labctl.runs.said import Said
 from labctl.runs.sweep import Sweep, read_to_go_on
 from labctl.runs.sweep_axes import Order, parse_axis
 from labctl.studies.sweeps import folder
-from labctl.studies.sweeps.declaration import Point, points, read_sweep
+from labctl.studies.sweeps.declaration import Point, points, read_sweep, refuse_set_twice
 from protocols.base import Judgement, Measurement
 from protocols.registry import named_protocol, protocol_class
 
@@ -225,6 +225,7 @@ def _asked(
         | ({} if order is None else {"order": order})
         | ({} if reference_every is None else {"reference_every": reference_every})
     )
+    refuse_set_twice(found)
     return found, protocol
 
 

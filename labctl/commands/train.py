@@ -21,7 +21,9 @@ from labctl.studies.readout_training import train_readout
 def train(
     run: RunHereArgument,
     readout: Annotated[str, typer.Option("--readout", help="softmax")] = "softmax",
-    window: Annotated[str, typer.Option("--window", help='Acquisition time T_N, such as "0.4 ns".')] = "0.4 ns",
+    window: Annotated[
+        str | None, typer.Option("--window", help='Acquisition time T_N, such as "0.4 ns", which is the default.')
+    ] = None,
     ports: Annotated[
         str | None, typer.Option("--ports", help='Ports, such as "2-6"; without it all of the run.')
     ] = None,
@@ -45,15 +47,18 @@ def train(
     if readout != "softmax":
         raise UsageError(f"--readout {readout}: unknown readout: choose softmax")
     require_readout(run)
+    window_s = seconds(window or "0.4 ns")
     if over:
         axes = dict(parse_axis(one, "--search") for one in over)
         if len(axes) < len(over):
             raise UsageError("--search: an axis is there twice: give each once, with all its values")
+        if window is not None and "window" in axes:
+            raise UsageError("--window and --search window=...: both say the acquisition time: leave one of them out")
         carried_out = carrying(scheduler, "search")
         found = search_readout(
             run,
             axes,
-            window_s=seconds(window),
+            window_s=window_s,
             ports=ports_of(ports),
             seed=seed,
             out=out,
@@ -63,7 +68,7 @@ def train(
         return DONE
     if scheduler is not None:
         raise UsageError("--scheduler is for --search: one readout is trained here: leave it out")
-    trained = train_readout(run, window_s=seconds(window), ports=ports_of(ports), seed=seed, out=out)
+    trained = train_readout(run, window_s=window_s, ports=ports_of(ports), seed=seed, out=out)
     show(trained, as_json, lambda: _print_training(trained))
     return DONE
 

@@ -279,6 +279,12 @@ def test_what_is_refused(swept: Path, tmp_path: Path) -> None:
     status, found, _ = run(*SWEEP, "--tag", "x" * 200, "--out", tmp_path / "new")
     assert (status, "write 1 to 100 characters" in found["error"]) == (2, True)
     assert not (tmp_path / "new").exists()
+    status, found, _ = run(*SWEEP, "--set", "window=2 ns", "--out", tmp_path / "new")
+    assert (status, found["error"]) == (
+        2,
+        "window: is varied, and has one value among the settings: leave one of them out",
+    )
+    assert not (tmp_path / "new").exists()
     status, found, _ = run("sweep", "image-readout")
     assert (status, found["error"][:18]) == (2, "--over is missing:")
 

@@ -53,6 +53,16 @@ def read_sweep(path: Path) -> Sweep:
         raise UsageError(f"{path}: {describe(error, Sweep.model_fields)}") from None
 
 
+def refuse_set_twice(sweep: Sweep) -> None:
+    """Refuse a new sweep that also sets what it varies: the setting would mean nothing.
+
+    Raises:
+        UsageError: it does.
+    """
+    if twice := [name for name in sweep.over if SHORT.get(name, name) in sweep.settings]:
+        raise UsageError(f"{twice[0]}: is varied, and has one value among the settings: leave one of them out")
+
+
 def points(sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> list[Point]:
     """Every run of a sweep of a protocol on a bench, in the order they are measured.
 

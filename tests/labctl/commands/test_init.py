@@ -82,6 +82,13 @@ def test_nobody_answers_and_nothing_is_asked(tmp_path: Path, capsys: pytest.Capt
     assert "laser.address is empty: write its VISA address" in out
 
 
+def test_a_table_for_a_laser_without_one_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--no-search", "--yes", "--laser", "manual", "--laser-commands", "tlg.toml")
+    status, _, err = labctl(capsys, "init", tmp_path / "bench.toml", *words)
+    assert (status, err) == (2, "labctl: --laser-commands: this laser has no command table: leave it out\n")
+    assert not list(tmp_path.iterdir())
+
+
 def test_every_key_is_there_with_its_default(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every line that is a comment of a key is right when its # is taken away, quantities with their unit."""
     path = tmp_path / "bench.toml"

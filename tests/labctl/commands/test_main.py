@@ -586,6 +586,7 @@ class TestReadout:
             (["--window", "9 ns"], "9 ns"),
             (["--ports", "2-x"], "--ports: "),
             (["--ports", "9"], "9"),
+            (["--window", "0.2 ns", "--search", "window=0.2 ns,0.4 ns"], "--window and --search window=...: both say"),
         ],
     )
     def test_what_cannot_be_trained_is_named(
