@@ -45,7 +45,7 @@ decibelmilliwatt = 1e-3 watt; logbase: 10; logfactor: 10 = dBm
 # How each unit is usually written, for editors: more than these is understood, and another kind of unit never meant.
 _PREFIX = "[fpnuµmkMGT]?"
 _USUAL = {
-    "s": f"({_PREFIX}s|min|h)",
+    "s": f"({_PREFIX}s|min|h|days?)",
     "Hz": f"{_PREFIX}(Hz|S/s|Sa/s)",
     "V": f"{_PREFIX}(V|Vpp)",
     "W": f"({_PREFIX}W|dBm)",

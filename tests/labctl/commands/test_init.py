@@ -95,7 +95,7 @@ def test_every_key_is_there_with_its_default(tmp_path: Path, capsys: pytest.Capt
     labctl(capsys, "init", path, "--no-search", "--yes")
     text = re.sub(r"^# (?=\w+ = )", "", path.read_text("utf-8"), flags=re.MULTILINE)
     path.write_text(re.sub(r'^\w+ = ""', "# \\g<0>", text, flags=re.MULTILINE), "utf-8")
-    assert read_station(path).limits == Station().limits
+    assert written(path).limits == Station().limits
     whole = tomllib.loads(text)
     assert (whole.pop("name"), whole.pop("mixed")) == ("bench", False)
     whole = {table: {key: value for key, value in keys.items() if value != ""} for table, keys in whole.items()}
