@@ -1,7 +1,7 @@
 """What it costs to know that settings and records are what they should be: part of the time of a whole run.
 
-The reference is the same run: the seconds of all its other steps. Software-timed, in bursts and with averages, each
-several times; a part is the median.
+A figure is a part of the seconds of its own run, and has no reference beside it; no goal is set. Software-timed, in
+bursts and with averages, each several times; a part is the median.
 """
 
 import statistics
