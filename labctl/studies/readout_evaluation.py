@@ -298,13 +298,14 @@ def _controls(
     shuffled = shuffled_labels(records.labels, records.groups, seed=seed)
     window, learner = readout[0], _learner(readout[1:])
     candidates = {"shuffled labels": (window.transform(records.traces), shuffled, records.groups)}
+    images = np.flatnonzero(run.shots["kind"] == "image")
     for name, kind in (("fixed image", "reference"), ("dark", "dark")):
         try:
             blank = read_records(run, kind)
         except AnalysisError:
             continue
-        before = np.searchsorted(records.indices, blank.indices) - 1
-        candidates[name] = (window.transform(blank.traces), records.labels[before], np.arange(blank.labels.size))
+        before = images[np.searchsorted(images, blank.indices) - 1]
+        candidates[name] = (window.transform(blank.traces), run.shots["label"][before], np.arange(before.size))
     found: dict[str, dict[str, Any] | None] = {}
     for name, (features, labels, groups) in candidates.items():
         try:

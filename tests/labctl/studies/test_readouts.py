@@ -9,6 +9,7 @@ import pytest
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError
+from labctl.studies import readout_training
 from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.readout_file import load_metadata, load_model, save_model
 from labctl.studies.readout_training import file_name, train_readout
@@ -99,6 +100,19 @@ def test_what_the_paper_says_is_drawn_over_what_it_is_said_of(tmp_path: Path) ->
         run = measured(tmp_path / f"run-{number}", images=40, ports="2-4", **settings)
         evaluate_readout(trained(run), run)
         assert ("paper: " in drawn(run)) is said
+
+
+def test_controls_do_not_depend_on_how_many_images_memory_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = measured(tmp_path / "run", images=120, ports="2", reference_every=3)
+    model = trained(run)
+    full = evaluate_readout(model, run)
+    monkeypatch.setattr(readout_training, "MOST_NUMBERS", 60 * 10)
+    found = evaluate_readout(model, run)
+    assert (full["left_out"], found["left_out"]) == (0, 60)
+    for name in ("fixed image", "dark"):
+        assert found["controls"][name] == full["controls"][name] is not None
 
 
 def test_a_readout_is_called_by_its_ports_at_however_many_wavelengths() -> None:
