@@ -16,7 +16,7 @@ BRIGHT, FEWEST_BRIGHT = 0.01, 16
 LEAST_REPEATS = 4
 """Frames that somebody is told a repeatability of, at least."""
 TOP, FLAT = 0.01, 4
-"""Part of the range and number of times that make a flat top."""
+"""Part of an image's range and number of times that make a flat top."""
 
 
 def level(volts: NDArray[np.floating]) -> Estimate:
@@ -53,13 +53,15 @@ def flat_top(twice: NDArray[np.floating]) -> bool:
 
     So they do where they come within `TOP` of their range to the highest signal at `FLAT` times or more. Speckle is
     distributed exponentially: the highest of n independent signals is range / ln n above the next on average,
-    and that three more come as near by chance is seen once in thousands of alignments.
+    and that three more come as near by chance is seen once in thousands of alignments. The range is each image's own:
+    one that hardly varies, since the light does not follow the drive, is as near to itself at all times.
 
     Args:
         twice: (2, images, samples) V, two independent means of each image.
     """
     mean = twice.mean(axis=0)
-    return int(np.sum(mean.max(axis=0) >= mean.max() - TOP * np.ptp(mean))) >= FLAT
+    near = mean >= mean.max() - TOP * np.ptp(mean, axis=1, keepdims=True)
+    return int(np.sum(near.any(axis=0))) >= FLAT
 
 
 def repeatability_db(volts: NDArray[np.floating]) -> Estimate:

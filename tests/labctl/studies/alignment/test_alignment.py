@@ -249,6 +249,12 @@ class TestFaults:
         assert found.calibration is not None
         assert not json.loads(found.calibration.read_text("utf-8"))["good"]
 
+    def test_a_drive_that_does_not_arrive_is_no_fault_of_the_detectors(self, tmp_path: Path) -> None:
+        found = aligned(twin(2, rf_gain=1e-6), tmp_path / "still")
+        told = [finding.line() for finding in found.findings]
+        assert not any("flat at" in line for line in told)
+        assert any("the light does not follow the drive: check modulator and RF amplifier" in line for line in told)
+
     @pytest.mark.full
     def test_a_fibre_in_the_wrong_port_leaves_its_channel_dark_and_the_others_well(self, tmp_path: Path) -> None:
         """Port 10 is where light enters the chip: none comes out of it."""
