@@ -16,6 +16,7 @@ from labctl.errors import AnalysisError
 from labctl.reports.figures import alignment as figures
 from labctl.studies.alignment.findings import COVERAGE, Finding
 from protocols.alignment import SAMPLE_RATE, Answered, Dark, Hopped, Ranged, Repeated
+from protocols.base import MOST_AVERAGES
 from protocols.image_readout import DRIVE_RATE
 
 WELL_USED = 0.6
@@ -116,8 +117,9 @@ def of_repeats(piece: Repeated, channels: tuple[int, ...], lit: NDArray[np.bool_
         found = repeatability_db(piece.volts[:, place])
         advice = ""
         if found.value < REPEATABLE_DB:
-            more = 2 ** math.ceil((REPEATABLE_DB - found.value) / 3)
-            advice = f"below {REPEATABLE_DB:g} dB: more light, or --set averages={more}"
+            averages = 2 ** math.ceil((REPEATABLE_DB - found.value) / 3)
+            otherwise = "check modulator and RF amplifier" if averages > MOST_AVERAGES else f"--set averages={averages}"
+            advice = f"below {REPEATABLE_DB:g} dB: more light, or {otherwise}"
         findings.append(Finding("repeatability", "signal to noise", channels[place], found, "dB", advice, repeatable))
     figure = figures.repeats_figure(piece.volts, channels, interval_s=INTERVAL_S)
     return Result("repeatability", tuple(findings), figure)

@@ -23,6 +23,7 @@ from labctl.studies.alignment.alignment import SEED, Aligned, align_bench
 from labctl.studies.alignment.findings import COVERAGE, Finding
 from labctl.studies.alignment.steps import of_depth, of_range
 from protocols.alignment import DEPTH_IMAGES, PROBES, Dark, Ranged, blocks, hopped
+from protocols.base import MOST_AVERAGES
 from protocols.image_readout import ImageReadout
 from sim_backends.parameters import Parameters
 from tests.command_line import answer
@@ -254,6 +255,8 @@ class TestFaults:
         told = [finding.line() for finding in found.findings]
         assert not any("flat at" in line for line in told)
         assert any("the light does not follow the drive: check modulator and RF amplifier" in line for line in told)
+        assert any("below 10 dB: more light, or check modulator and RF amplifier" in line for line in told)
+        assert all(int(count) <= MOST_AVERAGES for line in told for count in re.findall(r"averages=(\d+)", line))
 
     @pytest.mark.full
     def test_a_fibre_in_the_wrong_port_leaves_its_channel_dark_and_the_others_well(self, tmp_path: Path) -> None:
