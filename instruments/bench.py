@@ -14,7 +14,7 @@ from instruments.errors import InstrumentError, LightLost, LinkError, NotConfigu
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
 from instruments.limits import Levels, Limits, OverLimit
 from instruments.optical_train import OpticalTrain
-from instruments.safe_state import UnsafeBench, ending_with, in_order, safe_state
+from instruments.safe_state import MAY_EMIT, UnsafeBench, ending_with, in_order, safe_state
 from instruments.values import Drive, EdgeTrigger, Frames, Identity, Timebase
 
 
@@ -366,6 +366,21 @@ class Bench:
                 raise
             self.lit = False
             self.observer.safe_state(None)
+
+    def darken(self, names: Iterable[str]) -> None:
+        """Take the instruments `names` alone into the safe state, in this order: somebody may have left them on.
+
+        Raises:
+            UnsafeBench: one did not obey; one that may still emit counts as light of this bench for its observer.
+        """
+        with self.undisturbed():
+            try:
+                safe_state({name: self.instruments[name].make_safe for name in names}, emits=not self.played)
+            except UnsafeBench as error:
+                if not error.disobeyed.isdisjoint(MAY_EMIT):
+                    self.observer.emission(on=True)
+                self.observer.safe_state(error)
+                raise
 
     # --- what somebody else may do meanwhile
 

@@ -1,9 +1,11 @@
 """Is an instrument one that its driver is for? Found out before anything is set; what gives light goes dark then."""
 
+from functools import partial
+
 from instruments.bench import Bench
 from instruments.errors import InstrumentError
 from instruments.interfaces import Instrument
-from instruments.safe_state import LIGHT
+from instruments.safe_state import LIGHT, ending_with
 from instruments.sections import SIMULATED
 from instruments.values import Identity
 from instruments.visa import NoAnswer
@@ -25,19 +27,35 @@ def identified(station: Station, name: str, instrument: Instrument) -> Identity:
 def who_they_are(station: Station, bench: Bench) -> dict[str, Identity]:
     """Who the instruments of `bench` are, by name; its observer hears of each.
 
-    What gives light or lets it through is made safe as soon as it is known, before the next one is asked: somebody may
-    have left it on.
+    What gives light or lets it through is asked first, all of it, and what has said who it is goes dark before any
+    other instrument is asked: somebody may have left it on.
 
     Raises:
-        InstrumentError: one does not answer or obey, or is another instrument than its driver is for.
+        InstrumentError: one does not answer or obey, or is another instrument than its driver is for; others are notes.
         BenchInUse: another process has one.
     """
-    found = {}
-    for name, instrument in bench.instruments.items():
-        found[name] = identified(station, name, instrument)
+    found: dict[str, Identity] = {}
+
+    def ask(name: str) -> None:
+        found[name] = identified(station, name, bench.instruments[name])
         bench.observer.identified(name, found[name])
-        if name in LIGHT:
-            instrument.make_safe()
+
+    failures: list[InstrumentError] = []
+    for name in LIGHT:
+        try:
+            if name in bench.instruments:
+                ask(name)
+        except InstrumentError as error:
+            failures.append(error)
+    with ending_with(partial(bench.darken, found)):
+        if failures:
+            first, *others = failures
+            for other in others:
+                first.add_note(str(other))
+            raise first
+    for name in bench.instruments:
+        if name not in LIGHT:
+            ask(name)
     return found
 
 

@@ -9,6 +9,8 @@ import pytest
 
 from labctl.bench.station import SIMULATED_STATION, Station, write_addresses
 from sim_backends.bench import SimulatedBench
+from sim_backends.faults.bench import Befalling, FaultyBench
+from sim_backends.faults.catalogue import Arrival, Fault, Moment
 from sim_backends.virtual.amplifier.instrument import VirtualAmplifier
 from sim_backends.virtual.attenuator.instrument import VirtualAttenuator
 from tests.command_line import answer
@@ -58,6 +60,30 @@ def test_it_goes_off_where_another_instrument_ends_the_run(bench: SimulatedBench
     assert status == 1
     assert "dmd" in found["error"]
     assert not any(is_on(bench, name) for name in LIGHT)
+
+
+@pytest.mark.parametrize("away", LIGHT)
+def test_it_goes_off_where_one_of_them_is_not_there(away: str, bench: SimulatedBench, tmp_path: Path) -> None:
+    file = station(bench, tmp_path / "bench.toml", **{away: NOBODY})
+    status, found, _ = answer(*SMALL, "--station", file, "--arm", "--out", tmp_path / "run", "--json")
+    assert status == 1
+    assert found["error"].startswith(f"{away} at {NOBODY} cannot be reached")
+    assert [is_on(bench, name) for name in LIGHT] == [name == away for name in LIGHT]
+
+
+def test_a_laser_that_stays_on_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("labctl.bench.lock.DARK_WITHIN_S", 0.0)
+    deaf = Befalling("laser", Fault("the link ends at OUTPUT OFF", Arrival.LOST), Moment("OUTPUT", 2, times=1000))
+    with FaultyBench([deaf]) as bench:
+        assert is_on(bench, "laser", LEFT_ON["laser"])
+        file = tmp_path / "bench.toml"
+        write_addresses(file, {name: found["socket"] for name, found in bench.resources.items()})
+        status, found, _ = answer(*SMALL, "--station", file, "--out", tmp_path / "run", "--json")
+        assert status == 1
+        assert "the laser may still emit, switch it off by its key switch" in found["error"]
+        assert bench.world._emission is not None
+        status, found, _ = answer("check", "--station", file, "--json")
+        assert (status, "its supervisor still tries to switch the laser off" in found["error"]) == (1, True)
 
 
 def test_it_is_told_by_the_check(bench: SimulatedBench, tmp_path: Path) -> None:
