@@ -97,8 +97,8 @@ def carry_out(request: Request, bench: Bench, interruption: Interruption, direct
 def go_on(request: Request, bench: Bench, interruption: Interruption, writer: RunWriter) -> Outcome:
     """Measure what the run that `writer` has opened again still lacks, on `bench`.
 
-    The bench is made safe first: a killed process may have left it lit. Nothing is lit before instruments and plan are
-    found to be those of the manifest.
+    The bench is made safe as soon as it is known whose it is: a killed process may have left it lit. Nothing is lit
+    before instruments and plan are found to be those of the manifest.
 
     Raises:
         SettingsChanged: instruments have other identities or settings than the manifest says.
@@ -109,9 +109,9 @@ def go_on(request: Request, bench: Bench, interruption: Interruption, writer: Ru
     text = "; ".join([f"resumed: shots on disk by pass {', '.join(map(str, writer.done))}", *writer.recovered])
     with controlled(writer.paths.directory, interruption) as control:
         _tell_start("run resumed", request, bench, writer, text=text)
+        identities = who_they_are(request.station, bench)
         bench.make_safe()
         request.protocol.check_cabling(bench)
-        identities = who_they_are(request.station, bench)
         plan = checked(request, bench)
         refuse_other_plan(writer.paths, writer.manifest, plan.shape, plan.shots, plan.drive)
         _, instruments = light_and_instruments(request, bench, identities)

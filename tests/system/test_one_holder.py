@@ -15,14 +15,18 @@ import pytest
 
 from instruments.values import Identity
 from labctl.bench.lock import held, in_use
+from labctl.bench.signals import Interruption
 from labctl.bench.station import Station, read_station, write_addresses
 from labctl.dashboard import launcher
 from labctl.dashboard.launcher import Asked
+from labctl.engine.session import Acquisition, acquire
 from labctl.errors import BenchInUse
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep import places, read
+from protocols.registry import read_protocol
 from sim_backends.bench import SimulatedBench
-from tests.command_line import LABCTL, as_json, labctl
+from tests.command_line import LABCTL, answer, as_json, labctl
+from tests.observers import Follower
 from tests.system.waiting import until_stored
 
 RUN = ("run", "image-readout", "--set", "window=0.4 ns")
@@ -222,3 +226,33 @@ def test_points_of_a_sweep_have_the_frames_of_runs_of_their_own(
         with open_run(swept / name) as run:
             assert run.digest() == alone[window], name
     assert len(found) == 4
+
+
+def test_a_run_that_goes_on_leaves_the_light_of_who_has_the_bench_by_another_address(tmp_path: Path) -> None:
+    with SimulatedBench(host="127.0.0.2") as simulation:  # no other name of this machine's own
+        one, other = (tmp_path / f"{transport}.toml" for transport in ("socket", "hislip"))
+        for file in (one, other):
+            write_addresses(file, {name: found[file.stem] for name, found in simulation.resources.items()})
+        asked, interruption = read_protocol("image-readout", ["images=4", "ports=2", "window=0.4 ns"]), Interruption()
+
+        def stop(_done: int, _total: int) -> None:
+            interruption.requested = True
+
+        acquire(
+            Acquisition(asked, read_station(other), tmp_path / "run"),
+            interruption=interruption,
+            observer=Follower(stop),
+        )
+        _, host, port, _ = simulation.resources["laser"]["socket"].split("::")
+        with (
+            held(read_station(one), "a run of image-readout") as first,
+            socket.create_connection((host, int(port)), timeout=20) as laser,
+            laser.makefile("rb") as lines,
+        ):
+            laser.sendall(b"*IDN?\n")
+            first.identified("laser", Identity.parse(lines.readline().decode()))
+            laser.sendall(b"POWER 16.0\nOUTPUT ON\n")
+            status, refused, _ = answer("resume", tmp_path / "run", "--station", other, "--json")
+            laser.sendall(b"OUTPUT?\n")
+            assert lines.readline().strip() == b"1"
+    assert (status, refused["error"].partition(", process")[0]) == (1, "laser is in use: a run of image-readout")
