@@ -228,21 +228,13 @@ def test_points_of_a_sweep_have_the_frames_of_runs_of_their_own(
     assert len(found) == 4
 
 
-def test_a_run_that_goes_on_leaves_the_light_of_who_has_the_bench_by_another_address(tmp_path: Path) -> None:
+@pytest.mark.parametrize("task", ["resume", "reproduce"])
+def test_the_light_of_who_has_the_bench_by_another_address_stays_on(task: str, tmp_path: Path) -> None:
     with SimulatedBench(host="127.0.0.2") as simulation:  # no other name of this machine's own
         one, other = (tmp_path / f"{transport}.toml" for transport in ("socket", "hislip"))
         for file in (one, other):
             write_addresses(file, {name: found[file.stem] for name, found in simulation.resources.items()})
-        asked, interruption = read_protocol("image-readout", ["images=4", "ports=2", "window=0.4 ns"]), Interruption()
-
-        def stop(_done: int, _total: int) -> None:
-            interruption.requested = True
-
-        acquire(
-            Acquisition(asked, read_station(other), tmp_path / "run"),
-            interruption=interruption,
-            observer=Follower(stop),
-        )
+        words = {"resume": (cut(other, tmp_path / "run"),), "reproduce": ("fig2", "--quick", "--out", tmp_path / "out")}
         _, host, port, _ = simulation.resources["laser"]["socket"].split("::")
         with (
             held(read_station(one), "a run of image-readout") as first,
@@ -252,7 +244,18 @@ def test_a_run_that_goes_on_leaves_the_light_of_who_has_the_bench_by_another_add
             laser.sendall(b"*IDN?\n")
             first.identified("laser", Identity.parse(lines.readline().decode()))
             laser.sendall(b"POWER 16.0\nOUTPUT ON\n")
-            status, refused, _ = answer("resume", tmp_path / "run", "--station", other, "--json")
+            status, refused, _ = answer(task, *words[task], "--station", other, "--json")
             laser.sendall(b"OUTPUT?\n")
             assert lines.readline().strip() == b"1"
     assert (status, refused["error"].partition(", process")[0]) == (1, "laser is in use: a run of image-readout")
+
+
+def cut(station: Path, directory: Path) -> Path:
+    """A run that was stopped after its first record."""
+    asked, interruption = read_protocol("image-readout", ["images=4", "ports=2", "window=0.4 ns"]), Interruption()
+
+    def stop(_done: int, _total: int) -> None:
+        interruption.requested = True
+
+    acquire(Acquisition(asked, read_station(station), directory), interruption=interruption, observer=Follower(stop))
+    return directory

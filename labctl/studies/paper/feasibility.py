@@ -113,6 +113,7 @@ class _Benches:
         """Ask every instrument once who it is, unless they are simulated in this process and cannot be missing."""
         key = station.model_dump_json()
         if key not in self._identified and not station.wholly_simulated:
-            with held(station, "labctl reproduce", self._plan.access.wire):
+            with held(station, "labctl reproduce", self._plan.access.wire) as hold:
+                self._opened[key].observer = hold
                 who_they_are(station, self._opened[key])
         self._identified.add(key)
