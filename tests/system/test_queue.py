@@ -17,11 +17,11 @@ from labctl.errors import UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
 from labctl.runs.live.events import EventReader
-from labctl.runs.live.owner import writer_of
 from labctl.runs.notes import read_notes
 from labctl.runs.queue import Queue, Wish
 from labctl.studies.queue.work import OnFailure, Worked, work
 from tests.command_line import answer, labctl
+from tests.forked_processes import started_anew
 from tests.system.waiting import until, until_stored
 
 LABCTL = [sys.executable, "-m", "labctl"]
@@ -115,9 +115,8 @@ def test_it_goes_on_where_it_was_when_the_machine_went_down(tmp_path: Path) -> N
     finally:
         os.killpg(worker.pid, signal.SIGKILL)
         worker.wait()
-    until(lambda: writer_of(RunPaths(tmp_path / "queue-0002")) is None)
+    until(lambda: states(tmp_path) == [(1, "done"), (2, "waiting")])
     assert not complete(tmp_path / "queue-0002")
-    assert states(tmp_path) == [(1, "done"), (2, "waiting")]
     status, found = queue(tmp_path, "start")
     assert (status, found) == (0, {"done": 1, "failed": 0, "waiting": 0})
     assert complete(tmp_path / "queue-0002")
@@ -144,8 +143,25 @@ def test_an_item_that_outlives_whoever_carried_the_queue_out_runs_and_is_not_beg
     assert status == 1
     assert "item 1 is still under way" in found["error"]
     assert answer("stop", tmp_path / "run", "--json")[0] == 0
-    until(lambda: writer_of(RunPaths(tmp_path / "run")) is None)
-    assert states(tmp_path) == [(1, "waiting")]
+    until(lambda: states(tmp_path) == [(1, "waiting")])
+
+
+def test_an_item_whose_run_has_not_begun_when_the_queue_dies_is_not_begun_again(tmp_path: Path) -> None:
+    put(tmp_path, (*LONG[:3], "images=2000", *LONG[4:]), tmp_path / "run")
+    with started_anew():  # so that what it starts is the item alone
+        worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])
+    children = Path(f"/proc/{worker.pid}/task/{worker.pid}/children")
+    item = int(until(lambda: children.read_text().split())[0])
+    worker.kill()
+    worker.wait()
+    try:
+        assert states(tmp_path) == [(1, "running")]
+        status, found = queue(tmp_path, "start")
+        assert (status, "item 1 is still under way" in found["error"]) == (1, True)
+        assert "nothing to stop" in queue(tmp_path, "stop")[1]["error"]
+    finally:
+        os.kill(item, signal.SIGKILL)
+    until(lambda: states(tmp_path) == [(1, "waiting")])
 
 
 def test_paths_count_from_where_the_item_was_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

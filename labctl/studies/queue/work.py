@@ -83,15 +83,15 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
         BenchInUse: another process carries this queue out, or an item of one that was killed is still under way.
     """
     done = failed = 0
-    with _alone(queue):
-        if left := [item for item in _put_back(queue) if item.state is State.RUNNING]:
+    with _alone(queue), closing(_lock_of_items(queue)) as inherited:
+        if left := [item for item in _put_back(queue, inherited) if item.state is State.RUNNING]:
             raise BenchInUse(
                 f"{left[0].directory}: item {left[0].number} is still under way, though whoever carried the queue out "
                 f"is gone: wait for it, or stop it by 'labctl stop'"
             )
         while not interruption.requested and not queue.wishes and (item := queue.claim()) is not None:
             tell(f"{item.number}: labctl {typed(*item.words)}")
-            status, message = _carried_out(item, queue)
+            status, message = _carried_out(item, queue, inherited)
             if status == 0:
                 queue.end(item.number, State.DONE)
                 done += 1
@@ -125,18 +125,24 @@ def settle(queue: Queue) -> list[Item]:
     if any(item.state is State.RUNNING for item in items):
         with suppress(BenchInUse), closing(_lock(queue)) as lock:  # of another user, who will say so himself
             if lock.lock():
-                return _put_back(queue)
+                with closing(_lock_of_items(queue)) as inherited:
+                    return _put_back(queue, inherited)
     return items
 
 
-def _put_back(queue: Queue) -> list[Item]:
-    running = (item for item in queue.items() if item.state is State.RUNNING)
-    queue.put_back([item for item in running if writer_of(RunPaths(item.directory)) is None])
+def _put_back(queue: Queue, inherited: LockFile) -> list[Item]:
+    """What ran waits again, unless it goes on by itself: then it has the lock that its process has `inherited`.
+
+    Windows lets none inherit it: there an item is known to go on as soon as its run or sweep has begun.
+    """
+    running = [item for item in queue.items() if item.state is State.RUNNING]
+    alone = inherited.lock()
+    queue.put_back([item for item in running if alone and writer_of(RunPaths(item.directory)) is None])
     return queue.items()
 
 
-def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
-    """Exit status of an item's command, and its error."""
+def _carried_out(item: Item, queue: Queue, inherited: LockFile) -> tuple[int, str]:
+    """Exit status of an item's command, which has a lock as long as it runs, and its error."""
     if changed := [path for path in _protocols(item.words, Path(item.cwd)) if not is_own(path)]:
         return 1, f"{changed[0]}: is not what it was when this was added here: add it again"
     begun = item.began and (RunPaths(item.directory).manifest.exists() or is_sweep(item.directory))
@@ -148,6 +154,7 @@ def _carried_out(item: Item, queue: Queue) -> tuple[int, str]:
             stdin=subprocess.DEVNULL,
             text=True,
             cwd=item.cwd or None,
+            pass_fds=() if sys.platform == "win32" else (inherited.descriptor,),
         )
     except OSError as error:
         return 1, f"{item.cwd}: where this was added is no folder any more ({error.strerror}): add it again"
@@ -217,3 +224,8 @@ def _alone(queue: Queue) -> Iterator[None]:
 
 def _lock(queue: Queue) -> LockFile:
     return LockFile(f"queue {queue.path.resolve()}")
+
+
+def _lock_of_items(queue: Queue) -> LockFile:
+    """Had by whoever has the queue's own lock, and by the process of its item, which may outlive him."""
+    return LockFile(f"item of {queue.path.resolve()}")
