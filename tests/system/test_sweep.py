@@ -244,6 +244,22 @@ def test_a_sweep_does_not_go_on_as_another_one(tmp_path: Path) -> None:
     assert (status, found["complete"], found["measured"]) == (0, 2, 1)
 
 
+def test_a_run_whose_process_was_killed_before_the_manifest_is_begun_again(tmp_path: Path) -> None:
+    folder = tmp_path / "sweep"
+    asked = ("sweep", "image-readout", "--set", "images=4", "--over", "window=0.4 ns,0.8 ns", "--order", "as-given")
+    assert run(*asked, "--reference-every", "0", "--out", folder)[0] == 0
+    begun = RunPaths(folder / "001-window=0.8ns")
+    plan = begun.plan.read_bytes()
+    rmtree(begun.directory)
+    begun.shards.mkdir(parents=True)
+    begun.plan.write_bytes(plan)
+    begun.journal.touch()
+    begun.manifest.with_suffix(".json.tmp").write_bytes(b"{")
+    status, found, _ = run("resume", folder)
+    assert (status, found["complete"], found["measured"]) == (0, 2, 1)
+    assert run("verify", folder)[0] == 0
+
+
 @pytest.mark.parametrize(
     ("where", "kept"),
     [

@@ -3,7 +3,9 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from instruments.values import Drive
 from labctl.errors import RunExists
 from labctl.runs.format.durable import make_folder, not_made, replace_file, sync_folder
+from labctl.runs.format.journal import JournalFile
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest, manifest_digest
 from labctl.runs.format.plan import encode_plan
@@ -28,13 +31,15 @@ def prepare(
     drive: Drive | None,
     durability: Durability,
     seconds_a_shot: float,
-) -> Manifest:
-    """Make the directory, its folder of shards, plan.h5, an empty journal and, last, manifest.json.
+) -> tuple[Manifest, JournalFile]:
+    """Make the directory, its folder of shards, an empty journal, plan.h5 and, last, manifest.json.
 
-    `plan` is the planned `/shots`.
+    `plan` is the planned `/shots`. The journal is held from then on. What a process has left there that was killed
+    meanwhile is used.
 
     Raises:
-        RunExists: the directory holds something; nothing in it was touched.
+        RunExists: the directory holds something else; nothing in it was touched.
+        RunInUse: another process is beginning a run there.
         RunError: no room for the run, or it cannot be written.
         ValueError, TypeError: `plan` has another number of shots than `shape`, or `manifest` is not JSON.
     """
@@ -50,23 +55,41 @@ def prepare(
     prepared = Manifest(read_back | {"plan_sha256": hashlib.sha256(image).hexdigest()})
     require(paths.directory, needed(shape, drive, durability, seconds_a_shot))
     _claim(paths)
-    replace_file(paths.plan, image, not_made)
-    # Before the manifest: what has that is a run, and one without journal is damaged.
-    replace_file(paths.journal, b"", not_made)
-    replace_file(paths.manifest, prepared.encode(), not_made)
-    return prepared
+    # The journal before the manifest: what has that is a run, and one without journal is damaged.
+    with ExitStack() as stack:
+        journal = stack.enter_context(JournalFile(paths.journal))
+        _refuse_taken(paths)  # another process may have begun a run here before this one had the journal
+        replace_file(paths.plan, image, not_made)
+        replace_file(paths.manifest, prepared.encode(), not_made)
+        stack.pop_all()
+    return prepared, journal
 
 
 def _claim(paths: RunPaths) -> None:
-    """Make the run directory and its folder of shards."""
+    """Make the run directory, its folder of shards and its journal, where they are not there yet."""
     directory = paths.directory
     try:
         make_folder(directory)
-        if any(directory.iterdir()):
-            raise RunExists(f"{directory}: exists and is not empty; pick another --out, or `labctl resume {directory}`")
-        paths.shards.mkdir()
+        _refuse_taken(paths)
+        paths.shards.mkdir(exist_ok=True)
+        paths.journal.touch()
         sync_folder(directory)
     except (FileExistsError, NotADirectoryError) as error:
         raise RunExists(f"{directory}: is a file; pick another --out") from error
     except OSError as error:
         raise not_made(directory, error) from error
+
+
+def _refuse_taken(paths: RunPaths) -> None:
+    directory = paths.directory
+    if not all(_is_left(path, paths) for path in directory.iterdir()):
+        raise RunExists(f"{directory}: exists and is not empty; pick another --out, or `labctl resume {directory}`")
+
+
+def _is_left(path: Path, paths: RunPaths) -> bool:
+    """Whether a process may have left it that was killed before the manifest was there: nothing was measured then."""
+    if path == paths.shards:
+        return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
+    if path == paths.journal and path.stat(follow_symlinks=False).st_size:
+        return False
+    return path.is_file() and not path.is_symlink() and (path in (paths.plan, paths.journal) or path.suffix == ".tmp")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from instruments.values import Drive, Frames
 from labctl.errors import RunError, noted_on
-from labctl.runs.format.durable import not_written, replace_file, sync_folder
+from labctl.runs.format.durable import replace_file
 from labctl.runs.format.journal import NOT_COMPARED, JournalFile, read_journal
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest
@@ -123,7 +123,7 @@ class RunWriter:
         timer: TimerFactory = wall_timer,
         clock: Callable[[], float] = time.monotonic,
     ) -> Self:
-        """Begin a run in `directory`, which must be new or empty.
+        """Begin a run in `directory`, which must be new, empty, or left by a process that was killed as it began one.
 
         Args:
             directory: Where the run goes.
@@ -140,19 +140,14 @@ class RunWriter:
             clock: When a shot came, s.
 
         Raises:
-            RunExists: the directory holds something.
+            RunExists: the directory holds something else.
+            RunInUse: another process is beginning a run there.
             RunError: it cannot be written, or the disk has too little room for all of it; nothing was made then.
             ValueError, TypeError: `plan` has another number of shots than `shape`, or `manifest` is not JSON.
         """
         durability = durability or Durability()
         paths = RunPaths(directory)
-        checked = prepare(paths, manifest, shape, plan, drive, durability, seconds_a_shot)
-        journal = JournalFile(paths.journal)
-        try:
-            sync_folder(directory)
-        except OSError as error:
-            journal.close()
-            raise not_written(directory, error) from error
+        checked, journal = prepare(paths, manifest, shape, plan, drive, durability, seconds_a_shot)
         room = Room(directory, shape, drive, shots_a_shard(shape, durability, seconds_a_shot), on_warning)
         shards = Shards(paths, shape, plan, ())
         return cls(checked, shards, drive, durability, StoredShards(shards, journal, room), timer=timer, clock=clock)

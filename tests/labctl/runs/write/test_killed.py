@@ -50,6 +50,8 @@ def test_a_killed_writer_loses_at_most_what_the_durability_allows(
             assert not last
             with pytest.raises(RunError):
                 open_run(directory)
+            write_whole(directory, small, shots)  # what it left is no run, and is not in the way of one
+            assert verify_run(directory).complete, number
             continue
         with open_run(directory) as run:
             done = run.done

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from instruments.values import Frames
-from labctl.errors import RunError, RunExists
+from labctl.errors import RunError, RunExists, RunInUse
 from labctl.runs.format.columns import ShotFlag
-from labctl.runs.format.journal import NOT_COMPARED
+from labctl.runs.format.journal import NOT_COMPARED, held
 from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
@@ -121,6 +121,38 @@ def test_a_directory_that_holds_something_is_not_touched(whole: Path, begin: Beg
     with pytest.raises(RunExists, match=r"whole: exists and is not empty; pick another --out, or `labctl resume"):
         begin(whole)
     assert {path: path.stat().st_mtime_ns for path in whole.rglob("*")} == before
+
+
+@pytest.mark.parametrize("taken", ["journal.jsonl", "shards/000000.h5", "notes.txt", "plan.h5/mine"])
+def test_only_what_a_killed_process_leaves_is_used(tmp_path: Path, begin: Begin, taken: str) -> None:
+    (tmp_path / "run" / "shards").mkdir(parents=True)
+    for name in ("plan.h5", "journal.jsonl", "manifest.json.tmp"):
+        if not taken.startswith(f"{name}/"):
+            (tmp_path / "run" / name).touch()
+    (tmp_path / "run" / taken).parent.mkdir(exist_ok=True)
+    (tmp_path / "run" / taken).write_text("something")
+    with pytest.raises(RunExists):
+        begin(tmp_path / "run")
+    (tmp_path / "run" / taken).unlink()
+    if taken.count("/") == 1 and not taken.startswith("shards"):
+        (tmp_path / "run" / taken).parent.rmdir()
+    begin(tmp_path / "run").abandon()
+
+
+def test_a_link_is_not_taken_for_what_a_killed_process_left(tmp_path: Path, begin: Begin) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "run" / "shards").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(RunExists):
+        begin(tmp_path / "run")
+
+
+def test_two_processes_do_not_begin_one_run(tmp_path: Path, begin: Begin) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "journal.jsonl").touch()
+    with held(tmp_path / "run" / "journal.jsonl"), pytest.raises(RunInUse, match="another process is writing this run"):
+        begin(tmp_path / "run")
+    begin(tmp_path / "run").abandon()
 
 
 def test_an_empty_directory_will_do_and_a_file_will_not(tmp_path: Path, begin: Begin) -> None:
