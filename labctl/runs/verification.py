@@ -15,7 +15,7 @@ from labctl.errors import RunError
 from labctl.runs.format.columns import in_this_version
 from labctl.runs.format.journal import held, read_journal
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.format.manifest import Manifest
+from labctl.runs.format.manifest import SUSPECT, Manifest
 from labctl.runs.format.own_files import own_file, place_of, read_own, require_own_files
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, attribute, check_plain, walked
 from labctl.runs.format.plan import names_its_manifest, read_drive, read_plan
@@ -203,7 +203,10 @@ def _data_file(
         with walked(paths.data) as file:
             check_plain(file, MOST_BYTES, besides="frames")
             current = attribute(file, "evidence") == named.evidence
-            differences = _different_constants(file, manifest, drive, intact)
+            # A resumed run says in its manifest what is in doubt, or no longer is, before it makes data.h5 anew.
+            in_doubt = manifest.values if current else json.loads(attribute(file, "manifest"))
+            expected = manifest.with_suspect(in_doubt.get(SUSPECT, {}))
+            differences = _different_constants(file, expected, drive, intact)
             if current and manifest.values["format_version"] == FORMAT_VERSION:  # others say less, or otherwise
                 differences += _different_attributes(file, named)
         with own_file(paths.data) as stored, h5py.File(place_of(stored, paths.data), "r") as file:

@@ -229,6 +229,26 @@ def test_a_run_without_its_journal_is_damaged_and_gets_none(whole: Path) -> None
     assert not (whole / "journal.jsonl").exists()
 
 
+def test_a_data_file_is_stale_where_less_is_in_doubt_than_when_it_was_made(
+    tmp_path: Path, begin: Callable[..., RunWriter], measure_missing: Callable[[RunWriter], None]
+) -> None:
+    """The process of a resumed run was killed between its manifest and its data.h5."""
+    with begin(tmp_path / "run") as writer:
+        measure_missing(writer)
+        writer.doubt("somebody turned a knob", 1, 3)
+    data = tmp_path / "run" / "data.h5"
+    earlier = data.read_bytes()
+    with RunWriter.resume(tmp_path / "run") as writer:
+        measure_missing(writer)
+    data.write_bytes(earlier)
+    report = verify_run(tmp_path / "run")
+    assert (report.complete, report.data_file, report.problems) == (True, "stale", ())
+    with h5py.File(data, "r+") as file:
+        file.attrs["manifest"] = file.attrs["manifest"].replace(b"readout", b"writeout")
+    assert verify_run(tmp_path / "run").data_file == "damaged"
+    assert verify_run(tmp_path / "run", rebuild=True).problems == ()
+
+
 def test_problems_of_the_journal(whole: Path) -> None:
     path = whole / "journal.jsonl"
     good = path.read_bytes()
