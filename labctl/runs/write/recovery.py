@@ -33,8 +33,9 @@ def recover(shards: Shards, journal: JournalFile) -> tuple[tuple[str, ...], int]
         *discard_suspect(shards, journal),
     ]
     for half_written in [*folder.glob("*.tmp"), *shards.paths.directory.glob("*.tmp")]:
-        half_written.unlink()
-        found.append(f"{half_written.name}: half-written, removed")
+        if half_written.is_file():
+            half_written.unlink()
+            found.append(f"{half_written.name}: half-written, removed")
     return tuple(found), max(_numbers(shards), default=-1) + 1
 
 
@@ -104,7 +105,7 @@ def _set_aside(shards: Shards, journal: JournalFile, entry: Entry, state: str, r
 def _name_unnamed(shards: Shards, journal: JournalFile) -> list[str]:
     found = []
     for path in sorted(shards.paths.shards.glob("*.h5")):
-        number = int(path.stem) if path.stem.isdigit() else -1
+        number = int(path.stem) if path.stem.isdecimal() else -1
         if number < 0 or number in shards.entries:
             continue
         try:

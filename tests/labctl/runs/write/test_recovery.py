@@ -139,11 +139,17 @@ def test_strange_files_among_the_shards_are_left_alone(cut: Path, measure_missin
     (shards / "notes.h5").write_bytes(b"mine")
     (shards / "000090.h5").write_bytes(b"no shard")
     (shards / "000091.h5").write_bytes((shards / "000001.h5").read_bytes())
+    (shards / "²³.h5").write_bytes(b"digits, and no number")
+    (shards / "mine.tmp").mkdir()
+    (cut / "mine.tmp").mkdir()
     found = resume_to_the_end(cut, measure_missing)
     assert "000090.h5: damaged shard" in found[0]
     assert "ignored" in found[0]
     assert "000091.h5: the journal does not name it and has its shots, ignored" in found[1]
+    assert len(found) == 2
     assert (shards / "000090.h5").read_bytes() == b"no shard"
+    assert (shards / "mine.tmp").is_dir()
+    assert (cut / "mine.tmp").is_dir()
     assert (shards / "000092.h5").exists()
 
 
