@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
+from uuid import uuid4
 
 from instruments.remedies import unwritable
 from labctl.errors import RunError
@@ -71,12 +72,13 @@ def require_room(path: Path, size: float, remedy: str) -> None:
 def aside(path: Path) -> Iterator[Path]:
     """A name in the folder of `path` to write to; what is there when the block ends takes its place, or is removed.
 
+    Nobody else has that name, so that several processes may write what is to be called `path`: the first one counts.
+
     Raises:
         RunError: it cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.partial")
+    temporary = path.with_name(f".{path.name}.{uuid4().hex[:8]}.partial")
     try:
-        _remove(temporary)
         yield temporary
         for part in (temporary, *temporary.rglob("*")):
             if part.is_file():

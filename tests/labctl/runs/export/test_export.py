@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tracemalloc
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +24,7 @@ import labctl
 from labctl.errors import RunError
 from labctl.runs.export import FORMATS, Content, Representation, write
 from labctl.runs.export.content import BLOCK_BYTES
+from labctl.runs.export.file import aside
 from labctl.runs.format.shape import RunShape
 from labctl.runs.read.run import open_run
 from labctl.runs.read.variables import Variable
@@ -160,6 +162,18 @@ def test_memory_does_not_grow_with_the_run(to: str, tmp_path: Path) -> None:
         finally:
             tracemalloc.stop()
     assert peak < 5 * BLOCK_BYTES
+
+
+def test_several_may_write_what_gets_one_name_and_the_first_one_counts(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    with ExitStack() as first, ExitStack() as second:
+        first.enter_context(aside(path)).write_text("whole")
+        second.enter_context(aside(path)).write_text("ha")
+        first.close()
+        assert path.read_text() == "whole"
+        with pytest.raises(RunError, match=r"out\.csv: was made by another program meanwhile"):
+            second.close()
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("out.csv", "whole")]
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
