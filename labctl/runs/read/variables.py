@@ -5,6 +5,7 @@ measured at several wavelengths appears once for each), `time` (samples), `pass`
 read on demand, and of `frames` and `volts` only those that are needed.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -91,10 +92,13 @@ def variables_of(run: Run) -> tuple[Variable, ...]:
         *(_of_a_frame(array, run) for array in OF_A_SHOT if array is not frames),
     ]
     if run.drive is not None:
-        rate = {"sample_rate": run.drive.sample_rate, "sample_rate_units": "S/s"}
+        drive = run.drive
+        about: dict[str, object] = {"name": drive.name, "sample_rate": drive.sample_rate, "sample_rate_units": "S/s"}
+        if math.isfinite(drive.amplitude_vpp):  # runs before 1.2 do not have it
+            about["amplitude_vpp"] = drive.amplitude_vpp
         variables += [
-            _kept(arrays["drive/samples"], run.drive.samples, attributes=rate),
-            _kept(arrays["drive/marker"], run.drive.marker, attributes=rate),
+            _kept(arrays["drive/samples"], drive.samples, attributes=about),
+            _kept(arrays["drive/marker"], drive.marker, attributes=about),
         ]
     return tuple(variables)
 

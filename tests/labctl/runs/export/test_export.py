@@ -69,6 +69,7 @@ def by_xarray(open_file: Callable[[Path], xr.Dataset], path: Path, expected: xr.
             same(found[name], expected[name], str(name))
         assert json.loads(found.manifest) == json.loads(expected.manifest)
         assert found.complete == expected.complete
+        assert found.drive.attrs == expected.drive.attrs
 
 
 def read_netcdf(path: Path, expected: xr.Dataset) -> None:
@@ -87,6 +88,7 @@ def read_npz(path: Path, expected: xr.Dataset) -> None:
             assert units.get(name) == variable.attrs.get("units")
             assert tuple(dimensions[name]) == variable.dims
         assert json.loads(str(found["manifest"])) == json.loads(expected.manifest)
+        assert json.loads(str(found["facts"]))["drive"].items() <= expected.drive.attrs.items()
 
 
 def read_csv(path: Path, expected: xr.Dataset) -> None:

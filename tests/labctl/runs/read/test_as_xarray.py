@@ -47,6 +47,7 @@ def test_a_finished_run_has_names_and_units(whole: Path, small: RunShape) -> Non
         assert plain.drive is not None
         np.testing.assert_array_equal(run.drive, plain.drive.samples)
         assert run.drive.sample_rate == 25e9
+        assert (run.drive.attrs["name"], run.drive.amplitude_vpp) == ("ramp", 0.4)
         assert run.frames.dtype == np.int8
         assert (run.volts.units, run.time.units, run.time_s.units, run.wavelength_nm.units) == ("V", "s", "s", "nm")
         assert json.loads(run.manifest)["seed"] == 7
