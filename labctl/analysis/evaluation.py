@@ -58,19 +58,19 @@ class Control:
     """Accuracy of something that must not be recognisable.
 
     Attributes:
-        scores: (splits,) accuracy on the test shots of each split.
+        accuracy: Mean of `shares_of_images`.
         chance: Share of the most frequent class: what guessing reaches.
-        tolerance: How far the mean may lie from chance, `STANDARD_ERRORS` standard errors over distinct groups.
+        tolerance: How far it may lie above chance, `STANDARD_ERRORS` standard errors over the images tested.
     """
 
-    scores: NDArray[np.float64]
+    accuracy: float
     chance: float
     tolerance: float
 
     @property
     def at_chance(self) -> bool:
         """True if nothing was recognised."""
-        return bool(np.mean(self.scores) <= self.chance + self.tolerance)
+        return self.accuracy <= self.chance + self.tolerance
 
 
 def validate(
@@ -157,6 +157,19 @@ def _standardised(features: NDArray[Any]) -> NDArray[np.floating]:
     return standard
 
 
+def shares_of_images(right: NDArray[np.float64], groups: NDArray[Any]) -> NDArray[np.float64]:
+    """Part of its tests in which each image was recognised, (images that any split tested,): each counts once.
+
+    Args:
+        right: (shots,) as in `CrossValidation`.
+        groups: (shots,) the image each shot shows.
+    """
+    tested = np.flatnonzero(~np.isnan(right))
+    _, image = np.unique(groups[tested], return_inverse=True)
+    shares: NDArray[np.float64] = np.bincount(image, right[tested]) / np.bincount(image)
+    return shares
+
+
 def cross_validated_accuracy(
     features: NDArray[Any],
     labels: NDArray[Any],
@@ -240,12 +253,11 @@ def control(
 
     Such as those of a fixed image, dark ones, and any with shuffled labels.
     """
-    scores = cross_validated_accuracy(
-        features, labels, groups, splits=splits, test_size=test_size, seed=seed, readout=readout
-    )
+    chosen = random_splits(labels, groups, splits=splits, test_size=test_size, seed=seed)
+    shares = shares_of_images(validate(features, labels, chosen, readout=readout).right, groups)
     chance = chance_of(labels)
-    tolerance = STANDARD_ERRORS * float(np.sqrt(chance * (1 - chance) / np.unique(groups).size))
-    return Control(scores, chance, tolerance)
+    tolerance = STANDARD_ERRORS * float(np.sqrt(chance * (1 - chance) / shares.size))
+    return Control(float(shares.mean()), chance, tolerance)
 
 
 def chance_of(labels: NDArray[Any]) -> float:

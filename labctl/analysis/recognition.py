@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.evaluation import validate
+from labctl.analysis.evaluation import chance_of, shares_of_images, validate
 from labctl.analysis.intervals import interval
 from labctl.analysis.readouts import softmax_readout
 from labctl.analysis.splits import enough_splits, random_splits
@@ -54,9 +54,5 @@ def recognition(
         recorded_ports=recorded_ports if ports else None,
     )
     splits = random_splits(labels, groups, splits=enough_splits(images), seed=SEED)
-    right = validate(traces, labels, splits, readout=readout).right
-    tested = np.flatnonzero(~np.isnan(right))
-    _, image = np.unique(groups[tested], return_inverse=True)
-    shares = np.bincount(image, right[tested]) / np.bincount(image)
-    chance = float(np.max(np.unique_counts(labels).counts) / labels.size)
-    return Recognition(float(shares.mean()), interval(round(shares.sum()), shares.size), chance, images)
+    shares = shares_of_images(validate(traces, labels, splits, readout=readout).right, groups)
+    return Recognition(float(shares.mean()), interval(round(shares.sum()), shares.size), chance_of(labels), images)

@@ -314,7 +314,7 @@ def _controls(
             found[name] = None
             continue
         found[name] = {
-            "accuracy": float(np.mean(checked.scores)),
+            "accuracy": checked.accuracy,
             "chance": checked.chance,
             "at_chance": checked.at_chance,
         }
