@@ -1,4 +1,4 @@
-"""The Deterding vowels: one row of text for every utterance.
+"""The Deterding vowels: one row of text for every window of an utterance, six of each.
 
 A row is the part (0 training, 1 test), speaker, sex (0 male, 1 female), ten log area ratios of the vocal tract and the
 vowel's class, with commas or blanks between them. Source: D. H. Deterding, thesis, Cambridge, 1989; the file
@@ -27,7 +27,7 @@ _ROW = re.compile(
 
 
 @dataclass(frozen=True)
-class Utterances:
+class Windows:
     """The rows of the table.
 
     Attributes:
@@ -43,8 +43,8 @@ class Utterances:
     training: NDArray[np.bool_]
 
 
-def parse_vowels(content: bytes, name: str) -> Utterances:
-    """The utterances in the text of vowel-context.data.
+def parse_vowels(content: bytes, name: str) -> Windows:
+    """The windows of speech in the text of vowel-context.data.
 
     Args:
         content: The whole file.
@@ -71,4 +71,4 @@ def parse_vowels(content: bytes, name: str) -> Utterances:
     speakers, labels = table[:, 1].astype(np.int64), table[:, -1].astype(np.int64)
     if speakers.max() >= SPEAKERS or labels.max() >= CLASSES:
         raise DatasetError(f"{name}: speakers are 0..{SPEAKERS - 1} and classes 0..{CLASSES - 1}: fetch it again")
-    return Utterances(table[:, 3:-1], labels, speakers, table[:, 0] == 0)
+    return Windows(table[:, 3:-1], labels, speakers, table[:, 0] == 0)

@@ -161,8 +161,8 @@ def recognised(content: Content, entry: Entry) -> None:
 
 
 def vowels_recognised(content: Content, entry: Entry) -> None:
-    """As above; of the 360 utterances half are tested in a split, or seven of 15 speakers."""
-    tested = entry["splits"] * 360 * 7 // 15
+    """As above, of utterances: half of the 60 are tested in a split, or those of 7 of 15 speakers."""
+    tested = entry["splits"] * 60 * 7 // 15
     assert min(figures(content, entry)) > above_chance(4, tested)
 
 

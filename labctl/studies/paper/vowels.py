@@ -25,14 +25,19 @@ from labctl.studies.paper.analyses import Analysis, AnalysisSettings, Conclusion
 from labctl.studies.paper.twin_runs import TwinRuns
 
 DATA_SET = "vowels"
-WAYS = {"random": "random split", "by_speaker": "by speaker"}
+WAYS = {
+    "by_utterance": "utterances kept together",
+    "by_speaker": "unknown speakers",
+    "by_window": "windows of an utterance on both sides",
+}
+"""What a split keeps on one side, and what to call it."""
 
 
 class Settings(AnalysisSettings):
     """What is tested on the run `vowels`.
 
     Attributes:
-        test: Utterances of the test part of a random split.
+        test: Windows of the test part of a split by utterance or by window.
         test_speakers: Speakers of the test part of a split by speaker.
         hidden: Neurons of the digital network.
     """
@@ -67,19 +72,17 @@ class Findings:
 
 
 def examine(twin: TwinRuns, settings: Settings) -> Findings:
-    """Accuracy against the number of ports, and of digital methods on the same utterances and splits.
+    """Accuracy against the number of ports, and of digital methods on the same windows and splits.
 
     Raises:
-        AnalysisError: The run holds utterances that its protocol does not play.
+        AnalysisError: The run holds windows of speech that its protocol does not play.
     """
     played = twin.sequences("vowels")
     with open_run(twin.runs["vowels"]) as run:
         frames, ports, shots = run.volts(), len(run.ports), run.shots
     place = {index: row for row, index in enumerate(played.indices.tolist())}
     if strange := set(shots["dataset_index"].tolist()) - set(place):
-        raise AnalysisError(
-            f"utterances {sorted(strange)} of the run are not what its protocol plays: measure it again"
-        )
+        raise AnalysisError(f"sequences {sorted(strange)} of the run are not what its protocol plays: measure it again")
     rows = np.array([place[index] for index in shots["dataset_index"].tolist()])
     labels, speakers, numbers = played.labels[rows], played.groups[rows], played.values[rows]
     splits = _splits(labels, speakers, twin, settings)
@@ -101,7 +104,7 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     """Accuracy against the number of ports over all twins and splits, confusion with all ports."""
     first = findings[0]
-    counts = list(range(1, 1 + len(first.accuracy["random"])))
+    counts = list(range(1, 1 + len(first.accuracy["by_utterance"])))
     accuracy = {way: np.concatenate([one.accuracy[way] for one in findings], axis=1) for way in WAYS}
     here: dict[str, Any] = {
         way: {str(count): pooled((one.accuracy[way][count - 1] for one in findings), within=SHARE) for count in counts}
@@ -119,7 +122,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         for way, name in WAYS.items()
     ]
     panels = [(name, np.sum([one.confusion[way] for one in findings], axis=0)) for way, name in WAYS.items()]
-    network = [Level("network", next(reversed(baseline.values()))["random"]["mean"])]
+    network = [Level("network", next(reversed(baseline.values()))["by_utterance"]["mean"])]
     return Conclusion(
         here,
         baseline,
@@ -127,19 +130,20 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
             ExperimentFigure(
                 "confusion",
                 confusion_figure(panels, first.classes),
-                f"Confusion of the vowels with {len(counts)} ports, all twins and splits together: speakers mixed on "
-                "the left, unknown speakers on the right.",
+                f"Confusion of the vowels with {len(counts)} ports, all twins and splits together, for each split.",
             ),
             ExperimentFigure(
                 "ports",
                 port_accuracy_figure(curves, levels=network, chance=1 / len(first.classes)),
                 "Accuracy against the number of ports, in the order of the waveguides; the line is the digital network "
-                "on the numbers themselves, random split.",
+                "on the numbers themselves, utterances kept together.",
             ),
         ),
         notes=(
-            "The data set has 15 speakers who said each vowel six times: a random split has every speaker on both "
-            f"sides. By speaker, {settings.test_speakers} speakers are tested who were not trained on.",
+            "The data set has 15 speakers who said each vowel once; its rows are six windows of each utterance. Kept "
+            "together, an utterance is trained on or tested, and its speaker may be known by other vowels. Unknown "
+            f"speakers are {settings.test_speakers} who were not trained on. Where windows of an utterance are on both "
+            "sides, a readout need only find the utterance again.",
         ),
     )
 
@@ -151,10 +155,10 @@ def _features(frames: NDArray[Any], ports: int) -> NDArray[Any]:
 def _splits(
     labels: NDArray[np.int64], speakers: NDArray[np.int64], twin: TwinRuns, settings: Settings
 ) -> dict[str, list[Split]]:
-    utterances = np.arange(labels.size)
-    mixed = random_splits(labels, utterances, splits=twin.splits, test_size=settings.test, seed=twin.seed)
-    apart = group_splits(speakers, splits=twin.splits, test_groups=settings.test_speakers, seed=twin.seed)
-    return {"random": list(mixed), "by_speaker": list(apart)}
+    utterances, windows = speakers * (labels.max() + 1) + labels, np.arange(labels.size)
+    drawn = partial(random_splits, labels, splits=twin.splits, test_size=settings.test, seed=twin.seed)
+    unknown = group_splits(speakers, splits=twin.splits, test_groups=settings.test_speakers, seed=twin.seed)
+    return {"by_utterance": list(drawn(utterances)), "by_speaker": list(unknown), "by_window": list(drawn(windows))}
 
 
 ANALYSIS = Analysis(Settings, examine, conclude)
