@@ -113,10 +113,18 @@ def counted(counts: Iterable[tuple[int, int]]) -> Statistic:
     found = pooled((right / tested for right, tested in some), within=SHARE)
     right, tested = (sum(numbers) for numbers in zip(*some, strict=True))
     found |= {"mean": right / tested, "right": right, "counted": tested}
-    if found["low"] is None:
-        return found
-    low, high = interval(right, tested)
-    return found | {"low": min(low, found["low"]), "high": max(high, found["high"])}
+    return wider(found, *interval(right, tested))
+
+
+def wider(figure: Statistic, low: float, high: float) -> Statistic:
+    """A figure with the wider of its interval over benches and another one, `low` to `high`, at either end.
+
+    Where all benches are tested on the same few, such as speakers, the other one is that over these. A figure of one
+    bench stays without an interval.
+    """
+    if figure["low"] is None:
+        return figure
+    return figure | {"low": min(low, figure["low"]), "high": max(high, figure["high"])}
 
 
 def difference(one: Statistic, other: Statistic) -> Statistic:

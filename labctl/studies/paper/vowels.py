@@ -11,7 +11,7 @@ from pydantic import PositiveInt
 
 from labctl.analysis.baselines import vowel_network_accuracy
 from labctl.analysis.evaluation import validate
-from labctl.analysis.intervals import SHARE, pooled
+from labctl.analysis.intervals import SHARE, Statistic, pooled, wider
 from labctl.analysis.splits import Split, random_splits
 from labctl.datasets.cards import card
 from labctl.datasets.sequences import group_splits
@@ -59,6 +59,7 @@ class Findings:
     Attributes:
         classes: Names of the vowels.
         accuracy: (M, splits) with the first 1..M ports.
+        speakers: (M, speakers) on the windows of each speaker that any split tests; NaN where none does.
         confusion: (classes, classes) with all ports, counts over all splits.
         regression: (splits,) accuracy of logistic regression on the numbers themselves.
         network: (splits,) accuracy of the digital network on them.
@@ -66,6 +67,7 @@ class Findings:
 
     classes: tuple[str, ...]
     accuracy: dict[str, NDArray[np.float64]]
+    speakers: dict[str, NDArray[np.float64]]
     confusion: dict[str, NDArray[np.int64]]
     regression: dict[str, NDArray[np.float64]]
     network: dict[str, NDArray[np.float64]]
@@ -95,6 +97,7 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
     return Findings(
         classes=tuple(names[label] for label in np.unique(labels)),
         accuracy={way: np.stack([one.scores for one in table]) for way, table in tables.items()},
+        speakers={way: np.stack([_by_speaker(one.right, speakers) for one in table]) for way, table in tables.items()},
         confusion={way: table[-1].confusion for way, table in tables.items()},
         regression={way: validate(numbers, labels, chosen).scores for way, chosen in splits.items()},
         network={way: twin.once(f"network, {way}", partial(network, chosen)) for way, chosen in splits.items()},
@@ -107,7 +110,12 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
     counts = list(range(1, 1 + len(first.accuracy["by_utterance"])))
     accuracy = {way: np.concatenate([one.accuracy[way] for one in findings], axis=1) for way in WAYS}
     here: dict[str, Any] = {
-        way: {str(count): pooled((one.accuracy[way][count - 1] for one in findings), within=SHARE) for count in counts}
+        way: {
+            str(count): _over_benches_and_speakers(
+                [one.accuracy[way][count - 1] for one in findings], [one.speakers[way][count - 1] for one in findings]
+            )
+            for count in counts
+        }
         for way in WAYS
     }
     baseline = {
@@ -144,12 +152,32 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
             "together, an utterance is trained on or tested, and its speaker may be known by other vowels. Unknown "
             f"speakers are {settings.test_speakers} who were not trained on. Where windows of an utterance are on both "
             "sides, a readout need only find the utterance again.",
+            "Every bench is tested with the same 15 speakers: intervals are as wide as benches or speakers make them.",
         ),
     )
 
 
 def _features(frames: NDArray[Any], ports: int) -> NDArray[Any]:
     return frames[:, :ports].reshape(len(frames), -1)
+
+
+def _by_speaker(right: NDArray[np.float64], speakers: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Accuracy on each speaker's windows, from that on each window: NaN stands for what was not tested in either."""
+    _, place = np.unique(speakers, return_inverse=True)
+    tested = np.bincount(place, ~np.isnan(right))
+    return np.divide(
+        np.bincount(place, np.nan_to_num(right)), tested, out=np.full(tested.size, np.nan), where=tested > 0
+    )
+
+
+def _over_benches_and_speakers(
+    scores: Sequence[NDArray[np.float64]], speakers: Sequence[NDArray[np.float64]]
+) -> Statistic:
+    """The mean over benches, with an interval for other benches and for other speakers: these are the same on all."""
+    on_benches = np.stack(speakers)
+    tested = ~np.isnan(on_benches).all(axis=0)
+    over_speakers = pooled(np.nanmean(on_benches[:, tested], axis=0), within=SHARE)
+    return wider(pooled(scores, within=SHARE), over_speakers["low"], over_speakers["high"])
 
 
 def _splits(

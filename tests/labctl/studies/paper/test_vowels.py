@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from labctl.analysis.intervals import pooled
 from labctl.engine.inputs import sequences_for
 from labctl.errors import AnalysisError
 from labctl.studies.paper.twin_runs import TwinRuns
@@ -78,11 +79,12 @@ def test_utterances_that_were_not_played_are_refused(played: TwinRuns) -> None:
         examine(TwinRuns(played.runs, {"vowels": other}, 1, 2), Settings())
 
 
-def finding(scores: list[list[float]]) -> Findings:
-    """The same `scores` (ports, splits) of every way."""
+def finding(scores: list[list[float]], speakers: list[float]) -> Findings:
+    """The same of every way: `scores` (ports, splits), and with either number of ports `speakers`."""
     return Findings(
         ("hid", "hEd"),
         {way: np.array(scores) for way in WAYS},
+        {way: np.array([speakers, speakers]) for way in WAYS},
         {way: np.full((2, 2), 5) for way in WAYS},
         {way: np.array([0.8]) for way in WAYS},
         {way: np.array([0.9]) for way in WAYS},
@@ -91,8 +93,19 @@ def finding(scores: list[list[float]]) -> Findings:
 
 def test_twins_and_splits_are_pooled() -> None:
     one, other = ([[0.5, 0.6], [0.9, 1.0]], [[0.7, 0.8], [0.9, 1.0]])
-    concluded = conclude([finding(one), finding(other)], Settings())
+    concluded = conclude([finding(one, [0.6, 0.7]), finding(other, [0.6, 0.7])], Settings())
     assert concluded.here["by_utterance"]["1"]["mean"] == pytest.approx(0.65)
     assert concluded.here["by_speaker"]["2"]["mean"] == pytest.approx(0.95)
     assert concluded.baseline["network of 100 neurons"]["by_utterance"]["mean"] == pytest.approx(0.9)
     assert [figure.stem for figure in concluded.figures] == ["confusion", "ports"]
+
+
+def test_the_interval_is_as_wide_as_the_speakers_differ() -> None:
+    """All benches are tested with the same speakers; one whom no split of a bench tested says nothing there."""
+    scores = [[0.79, 0.81], [0.8, 0.8]]
+    benches = [finding(scores, [0.6, 0.8, 1.0, np.nan]), finding(scores, [0.7, np.nan, 0.9, np.nan])]
+    found = conclude(benches, Settings()).here["by_speaker"]["1"]
+    speakers = pooled([0.65, 0.8, 0.95])
+    assert (found["mean"], found["by_bench"]) == (pytest.approx(0.8), pytest.approx([0.8, 0.8]))
+    assert (found["low"], found["high"]) == (pytest.approx(speakers["low"]), 1.0)
+    assert conclude(benches[:1], Settings()).here["by_speaker"]["1"]["low"] is None, "one bench decides nothing"
