@@ -38,7 +38,12 @@ class Bound:
     limit: float
 
     def verdict(self, statistic: Statistic) -> Verdict:
-        """Reached or not where the whole interval says so; otherwise, and with no interval or one of no width, open."""
+        """Reached or not where the whole interval says so; otherwise, and with no interval or one of no width, open.
+
+        That all of what is counted are right, a share of at least 1, is refuted by one that is not: not reached.
+        """
+        if self == Bound(">=", 1.0) and statistic["mean"] < 1 and "counted" in statistic:
+            return Verdict.NOT_REACHED
         low, high = statistic["low"], statistic["high"]
         if low is None or low == high:
             return Verdict.OPEN

@@ -97,6 +97,13 @@ def test_an_interval_of_counts_has_a_width_where_all_are_right() -> None:
     assert Bound(">=", 0.5).verdict(found) is Verdict.REACHED
 
 
+@pytest.mark.parametrize("counts", [[(3, 3)] * 6 + [(2, 2), (1, 3)], [(3, 3)] * 8 + [(0, 3)] * 2, [(2, 3)]])
+def test_one_that_fails_refutes_that_all_are_right(counts: list[tuple[int, int]]) -> None:
+    """Whatever the interval, and on however few benches."""
+    assert Bound(">=", 1.0).verdict(counted(counts)) is Verdict.NOT_REACHED
+    assert Bound(">=", 0.85).verdict(counted(counts)) is Verdict.OPEN
+
+
 def test_an_interval_of_counts_is_as_wide_as_the_benches_differ() -> None:
     counts = [(20, 20), (0, 20), (20, 20), (20, 20)]
     found, wilson = counted(counts), binomtest(60, 80).proportion_ci(method="wilson")
