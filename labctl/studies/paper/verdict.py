@@ -47,10 +47,11 @@ class Comparison:
 
     @property
     def averages_only(self) -> bool:
-        """Whether single triggers do not keep, for sure, what the mean of several does."""
+        """Whether the mean of several triggers reaches its bound and single ones not theirs, or the same if none."""
         if len(self.columns) < 2 or self.columns[1].verdict is not Verdict.REACHED:
             return False
-        return Judged(self.columns[0].figure, self.columns[1].bound).verdict is not Verdict.REACHED
+        single, several = self.columns
+        return Judged(single.figure, single.bound or several.bound).verdict is not Verdict.REACHED
 
 
 def comparisons(reproduced: Reproduced) -> list[Comparison]:

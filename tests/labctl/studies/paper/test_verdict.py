@@ -56,14 +56,26 @@ def test_an_experiment_fails_only_where_a_figure_is_surely_short(
 
 
 @pytest.mark.parametrize(
-    ("single", "averaged", "only"), [(LOW, HIGH, True), (HIGH, HIGH, False), (LOW, MIDDLE, False), (ONE, ONE, False)]
+    ("single", "averaged", "only"),
+    [
+        (LOW, HIGH, True),
+        (HIGH, HIGH, False),
+        (MIDDLE, HIGH, False),
+        (LOW, MIDDLE, False),
+        (ONE, ONE, False),
+    ],
 )
-def test_what_averages_alone_reach_is_told_from_the_same_bound(
-    single: Statistic, averaged: Statistic, only: bool
-) -> None:
+def test_what_averages_alone_reach_is_what_the_columns_say(single: Statistic, averaged: Statistic, only: bool) -> None:
     (found,) = comparisons(reproduced(single, averaged))
-    assert found.averages_only is only
+    assert found.averages_only is only is (verdicts(reproduced(single, averaged)) == [Verdict.OPEN, Verdict.REACHED])
     assert as_json(reproduced(single, averaged))["must"][0]["averages_only"] is only
+
+
+@pytest.mark.parametrize(("single", "only"), [(LOW, True), (HIGH, False)])
+def test_single_triggers_without_a_bound_are_told_from_that_of_averages(single: Statistic, only: bool) -> None:
+    must = Requirement(what="accuracy", path=("accuracy",), averaged_at_least=0.94)
+    (found,) = comparisons(reproduced(single, HIGH, must))
+    assert found.averages_only is only
 
 
 def test_a_figure_without_a_bound_is_printed_and_not_judged() -> None:
