@@ -44,10 +44,12 @@ def encode(
     epoch: ArrayLike,
     scale: NDArray[np.float64],
     offset: NDArray[np.float64],
+    version: str = FORMAT_VERSION,
 ) -> memoryview:
     """The bytes of the shard of the shots of a pass from `first` on; their codes are copied once.
 
-    `parts` follow one another, times in s since the run began. `epoch` is one for all shots or one each.
+    `parts` follow one another, times in s since the run began. `epoch` is one for all shots or one each. Formats from
+    1.2 on differ in nothing but the `version` that a shard names.
     """
     ports = shape.passes[pass_index]
     clipped = np.concatenate([part.clipped for part in parts], dtype=np.bool_)
@@ -57,7 +59,7 @@ def encode(
     rows["epoch"] = epoch
     rows["flags"] = np.where(clipped.any(axis=1), int(ShotFlag.CLIPPED), 0)
     codes = rows.size * len(ports) * shape.samples * shape.dtype.itemsize
-    image, places = (_from_kept if codes <= MOST_KEPT else _empty)(shape, pass_index, rows.size)
+    image, places = (_from_kept if codes <= MOST_KEPT else _empty)(shape, pass_index, rows.size, version)
     with h5py.File(image, "r+", libver=LIBVER) as file:
         h5a.open(file.id, b"first").write(np.array(first, np.int64))
     content = image.getbuffer()
@@ -73,7 +75,7 @@ def encode(
     return content
 
 
-def _empty(shape: RunShape, pass_index: int, shots: int) -> tuple[BytesIO, dict[str, int]]:
+def _empty(shape: RunShape, pass_index: int, shots: int, version: str) -> tuple[BytesIO, dict[str, int]]:
     """A shard whose arrays are still zero, and where in its bytes each of them begins."""
     ports, image = shape.passes[pass_index], BytesIO()
     with h5py.File(image, "w", libver=LIBVER) as file:
@@ -85,7 +87,7 @@ def _empty(shape: RunShape, pass_index: int, shots: int) -> tuple[BytesIO, dict[
         file.create_dataset("scale", data=np.zeros(len(ports), "<f8"))
         file.create_dataset("offset", data=np.zeros(len(ports), "<f8"))
         places = {name: data.id.get_offset() for name, data in file.items()}
-        set_text(file, "format_version", FORMAT_VERSION)
+        set_text(file, "format_version", version)
         attributes = file.attrs  # making it costs as much as an attribute
         attributes["pass"] = np.int64(pass_index)
         attributes["first"] = np.int64(0)
@@ -94,14 +96,14 @@ def _empty(shape: RunShape, pass_index: int, shots: int) -> tuple[BytesIO, dict[
 
 
 @lru_cache(maxsize=16)
-def _kept(shape: RunShape, pass_index: int, shots: int) -> tuple[bytes, dict[str, int]]:
+def _kept(shape: RunShape, pass_index: int, shots: int, version: str) -> tuple[bytes, dict[str, int]]:
     """`_empty`, which takes HDF5 milliseconds: the next shard of the run is the same but for its numbers."""
-    image, places = _empty(shape, pass_index, shots)
+    image, places = _empty(shape, pass_index, shots, version)
     return image.getvalue(), places
 
 
-def _from_kept(shape: RunShape, pass_index: int, shots: int) -> tuple[BytesIO, dict[str, int]]:
-    image, places = _kept(shape, pass_index, shots)
+def _from_kept(shape: RunShape, pass_index: int, shots: int, version: str) -> tuple[BytesIO, dict[str, int]]:
+    image, places = _kept(shape, pass_index, shots, version)
     return BytesIO(image), places
 
 

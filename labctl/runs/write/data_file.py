@@ -25,7 +25,7 @@ from labctl.runs.format.durable import replacement
 from labctl.runs.format.hdf5_target import Hdf5Target
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.manifest import Manifest
-from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, check_plain, set_text, walked
+from labctl.runs.format.plain_hdf5 import HDF5_ERRORS, LIBVER, attribute, check_plain, set_text, walked
 from labctl.runs.format.plan import write_drive
 from labctl.runs.format.shape import RunShape
 from labctl.runs.format.shard import encode
@@ -157,8 +157,9 @@ def _shard_in(file: h5py.File, shape: RunShape, entry: Entry) -> memoryview:
         file["measured_at_s"][rows, entry.pass_index],
         file["clipped"][rows, ports],
     )
-    epoch = file["epoch"][rows, entry.pass_index]
-    return encode(shape, entry.pass_index, entry.first, [frames], epoch, file["scale"][ports], file["offset"][ports])
+    epoch, version = file["epoch"][rows, entry.pass_index], attribute(file, "format_version")
+    scale, offset = file["scale"][ports], file["offset"][ports]
+    return encode(shape, entry.pass_index, entry.first, [frames], epoch, scale, offset, version)
 
 
 def _create(file: h5py.File, shards: Shards, count: int, compression: str | None) -> None:

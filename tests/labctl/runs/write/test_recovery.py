@@ -1,13 +1,16 @@
+import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
 from labctl.errors import RunError
 from labctl.runs.catalogue import Catalogue
-from labctl.runs.format.journal import NOT_COMPARED
+from labctl.runs.format.journal import NOT_COMPARED, read_journal
 from labctl.runs.read.run import open_run
 from labctl.runs.verification import verify_run
 from labctl.runs.write.writer import RunWriter
@@ -99,6 +102,25 @@ def test_a_damaged_shard_is_made_again_from_the_data_file(whole: Path, harm: str
     assert told == [
         f"{whole}/shards/{number:06d}.h5: was missing or damaged, and is made again from data.h5" for number in (0, 5)
     ]
+
+
+def test_so_is_one_of_an_earlier_version(whole: Path) -> None:
+    shards = sorted((whole / "shards").iterdir())
+    entries = read_journal(whole / "journal.jsonl").entries
+    for path in (*shards, whole / "data.h5"):
+        with h5py.File(path, "r+") as file:
+            file.attrs.get_id("format_version").write(np.array(b"1.2", h5py.string_dtype("utf-8", 3)))
+    earlier = [path.read_bytes() for path in shards]
+    lines = [
+        replace(entry, sha256=hashlib.sha256(image).hexdigest()).encode()
+        for entry, image in zip(entries, earlier, strict=True)
+    ]
+    (whole / "journal.jsonl").write_bytes(b"".join(lines))
+    for path in shards:
+        path.unlink()
+    with RunWriter.resume(whole) as writer:
+        assert writer.complete == 7
+    assert [path.read_bytes() for path in shards] == earlier
 
 
 def test_only_what_the_data_file_has_not_is_measured_again(whole: Path, measure_missing: Finish) -> None:
