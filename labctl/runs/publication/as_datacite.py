@@ -44,7 +44,7 @@ def encode(subject: Subject, said: Declaration, files: Mapping[str, tuple[int, s
         "publicationYear": str(published.year),
         "types": {
             "resourceTypeGeneral": "Dataset",
-            "resourceType": f"{'Simulated measurement' if subject.simulated else 'Measurement'}, {subject.protocol[0]}",
+            "resourceType": f"{subject.kind}, {subject.protocol[0]}",
         },
         "subjects": [{"subject": word} for word in words],
         "dates": [{"date": subject.started, "dateType": "Created"}] if subject.started else [],

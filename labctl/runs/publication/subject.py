@@ -1,14 +1,21 @@
 """What a run says of itself when it is published, its faults first."""
 
-import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest, protocol_settings
+from labctl.runs.format.origin import Origin
 from labctl.runs.notes import Notes, read_notes
 from labctl.runs.verification import RunReport, verify_run
+
+NOT_REAL: Mapping[Origin, tuple[str, str]] = {
+    Origin.SIMULATED: ("Simulated", "made by the simulated bench of labctl, not measured on real instruments"),
+    Origin.MIXED: ("Partly simulated", "some of its instruments were simulated by labctl, the others were real"),
+    Origin.REPLAYED: ("Replayed", "made from a recording of instruments, be they real or simulated, not measured anew"),
+}
+"""What a run is called that is not of a real bench, and what that means."""
 
 
 @dataclass(frozen=True)
@@ -37,21 +44,18 @@ class Subject:
         return cls(paths.directory.resolve().name, manifest.values, verify_run(paths.directory), read_notes(paths))
 
     @property
-    def simulated(self) -> bool:
-        """Whether any of it was measured on a simulated instrument, as far as the run says."""
-        seeds, station = self.values.get("seeds", self.values), self.values.get("station")
-        if isinstance(seeds, dict) and seeds.get("twin_seed") is not None:
-            return True
-        addresses = [one.get("address") for one in _mappings(station)]
-        identities = json.dumps([identity for _, identity in self.instruments])
-        return "simulated" in addresses or "simulated" in identities.lower() or '"SIM' in identities
+    def kind(self) -> str:
+        """What it is: a measurement, or one that is not, or not wholly, of real instruments."""
+        origin = Origin.of(self.values)
+        return f"{NOT_REAL[origin][0]} measurement" if origin in NOT_REAL else "Measurement"
 
     @property
     def faults(self) -> list[str]:
         """What whoever uses it must know before anything else, a sentence each."""
         report, faults = self.report, []
-        if self.simulated:
-            faults.append("SIMULATED: made by the simulated bench of labctl, not measured on real instruments.")
+        if (origin := Origin.of(self.values)) in NOT_REAL:
+            mark, meaning = NOT_REAL[origin]
+            faults.append(f"{mark.upper()}: {meaning}.")
         if not report.intact:
             faults.append(f"DAMAGED: {'; '.join(report.problems)}.")
         if not report.complete:
@@ -101,9 +105,3 @@ class Subject:
         shots = f"{self.report.shots} shots" if self.report.planned else "Shots"
         what = f"{shots} of the protocol {self.protocol[0]}, measured by labctl {self.software}, begun {self.started}."
         return " ".join((*self.faults, said, what) if said else (*self.faults, what))
-
-
-def _mappings(found: object) -> Iterator[Mapping[str, Any]]:
-    for one in found.values() if isinstance(found, dict) else ():
-        if isinstance(one, dict):
-            yield one

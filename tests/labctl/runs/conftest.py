@@ -14,7 +14,13 @@ from labctl.runs.format.shape import RunShape
 from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
 
-MANIFEST = {"protocol": "image-readout", "started": "2026-11-21T09:15:00Z", "seed": 7, "twin_seed": 3}
+MANIFEST = {
+    "protocol": "image-readout",
+    "started": "2026-11-21T09:15:00Z",
+    "seed": 7,
+    "twin_seed": 3,
+    "instruments": {"awg": {"identity": {"serial": "SIM0001"}}},
+}
 SMALL = RunShape(shots=7, passes=((2, 3, 4, 5), (6,)), samples=16, sample_interval_s=20e-12, start_s=-40e-12)
 
 

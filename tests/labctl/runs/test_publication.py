@@ -108,11 +108,39 @@ def test_what_is_wrong_with_a_run_comes_first_in_title_and_description(to: str, 
     assert len(subject.faults) == 3
 
 
-def test_a_served_bench_is_simulated_by_what_its_instruments_say(real: Path, tmp_path: Path) -> None:
+ALP = {"manufacturer": "ViALUX", "model": "ALP-4 1024x768", "serial": "13388", "firmware": "3"}
+SERVED_ALP = {
+    "station": {"dmd": {"driver": "vialux-alp", "address": "TCPIP0::127.0.0.1::5003::SOCKET"}},
+    "instruments": {"dmd": {"identity": ALP}},
+}
+OTHER_MAKER = {"manufacturer": "SIMTRUM", "model": "L1", "serial": "1", "firmware": "1"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "mark", "kind"),
+    [
+        ({"instruments": {"awg": {"identity": {"serial": "SIM0001"}}}}, "[SIMULATED] ", "Simulated measurement"),
+        (SERVED_ALP, "[PARTLY SIMULATED] ", "Partly simulated measurement"),
+        ({"replay": [{"name": "a.rec", "sha256": "0" * 64}]}, "[REPLAYED] ", "Replayed measurement"),
+        ({"instruments": {"laser": {"identity": OTHER_MAKER}}}, "", "Measurement"),
+    ],
+    ids=["served", "in part", "replayed", "a maker with such a name"],
+)
+def test_what_is_not_of_a_real_bench_is_marked(
+    changes: dict[str, Any], mark: str, kind: str, real: Path, tmp_path: Path
+) -> None:
     manifest = json.loads((real / "manifest.json").read_text("utf-8"))
-    manifest["instruments"]["awg"]["identity"]["serial"] = "SIM0001"
-    (real / "manifest.json").write_text(json.dumps(manifest), "utf-8")
-    assert publish(real, tmp_path / "given", "ro-crate", SAID, DAY).simulated
+    for name, change in changes.items():
+        manifest[name] = manifest.get(name, {}) | change if isinstance(change, dict) else change
+    (real / "manifest.json").write_text(json.dumps(manifest), "utf-8")  # which damages the run
+    publish(real, tmp_path / "given", "datacite", SAID, DAY)
+    title, description = described(tmp_path / "given", "datacite")
+    found = json.loads((tmp_path / "given" / "datacite.json").read_text("utf-8"))
+    assert (title, found["types"]["resourceType"]) == (
+        f"{mark}[DAMAGED] [UNFINISHED] Digits",
+        f"{kind}, image-readout",
+    )
+    assert description.startswith(f"{mark.strip('[] ') or 'DAMAGED'}: ")
 
 
 def test_a_file_of_any_name_has_a_place_in_a_crate(real: Path, tmp_path: Path) -> None:
