@@ -278,6 +278,20 @@ def test_stopping_now_takes_no_signal(tmp_path: Path, monkeypatch: pytest.Monkey
     assert not (tmp_path / "run" / "control").exists()
 
 
+def test_an_item_goes_on_while_another_program_has_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    put(tmp_path, (*LONG[:3], "images=2000", *LONG[4:]), tmp_path / "run")
+    journal = RunPaths(tmp_path / "run").journal
+    with ThreadPoolExecutor(1) as pool:
+        worked = pool.submit(work, Queue(tmp_path), OnFailure.STOP, Interruption(), print)
+        until(lambda: worked.done() or journal.exists())
+        with monkeypatch.context() as settings, closing(sqlite3.connect(tmp_path / "queue.sqlite")) as database:
+            database.execute("BEGIN IMMEDIATE")
+            settings.setattr("labctl.runs.queue.WAIT_S", 0.0)
+            until(lambda: worked.done() or journal.read_bytes().count(b"\n") >= 10)
+        Queue(tmp_path).ask(Wish.STOP_NOW)
+        assert worked.result() == Worked(done=0, failed=0, waiting=1)
+
+
 def test_while_it_runs_others_add_and_stop_and_nobody_starts_it_twice(tmp_path: Path) -> None:
     put(tmp_path, LONG, tmp_path / "queue-0001")
     worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])

@@ -15,7 +15,7 @@ from typing import Any
 from labctl.bench.lock_file import LockFile
 from labctl.bench.own_files import is_own, remember
 from labctl.bench.signals import Interruption
-from labctl.errors import BenchInUse, UsageError
+from labctl.errors import BenchInUse, RunError, UsageError
 from labctl.printable import typed
 from labctl.runs import asking
 from labctl.runs.format.layout import RunPaths
@@ -163,8 +163,9 @@ def _carried_out(item: Item, queue: Queue, inherited: LockFile) -> tuple[int, st
             try:
                 out, _ = process.communicate(timeout=LOOK_EVERY_S)
             except subprocess.TimeoutExpired:
-                if Wish.STOP_NOW in queue.wishes:
-                    _stop(item.directory)
+                with suppress(RunError):  # another program has the file just now: it is asked again
+                    if Wish.STOP_NOW in queue.wishes:
+                        _stop(item.directory)
                 continue
             return process.returncode, str(_said(out).get("error", f"it ended with {process.returncode}"))
     except BaseException:
