@@ -28,7 +28,7 @@ Found = TypeVar("Found")
 TRANSPORTS = ("tcp", "tls", "ucx", "ws", "wss")
 """Of dask between machines: what an address begins with."""
 CONNECT_S = 10.0
-"""To wait for an answer of the scheduler."""
+"""To wait for an answer of the scheduler, and at the end for those of all workers."""
 TELL_S = 0.5
 """Records are told the scheduler no oftener."""
 COUNT_S = 1.0
@@ -162,10 +162,10 @@ class _Connection:
         return ClusterError(f"{self._address}: a worker failed ({type(error).__name__}: {error}): see its log")
 
     def close(self) -> None:
-        """Have running tasks end, and leave."""
+        """Have running tasks end, and leave; a worker that stands still is told, and not waited for."""
         with suppress(OSError):
             if self._client.status == "running":
-                self._client.run(_stop, self._name, on_error="ignore")
+                self._client.run(_stop, self._name, on_error="ignore", callback_timeout=CONNECT_S)
         self._client.close()
 
 

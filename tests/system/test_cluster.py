@@ -219,6 +219,25 @@ def test_interrupted_runs_end_and_none_is_in_place(dask: Cluster, tmp_path: Path
         assert client.run(len, ()) is not None, "the workers are there for the next"
 
 
+def test_an_interruption_does_not_wait_for_a_worker_that_stands_still(
+    dask: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interruption, held = Interruption(), dask.workers[0]
+    plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=cluster(dask.address, print))
+
+    def interrupt(records: int) -> None:
+        if records:
+            held.send_signal(signal.SIGSTOP)
+            monkeypatch.setattr("labctl.studies.cluster.CONNECT_S", 0.5)
+            interruption.requested = True
+
+    try:
+        with pytest.raises(Interrupted):
+            reproduce(plan, interruption=interruption, measured=interrupt)
+    finally:
+        held.send_signal(signal.SIGCONT)
+
+
 def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("labctl.studies.cluster.CONNECT_S", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as free:
