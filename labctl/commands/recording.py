@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from labctl.bench.recording.format import Recording, read_recording
-from labctl.bench.recording.recorder import recordings
+from labctl.bench.recording.recorder import recording_before, recordings
 from labctl.bench.recording.replay import Replay, addresses, replay_of
 from labctl.bench.recording.wire import Played, RecordingRequest, Wire
 from labctl.bench.signals import stops_heard
@@ -47,6 +47,8 @@ def record(
     _refuse_apart(command)
     if existing := recordings(file):
         raise RecordingError(f"{existing[0]}: exists: name a new file, or remove the old recording")
+    if (first := recording_before(file)) is not None:
+        raise RecordingError(f"{file}: would be played as a further bench of {first}: name another file")
     try:
         request = RecordingRequest(path=file.absolute(), mask=mask, command=tuple(command))
         return _carry_out(context, command, Wire(record=request), as_json)

@@ -49,6 +49,13 @@ def recordings(path: Path) -> list[Path]:
     return [candidate for candidate in candidates if candidate.exists()]
 
 
+def recording_before(path: Path) -> Path | None:
+    """The file that exists of which `path`, as its name says, would be the recording of a further bench."""
+    name, _, _ = path.stem.rpartition("-")
+    first = path.with_name(name + path.suffix) if name.strip(".") else path
+    return first if path in (_numbered(first, number) for number in range(2, MOST_BENCHES)) and first.exists() else None
+
+
 def _new_file(path: Path, heading: dict[str, object]) -> RecordingWriter:
     """The first bench of a command goes to `path`, the second to `name-2.ending`, and so on, whoever comes first."""
     for number in range(1, MOST_BENCHES):

@@ -20,7 +20,7 @@ from instruments.tektronix_awg70002a import Awg70002a
 from instruments.visa import VisaLink
 from labctl.bench.opening import Access, opened
 from labctl.bench.recording.format import Kind, read_recording
-from labctl.bench.recording.recorder import Masks, recordings
+from labctl.bench.recording.recorder import Masks, recording_before, recordings
 from labctl.bench.recording.replay import addresses, redirected, replay_of
 from labctl.bench.recording.wire import RecordingRequest, Wire
 from labctl.bench.simulation import SIMULATED_LASER
@@ -181,6 +181,23 @@ def test_damaged_and_existing_files(
     status, _, err = labctl(capsys, "record", tmp_path / "a.rec", "--", "check")
     assert status == 2
     assert "a-2.rec: exists" in err
+
+
+@pytest.mark.parametrize(("there", "new"), [("night.rec", "night-2.rec"), ("night-2.rec", "night.rec")])
+def test_two_recordings_never_look_like_two_benches_of_one(
+    there: str, new: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / there).touch()
+    status, _, err = labctl(capsys, "record", tmp_path / new, "--", "check")
+    assert (status, err.count("\n")) == (2, 1)
+    assert there in err
+    assert [path.name for path in tmp_path.iterdir()] == [there]
+
+
+@pytest.mark.parametrize("new", ["night-1.rec", "night-02.rec", "night-two.rec", "night-2.txt", ".-2"])
+def test_other_names_are_those_of_recordings_of_their_own(new: str, tmp_path: Path) -> None:
+    (tmp_path / "night.rec").touch()
+    assert recording_before(tmp_path / new) is None
 
 
 @pytest.mark.parametrize("nested", [("replay", "a.rec"), ("record", "a.rec", "--", "check")])
