@@ -253,6 +253,8 @@ def _print(whole: dict[str, Any], everything: "Sequence[Reproduced]", without: d
     say(
         "Means over seeds and, in brackets, their 95 % intervals; seeds share part of their data, so these say less of "
         "other data. Open: the interval holds what must be reached."
+        if any(len(found.seeds) > 1 for found in everything)
+        else "Figures of one seed have no interval. Open: one seed does not decide what must be reached."
     )
     for found in everything:
         for what in averages_only(found):

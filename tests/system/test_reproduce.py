@@ -91,3 +91,15 @@ def test_a_figure_that_is_surely_short_ends_in_1(
     (must,) = found["must"]
     assert (must["verdict"], must["averaged"]["verdict"]) == ("not reached", "reached")
     assert must["low"] < must["here"] < must["high"]
+
+
+def test_one_seed_is_not_said_to_have_an_interval(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "few.toml").write_text(FEW, encoding="utf-8")
+    monkeypatch.setattr("labctl.commands.reproduce.experiments", partial(experiments, folder=tmp_path))
+    status, out, _ = labctl(capsys, "reproduce", "few", "--seeds", 1, "--out", tmp_path / "out")
+    assert status == 0
+    assert "Figures of one seed have no interval" in out
+    assert "brackets" not in out
+    assert "2 figures: 0 reached, 0 NOT REACHED, 2 open" in out

@@ -1,5 +1,6 @@
 import base64
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,17 @@ def write(directory: Path) -> Path:
         title="All",
         carried_out=one_by_one,
     )
+
+
+@pytest.mark.parametrize("seeds", [(1, 2, 3), (1,)])
+def test_intervals_are_spoken_of_where_there_are_some(tmp_path: Path, seeds: tuple[int, ...]) -> None:
+    found = [replace(entry, seeds=seeds, figures=()) for entry in entries()]
+    path = experiments_report(
+        tmp_path / "report.html", entries=found, provenance={}, title="All", carried_out=one_by_one
+    )
+    text = path.read_text("utf-8")
+    assert ("in brackets" in text) is (len(seeds) > 1)
+    assert ("Figures of one seed have no interval" in text) is (len(seeds) == 1)
 
 
 def test_the_report_stands_alone(tmp_path: Path) -> None:
