@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.analysis.evaluation import WindowAccuracy, accuracy_against_window, mean_and_sd, window_key, windows_to_try
+from labctl.analysis.evaluation import (
+    WindowAccuracy,
+    accuracy_against_window,
+    chance_of,
+    mean_and_sd,
+    window_key,
+    windows_to_try,
+)
 from labctl.analysis.splits import enough_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.bench.drivers import sent_anew
 from labctl.errors import AnalysisError
 from labctl.printable import printable
-from labctl.reports.canvas import Series
+from labctl.reports.canvas import Level, Series
 from labctl.reports.figure_files import save_figure
 from labctl.reports.figures.same_image import SameImage, same_image_figure
 from labctl.reports.figures.window import accuracy_figure
@@ -45,6 +52,7 @@ class Comparison:
         shots: of each run: `planned`, `complete` and the number of each kind.
         same_image: records of images that both showed, on ports that both measured; None where there are none.
         accuracies: accuracy against the acquisition time of each run, on those ports; None where it has no labels.
+        chances: what guessing reaches on each run, 0..1; None likewise.
         sample_interval_s: of the first run.
         origin: of the records of both.
         left_out: a line for everything that could not be compared.
@@ -55,6 +63,7 @@ class Comparison:
     shots: tuple[dict[str, int], dict[str, int]]
     same_image: SameImage | None
     accuracies: tuple[tuple[WindowAccuracy, ...] | None, tuple[WindowAccuracy, ...] | None]
+    chances: tuple[float | None, float | None]
     sample_interval_s: float
     origin: Origin
     left_out: tuple[str, ...]
@@ -69,6 +78,7 @@ def compare(first: Path, second: Path) -> Comparison:
     left_out: list[str] = []
     same: SameImage | None = None
     accuracies: list[tuple[WindowAccuracy, ...] | None] = [None, None]
+    chances: list[float | None] = [None, None]
     with open_run(first) as one, open_run(second) as other:
         columns = _common_columns(one, other)
         if not columns[0].size:
@@ -80,7 +90,7 @@ def compare(first: Path, second: Path) -> Comparison:
                 left_out.append(f"traces are left out: {error}")
             for place, run in enumerate((one, other)):
                 try:
-                    accuracies[place] = _accuracy(run, columns[place])
+                    accuracies[place], chances[place] = _accuracy(run, columns[place])
                 except AnalysisError as error:
                     left_out.append(f"the accuracy of {run.path} is left out: {error}")
         return Comparison(
@@ -89,6 +99,7 @@ def compare(first: Path, second: Path) -> Comparison:
             (_shots(one), _shots(other)),
             same,
             (accuracies[0], accuracies[1]),
+            (chances[0], chances[1]),
             one.shape.sample_interval_s,
             Origin.together(Origin.of(run.manifest) for run in (one, other)),
             tuple(left_out),
@@ -107,13 +118,15 @@ def draw(comparison: Comparison, out: Path) -> list[Path]:
         if comparison.same_image is not None:
             figure = same_image_figure(comparison.same_image, comparison.names)
             pictures.append(save_figure(figure, out / "traces", comparison.origin).png)
-        named = zip(comparison.names, comparison.accuracies, strict=True)
         if curves := [
             Series.of(name, {row.window_s: mean_and_sd(row.scores) for row in table})
-            for name, table in named
+            for name, table in zip(comparison.names, comparison.accuracies, strict=True)
             if table is not None
         ]:
-            figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=0)
+            named = zip(comparison.chances, comparison.names, strict=True)
+            (chance, _), *others = sorted((value, name) for value, name in named if value is not None)
+            levels = [Level(f"chance of {name}", value) for value, name in others if value > chance]
+            figure = accuracy_figure(curves, tau_s=comparison.sample_interval_s, chance=chance, levels=levels)
             pictures.append(save_figure(figure, out / "accuracy", comparison.origin).png)
     except OSError as error:
         raise cannot_be_drawn(out, error) from None
@@ -220,8 +233,8 @@ def _images_of(manifest: Mapping[str, Any]) -> tuple[Any, ...] | None:
     return None if source is None else (source, settings.get("binarisation", settings.get("threshold")))
 
 
-def _accuracy(run: Run, columns: NDArray[np.intp]) -> tuple[WindowAccuracy, ...]:
-    """Accuracy of the softmax readout on some entries of the port axis at each acquisition time.
+def _accuracy(run: Run, columns: NDArray[np.intp]) -> tuple[tuple[WindowAccuracy, ...], float]:
+    """Accuracy of the softmax readout on some entries of the port axis at each acquisition time, and chance.
 
     Raises:
         AnalysisError: the run has no labels to learn, or too few images.
@@ -229,7 +242,7 @@ def _accuracy(run: Run, columns: NDArray[np.intp]) -> tuple[WindowAccuracy, ...]
     records = read_records(run)
     if np.unique(records.labels).size < 2:
         raise AnalysisError("its images are of one class")
-    return accuracy_against_window(
+    found = accuracy_against_window(
         records.traces[:, columns],
         records.labels,
         records.groups,
@@ -238,3 +251,4 @@ def _accuracy(run: Run, columns: NDArray[np.intp]) -> tuple[WindowAccuracy, ...]
         splits=min(MOST_SPLITS, enough_splits(np.unique(records.groups).size)),
         seed=SEED,
     )
+    return found, chance_of(records.labels)

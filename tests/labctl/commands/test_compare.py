@@ -11,6 +11,7 @@ from PIL import Image
 from labctl.bench.drivers import sent_anew
 from labctl.bench.station import write_addresses
 from labctl.runs.read.differences import Difference, differences, settings_that_differ
+from labctl.studies.comparison import compare
 from sim_backends.bench import SimulatedBench
 from tests.labctl.commands.conftest import AsJson, Typed
 
@@ -44,6 +45,10 @@ def test_two_runs_beside_each_other(bench_run: Path, changed: Path, as_json: AsJ
     assert list(found["accuracy"][0])[-1] == "0.4"
     folder = bench_run / "figures" / "compared-with-changed"
     assert found["pictures"] == [str(folder / "traces.png"), str(folder / "accuracy.png")]
+    assert compare(bench_run, changed).chances == (0.5, 0.5)
+    drawn = (folder / "accuracy.svg").read_text("utf-8")
+    assert ">60<" in drawn, "the axis begins below chance"
+    assert ">40<" not in drawn
     for picture in found["pictures"]:
         with Image.open(picture) as image:
             assert image.width > 500
