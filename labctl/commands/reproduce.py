@@ -62,6 +62,8 @@ def reproduce(
     """
     if vary and fit:
         raise UsageError("--sensitivity and --fit are two studies: ask for one of them")
+    if fit and (said := context.get_parameter_source("first_seed")) is not None and said.name != "DEFAULT":
+        raise UsageError("--first-seed: --fit has seeds of its own, which nothing else uses: leave it out")
     wanted = names or ["all"]
     chosen = experiments(wanted)
     engine = engine_of(scheduler, "labctl.studies.paper.report", "labctl.studies.paper.recognition", store=store)
@@ -155,7 +157,7 @@ def _vary(plan: "Plan", as_json: bool) -> int:
 
 def _fit(plan: "Plan", as_json: bool) -> int:
     from labctl.studies.paper.fit import as_json as described
-    from labctl.studies.paper.fit import figure_of, fit_of
+    from labctl.studies.paper.fit import figure_of, fit_of, in_words
     from labctl.studies.paper.fit import fit as carry_out
     from labctl.studies.paper.report import write_fit_report
 
@@ -175,11 +177,11 @@ def _fit(plan: "Plan", as_json: bool) -> int:
         "report": str(report),
     }
     _keep(plan.folder, result)
-    show(result, as_json, lambda: _print_fit(result))
+    show(result, as_json, lambda: _print_fit(result, in_words(study, found)))
     return DONE
 
 
-def _print_fit(result: dict[str, Any]) -> None:
+def _print_fit(result: dict[str, Any], fitted: str) -> None:
     fit = result["fit"]
     shorter, longer = (f"accuracy at {window:g} ns" for window in fit["windows_ns"])
     table(
@@ -192,8 +194,7 @@ def _print_fit(result: dict[str, Any]) -> None:
             for one in fit["tried"]
         ],
     )
-    low, high = fit["interval"]
-    say(f"{fit['name']}: {fit['fitted']:g}, {low:g} to {high:g} cannot be distinguished from it")
+    say(fitted)
     if not fit["reached"]:
         say(f"No value reaches the paper's curve: below {fit['accuracy']:g} at the first time, above at the second.")
     say(f"{result['seconds']:.0f} s; report: {result['report']}")

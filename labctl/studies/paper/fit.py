@@ -21,6 +21,7 @@ import numpy as np
 from labctl.analysis.intervals import Statistic, difference, pooled
 from labctl.bench.signals import Interruption
 from labctl.errors import ExperimentError
+from labctl.reports.canvas import Level
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
 from labctl.studies.paper.experiments import Experiment, FitStudy
@@ -73,7 +74,7 @@ def fit(plan: Plan, experiment: Experiment, *, interruption: Interruption, progr
     """Acquire and judge one run a twin for every value of the parameter.
 
     Raises:
-        ExperimentError: the experiment says nothing to fit, or the bench is a real one.
+        ExperimentError: the experiment says nothing to fit, the bench is a real one, or no value was measured on all.
         Interrupted: the operator stopped it.
     """
     study = fit_of(experiment)
@@ -104,7 +105,15 @@ def fit(plan: Plan, experiment: Experiment, *, interruption: Interruption, progr
 
 
 def concluded(bound: float, tried: Sequence[Tried]) -> Fit:
-    """The value of least misfit, and those that the benches do not tell from it."""
+    """The value of least misfit, and those that the benches do not tell from it.
+
+    Raises:
+        ExperimentError: no value was tried on all benches.
+    """
+    if not tried:
+        raise ExperimentError(
+            "no value is left to choose from: on some bench each had a run whose records were doubted; try other values"
+        )
     best = min(tried, key=lambda one: float(one.misfit["mean"]))
     alike = [one.value for one in tried if not (difference(one.misfit, best.misfit)["low"] or 0.0) > 0]
     return Fit(bound, tuple(tried), best.value, (min(alike), max(alike)))
@@ -121,21 +130,34 @@ def figure_of(study: FitStudy, found: Fit) -> ExperimentFigure:
     """Accuracy at both times against the parameter."""
     panels = [
         Sensitivity(
-            f"{study.variation.name}; {window * 1e9:g} ns",
+            f"{study.variation.name}; {window * 1e9:g} ns, paper {side} {100 * study.accuracy:g} %",
             [one.value for one in found.tried],
             [statistic["mean"] for statistic in statistics],
             [statistic["se"] or 0.0 for statistic in statistics],
             found.fitted,
             study.variation.logarithmic,
         )
-        for window, statistics in zip(
-            study.windows, ([one.shorter for one in found.tried], [one.longer for one in found.tried]), strict=True
+        for window, side, statistics in (
+            (study.windows[0], "below", [one.shorter for one in found.tried]),
+            (study.windows[1], "above", [one.longer for one in found.tried]),
         )
     ]
-    caption = "Accuracy with standard errors of the mean over benches; dashed: the fitted value; dotted: the paper's."
-    return ExperimentFigure(
-        "fit", sensitivity_figure(panels, window_s=study.windows[1], required=study.accuracy), caption
+    crossed = Level("what the paper crosses", study.accuracy)
+    figure = sensitivity_figure(panels, mark="fitted", spread="standard error", required=crossed)
+    caption = (
+        "Accuracy with standard errors of the mean over benches; dashed: the fitted value; dotted: what the paper's "
+        f"curve crosses between both times. {in_words(study, found)}."
     )
+    return ExperimentFigure("fit", figure, caption)
+
+
+def in_words(study: FitStudy, found: Fit) -> str:
+    """The fitted value and its interval, which may end only because nothing beyond was tried."""
+    low, high = found.interval
+    values = [one.value for one in found.tried]
+    ends = [f"{end:g}" for end, last in ((low, min(values)), (high, max(values))) if end == last]
+    beyond = f"; nothing beyond {' and '.join(ends)} was tried" if ends else ""
+    return f"{study.variation.name}: {found.fitted:g}, {low:g} to {high:g} cannot be distinguished from it{beyond}"
 
 
 def as_json(study: FitStudy, found: Fit) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from labctl.bench.station import Station
 from labctl.engine.recorder import WrongRecord
 from labctl.engine.session import Acquisition
 from labctl.errors import ExperimentError
+from labctl.reports.canvas import Level
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
 from labctl.studies.paper.experiments import Experiment, SensitivityStudy, Variation
@@ -117,7 +118,8 @@ def figure_of(study: SensitivityStudy, dependences: Sequence[Dependence]) -> Exp
             )
         )
     caption = "Accuracy against one parameter of the twin at a time; the mark shows what all experiments use."
-    figure = sensitivity_figure(panels, window_s=study.window, required=study.required)
+    required = None if study.required is None else Level("must reach", study.required)
+    figure = sensitivity_figure(panels, title=f"acquisition time {study.window * 1e9:g} ns", required=required)
     return ExperimentFigure("sensitivity", figure, caption)
 
 

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from labctl.reports.canvas import Level
 from labctl.reports.figures.sensitivity import Sensitivity, sensitivity_figure
 from tests.labctl.reports.figures.drawn import check_figure, legend
 
@@ -12,7 +13,7 @@ def sensitivity() -> Figure:
         Sensitivity(f"parameter {number} (GHz)", [1, 2, 10], [0.8, 0.9, 0.99], [0.02] * 3, 2, logarithmic=number > 2)
         for number in range(4)
     ]
-    return sensitivity_figure(panels, window_s=0.4e-9, required=0.9)
+    return sensitivity_figure(panels, title="acquisition time 0.4 ns", required=Level("must reach", 0.9))
 
 
 def test_it_is_sound(tmp_path: Path) -> None:

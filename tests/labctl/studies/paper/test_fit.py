@@ -1,5 +1,6 @@
 """The fitted number: where the paper's crossing is met, or missed least, and which values are not told from it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,10 @@ from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION
 from labctl.errors import ExperimentError
 from labctl.studies.paper.experiments import experiments
-from labctl.studies.paper.fit import Tried, as_json, concluded, figure_of, fit, fit_of
+from labctl.studies.paper.fit import Tried, as_json, concluded, figure_of, fit, fit_of, in_words
 from labctl.studies.paper.reproduction import Plan
+from tests.command_line import answer
+from tests.labctl.reports.figures.drawn import legend
 
 pytestmark = pytest.mark.usefixtures("one_core")
 
@@ -63,7 +66,35 @@ def test_every_value_is_measured_on_seeds_of_its_own(tmp_path: Path) -> None:
     shown = as_json(fit_of(experiment), found)
     assert shown["fitted"] in (2.0, 4.0)
     assert len(shown["tried"]) == 2
-    assert figure_of(fit_of(experiment), found).figure.axes
+    figure = figure_of(fit_of(experiment), found)
+    drawn = figure.figure.axes
+    assert [" ".join(axes.get_xlabel().split()) for axes in drawn] == [
+        "speckle grain; 0.32 ns, paper below 90 %",
+        "speckle grain; 0.4 ns, paper above 90 %",
+    ]
+    assert set(legend(figure.figure)) == {"fitted", "what the paper crosses", "mean ± standard error"}
+    assert figure.figure.legends[0].get_title().get_text() == ""
+    assert f"{found.interval[1]:g} cannot be distinguished from it; nothing beyond" in figure.caption
+
+
+def test_values_that_are_all_lost_are_told() -> None:
+    with pytest.raises(ExperimentError, match="no value is left to choose from"):
+        concluded(0.9, [])
+
+
+def test_an_interval_that_ends_within_what_was_tried_says_nothing_of_beyond() -> None:
+    far, near = tried(1, 0.5, 0.6, 0.3, 0.31), tried(2, 0.8, 0.85, 0.02, 0.03)
+    (experiment,) = experiments(["fig3"])
+    assert in_words(fit_of(experiment), concluded(0.9, [far, near, replace(far, value=3)])).endswith(
+        ": 2, 2 to 2 cannot be distinguished from it"
+    )
+    assert in_words(fit_of(experiment), concluded(0.9, [far, near])).endswith("; nothing beyond 2 was tried")
+
+
+def test_seeds_of_another_study_are_refused() -> None:
+    status, found, _ = answer("reproduce", "fig3", "--fit", "--first-seed", "1", "--json")
+    assert status == 2
+    assert "--first-seed: --fit has seeds of its own" in found["error"]
 
 
 def test_a_quick_one_takes_one_twin(tmp_path: Path) -> None:
