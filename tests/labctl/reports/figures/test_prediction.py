@@ -20,6 +20,7 @@ def test_a_prediction_states_its_error() -> None:
     figure = prediction()
     above, below = figure.axes
     assert above.get_title(loc="right") == "NMSE = 0.0634  (paper: 0.08)"
+    assert [axes.get_ylabel() for axes in figure.axes] == ["series", "error"], "nothing is scaled here"
     assert legend(figure) == ["target", "prediction"]
     np.testing.assert_allclose(np.asarray(below.lines[1].get_ydata(), float), 0.1)
     assert np.asarray(below.lines[1].get_xdata())[0] == 3000
