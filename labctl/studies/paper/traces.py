@@ -83,8 +83,8 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
 def noise_variance(repeats: NDArray[np.floating]) -> NDArray[np.float64]:
     """Variance (ports,), V^2, of frames (shots, ports, samples) of one pattern about their mean.
 
-    Frames that equal another one bit for bit count once: a simulated bench that is brought into the same state again
-    repeats its frames with their noise.
+    Frames that equal another one bit for bit count once: a simulated bench whose noise is "by-state" repeats them when
+    it is brought into the same state again.
 
     Raises:
         AnalysisError: There is one frame only.
@@ -98,12 +98,14 @@ def noise_variance(repeats: NDArray[np.floating]) -> NDArray[np.float64]:
 def smallest_ratio(traces: NDArray[np.floating], noise: NDArray[np.floating]) -> float:
     """Smallest rms difference of two of the traces (classes, ports, samples), over the rms noise.
 
+    The noise of both is in their difference and is taken off: two records of one image differ by nothing.
+
     Args:
         traces: (classes, ports, samples) V.
         noise: (ports,) variance of the noise, V^2.
     """
     least = min(float(np.mean((one - other) ** 2)) for one, other in combinations(traces.astype(np.float64), 2))
-    return float(np.sqrt(least / np.mean(noise)))
+    return float(np.sqrt(max(least / np.mean(noise) - 2, 0.0)))
 
 
 def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
@@ -129,8 +131,9 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         here,
         figures=(ExperimentFigure("traces", figure, caption),),
         notes=(
-            "Difference: root mean square over samples and ports, of the two classes that are most alike. Noise: "
-            "standard deviation of repeated frames of one image, averaged like all others.",
+            "Difference: root mean square over samples and ports, of the two classes that are most alike, less the "
+            "noise of both records. Noise: standard deviation of repeated frames of one image, averaged like all "
+            "others.",
         ),
     )
 

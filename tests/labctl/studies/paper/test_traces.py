@@ -1,3 +1,4 @@
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -56,4 +57,11 @@ def test_frames_that_a_simulated_bench_repeats_bit_for_bit_count_once() -> None:
 def test_the_smallest_of_all_differences_counts() -> None:
     traces = np.zeros((3, 2, 5))
     traces[1], traces[2] = 10.0, 13.0
-    assert smallest_ratio(traces, np.array([0.25, 0.25])) == pytest.approx(6.0)
+    assert smallest_ratio(traces, np.array([0.25, 0.25])) == pytest.approx(math.sqrt(36 - 2))
+
+
+def test_records_of_one_image_differ_by_nothing() -> None:
+    noise = np.random.default_rng(2).normal(0, 0.5, (2, 2, 20_000))
+    assert smallest_ratio(noise, np.array([0.25, 0.25])) < 0.3, "each has the noise, by which they differ"
+    one, other = noise
+    assert smallest_ratio(np.stack([one, other + 1.0]), np.array([0.25, 0.25])) == pytest.approx(2.0, rel=0.02)
