@@ -56,8 +56,9 @@ class Requirement(_Table):
         at_least, at_most: The bound of single triggers, the paper's statement; at most one of the two.
         averaged_at_least, averaged_at_most: The bound of the mean of several triggers; none: that of single triggers.
         paper: What the paper says.
-        percent: Whether to print it in per cent.
-        beside: A digital baseline to compare with, in the same unit.
+        percent: Whether to print it in per cent, and a difference in points.
+        difference: Whether the figure at `path` is a difference by itself, as with `minus`.
+        beside: A digital baseline to compare with; of a difference, what it is of.
     """
 
     what: str
@@ -69,6 +70,7 @@ class Requirement(_Table):
     averaged_at_most: float | None = None
     paper: str = ""
     percent: bool = False
+    difference: bool = False
     beside: Baseline | None = None
 
     @model_validator(mode="after")

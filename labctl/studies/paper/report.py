@@ -226,7 +226,8 @@ def _beside(found: Comparison) -> str:
         return ""
     figure, splits = found.columns[0].figure, found.baseline["splits"]
     fewer = f" ({splits} splits)" if figure is not None and splits != figure["splits"] else ""
-    return f"{found.must.beside.what} {_text(found.must, found.baseline['mean'])}{fewer}"
+    unit = " %" if found.must.percent else ""
+    return f"{found.must.beside.what} {_number(found.must, found.baseline['mean'])}{unit}{fewer}"
 
 
 def _repeats(judged: Judged) -> str:
@@ -234,7 +235,7 @@ def _repeats(judged: Judged) -> str:
 
 
 def _text(must: Requirement, value: float) -> str:
-    unit = " points" if must.minus else " %"
+    unit = " points" if must.minus or must.difference else " %"
     return _number(must, value) + (unit if must.percent else "")
 
 

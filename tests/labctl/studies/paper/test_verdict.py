@@ -4,7 +4,7 @@ import pytest
 
 from labctl.analysis.intervals import Bound, Statistic, Verdict, counted, pooled
 from labctl.studies.paper.analyses import Conclusion
-from labctl.studies.paper.experiments import Baseline, Experiment, Requirement
+from labctl.studies.paper.experiments import Baseline, Experiment, Requirement, experiments
 from labctl.studies.paper.report import as_json, results
 from labctl.studies.paper.reproduction import Column, Reproduced
 from labctl.studies.paper.verdict import Comparison, Judged, cause, comparisons, passed, verdicts
@@ -122,6 +122,13 @@ def test_a_difference_of_shares_is_in_points() -> None:
     must = Requirement(what="gain", path=("accuracy",), minus=("accuracy",), at_least=0.08, percent=True)
     (result,) = results(reproduced(HIGH, None, must))
     assert (result.here, result.required) == ("0.0 points [0.0, 0.0]", ">= 8.0 points")
+    (experiment,) = experiments(["b4"])
+    loss = experiment.must[0].model_copy(
+        update={"path": ("accuracy",), "beside": Baseline(what="network", path=("network",))}
+    )
+    (result,) = results(reproduced(pooled([0.001, 0.001]), None, loss))
+    assert (result.here, result.required) == ("0.1 points [0.1, 0.1]", "<= 1.0 points")
+    assert result.baseline == "network 85.0 % (2 splits)"
 
 
 def test_what_is_not_there_does_not_reach_its_bound() -> None:
