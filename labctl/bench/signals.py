@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
 
+from labctl.bench.standard_error import STANDARD_ERROR, tell_past_the_buffer
 from labctl.errors import notes
 from labctl.printable import printable
 
@@ -21,7 +22,7 @@ STOPS: tuple[signal.Signals, ...] = tuple(
 """Ctrl-C, a request to end, terminal closed; on Windows Ctrl-Break and the closed console."""
 SUSPEND: tuple[signal.Signals, ...] = (signal.SIGTSTP,) if hasattr(signal, "SIGTSTP") else ()
 """Ctrl-Z: a stopped process leaves the laser as it is."""
-STANDARD_OUTPUT, STANDARD_ERROR = 1, 2
+STANDARD_OUTPUT = 1
 UNDER_WAY = "what is under way"
 """Of several things side by side: shots, and examinations of runs, which take longer."""
 
@@ -186,9 +187,7 @@ def _heeded() -> list[signal.Signals]:
 
 
 def _tell(text: str) -> None:
-    """Write to standard error past its buffer, which whatever is interrupted may be writing to."""
-    with suppress(OSError):
-        os.write(STANDARD_ERROR, text.encode(sys.stderr.encoding or "utf-8", "replace"))
+    tell_past_the_buffer(text.encode(sys.stderr.encoding or "utf-8", "replace"))
 
 
 def _leave_closed(terminals: list[int]) -> None:

@@ -33,6 +33,7 @@ from instruments.interfaces import INTERFACES, Instrument
 from instruments.safe_state import LIGHT, MAY_EMIT, ORDER, UnsafeBench, in_order, safe_state
 from instruments.sections import SIMULATED
 from labctl.bench.stand_in import Followed, alone, kill_when_stopped, with_a_copy
+from labctl.bench.standard_error import STANDARD_ERROR, tell_past_the_buffer
 from labctl.bench.station import Station
 from labctl.printable import printable
 from labctl.runs.live.control_file import Word, word_in
@@ -50,7 +51,7 @@ STOPPED = f"{UNSAFE} (it was stopped with light on, so the supervisor killed it)
 AT_LAST = "the supervisor did at last"
 SEEN = "somebody has seen that the laser is dark"
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
-STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR = 0, 1, 2
+STANDARD_INPUT, STANDARD_OUTPUT = 0, 1
 
 
 class Task(BaseModel):
@@ -273,8 +274,7 @@ def _tell(text: str, *, alarming: bool) -> None:
     line = printable(f"labctl: {text}")
     if alarming and os.isatty(STANDARD_ERROR):
         line = f"\a\x1b[1;31m{line}\x1b[0m"
-    with suppress(OSError):  # nobody is there any more
-        os.write(STANDARD_ERROR, f"{line}\n".encode())
+    tell_past_the_buffer(f"{line}\n".encode())
 
 
 def _nobody(request: str) -> NoReturn:

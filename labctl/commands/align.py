@@ -4,14 +4,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 
 from labctl.bench.lock import held
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
+from labctl.commands.beside import Beside, past_the_buffer
 from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.options import StationOption
-from labctl.commands.output import JsonOption, say, show, tell
+from labctl.commands.output import JsonOption, errors, say, show
 from labctl.errors import StoppedEarly
 from labctl.studies.alignment.findings import COVERAGE, Finding
 
@@ -28,15 +30,17 @@ def align(
 
     Each step prints what it found, with its uncertainty, and what to do if it is not good.
     """
+    beside = Beside(errors if as_json else Console(file=past_the_buffer("stdout"), highlight=False, emoji=False))
 
     def show_finding(finding: Finding) -> None:
-        if as_json:
-            tell(finding.line())
-        else:
-            say(finding.line())
+        beside.tell(finding.line())
 
     bench, access = read_station(station), access_of(context, attended=attended, armed=armed)
-    with interruptible("this step") as interruption, held(bench, "labctl align", access.wire) as hold:
+    with (
+        interruptible("this step") as interruption,
+        beside.writing(),
+        held(bench, "labctl align", access.wire) as hold,
+    ):
         from labctl.studies.alignment import alignment  # takes longer to load than to say that another has the bench
 
         aligned = alignment.align_bench(

@@ -1,10 +1,11 @@
 """`labctl live`: what the detectors see now, several times a second, without a run."""
 
 import math
-import sys
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -18,9 +19,10 @@ from instruments.units import quantity
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
+from labctl.commands.beside import Beside, past_the_buffer
 from labctl.commands.exit_status import DONE
 from labctl.commands.options import StationOption
-from labctl.commands.output import JsonOption, say, show, warn
+from labctl.commands.output import JsonOption, say, show
 from labctl.commands.ranges import ports_of
 from labctl.errors import UsageError
 
@@ -74,8 +76,8 @@ def live(
         None if duration is None else _time("--for", duration),
         None if unwatched is None else _time("--unwatched", unwatched),
     )
-    with interruptible() as interruption, _level_bars(bell=bell) as bars:
-        viewed = watch(view, interruption, bars, _Warnings())
+    with interruptible() as interruption, _level_bars(bell=bell) as (bars, tell):
+        viewed = watch(view, interruption, bars, _Warnings(tell))
     result: dict[str, Any] = {
         "view": str(viewed.directory),
         "seconds": round(viewed.seconds, 3),
@@ -112,29 +114,42 @@ def _time(option: str, text: str) -> float:
 class _Warnings(Observer):
     """A line for each."""
 
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+
     def warning(self, text: str) -> None:
         """One line."""
-        warn(text)
+        self._tell(f"labctl: {text}")
 
 
 @contextmanager
-def _level_bars(*, bell: bool) -> "Iterator[Show]":
-    """Level bars on standard error; only where somebody can see them."""
-    console = Console(stderr=True, highlight=False, emoji=False)
-    with Live(console=console, auto_refresh=False, transient=True) as drawn:
-        highest = -math.inf
+def _level_bars(*, bell: bool) -> "Iterator[tuple[Show, Callable[[str], None]]]":
+    """Level bars on standard error; only where somebody can see them. And what takes lines above them."""
+    console = Console(file=past_the_buffer("stderr"), highlight=False, emoji=False)
+    seen: deque[Sight | None] = deque(maxlen=1)
+    rings = Event()
+    highest = -math.inf
 
-        def look(sight: "Sight | None") -> None:
-            nonlocal highest
-            if not console.is_terminal:
-                return
-            drawn.update(_dark() if sight is None else _bars(sight, console.width), refresh=True)
-            if bell and sight is not None and sight.now_v[0] > HIGHER * highest:
-                highest = float(sight.now_v[0])
-                sys.stderr.write("\a")
-                sys.stderr.flush()
+    def look(sight: "Sight | None") -> None:
+        nonlocal highest
+        seen.append(sight)
+        if bell and sight is not None and sight.now_v[0] > HIGHER * highest:
+            highest = float(sight.now_v[0])
+            rings.set()
 
-        yield look
+    def draw() -> None:
+        if not (seen and console.is_terminal):
+            return
+        sight = seen.pop()
+        bars.update(_dark() if sight is None else _bars(sight, console.width), refresh=True)
+        if rings.is_set():
+            rings.clear()
+            console.bell()
+
+    bars = Live(console=console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False)
+    beside = Beside(console)
+    with beside.writing(bars, draw):
+        yield look, beside.tell
 
 
 def _dark() -> Text:

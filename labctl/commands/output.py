@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from labctl.commands.beside import past_the_buffer
 from labctl.commands.columns import in_columns
 from labctl.printable import json_line, printable
 
@@ -19,7 +20,7 @@ PLAIN_WIDTH = 200
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 
 _console = Console(highlight=False, emoji=False, soft_wrap=True, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
-errors = Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
+errors = Console(file=past_the_buffer("stderr"), highlight=False, emoji=False, soft_wrap=True)
 """Standard error, also that of `labctl.commands.progress`."""
 
 

@@ -166,6 +166,24 @@ def test_where_standard_error_is_a_terminal_it_is_told_in_red(station: Station) 
     assert re.match(r"\a\x1b\[1;31mlabctl: the run ended without .* the laser may still emit.*\x1b\[0m", told)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a terminal")
+def test_a_terminal_that_is_held_keeps_nobody_from_trying(station: Station) -> None:
+    import termios
+
+    nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
+    ours, held = os.openpty()
+    termios.tcflow(held, termios.TCOOFF)
+    with subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=held) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(orders(station.model_copy(update={"laser": nobody})).read())
+        process.stdin.close()
+        assert (process.stdout.readline(), process.stdout.readline()) == (READY, TRYING)
+        process.kill()
+    os.close(held)
+    os.close(ours)
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that takes nothing")
 def test_a_parent_that_cannot_be_told_anything_keeps_nobody_from_trying(station: Station) -> None:
     """Whatever the system calls a pipe that nobody reads: Windows calls it an invalid argument."""

@@ -4,10 +4,11 @@ import io
 
 import pytest
 from rich.console import Console
+from rich.progress import Progress
 
 from instruments.safe_state import UnsafeBench
 from labctl.commands import progress
-from labctl.commands.progress import progress_bar
+from labctl.commands.progress import COLUMNS, ProgressLine, progress_bar
 
 
 @pytest.fixture
@@ -19,12 +20,13 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
 
 
 def test_the_line_says_what_is_uploaded_and_then_goes_on(terminal: io.StringIO) -> None:
-    with progress_bar("image-readout") as line:
+    with Progress(*COLUMNS, console=progress.errors, auto_refresh=False) as bar:
+        line = ProgressLine(bar, "image-readout", print)
         line.uploading("DMD patterns", 250, 1000)
-        line.refresh()
+        line.draw()
         line.uploading("DMD patterns", 1000, 1000)
         line.progress(7, 88)
-        line.refresh()
+        line.draw()
     seen = terminal.getvalue()
     upload, measuring = seen.index("uploading DMD patterns"), seen.index("7/88")
     assert "250/1000" in seen[upload:measuring]
@@ -38,7 +40,6 @@ def test_nothing_where_nobody_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
     with progress_bar("image-readout") as line:
         line.uploading("waveform", 1, 2)
         line.progress(1, 2)
-        line.refresh()
     assert not seen.getvalue()
 
 
