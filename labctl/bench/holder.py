@@ -25,6 +25,12 @@ OVER_TCP = re.compile(
     r"tcpip\d*::(?P<host>[^:]+)(?:::(?P<port>\d+)::socket|(?:::(?!instr$)(?P<device>[^:]+))?(?:::instr)?)",
     re.IGNORECASE,
 )
+SERIAL_PORT = re.compile(r"asrl(?P<path>/.+?)(?:::instr)?", re.IGNORECASE)
+NUMBER = re.compile(r"0x[0-9a-f]+|\d+", re.IGNORECASE)
+HISLIP = re.compile(r"(hislip\d+),4880")
+"""The port that it has by itself."""
+USB_SERIAL_NUMBER = 3
+"""Its place in an address: the only part that is a name, also where it looks like a number."""
 
 
 class Holder(BaseModel):
@@ -101,14 +107,23 @@ def place_of(address: str) -> str:
         True
     """
     if (found := OVER_TCP.fullmatch(address)) is not None:
-        return f"{_numeric(found['host'])} {found['port'] or found['device'] or 'inst0'}".casefold()
+        at = HISLIP.sub(r"\1", _plain(found["port"] or found["device"] or "inst0").casefold())
+        return f"{_numeric(found['host']).casefold()} {at}"
+    if (found := SERIAL_PORT.fullmatch(address)) is not None:
+        return f"asrl{os.path.realpath(found['path'])}"
 
     from pyvisa import rname  # takes longer than all else that a refusal needs
 
     try:
-        return str(rname.ResourceName.from_string(address.upper())).casefold()
+        parts = str(rname.ResourceName.from_string(address.upper())).casefold().split("::")
     except rname.InvalidResourceName:
         return address.casefold()
+    return "::".join(part if place == USB_SERIAL_NUMBER else _plain(part) for place, part in enumerate(parts))
+
+
+def _plain(text: str) -> str:
+    """With every number as a decimal one, without zeros in front."""
+    return NUMBER.sub(lambda found: str(int(found[0], 16 if found[0][1:2] in "xX" else 10)), text)
 
 
 def _numeric(host: str) -> str:
@@ -117,7 +132,7 @@ def _numeric(host: str) -> str:
         found = {str(one[4][0]) for one in socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)}
     except OSError:  # nobody has this name
         return host
-    return (LOOPBACK if found & {"127.0.0.1", "::1"} else min(found)) + comma + port
+    return (LOOPBACK if found & {"127.0.0.1", "::1"} else min(found)) + comma + _plain(port)
 
 
 def _how_far(run: Path) -> str:

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from instruments.bench import Observer
-from instruments.sections import SIMULATED
+from instruments.sections import SIMULATED, USB, InstrumentSection
 from instruments.values import Identity
 from labctl.bench.holder import LOOPBACK, Holder, holder, is_in_use, latest_holder, place_of, refuse_in_use
 from labctl.bench.lock_file import LockFile
@@ -136,7 +136,12 @@ def _addresses(wire: Wire, *stations: Station) -> Iterator[tuple[str, str]]:
         by_hand = station.by_hand
         for name, address in station.addresses.items():
             if address != SIMULATED and name not in by_hand:
-                yield name, address
+                yield name, address if address != USB else _behind_usb(station.section_of(name))
+
+
+def _behind_usb(section: InstrumentSection) -> str:
+    """Which device of a vendor's USB library, that has one address for all of them."""
+    return f"{USB} {section.driver} {getattr(section, 'serial_number', None) or ''}"
 
 
 def _user() -> str:

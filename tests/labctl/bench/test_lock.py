@@ -23,6 +23,13 @@ from labctl.errors import BenchInUse
         ("TCPIP::192.0.2.1::hislip0", "tcpip0::192.0.2.1::HISLIP0::instr"),
         ("USB::0x0699::0x0503::B019::INSTR", "USB0::0x0699::0x0503::B019::0::INSTR"),
         ("TCPIP0::127.0.0.1,5000::inst0::INSTR", "TCPIP0::localhost,5000::inst0::INSTR"),
+        ("TCPIP::192.0.2.1::5025::SOCKET", "TCPIP::192.0.2.1::05025::SOCKET"),
+        ("TCPIP::192.0.2.1::hislip0::INSTR", "TCPIP::192.0.2.1::hislip0,4880::INSTR"),
+        ("TCPIP::192.0.2.1,5000::inst0::INSTR", "TCPIP::192.0.2.1,05000::INSTR"),
+        ("TCPIP::192.0.2.1::gpib0,5::INSTR", "TCPIP::192.0.2.1::gpib0,05::INSTR"),
+        ("USB::0x0699::0x0503::B019::INSTR", "USB::1689::0x503::B019::INSTR"),
+        ("GPIB0::5::INSTR", "GPIB::05"),
+        ("ASRL/dev/ttyUSB0::INSTR", "asrl/dev/../dev/ttyUSB0"),
         ("usb", "USB"),
     ],
 )
@@ -38,11 +45,31 @@ def test_one_place_under_two_names(one: str, other: str) -> None:
         ("TCPIP0::127.0.0.1,5000::inst0::INSTR", "TCPIP0::127.0.0.1,5001::inst0::INSTR"),
         ("TCPIP::192.0.2.1::hislip0::INSTR", "TCPIP::192.0.2.1::INSTR"),
         ("TCPIP::192.0.2.1::4000::SOCKET", "TCPIP::192.0.2.1::INSTR"),
+        ("TCPIP::192.0.2.1::hislip0::INSTR", "TCPIP::192.0.2.1::hislip0,4881::INSTR"),
+        ("USB::0x0699::0x0503::10::INSTR", "USB::0x0699::0x0503::010::INSTR"),
         ("ASRL1::INSTR", "ASRL2::INSTR"),
+        ("ASRL/dev/ttyUSB0::INSTR", "ASRL/dev/ttyusb0::INSTR"),
     ],
 )
 def test_two_places(one: str, other: str) -> None:
     assert place_of(one) != place_of(other)
+
+
+def test_a_serial_port_under_another_name(tmp_path: Path) -> None:
+    port, link = tmp_path / "ttyUSB0", tmp_path / "usb-FTDI:0-port0"
+    link.symlink_to(port)
+    assert place_of(f"ASRL{link}::INSTR") == place_of(f"ASRL{port}::INSTR")
+
+
+def test_two_devices_behind_one_usb_library() -> None:
+    one, other, another = (
+        Station.model_validate({"dmd": {"address": "usb", **device}, "laser": {"armed": False}})
+        for device in ({"serial_number": 1}, {"serial_number": 2}, {"driver": "ti-dlpc900"})
+    )
+    with held(one, "labctl align"), held(other, "labctl align"), held(another, "labctl align"):
+        for station in (one, other, another):
+            with pytest.raises(BenchInUse, match=r"^dmd is in use: labctl align"), held(station, "labctl check"):
+                pass
 
 
 def test_a_lock_goes_from_one_to_the_next_and_leaves_no_file() -> None:
