@@ -3,6 +3,7 @@
 The system lets go of it when the last process that has it open ends, however that ends.
 """
 
+import errno
 import os
 import re
 import stat
@@ -12,11 +13,15 @@ from hashlib import sha256
 from io import FileIO
 from pathlib import Path
 
+from instruments.remedies import remedy
 from labctl.errors import BenchInUse
 from labctl.runs.format.file_lock import lock
 
 PLACES = (Path("/run/lock"), Path("/tmp"))  # noqa: S108  # for all users, who cannot remove each other's files there
 LONGEST_NOTE = 1 << 12
+KEPT_FROM_US = (errno.EACCES, errno.EPERM, errno.ELOOP)
+"""By another user: no other place would do, as it would for files of one's own."""
+SOMEBODYS = "remove it, or ask whose it is"
 
 
 class LockFile:
@@ -75,9 +80,8 @@ class LockFile:
         try:
             return _there(self._path)
         except OSError as error:
-            raise BenchInUse(
-                f"{self._path}: cannot be locked ({error.strerror}): remove it, or ask whose it is"
-            ) from None
+            advice = SOMEBODYS if error.errno in KEPT_FROM_US else remedy(error, SOMEBODYS)
+            raise BenchInUse(f"{self._path}: cannot be locked ({error.strerror}): {advice}") from None
 
 
 def _locked(file: FileIO) -> bool:

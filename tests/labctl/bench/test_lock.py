@@ -1,6 +1,7 @@
 """Where an address leads, and who holds what is there."""
 
 import os
+import resource
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -84,6 +85,23 @@ def test_a_lock_goes_from_one_to_the_next_and_leaves_no_file() -> None:
     assert path.exists()
     second.close()
     assert not path.exists()
+
+
+def test_what_can_be_done_about_a_lock_that_is_not_to_be_had(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        with pytest.raises(BenchInUse) as refused:
+            LockFile("a test of locks")
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert str(refused.value).endswith("(Too many open files): a process may open more files after 'ulimit -n 1024'")
+    monkeypatch.setattr(lock_file, "_folder", lambda: tmp_path)
+    lock = LockFile("somebody's")
+    lock.close()
+    lock._path.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(BenchInUse, match=r"cannot be locked \(.*\): remove it, or ask whose it is$"):
+        LockFile("somebody's")
 
 
 def test_on_windows_it_is_closed_before_it_is_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
