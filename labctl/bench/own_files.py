@@ -4,6 +4,7 @@ Kept in the user's state folder (on Linux below XDG_STATE_HOME): a digest of pat
 """
 
 import hashlib
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -56,4 +57,4 @@ def _digest(path: Path, content: bytes | None = None) -> str:
             raise FileNotFoundError(path)
         with path.open("rb") as file:
             content = file.read(LARGEST_FILE)
-    return hashlib.sha256(str(path.resolve()).encode() + b"\0" + content).hexdigest()
+    return hashlib.sha256(os.fsencode(path.resolve()) + b"\0" + content).hexdigest()

@@ -278,6 +278,10 @@ def read_station(path: Path | None) -> Station:
     if path is None:
         return SIMULATED_STATION
     try:
+        str(path).encode()
+    except UnicodeEncodeError:  # a manifest could not name it
+        raise StationError(f"{path}: this name is not UTF-8: rename that file or folder") from None
+    try:
         return Station.model_validate(
             read_toml(path) | {"source": str(path)}, context={FOLDER: path.parent, WITH_UNITS: True}
         )

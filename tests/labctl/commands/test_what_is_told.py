@@ -69,6 +69,20 @@ def test_what_an_encoding_lacks_is_escaped(tmp_path: Path) -> None:
     assert b"Traceback" not in done.stderr
 
 
+def test_a_station_whose_path_is_not_utf_8_is_refused_and_one_beside_it_is_used_by_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / os.fsdecode(b"b\xe9nk")
+    folder.mkdir()
+    (folder / "bench.toml").write_text("[wiring]\nburst = true\n", encoding="utf-8")
+    for words in (("check",), SMALL):
+        status, _, told = labctl(capsys, *words, "--station", folder / "bench.toml")
+        assert (status, told.count("\n")) == (2, 1)
+        assert told.endswith("b\\udce9nk/bench.toml: this name is not UTF-8: rename that file or folder\n")
+    monkeypatch.chdir(folder)
+    assert as_json(capsys, *SMALL, "--station", "bench.toml", "--out", tmp_path / "run")[1]["complete"]
+
+
 def test_debug_adds_the_traceback_and_changes_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:
     plain = labctl(capsys, "check", "--station", "nowhere.toml", "--json")
     status, out, told = labctl(capsys, "check", "--station", "nowhere.toml", "--json", "--debug")
