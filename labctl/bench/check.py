@@ -69,7 +69,7 @@ def check_bench(
     Raises:
         StationError: the station is wrong.
         OutOfRange: a level above its limit.
-        BenchInUse: another process has an instrument; nothing was sent to any.
+        BenchInUse: another process has an instrument; nothing was sent to it but the question who it is.
     """
     allowed = {
         "laser": {"laser.power": Range(0.0, station.limits.optical_power, "W")},
@@ -89,8 +89,10 @@ def check_bench(
             try:
                 if isinstance(instrument, InstrumentError):
                     raise instrument
-                _ask(station, name, instrument, findings[name])
-                hold.identified(name, findings[name].identity)
+                findings[name].identity = asked(station, name, instrument)
+                hold.identified(name, findings[name].identity)  # before a run's errors are taken out of its queue
+                require_known(station, name, findings[name].identity)
+                _examine(instrument, findings[name])
                 _test(name, instrument, findings[name], patience_s, begins)
                 _require_no_errors(name, findings[name])
             except InstrumentError as error:
@@ -98,9 +100,7 @@ def check_bench(
     return findings
 
 
-def _ask(station: Station, name: str, instrument: Instrument, finding: Finding) -> None:
-    finding.identity = asked(station, name, instrument)
-    require_known(station, name, finding.identity)
+def _examine(instrument: Instrument, finding: Finding) -> None:
     finding.examination = instrument.examine()
     if isinstance(instrument, TunableLaser) and instrument.switches_itself:
         finding.emits = _emits(instrument)

@@ -6,7 +6,7 @@ import re
 import signal
 import socket
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -228,26 +228,51 @@ def test_points_of_a_sweep_have_the_frames_of_runs_of_their_own(
     assert len(found) == 4
 
 
-@pytest.mark.parametrize("task", ["resume", "reproduce"])
-def test_the_light_of_who_has_the_bench_by_another_address_stays_on(task: str, tmp_path: Path) -> None:
+@contextmanager
+def known_by_serial_number(folder: Path) -> Iterator[tuple[Path, Callable[[str], str]]]:
+    """A station of instruments of which somebody holds the laser, at another address; and what asks that laser."""
     with SimulatedBench(host="127.0.0.2") as simulation:  # no other name of this machine's own
-        one, other = (tmp_path / f"{transport}.toml" for transport in ("socket", "hislip"))
+        one, other = (folder / f"{transport}.toml" for transport in ("socket", "hislip"))
         for file in (one, other):
             write_addresses(file, {name: found[file.stem] for name, found in simulation.resources.items()})
-        words = {"resume": (cut(other, tmp_path / "run"),), "reproduce": ("fig2", "--quick", "--out", tmp_path / "out")}
         _, host, port, _ = simulation.resources["laser"]["socket"].split("::")
         with (
-            held(read_station(one), "a run of image-readout") as first,
             socket.create_connection((host, int(port)), timeout=20) as laser,
-            laser.makefile("rb") as lines,
+            laser.makefile("r") as lines,
+            ExitStack() as stack,
         ):
-            laser.sendall(b"*IDN?\n")
-            first.identified("laser", Identity.parse(lines.readline().decode()))
-            laser.sendall(b"POWER 16.0\nOUTPUT ON\n")
-            status, refused, _ = answer(task, *words[task], "--station", other, "--json")
-            laser.sendall(b"OUTPUT?\n")
-            assert lines.readline().strip() == b"1"
-    assert (status, refused["error"].partition(", process")[0]) == (1, "laser is in use: a run of image-readout")
+
+            def ask(words: str) -> str:
+                laser.sendall(f"{words}\n".encode())
+                return lines.readline().strip()
+
+            cut(other, folder / "run")
+            first = stack.enter_context(held(read_station(one), "a run of image-readout"))
+            first.identified("laser", Identity.parse(ask("*IDN?")))
+            yield other, ask
+
+
+def refused(told: tuple[int, dict[str, Any], str]) -> bool:
+    status, found, _ = told
+    return (status, found["error"].partition(", process")[0]) == (1, "laser is in use: a run of image-readout")
+
+
+@pytest.mark.parametrize("words", [("resume", "run"), ("reproduce", "fig2", "--quick", "--out", "out")])
+def test_the_light_of_who_has_the_bench_by_another_address_stays_on(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with known_by_serial_number(tmp_path) as (station, ask):
+        assert ask("POWER 16.0\nOUTPUT ON\nOUTPUT?") == "1"
+        assert refused(answer(*words, "--station", station, "--json"))
+        assert ask("OUTPUT?") == "1"
+
+
+def test_a_check_leaves_the_errors_of_who_has_the_bench_by_another_address(tmp_path: Path) -> None:
+    with known_by_serial_number(tmp_path) as (station, ask):
+        ask("NOBODY KNOWS THIS\nOUTPUT?")
+        assert refused(answer("check", "--station", station, "--json"))
+        assert ask("ERROR?").startswith("-113")
 
 
 def cut(station: Path, directory: Path) -> Path:
