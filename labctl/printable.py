@@ -9,6 +9,7 @@ import json
 import logging
 import shlex
 import sys
+from pathlib import Path
 from traceback import format_exception
 from types import TracebackType
 from typing import Any
@@ -38,6 +39,11 @@ def typed(*words: str) -> str:
 
         return list2cmdline(words)
     return shlex.join(words)
+
+
+def typed_path(path: Path) -> str:
+    """A path as it is typed: one that begins with a dash would be an option."""
+    return typed(f"./{path}" if str(path).startswith("-") else str(path))
 
 
 def printable_traceback(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> str:

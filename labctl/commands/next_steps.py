@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from labctl.errors import RunError, UsageError
-from labctl.printable import typed
+from labctl.printable import typed, typed_path
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.read.run import open_run
@@ -31,7 +31,7 @@ def next_command(directory: Path) -> str:
 
 def resume_command(directory: Path, options: str = "") -> str:
     """What to type after a run that ended early, with the options that it was begun with."""
-    return f"labctl resume {typed(str(directory))}{options}"
+    return f"labctl resume {typed_path(directory)}{options}"
 
 
 def options_again(
@@ -117,12 +117,12 @@ def cannot_judge(directory: Path) -> UsageError:
 
 def _judged(directory: Path) -> tuple[str, str]:
     """How a run is judged, and the command that does so or comes first."""
-    where = typed(str(directory))
+    where = typed_path(directory)
     protocol, judgement = protocol_of(directory)
     match judgement:
         case Judgement.READOUT:
             found = RunPaths(directory).readouts
-            judging = f"labctl evaluate {typed(str(found[0]))} {where}" if found else f"labctl train {where}"
+            judging = f"labctl evaluate {typed_path(found[0])} {where}" if found else f"labctl train {where}"
             return "is judged with a readout", judging
         case Judgement.ITSELF:
             return "is judged without a readout", f"labctl evaluate {where}"

@@ -1,6 +1,7 @@
 """The queue: runs and sweeps one after the other, through the night."""
 
 import getpass
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -106,12 +107,14 @@ def _settled(folder: Path) -> Queue:
 
 
 def _out(words: list[str]) -> Path | None:
-    for place, word in enumerate(words):
+    """Where the command of these words goes: of several `--out` it takes the last, and of what is behind `--` none."""
+    found = None
+    for place, word in enumerate(takewhile("--".__ne__, words)):
         if word == "--out" and place + 1 < len(words):
-            return Path(words[place + 1])
-        if word.startswith("--out="):
-            return Path(word.removeprefix("--out="))
-    return None
+            found = Path(words[place + 1])
+        elif word.startswith("--out="):
+            found = Path(word.removeprefix("--out="))
+    return found
 
 
 def _kept(plan: dict[str, Any]) -> dict[str, Any]:

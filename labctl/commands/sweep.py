@@ -20,7 +20,7 @@ from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SideBySideOption, StoreOption, engine_of
 from labctl.errors import UsageError
-from labctl.printable import typed
+from labctl.printable import typed_path
 from labctl.runs.said import Said
 from labctl.runs.sweep import Sweep, read_to_go_on
 from labctl.runs.sweep_axes import Order, parse_axis
@@ -169,7 +169,7 @@ def measure(
                 )
     whole = found.complete == found.runs
     judged = all(point.protocol.judgement is Judgement.READOUT for point in every)
-    look = f"labctl {'evaluate' if judged else 'runs'} {typed(str(directory))}"
+    look = f"labctl {'evaluate' if judged else 'runs'} {typed_path(directory)}"
     result = {
         "sweep": str(directory),
         "runs": found.runs,

@@ -101,7 +101,7 @@ class Queue:
             (last,) = database.execute("SELECT coalesce(max(place), 0) FROM item").fetchone()
             if directory is None:
                 directory = self._new_directory(database)
-                words = [*words, "--out", str(directory)]
+                words = [words[0], "--out", str(directory), *words[1:]]  # behind a -- it would be no option
             values = (json.dumps(list(words)), str(directory), json.dumps(dict(plan)), os.getcwd(), State.WAITING)
             number = database.execute(
                 f"INSERT INTO item (place, {_COLUMNS}) VALUES (?, NULL, ?, ?, ?, ?, ?, ?, ?, '', '', '')",  # noqa: S608 -- constants

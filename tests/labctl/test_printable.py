@@ -3,11 +3,12 @@
 import json
 import logging
 import sys
+from pathlib import Path
 
 import pytest
 
 from labctl.commands.main import main
-from labctl.printable import PrintableFormatter, json_line, printable, typed
+from labctl.printable import PrintableFormatter, json_line, printable, typed, typed_path
 
 OBEYED = "\x1b[2J\x07\x9b31m\x7f\u202e\u2066\u200f\ud800\r\n\t"
 
@@ -29,6 +30,10 @@ def test_what_is_to_be_typed_has_the_quotes_of_the_system(monkeypatch: pytest.Mo
     assert typed(*words) == r"resume 'runs\a b' 'C:\runs\c'"
     monkeypatch.setattr(sys, "platform", "win32")
     assert typed(*words) == r'resume "runs\a b" C:\runs\c'
+
+
+def test_a_path_that_is_to_be_typed_is_no_option() -> None:
+    assert [typed_path(Path(path)) for path in ("-dash", "a/-b", "/-b")] == ["./-dash", "a/-b", "/-b"]
 
 
 def test_a_log_line_is_one_line_of_text() -> None:

@@ -55,7 +55,7 @@ def test_items_are_added_moved_and_removed(tmp_path: Path) -> None:
         assert queue(tmp_path, "add", "run", "image-readout", "--set", f"images={images}")[0] == 0
     status, found = queue(tmp_path, "move", 3, "--to", 1)
     assert (status, [item["number"] for item in found["items"]]) == (0, [3, 1, 2])
-    assert found["items"][0]["words"][-2:] == ["--out", str(tmp_path / "queue-0003")]
+    assert found["items"][0]["words"][:3] == ["run", "--out", str(tmp_path / "queue-0003")]
     assert found["items"][0]["plan"]["shots"] == 54
     assert [item["number"] for item in queue(tmp_path, "remove", 1)[1]["items"]] == [3, 2]
     assert queue(tmp_path, "remove", 7)[1]["error"] == "item 7: there is none: see 'labctl queue list'"
@@ -184,6 +184,20 @@ def test_paths_count_from_where_the_item_was_added(tmp_path: Path, monkeypatch: 
     assert not list(elsewhere.iterdir())
 
 
+def test_a_file_whose_name_begins_with_a_dash_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    over = '[over]\npower = ["10 mW"]\n'
+    settings = '[settings]\nimages = 4\nports = "2"\nwindow = "0.4 ns"\n'
+    Path("-s.toml").write_text(f'protocol = "image-readout"\nreference_every = 0\n{settings}{over}', encoding="utf-8")
+    assert queue(tmp_path, "add", "sweep", "--", "-s.toml")[0] == 0
+    assert queue(tmp_path, "start") == (0, {"done": 1, "failed": 0, "waiting": 0})
+
+
+def test_the_last_place_that_is_named_is_where_an_item_goes(tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "one", f"--out={tmp_path / 'other'}")
+    assert queue(tmp_path, "add", *SMALL, *out)[1]["directory"] == str(tmp_path / "other")
+
+
 def test_a_queue_of_an_earlier_version_goes_on(tmp_path: Path) -> None:
     put(tmp_path, SMALL, tmp_path / "run")
     with closing(sqlite3.connect(tmp_path / "queue.sqlite")) as database, database:
@@ -233,7 +247,7 @@ def test_what_others_measured_is_not_taken_for_an_item_s_own(tmp_path: Path) -> 
 
 def test_an_item_without_a_place_gets_one_that_nobody_has_had(tmp_path: Path) -> None:
     def added() -> str:
-        return Queue(tmp_path).add(SMALL, None, {}, "ada").words[-1]
+        return Queue(tmp_path).add(SMALL, None, {}, "ada").words[2]
 
     assert [added(), added()] == [str(tmp_path / name) for name in ("queue-0001", "queue-0002")]
     (tmp_path / "queue-0001").mkdir()

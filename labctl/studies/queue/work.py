@@ -62,7 +62,7 @@ def forecast(words: Sequence[str]) -> dict[str, Any]:
         raise UsageError("a queue takes runs and sweeps: 'labctl queue add run image-readout --set images=400'")
     if asked := next((word for word in words if word in NO_MEASUREMENT), None):
         raise UsageError(f"{asked}: nothing would be measured: leave it out")
-    command = _command([words[0], "--dry-run", "--json", *words[1:]])  # in front, where no option takes it for its own
+    command = _command([words[0], "--dry-run", "--json", *words[1:]])  # in front, where nothing takes it for its own
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)  # noqa: S603
     found = _said(done.stdout)
     if done.returncode:
@@ -149,7 +149,7 @@ def _carried_out(item: Item, queue: Queue, inherited: LockFile) -> tuple[int, st
     words = ["resume", str(item.directory), *_kept(item.words)] if begun else item.words
     try:
         process = subprocess.Popen(  # noqa: S603 -- labctl itself
-            _command([*words, "--json"]),
+            _command([words[0], "--json", *words[1:]]),
             stdout=subprocess.PIPE,
             stdin=subprocess.DEVNULL,
             text=True,

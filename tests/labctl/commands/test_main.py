@@ -47,6 +47,15 @@ def groups_of(directory: Path) -> list[int]:
         return [int(group) for group in opened.shots["group"][opened.shots["kind"] == "image"]]
 
 
+def test_the_command_that_leads_on_from_a_folder_with_a_dash_can_be_typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _, out, _ = labctl(capsys, "run", "image-readout", "--set", "images=4", "--set", "window=0.4 ns", "--out=-dash")
+    assert "labctl train ./-dash" in out
+    assert labctl(capsys, "show", "./-dash")[0] == 0
+
+
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = labctl(capsys, "--help")
     assert status == 0
