@@ -331,21 +331,16 @@ class AcquisitionSystem(Oscilloscope):
         sampled, deskews = plan.sampled, [vertical.deskew_s for vertical in plan.verticals]
         step = max(1, SAMPLES_AT_ONCE // max(1, len(deskews) * sampled.samples))
         for first in range(0, times.size if deskews else 0, step):
-            some = times[first : first + step]
-            if not any(deskews):
-                record = self.world.record(sampled, some, setting=plan.verticals_key)
-                yield self._codes(sampled, record, plan.verticals), record.trigger_offset_s
-                continue
-            codes, offsets = self._no_codes(len(deskews), some.size, sampled.samples), np.zeros(some.size)
-            for deskew in dict.fromkeys(deskews):  # channels that are sampled at different times need a record each
+            last = max(deskews)
+            whole = _later(sampled, last)
+            record = self.world.record(whole, times[first : first + step], setting=plan.verticals_key)
+            codes = self._codes(whole, record, plan.verticals)
+            for deskew in set(deskews) - {last}:  # channels that are sampled at other times, behind the same triggers
                 rows = [row for row, own in enumerate(deskews) if own == deskew]
-                part = replace(
-                    sampled, channels=tuple(sampled.channels[row] for row in rows), start_s=sampled.start_s + deskew
-                )
-                record = self.world.record(part, some, setting=plan.verticals_key)
-                codes[rows] = self._codes(part, record, [plan.verticals[row] for row in rows])
-                offsets = record.trigger_offset_s
-            yield codes, offsets
+                part, keys = _later(sampled, deskew), tuple(derived(record.keys, "deskew", deskew))
+                other = replace(record, volts=record.further(part)[:, rows], keys=keys)
+                codes[rows] = self._codes(part, other, [plan.verticals[row] for row in rows])
+            yield codes, record.trigger_offset_s
 
     def _codes(self, acquisition: Acquisition, record: Record, verticals: Sequence[Vertical]) -> Codes:
         """Codes (channels, triggers, samples)."""
@@ -358,9 +353,6 @@ class AcquisitionSystem(Oscilloscope):
         codes = self.world.receivers.digitised(record.keys, seen, front_ends, self._digitiser_noise, self.BITS)
         self.world.physics_seconds += perf_counter() - began
         return codes
-
-    def _no_codes(self, *shape: int) -> Codes:
-        return np.empty(shape, np.int8) if self.BITS == 8 else np.empty(shape, np.int16)
 
     # --- handing over
 
@@ -454,6 +446,10 @@ class AcquisitionSystem(Oscilloscope):
         self._traces, self._shown = {}, None
         self._sent_new = True
         self._acquisitions = self._frames_acquired = 0
+
+
+def _later(acquisition: Acquisition, seconds: float) -> Acquisition:
+    return replace(acquisition, start_s=acquisition.start_s + seconds) if seconds else acquisition
 
 
 @lru_cache(maxsize=16)
