@@ -164,10 +164,9 @@ def _features(frames: NDArray[Any], ports: int) -> NDArray[Any]:
 def _by_speaker(right: NDArray[np.float64], speakers: NDArray[np.int64]) -> NDArray[np.float64]:
     """Accuracy on each speaker's windows, from that on each window: NaN stands for what was not tested in either."""
     _, place = np.unique(speakers, return_inverse=True)
-    tested = np.bincount(place, ~np.isnan(right))
-    return np.divide(
-        np.bincount(place, np.nan_to_num(right)), tested, out=np.full(tested.size, np.nan), where=tested > 0
-    )
+    recognised, tested = np.bincount(place, np.nan_to_num(right)), np.bincount(place, ~np.isnan(right))
+    shares: NDArray[np.float64] = np.full(tested.size, np.nan)
+    return np.divide(recognised, tested, out=shares, where=tested > 0)
 
 
 def _over_benches_and_speakers(
