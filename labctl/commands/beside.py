@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from queue import Empty, SimpleQueue
-from typing import IO, cast
+from typing import IO, TextIO, cast
 
 from rich.console import Console
 from rich.text import Text
@@ -54,8 +54,8 @@ class _PastTheBuffer:
             return nullcontext(self._stream)
 
     @property
-    def _stream(self) -> IO[str]:
-        return cast(IO[str], getattr(sys, self._name))
+    def _stream(self) -> TextIO:
+        return cast(TextIO, getattr(sys, self._name))
 
 
 def past_the_buffer(name: str) -> IO[str]:

@@ -200,6 +200,16 @@ class Hands:
         if self._bench.lit:
             self._bench.require_unchanged()
 
+    def require_supervision(self) -> None:
+        """Nothing but that the supervisor is there while there is light; `capture` requires it too.
+
+        Raises:
+            UnsafeBench: it has ended, or its copy; the bench is dark.
+        """
+        if self._bench.lit:
+            with failing_with(self.dark):
+                self._bench.observer.while_lit()
+
     @property
     def drive(self) -> bool:
         """Whether the drive plays while there is light. Without it the oscilloscope has no trigger."""

@@ -37,7 +37,7 @@ from labctl.runs.live.sight import LIVE, RECENT, SIGHT, Sight, Wishes, wishes_in
 
 TASK = "labctl live"
 COMPARED_EVERY = 50
-"""Looks after which settings and powers are compared."""
+"""Looks after which settings and powers are compared; with the drive off, after so many times `IDLE_S`."""
 WIDENED_AFTER = 3
 """Looks one after the other that touch the end of a range before the vertical ranges are found anew."""
 IDLE_S = 0.1
@@ -163,18 +163,21 @@ class _Looking:
     def until(self, end: float | None) -> None:
         """Look until the end, or until somebody wants it, or nobody looks any more."""
         due = began = self._began = time.monotonic()
+        turns = 0
         while not self._over(end):
             if self.control.paused:
                 self._rest(end)
                 continue
             self._heed(wishes_in(self.directory))
+            turns += 1
+            if turns % COMPARED_EVERY == 0:
+                self._compare()
             if not self.hands.drive:
+                self.hands.require_supervision()
                 self.control.interruption.wait(IDLE_S)
                 continue
             traces = self.hands.capture(window=self.view.window_s, ports=self.view.ports, averages=self.view.averages)
             self._see(traces, (self._looks + 1) / max(time.monotonic() - began, 1e-9))
-            if self._looks % COMPARED_EVERY == 0:
-                self._compare()
             due = max(due + 1 / self.view.rate_hz, time.monotonic())
             while (left := due - time.monotonic()) > 0 and not self._over(end):
                 self.control.interruption.wait(min(left, IDLE_S))

@@ -7,6 +7,7 @@ import pty
 import re
 import resource
 import signal
+import socket
 import subprocess
 import termios
 from collections.abc import Callable, Iterator
@@ -208,6 +209,35 @@ def test_it_is_told_from_elsewhere(station: Path, tmp_path: Path, emitting: Call
         until(lambda: seen(directory).looks > looks)
         process.send_signal(signal.SIGTERM)
         assert process.wait(PATIENCE_S) == 130
+    assert not emitting()
+
+
+@pytest.mark.usefixtures("started_anew")
+def test_one_whose_supervisor_is_killed_ends_dark_also_with_the_drive_off(
+    station: Path, tmp_path: Path, emitting: Callable[[], bool]
+) -> None:
+    with viewing(station, tmp_path) as (process, directory):
+        ask_for(directory, Wishes(drive=False))
+        until(lambda: EventReader(directory / "events.jsonl").read()[-1].fields == {"on": False})
+        assert emitting()
+        supervisor = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0]
+        os.kill(int(supervisor), signal.SIGKILL)
+        assert process.wait(PATIENCE_S) == 1
+    assert not emitting()
+
+
+def test_powers_are_compared_with_the_limit_also_with_the_drive_off(
+    station: Path, tmp_path: Path, emitting: Callable[[], bool], served: tuple[dict[str, Any], Path]
+) -> None:
+    with viewing(station, tmp_path) as (process, directory):
+        ask_for(directory, Wishes(drive=False))
+        until(lambda: EventReader(directory / "events.jsonl").read()[-1].fields == {"on": False})
+        assert emitting()
+        _, host, port, _ = served[0]["laser"]["socket"].split("::")
+        with socket.create_connection((host, int(port))) as link:
+            link.sendall(b"POWER 15\nPOWER?\n")
+            assert float(link.recv(64)) == 15
+        assert process.wait(PATIENCE_S) == 1
     assert not emitting()
 
 
