@@ -32,9 +32,11 @@ class LinkError(InstrumentError):
 
     Attributes:
         silent: nothing at all came over a link that had just been opened: another new one would be of no use.
+        resource: the VISA address that was spoken to; empty for what is at none.
     """
 
     silent: bool = False
+    resource: str = ""
 
 
 class InstrumentInUse(InstrumentError):

@@ -277,6 +277,7 @@ class VisaLink:
                 f"{self.name} at {self.resource} {what} (at {command.split(',')[0]!r}): check address, cable and power"
             )
             failure.silent = late and unheard
+            failure.resource = self.resource
             raise failure from error
         except BaseException:
             # Ctrl-C between a question and its answer, or a block that nobody wants: a session kept open would be one

@@ -89,7 +89,7 @@ def check_bench(
             try:
                 if isinstance(instrument, InstrumentError):
                     raise instrument
-                findings[name].identity = asked(station, name, instrument)
+                findings[name].identity = asked(instrument)
                 hold.identified(name, findings[name].identity)  # before a run's errors are taken out of its queue
                 require_known(station, name, findings[name].identity)
                 _examine(instrument, findings[name])

@@ -19,7 +19,7 @@ def identified(station: Station, name: str, instrument: Instrument) -> Identity:
     Raises:
         InstrumentError: it does not answer, or is another instrument than its driver is for.
     """
-    identity = asked(station, name, instrument)
+    identity = asked(instrument)
     require_known(station, name, identity)
     return identity
 
@@ -59,16 +59,18 @@ def who_they_are(station: Station, bench: Bench) -> dict[str, Identity]:
     return found
 
 
-def asked(station: Station, name: str, instrument: Instrument) -> Identity:
+def asked(instrument: Instrument) -> Identity:
     """Who is at the address of `instrument`: one that its driver is not for may not hear where its messages end.
+
+    That is where it was spoken to: under a replay, not the address that the station has.
 
     Raises:
         LinkError: nobody answers.
     """
     try:
         return instrument.identify()
-    except NoAnswer:
-        for answer in answers_at([station.section_of(name).address]):
+    except NoAnswer as error:
+        for answer in answers_at([error.resource]):
             return answer.identity
         raise
 

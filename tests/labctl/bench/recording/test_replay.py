@@ -27,6 +27,8 @@ from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import SIMULATED_STATION, SimSection, Station, read_station, write_addresses
 from labctl.errors import StationError
 from sim_backends.bench import SimulatedBench
+from sim_backends.faults.bench import Befalling, FaultyBench
+from sim_backends.faults.catalogue import WIRE, Moment
 from sim_backends.virtual.attenuator.instrument import VirtualAttenuator
 from tests.checkout import ROOT
 from tests.command_line import LABCTL, labctl
@@ -395,6 +397,25 @@ def test_a_replay_speaks_to_no_instrument_that_was_not_recorded(
     for status, _, err in told:
         assert status == 2
         assert "six.toml: attenuator is not in the recording, so a replay would speak to the real one: " in err
+
+
+def test_who_is_silent_in_a_recording_is_not_asked_at_the_address_of_the_station(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, silent = tmp_path / "bench.toml", Befalling("awg", WIRE["dead"], Moment("*IDN?"))
+    with FaultyBench([silent]) as bench:
+        write_addresses(file, {name: found["socket"] for name, found in bench.resources.items()})
+        text = file.read_text("utf-8").replace("[awg]\n", "[awg]\ntimeout = '0.3 s'\n")
+        file.write_text(text, "utf-8")
+        labctl(capsys, "record", tmp_path / "a.rec", "--", "check", "--station", file)
+    with socket.create_server(("127.0.0.1", 0)) as real:
+        port = bench.resources["awg"]["socket"].split("::")[2]
+        file.write_text(text.replace(port, str(real.getsockname()[1])), "utf-8")
+        _, out, _ = labctl(capsys, "replay", tmp_path / "a.rec", "--", "check", "--station", file)
+        assert "did not answer in time (at '*IDN?')" in out
+        real.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            real.accept()
 
 
 def test_a_child_process_learns_of_the_wire_by_its_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
