@@ -52,9 +52,10 @@ class Traces:
 class HandLaser:
     """The laser of a bench in one's hands."""
 
-    def __init__(self, bench: Bench, wavelength_nm: float) -> None:
-        """Nothing is sent yet."""
+    def __init__(self, bench: Bench, wavelength_nm: float, dark: Callable[[], None]) -> None:
+        """Nothing is sent yet. `dark` makes the bench safe where the laser fails."""
         self._bench = bench
+        self._dark = dark
         self.wavelength_nm = wavelength_nm
 
     @property
@@ -64,6 +65,7 @@ class HandLaser:
         Raises:
             ValueError: the text is no power.
             OutOfRange: above the limit of the station, or outside the laser's range; nothing was sent then.
+            InstrumentError: the laser failed, or gives more than the limit; the bench is dark.
         """
         return self._bench.levels.optical_power_w
 
@@ -73,9 +75,10 @@ class HandLaser:
         levels = replace(self._bench.levels, optical_power_w=power_w)
         self._bench.limits.check_levels(levels, self._bench.source)
         if self._bench.lit:
-            settled_w = self._bench.laser.set_power(power_w)
-            self._bench.observer.event("power set", power_w=settled_w)
-            self._bench.limits.check_power(settled_w)
+            with failing_with(self._dark):
+                settled_w = self._bench.laser.set_power(power_w)
+                self._bench.observer.event("power set", power_w=settled_w)
+                self._bench.limits.check_power(settled_w)
         self._bench.levels = levels
 
     @property
@@ -84,14 +87,16 @@ class HandLaser:
 
         Raises:
             ValueError: the text is no wavelength.
-            OutOfRange: outside the tuning range.
+            OutOfRange: outside the tuning range; the bench is dark.
+            InstrumentError: the laser, or what is behind it, failed; the bench is dark.
         """
         return self.wavelength_nm
 
     @wavelength.setter
     def wavelength(self, wavelength: float | str) -> None:
         wavelength_nm = quantity(wavelength, "nm") if isinstance(wavelength, str) else float(wavelength)
-        self.wavelength_nm = self._bench.tune(wavelength_nm) if self._bench.lit else wavelength_nm
+        with failing_with(self._dark):
+            self.wavelength_nm = self._bench.tune(wavelength_nm) if self._bench.lit else wavelength_nm
 
 
 class Hands:
@@ -104,7 +109,7 @@ class Hands:
 
     def __init__(self, bench: Bench, *, origin: Origin, wavelength_nm: float, drive_seed: int) -> None:
         """Not for callers: `labctl.bench` opens one."""
-        self.laser = HandLaser(bench, wavelength_nm)
+        self.laser = HandLaser(bench, wavelength_nm, self.dark)
         self.origin = origin
         self._bench = bench
         self._drive = pseudorandom_drive(bench, drive_seed)
@@ -121,6 +126,7 @@ class Hands:
         Raises:
             OutOfRange: it has no two dimensions.
             ProtocolError: it has more pixels than there are mirrors.
+            InstrumentError: the mirrors failed; the bench is dark.
         """
         pixels = np.asarray(image) > 0.5
         if pixels.ndim != 2:
@@ -129,12 +135,18 @@ class Hands:
             Images(pixels[np.newaxis], np.zeros(1, np.int64), np.zeros(1, np.int64)), self._bench.dmd.shape
         )
         self._shown = patterns[Shot(0, ShotKind.IMAGE, 0, 0, 0)]
-        self._show()
+        with failing_with(self.dark):
+            self._show()
 
     def blank(self) -> None:
-        """Turn every mirror away; the light stays on."""
+        """Turn every mirror away; the light stays on.
+
+        Raises:
+            InstrumentError: the mirrors failed; the bench is dark.
+        """
         self._shown = None
-        self._bench.dmd.blank()
+        with failing_with(self.dark):
+            self._bench.dmd.blank()
 
     def capture(self, *, window: float | str = 2e-9, ports: Sequence[int] = (2, 3, 4, 5), averages: int = 1) -> Traces:
         """Traces of some ports, as many as the oscilloscope has channels; switches the light on if it is off.
@@ -212,16 +224,21 @@ class Hands:
 
     @property
     def drive(self) -> bool:
-        """Whether the drive plays while there is light. Without it the oscilloscope has no trigger."""
+        """Whether the drive plays while there is light. Without it the oscilloscope has no trigger.
+
+        Raises:
+            InstrumentError: the AWG failed; the bench is dark.
+        """
         return self._plays
 
     @drive.setter
     def drive(self, plays: bool) -> None:
         if self._bench.lit and plays != self._plays:
-            if plays:
-                self._bench.play_drive()
-            else:
-                self._bench.stop_drive()
+            with failing_with(self.dark):
+                if plays:
+                    self._bench.play_drive()
+                else:
+                    self._bench.stop_drive()
         self._plays = plays
 
     def dark(self) -> None:

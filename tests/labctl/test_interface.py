@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,10 @@ import labctl
 from instruments.alnair_tlg220 import Tlg220
 from instruments.bench import Observer
 from instruments.errors import LightLost, LinkError, OutOfRange
+from instruments.limits import OverLimit
+from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
+from instruments.vialux_alp import VialuxAlp
 from labctl.bench.opening import Access
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.hands import Hands, in_hands
@@ -111,8 +115,8 @@ def test_the_light_goes_out_whatever_ends_the_block() -> None:
     assert light.seen == [True, False]
 
 
-def _cable_out(_scope: Dpo72504dx) -> None:
-    raise LinkError("scope: cannot be reached")
+def _cable_out(*_arguments: object) -> None:
+    raise LinkError("cannot be reached")
 
 
 def _went_out(_laser: Tlg220) -> None:
@@ -135,6 +139,45 @@ def test_who_catches_the_error_of_a_trace_has_no_light_on(
             with pytest.raises(error):
                 bench.capture()
         assert light.seen == [True, False]
+        bench.capture()
+    assert light.seen == [True, False, True, False]
+
+
+def _set_power(bench: Hands) -> None:
+    bench.laser.power = "20 mW"
+
+
+def _tune(bench: Hands) -> None:
+    bench.laser.wavelength = "1551 nm"
+
+
+def _stop_drive(bench: Hands) -> None:
+    bench.drive = False
+
+
+@pytest.mark.parametrize(
+    ("driver", "method", "does", "act"),
+    [
+        (Tlg220, "set_power", lambda _laser, _power_w: 0.05, _set_power),
+        (Tlg220, "tune", _cable_out, _tune),
+        (Awg70002a, "stop", _cable_out, _stop_drive),
+        (VialuxAlp, "show", _cable_out, lambda bench: bench.show(np.eye(10))),
+        (VialuxAlp, "blank", _cable_out, Hands.blank),
+    ],
+    ids=["power", "wavelength", "drive", "show", "blank"],
+)
+def test_who_catches_the_error_of_what_is_set_has_no_light_on(
+    driver: type, method: str, does: Any, act: Callable[[Hands], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    light = Emission()
+    with in_hands(SIMULATED_STATION, Access(), wavelength_nm=1550.0, drive_seed=1, observer=light) as bench:
+        bench.show(np.ones((10, 10)))
+        bench.capture()
+        with monkeypatch.context() as broken:
+            broken.setattr(driver, method, does)
+            with pytest.raises((OverLimit, LinkError)):
+                act(bench)
+            assert light.seen == [True, False]
         bench.capture()
     assert light.seen == [True, False, True, False]
 

@@ -11,16 +11,22 @@ from labctl.commands import progress
 from labctl.commands.progress import COLUMNS, ProgressLine, progress_bar
 
 
+def shown_on(seen: io.StringIO) -> Console:
+    """A terminal."""
+    return Console(file=seen, force_terminal=True, width=100, legacy_windows=False)
+
+
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
     """What a person at a terminal sees on standard error."""
     seen = io.StringIO()
-    monkeypatch.setattr(progress, "errors", Console(file=seen, force_terminal=True, width=100, legacy_windows=False))
+    monkeypatch.setattr(progress, "errors", shown_on(seen))
     return seen
 
 
-def test_the_line_says_what_is_uploaded_and_then_goes_on(terminal: io.StringIO) -> None:
-    with Progress(*COLUMNS, console=progress.errors, auto_refresh=False) as bar:
+def test_the_line_says_what_is_uploaded_and_then_goes_on() -> None:
+    terminal = io.StringIO()
+    with Progress(*COLUMNS, console=shown_on(terminal), auto_refresh=False) as bar:
         line = ProgressLine(bar, "image-readout", print)
         line.uploading("DMD patterns", 250, 1000)
         line.draw()
