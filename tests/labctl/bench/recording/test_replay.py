@@ -413,7 +413,7 @@ def test_who_is_silent_in_a_recording_is_not_asked_at_the_address_of_the_station
         file.write_text(text.replace(port, str(real.getsockname()[1])), "utf-8")
         _, out, _ = labctl(capsys, "replay", tmp_path / "a.rec", "--", "check", "--station", file)
         assert "did not answer in time (at '*IDN?')" in out
-        real.setblocking(False)
+        real.settimeout(0.0)
         with pytest.raises(BlockingIOError):
             real.accept()
 
