@@ -313,26 +313,30 @@ class Bench:
             self.laser.emit()
             self.limits.check_power(self.laser.power())
             self._let_through()
-            with self._explained():
+            with self.explained():
                 yield
 
     @contextmanager
-    def _explained(self) -> Iterator[None]:
+    def explained(self) -> Iterator[None]:
         """An instrument that answers and fails may do so because of a setting that somebody else has changed.
 
         It is looked for before the safe state changes settings too. Light that went out is told before it: nobody may
         mend a setting, and so switch it on again, who does not know why.
+
+        Raises:
+            SettingChanged, LightLost, OverLimit: the reason, in place of the error of the block.
         """
         try:
             yield
         except (LinkError, LightLost, OverLimit, SettingChanged):
             raise
         except InstrumentError as error:
-            try:
-                self.laser.require_emission()
-                self.require_unchanged()
-            except LinkError:
-                raise error from None
+            if self.lit:
+                try:
+                    self.laser.require_emission()
+                    self.require_unchanged()
+                except LinkError:
+                    raise error from None
             raise
 
     def _let_through(self) -> None:

@@ -173,7 +173,7 @@ class Hands:
             raise NotConfigured("the drive is off, and the oscilloscope is triggered by its marker: switch it on")
         samples = max(1, round(window_s * SAMPLE_RATE))
         asked = tuple(patchings[0].values()), samples, averages, self.laser.power
-        with failing_with(self.dark):
+        with failing_with(self.dark), self._bench.explained():
             if not self._bench.lit:
                 self._switch_on()
             if self._configured != asked:

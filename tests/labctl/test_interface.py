@@ -12,17 +12,18 @@ import pytest
 import labctl
 from instruments.alnair_tlg220 import Tlg220
 from instruments.bench import Observer
-from instruments.errors import LightLost, LinkError, OutOfRange
+from instruments.errors import LightLost, LinkError, OutOfRange, SettingChanged
 from instruments.limits import OverLimit
 from instruments.tektronix_awg70002a import Awg70002a
 from instruments.tektronix_dpo72504dx import Dpo72504dx
 from instruments.vialux_alp import VialuxAlp
 from labctl.bench.opening import Access
-from labctl.bench.station import SIMULATED_STATION
+from labctl.bench.station import SIMULATED_STATION, Station, write_addresses
 from labctl.engine.hands import Hands, in_hands
 from labctl.errors import LabctlError, RunError, StationError
 from labctl.runs.format.origin import Origin
 from tests.checkout import ROOT
+from tests.knobs.interloper import VisitedBench
 
 
 class Emission(Observer):
@@ -141,6 +142,19 @@ def test_who_catches_the_error_of_a_trace_has_no_light_on(
         assert light.seen == [True, False]
         bench.capture()
     assert light.seen == [True, False, True, False]
+
+
+def test_a_trace_that_fails_because_of_a_changed_setting_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "bench.toml"
+    with VisitedBench() as simulated:
+        hasty = Station.model_validate({"scope": {"timeout": "1 s"}})
+        write_addresses(file, {role: found["socket"] for role, found in simulated.resources.items()}, hasty)
+        with labctl.bench(file, armed=True) as bench:
+            bench.show(np.ones((10, 10)))
+            bench.capture()
+            simulated.say("awg", b"OUTPut1 OFF")
+            with pytest.raises(SettingChanged, match="awg: OUTPut1:STATe was 1 and is 0"):
+                bench.capture()
 
 
 def _set_power(bench: Hands) -> None:
