@@ -40,7 +40,7 @@ def test_dark_after_a_failure(bench: Bench) -> None:
 
 def failing_once(bench: Bench, simulation: SimulatedBench, said: Mapping[str, str]) -> None:
     """Measure, and fail when another client has said something to each of some instruments, by role."""
-    drive = Drive("square", np.tile(np.float32([-1, 1]), 1200), sample_rate=25e9, amplitude_vpp=0.5)
+    drive = Drive("square", np.tile(np.array([-1, 1], np.float32), 1200), sample_rate=25e9, amplitude_vpp=0.5)
     with bench.emitting(1550.0), ExitStack() as stack:
         bench.load_drive(drive)
         bench.play_drive()
