@@ -56,7 +56,7 @@ def discard_suspect(shards: Shards, journal: JournalFile) -> list[str]:
     found = []
     for entry in [entry for entry in shards.entries.values() if entry.suspect]:
         _set_aside(shards, journal, entry, "suspect", entry.suspect)
-        found.append(f"{entry.count} shots are suspect ({entry.suspect}): they will be measured again")
+        found.append(f"{entry.count} shots are suspect ({entry.suspect}): they are to be measured again")
     return found
 
 
@@ -70,7 +70,7 @@ def _restore_lost(shards: Shards, journal: JournalFile) -> list[str]:
             found.append(f"{path}: was missing or damaged, and is made again from data.h5")
         else:
             _set_aside(shards, journal, entry, "damaged", "missing or damaged")
-            found.append(f"{path}: missing or damaged: its {entry.count} shots will be measured again")
+            found.append(f"{path}: missing or damaged: its {entry.count} shots are to be measured again")
     return found
 
 

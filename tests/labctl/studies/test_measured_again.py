@@ -29,6 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert answer("run", "image-readout", *words, "--out", directory, "--json")[0] == 0
     shard = directory / "shards" / "000001.h5"
     shard.write_bytes(shard.read_bytes()[:-1] + b"?")
+    (directory / "data.h5").unlink()  # from which it would be made again
     assert answer("resume", directory, "--json")[1]["measured"] == 5
     return directory
 

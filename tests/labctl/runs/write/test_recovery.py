@@ -51,7 +51,7 @@ def test_a_shard_that_missed_the_journal_is_measured_again(cut: Path, whole: Pat
     ) in verify_run(cut).notes
     found = resume_to_the_end(cut, measure_missing)
     assert "was not in the journal yet" in found[0]
-    assert f"3 shots are suspect ({NOT_COMPARED}): they will be measured again" in found
+    assert f"3 shots are suspect ({NOT_COMPARED}): they are to be measured again" in found
     assert [path.name for path in (cut / "shards").glob("*.suspect")] == ["000003.h5.suspect"]
     assert not verify_run(cut).problems
     assert digest(cut) == digest(whole)
@@ -73,7 +73,7 @@ def test_a_damaged_shard_is_measured_again(
     with pytest.raises(RunError, match=rf"{shard:06d}\.h5: (damaged|cannot be read)"):
         open_run(cut).frames[:]
     found = resume_to_the_end(cut, measure_missing)
-    assert "its 3 shots will be measured again" in found[0]
+    assert "its 3 shots are to be measured again" in found[0]
     assert (cut / "shards" / f"{shard:06d}.h5.damaged").exists() == (harm == "flip")
     assert not verify_run(cut).problems
     assert digest(cut) == digest(whole)
