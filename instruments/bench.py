@@ -328,10 +328,8 @@ class Bench:
         """
         try:
             yield
-        except (LinkError, LightLost, OverLimit, SettingChanged):
-            raise
         except InstrumentError as error:
-            if self.lit:
+            if self.lit and not isinstance(error, LinkError | LightLost | OverLimit | SettingChanged):
                 try:
                     self.laser.require_emission()
                     self.require_unchanged()

@@ -124,26 +124,6 @@ def _went_out(_laser: Tlg220) -> None:
     raise LightLost("laser: the light went out by itself")
 
 
-@pytest.mark.parametrize(
-    ("driver", "method", "fails", "error"),
-    [(Dpo72504dx, "arm", _cable_out, LinkError), (Tlg220, "require_emission", _went_out, LightLost)],
-)
-def test_who_catches_the_error_of_a_trace_has_no_light_on(
-    driver: type, method: str, fails: Any, error: type[Exception], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    light = Emission()
-    with in_hands(SIMULATED_STATION, Access(), wavelength_nm=1550.0, drive_seed=1, observer=light) as bench:
-        bench.show(np.ones((10, 10)))
-        bench.capture()
-        with monkeypatch.context() as broken:
-            broken.setattr(driver, method, fails)
-            with pytest.raises(error):
-                bench.capture()
-        assert light.seen == [True, False]
-        bench.capture()
-    assert light.seen == [True, False, True, False]
-
-
 def test_a_trace_that_fails_because_of_a_changed_setting_says_so(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     with VisitedBench() as simulated:
@@ -170,18 +150,25 @@ def _stop_drive(bench: Hands) -> None:
 
 
 @pytest.mark.parametrize(
-    ("driver", "method", "does", "act"),
+    ("driver", "method", "does", "act", "error"),
     [
-        (Tlg220, "set_power", lambda _laser, _power_w: 0.05, _set_power),
-        (Tlg220, "tune", _cable_out, _tune),
-        (Awg70002a, "stop", _cable_out, _stop_drive),
-        (VialuxAlp, "show", _cable_out, lambda bench: bench.show(np.eye(10))),
-        (VialuxAlp, "blank", _cable_out, Hands.blank),
+        (Dpo72504dx, "arm", _cable_out, Hands.capture, LinkError),
+        (Tlg220, "require_emission", _went_out, Hands.capture, LightLost),
+        (Tlg220, "set_power", lambda _laser, _power_w: 0.05, _set_power, OverLimit),
+        (Tlg220, "tune", _cable_out, _tune, LinkError),
+        (Awg70002a, "stop", _cable_out, _stop_drive, LinkError),
+        (VialuxAlp, "show", _cable_out, lambda bench: bench.show(np.eye(10)), LinkError),
+        (VialuxAlp, "blank", _cable_out, Hands.blank, LinkError),
     ],
-    ids=["power", "wavelength", "drive", "show", "blank"],
+    ids=["trace", "light", "power", "wavelength", "drive", "show", "blank"],
 )
-def test_who_catches_the_error_of_what_is_set_has_no_light_on(
-    driver: type, method: str, does: Any, act: Callable[[Hands], None], monkeypatch: pytest.MonkeyPatch
+def test_who_catches_an_error_has_no_light_on(
+    driver: type,
+    method: str,
+    does: Any,
+    act: Callable[[Hands], None],
+    error: type[Exception],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     light = Emission()
     with in_hands(SIMULATED_STATION, Access(), wavelength_nm=1550.0, drive_seed=1, observer=light) as bench:
@@ -189,7 +176,7 @@ def test_who_catches_the_error_of_what_is_set_has_no_light_on(
         bench.capture()
         with monkeypatch.context() as broken:
             broken.setattr(driver, method, does)
-            with pytest.raises((OverLimit, LinkError)):
+            with pytest.raises(error):
                 act(bench)
             assert light.seen == [True, False]
         bench.capture()

@@ -77,11 +77,15 @@ def test_one_bench_of_any_seed_decides_nothing(tmp_path: Path, capsys: pytest.Ca
     assert "Seeds 3;" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
-def test_a_figure_that_is_surely_short_ends_in_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is no other experiment."""
     (tmp_path / "few.toml").write_text(FEW, encoding="utf-8")
     monkeypatch.setattr("labctl.commands.reproduce.experiments", partial(experiments, folder=tmp_path))
+
+
+@pytest.mark.usefixtures("few")
+def test_a_figure_that_is_surely_short_ends_in_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = labctl(capsys, "reproduce", "few", "--seeds", 2, "--out", tmp_path / "out")
     assert status == 1
     assert "NOT REACHED" in out
@@ -93,11 +97,8 @@ def test_a_figure_that_is_surely_short_ends_in_1(
     assert must["low"] < must["here"] < must["high"]
 
 
-def test_one_seed_is_not_said_to_have_an_interval(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "few.toml").write_text(FEW, encoding="utf-8")
-    monkeypatch.setattr("labctl.commands.reproduce.experiments", partial(experiments, folder=tmp_path))
+@pytest.mark.usefixtures("few")
+def test_one_seed_is_not_said_to_have_an_interval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = labctl(capsys, "reproduce", "few", "--seeds", 1, "--out", tmp_path / "out")
     assert status == 0
     assert "Figures of one seed have no interval" in out
