@@ -203,10 +203,12 @@ def _data_file(
         with walked(paths.data) as file:
             check_plain(file, MOST_BYTES, besides="frames")
             current = attribute(file, "evidence") == named.evidence
+            kept = json.loads(attribute(file, "manifest"))
             # A resumed run says in its manifest what is in doubt, or no longer is, before it makes data.h5 anew.
-            in_doubt = manifest.values if current else json.loads(attribute(file, "manifest"))
-            expected = manifest.with_suspect(in_doubt.get(SUSPECT, {}))
-            differences = _different_constants(file, expected, drive, intact)
+            expected = manifest if current else manifest.with_suspect(kept.get(SUSPECT, {}))
+            text = f"{paths.data}: the manifest in it is not manifest.json"
+            differences = [] if kept == dict(expected.values) else [Problem(text, whole)]
+            differences += _different_constants(file, drive, intact)
             if current and manifest.values["format_version"] == FORMAT_VERSION:  # others say less, or otherwise
                 differences += _different_attributes(file, named)
         with own_file(paths.data) as stored, h5py.File(place_of(stored, paths.data), "r") as file:
@@ -223,12 +225,9 @@ def _data_file(
     return ("current" if current else "stale"), []
 
 
-def _different_constants(file: h5py.File, manifest: Manifest, drive: Drive | None, shards: Shards) -> list[Problem]:
+def _different_constants(file: h5py.File, drive: Drive | None, shards: Shards) -> list[Problem]:
     paths = shards.paths
     differences = []
-    if json.loads(attribute(file, "manifest")) != dict(manifest.values):
-        text = f"{paths.data}: the manifest in it is not manifest.json"
-        differences.append(Problem(text, _whole(paths, paths.data)))
     for name, values in constants(shards).items():
         expected = np.asarray(values)
         known = ~np.isnan(expected) if name in ("scale", "offset") else slice(None)
