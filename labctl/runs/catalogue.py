@@ -50,6 +50,7 @@ AT_ONCE = 16
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR)
 """What SQLite says where the file is not as it was made; where there is no room, it says something else."""
 _TABLES = f"""
+    BEGIN IMMEDIATE;
     DROP TABLE IF EXISTS run;
     DROP TABLE IF EXISTS fact;
     PRAGMA application_id = {APPLICATION};
@@ -175,7 +176,7 @@ class Catalogue:
         path, damaged = _kept_for(self._folder), False
         if self._in_memory is None and path.parent.is_dir() and _may_be_ours(path):
             with suppress(sqlite3.Error), closing(sqlite3.connect(path, timeout=1.0)) as database:
-                _with_tables(database)
+                self._with_tables(database)
                 try:
                     return self._of_now(database, question)
                 except sqlite3.Error as error:
@@ -184,13 +185,25 @@ class Catalogue:
         if damaged:
             with suppress(OSError):
                 path.unlink()
-        memory = self._in_memory
-        if memory is None:
-            memory, self._due = sqlite3.connect(":memory:", check_same_thread=False), 0.0
+        memory = self._in_memory or sqlite3.connect(":memory:", check_same_thread=False)
         if self._rests:
             self._in_memory = memory
         with nullcontext() if self._rests else closing(memory):
-            return self._of_now(_with_tables(memory), question)
+            return self._of_now(self._with_tables(memory), question)
+
+    def _with_tables(self, database: sqlite3.Connection) -> sqlite3.Connection:
+        """A transaction of the database begins; where it had no tables of ours, the runs are due to be looked at."""
+        (application,), (version,) = (
+            database.execute(f"PRAGMA {what}").fetchone() for what in ("application_id", "user_version")
+        )
+        if application != APPLICATION and database.execute("SELECT 1 FROM sqlite_master").fetchone():
+            raise sqlite3.DatabaseError("is of another program")
+        if (application, version) == (APPLICATION, VERSION):
+            database.execute("BEGIN IMMEDIATE")  # or another process writes it, or nobody can
+        else:
+            database.executescript(_TABLES)
+            self._due = 0.0
+        return database
 
     def _of_now(self, database: sqlite3.Connection, question: Callable[[sqlite3.Connection], Answer]) -> Answer:
         """The tables are refreshed in the transaction that opening them has begun."""
@@ -251,18 +264,6 @@ def _all_of(told: Sequence[str]) -> list[dict[str, Any]]:
     """Of JSON objects; ten thousand of them take half as long at once."""
     found: list[dict[str, Any]] = json.loads(f"[{','.join(told)}]")
     return found
-
-
-def _with_tables(database: sqlite3.Connection) -> sqlite3.Connection:
-    (application,), (version,) = (
-        database.execute(f"PRAGMA {what}").fetchone() for what in ("application_id", "user_version")
-    )
-    if application != APPLICATION and database.execute("SELECT 1 FROM sqlite_master").fetchone():
-        raise sqlite3.DatabaseError("is of another program")
-    if (application, version) != (APPLICATION, VERSION):
-        database.executescript(_TABLES)
-    database.execute("BEGIN IMMEDIATE")  # or another process writes it, or nobody can
-    return database
 
 
 def _may_be_ours(path: Path) -> bool:

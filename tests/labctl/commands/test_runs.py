@@ -130,6 +130,13 @@ def test_a_catalogue_that_is_damaged_is_made_anew(folder: Path, damage: Callable
         assert other.execute("SELECT row ->> 'protocol' FROM run").fetchall() == [("image-readout",)] * 3
 
 
+def test_a_catalogue_that_is_gone_is_made_anew_at_once_however_long_it_rests(folder: Path) -> None:
+    catalogue = Catalogue(folder, rests=1e9)
+    assert len(catalogue.find()) == 3
+    (folder / FILE).unlink()
+    assert len(catalogue.find()) == 3
+
+
 @contextmanager
 def no_room() -> Iterator[None]:
     """No file of this process may grow, nor be written behind its first page."""
