@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from instruments.bench import Bench, Observer, Observers
-from instruments.errors import NotConfigured, OutOfRange
+from instruments.errors import NotConfigured, OutOfRange, SettingChanged
 from instruments.safe_state import failing_with
 from instruments.units import quantity
 from instruments.values import Codes, Scaling, Timebase
@@ -206,11 +206,19 @@ class Hands:
         """Compare powers with their limits, and the instruments with what they were set to, while there is light.
 
         Raises:
-            OverLimit: too much light.
-            SettingChanged: something was changed from elsewhere.
+            SettingChanged: something was changed from elsewhere; the next `capture` finds the vertical ranges anew.
+            OverLimit: too much light; the bench is dark.
+            InstrumentError: an instrument failed; the bench is dark.
         """
-        if self._bench.lit:
-            self._bench.require_unchanged()
+        try:
+            if self._bench.lit:
+                self._bench.require_unchanged()
+        except SettingChanged:
+            self.find_ranges()
+            raise
+        except BaseException:
+            with failing_with(self.dark):
+                raise
 
     def require_supervision(self) -> None:
         """Nothing but that the supervisor is there while there is light; `capture` requires it too.

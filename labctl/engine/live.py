@@ -259,4 +259,3 @@ class _Looking:
             self.hands.require_unchanged()
         except SettingChanged as change:
             self.observer.warning(f"{change}; the vertical ranges are found anew")
-            self.hands.find_ranges()

@@ -155,12 +155,14 @@ def _stop_drive(bench: Hands) -> None:
         (Dpo72504dx, "arm", _cable_out, Hands.capture, LinkError),
         (Tlg220, "require_emission", _went_out, Hands.capture, LightLost),
         (Tlg220, "set_power", lambda _laser, _power_w: 0.05, _set_power, OverLimit),
+        (Tlg220, "power", lambda _laser: 0.05, Hands.require_unchanged, OverLimit),
+        (Dpo72504dx, "changes", _cable_out, Hands.require_unchanged, LinkError),
         (Tlg220, "tune", _cable_out, _tune, LinkError),
         (Awg70002a, "stop", _cable_out, _stop_drive, LinkError),
         (VialuxAlp, "show", _cable_out, lambda bench: bench.show(np.eye(10)), LinkError),
         (VialuxAlp, "blank", _cable_out, Hands.blank, LinkError),
     ],
-    ids=["trace", "light", "power", "wavelength", "drive", "show", "blank"],
+    ids=["trace", "light", "power", "more power", "comparison", "wavelength", "drive", "show", "blank"],
 )
 def test_who_catches_an_error_has_no_light_on(
     driver: type,
