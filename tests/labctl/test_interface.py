@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -124,17 +124,35 @@ def _went_out(_laser: Tlg220) -> None:
     raise LightLost("laser: the light went out by itself")
 
 
-def test_a_trace_that_fails_because_of_a_changed_setting_says_so(tmp_path: Path) -> None:
+@pytest.fixture
+def visited(tmp_path: Path) -> Iterator[tuple[VisitedBench, Path]]:
+    """A served bench that somebody else can speak to, and its station file."""
     file = tmp_path / "bench.toml"
     with VisitedBench() as simulated:
         hasty = Station.model_validate({"scope": {"timeout": "1 s"}})
         write_addresses(file, {role: found["socket"] for role, found in simulated.resources.items()}, hasty)
-        with labctl.bench(file, armed=True) as bench:
-            bench.show(np.ones((10, 10)))
+        yield simulated, file
+
+
+def test_a_trace_that_fails_because_of_a_changed_setting_says_so(visited: tuple[VisitedBench, Path]) -> None:
+    simulated, file = visited
+    with labctl.bench(file, armed=True) as bench:
+        bench.show(np.ones((10, 10)))
+        bench.capture()
+        simulated.say("awg", b"OUTPut1 OFF")
+        with pytest.raises(SettingChanged, match="awg: OUTPut1:STATe was 1 and is 0"):
             bench.capture()
-            simulated.say("awg", b"OUTPut1 OFF")
-            with pytest.raises(SettingChanged, match="awg: OUTPut1:STATe was 1 and is 0"):
-                bench.capture()
+
+
+def test_after_a_changed_setting_the_next_trace_has_its_ranges_again(visited: tuple[VisitedBench, Path]) -> None:
+    simulated, file = visited
+    with labctl.bench(file, armed=True) as bench:
+        bench.show(np.ones((10, 10)))
+        before = bench.capture()
+        simulated.say("scope", b"CH1:SCAle 0.4")
+        with pytest.raises(SettingChanged, match="scope: CH1:SCAle was"):
+            bench.require_unchanged()
+        assert bench.capture().scalings[0].scale_v == pytest.approx(before.scalings[0].scale_v, rel=0.1)
 
 
 def _set_power(bench: Hands) -> None:
