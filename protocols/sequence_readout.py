@@ -1,6 +1,7 @@
 """Time series into the chip: a sequence of numbers modulates the light's phase, symbol by symbol; no DMD in the way."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import PositiveInt
 
 from instruments.bench import Bench
+from instruments.errors import InstrumentError
 from instruments.values import Drive, Frames, Timebase
 from protocols.base import (
     Events,
@@ -41,6 +43,8 @@ LEAD_SYMBOLS = round((LONGEST_DELAY_S + SILENCE_S) / SYMBOL_S)
 """Rest before the first symbol: the record is then certainly silent from the longest delay to the end of the lead."""
 REST_SYMBOLS = 25
 """Rest of 2 ns behind every sequence: several times what the chip remembers."""
+MARK_S = (LEAD_SYMBOLS + REST_SYMBOLS) * SYMBOL_S
+"""Until the first sequence begins."""
 
 ARRIVAL_TRIGGERS = 64
 """Whose mean shows when the light arrives, at least: in a single one noise hides its beginning for a sample."""
@@ -128,6 +132,7 @@ class SequenceReadout(Measurement[Sequences]):
                 self._turn_to(bench, part.pass_, drive.period_s, self.averages)
                 yield PassStarted(part.pass_, lock_ranges(bench, part.scalings, [bench.capture] * PROBES))
                 record = bench.capture()
+                self._require_no_earlier_light(record, begins, part.pass_)
                 for places in stretches([shot.index for shot in part.shots], len(part.shots)):
                     yield Record(part.pass_, places.start, self._frames(record, begins, places, inputs))
 
@@ -144,12 +149,29 @@ class SequenceReadout(Measurement[Sequences]):
 
     def _first_symbol_sample(self, bench: Bench, leg: Pass) -> int:
         """Where in a record the frame of the first sequence begins; the light of the mark shows it."""
-        mark_s = (LEAD_SYMBOLS + REST_SYMBOLS) * SYMBOL_S
-        self._turn_to(bench, leg, mark_s, max(ARRIVAL_TRIGGERS, self.averages))
+        self._turn_to(bench, leg, MARK_S, max(ARRIVAL_TRIGGERS, self.averages))
         lock_ranges(bench, None, [bench.capture] * PROBES)
+        return self._begins(bench.capture())
+
+    def _begins(self, record: Frames) -> int:
         silent = slice(round(LONGEST_DELAY_S * self.sample_rate), LEAD_SYMBOLS * self._samples_per_symbol)
-        arrival = first_light(bench.capture().codes[0], silent=silent)
-        return arrival - GUARD_SAMPLES + REST_SYMBOLS * self._samples_per_symbol
+        marked = record.codes[0][:, : round((LONGEST_DELAY_S + MARK_S) * self.sample_rate)]
+        return first_light(marked, silent=silent) - GUARD_SAMPLES + REST_SYMBOLS * self._samples_per_symbol
+
+    def _require_no_earlier_light(self, record: Frames, begins: int, leg: Pass) -> None:
+        """Noise hides an earlier mark, and never makes one; a later one does no harm.
+
+        Raises:
+            ProtocolError: the mark arrives earlier in this record, so that symbols would hold light of the next one.
+        """
+        with suppress(InstrumentError):  # ports that are all dark show no mark
+            if (earlier := begins - self._begins(record)) > 0:
+                ports = ", ".join(map(str, leg.patching.values()))
+                raise ProtocolError(
+                    f"light of ports {ports} arrives {earlier / self.sample_rate * 1e12:.0f} ps before that of the "
+                    "ports measured first, so that symbols would hold light of the next one: name the port with the "
+                    "shortest fibre first in ports"
+                )
 
     def _frames(self, record: Frames, begins: int, places: range, inputs: Sequences) -> Frames:
         """The frames of the sequences at `places`, cut out of a record of all of them."""

@@ -1,16 +1,18 @@
 """Whether a symbol's frame holds light of the next one: sequences alike up to one symbol, on the whole path."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from instruments.bench import Bench
+from instruments.values import Frames
 from labctl.bench.opening import opened
 from labctl.bench.station import Station, WiringSection
 from labctl.runs.live.logs import CommandLog
-from protocols.base import PassStarted, Record, Sequences
+from protocols.base import PassStarted, ProtocolError, Record, Sequences
 from protocols.sequence_readout import SequenceReadout
 
 SYMBOLS, SHARED, COUNT = 16, 10, 400
@@ -42,6 +44,24 @@ def measured(bench: Bench, averages: int) -> tuple[NDArray[np.float64], NDArray[
     return values[order], frames.reshape(COUNT, len(ports), SYMBOLS, -1)
 
 
+def shorten(fibres: Iterable[int], samples: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have light from some ports of the chip arrive so many samples earlier."""
+    connect, capture = Bench.connect, Bench.capture
+    earlier: dict[int, int] = {}
+
+    def connected(bench: Bench, patching: Mapping[int, int]) -> None:
+        connect(bench, patching)
+        earlier.update(enumerate(-samples * (port in fibres) for port in patching.values()))
+
+    def captured(bench: Bench) -> Frames:
+        found = capture(bench)
+        codes = [np.roll(one, earlier[place], axis=-1) for place, one in enumerate(found.codes.swapaxes(0, 1))]
+        return replace(found, codes=np.stack(codes, axis=1))
+
+    monkeypatch.setattr(Bench, "connect", connected)
+    monkeypatch.setattr(Bench, "capture", captured)
+
+
 @pytest.mark.parametrize("averages", [1, 16])
 def test_a_symbol_is_the_same_whatever_follows_it(straight: Bench, averages: int) -> None:
     values, frames = measured(straight, averages)
@@ -54,3 +74,14 @@ def test_a_symbol_is_the_same_whatever_follows_it(straight: Bench, averages: int
     explained = told @ np.linalg.lstsq(told, last, rcond=None)[0]
     share = float(np.mean(explained**2) / np.mean(last**2))
     assert share < 4 * 2 / COUNT, "what noise alone explains, and no more"
+
+
+@pytest.mark.parametrize("averages", [1, 16])
+def test_ports_whose_light_comes_before_that_of_the_first_are_refused(
+    straight: Bench, averages: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(range(9, 14), 7, monkeypatch)
+    with pytest.raises(
+        ProtocolError, match=r"light of ports 9, 11, 12, 13 arrives 1\d0 ps before .* shortest fibre first"
+    ):
+        measured(straight, averages)
