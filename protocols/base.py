@@ -3,9 +3,10 @@
 import hashlib
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from importlib.util import decode_source
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
@@ -103,6 +104,11 @@ class Images:
     indices: NDArray[np.int64]
     source: str = ""
 
+    @cached_property
+    def places(self) -> Mapping[int, int]:
+        """Index in the source -> place among these."""
+        return _places(self.indices)
+
     @property
     def digest(self) -> str:
         """SHA-256 over pixels and labels."""
@@ -130,13 +136,18 @@ class Sequences:
     indices: NDArray[np.int64]
     source: str = ""
 
+    @cached_property
+    def places(self) -> Mapping[int, int]:
+        """Index in the source -> place among these."""
+        return _places(self.indices)
+
     @property
     def digest(self) -> str:
         """SHA-256 over values and labels."""
         return _sha256(self.values, self.labels)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Shot:
     """One pattern to be measured on every port: its place in the run, what it is for, and where it comes from.
 
@@ -307,6 +318,10 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
 
         Light is on only while the generator runs; closing it, however that happens, leaves the bench in the safe state.
         """
+
+
+def _places(indices: NDArray[np.int64]) -> Mapping[int, int]:
+    return {index: place for place, index in enumerate(indices.tolist())}
 
 
 def _sha256(*arrays: NDArray[Any]) -> str:

@@ -117,13 +117,12 @@ class GhostImaging(Measurement[Images]):
     def _pictures(self, inputs: Images, shots: Sequence[Shot]) -> Images:
         """What the mirrors show at each of `shots`: pictures with the shots' indices."""
         images, patterns = field_of(inputs.images), self.patterns_of(inputs)
-        places = {int(index): place for place, index in enumerate(inputs.indices)}
         fields = np.zeros((len(shots), *images.shape[1:]), np.bool_)
         for field, shot in zip(fields, shots, strict=True):
             if shot.kind in (ShotKind.PATTERN, ShotKind.PATTERN_ALONE):
                 field[:] = patterns[shot.group]
-            elif shot.dataset_index in places:
-                field[:] = images[places[shot.dataset_index]]
+            elif shot.dataset_index in inputs.places:
+                field[:] = images[inputs.places[shot.dataset_index]]
         reference = np.array([shot.kind in BESIDE for shot in shots])
         indices = np.array([shot.index for shot in shots])
         return Images(beside_reference(fields, reference=reference), np.zeros_like(indices), indices)

@@ -27,8 +27,7 @@ class Patterns:
         self._row = (shape[0] - height * self._pitch) // 2
         self._column = (shape[1] - width * self._pitch) // 2
         self._shape = shape
-        self._images = images.images
-        self._place = {int(index): place for place, index in enumerate(images.indices)}
+        self._images = images
 
     def block(self, shots: Sequence[Shot]) -> NDArray[np.uint8]:
         """The packed mirror bits of several shots, shape (n, rows, columns / 8)."""
@@ -46,7 +45,7 @@ class Patterns:
         """Set the bits of `shot` in `mirrors`, which are all off."""
         if shot.kind is ShotKind.DARK:
             return
-        image = self._images[self._place[shot.dataset_index]]
+        image = self._images.images[self._images.places[shot.dataset_index]]
         lines = np.zeros((image.shape[0], self._shape[1]), bool)
         lines[:, self._column : self._column + image.shape[1] * self._pitch] = np.repeat(image, self._pitch, axis=1)
         packed = np.packbits(lines, axis=1)

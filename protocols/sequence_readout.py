@@ -104,8 +104,7 @@ class SequenceReadout(Measurement[Sequences]):
     def drive(self, bench: Bench, inputs: Sequences) -> Drive:
         """Lead, mark, then every sequence with its rest; two samples a symbol, rest at phase 0."""
         count, length = inputs.values.shape
-        place = {index: row for row, index in enumerate(inputs.indices.tolist())}
-        order = [place[shot.dataset_index] for shot in self.shots(inputs)]
+        order = [inputs.places[shot.dataset_index] for shot in self.shots(inputs)]
         first = LEAD_SYMBOLS + REST_SYMBOLS
         symbols = np.zeros(first + count * _slot_symbols(inputs), np.float32)
         symbols[LEAD_SYMBOLS] = 1.0

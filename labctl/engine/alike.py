@@ -47,13 +47,13 @@ def alike_by(inputs: Inputs) -> Alike:
     """Whether two shots show nearly the same: by their images, where there are any; otherwise all may be alike."""
     if not isinstance(inputs, Images):
         return lambda _one, _other, _faint: True
-    places = {int(index): place for place, index in enumerate(inputs.indices)}
     usual = float(np.median(np.count_nonzero(inputs.images, axis=(1, 2))))
 
     def pixels(shot: Shot) -> NDArray[np.bool_] | None:
         if shot.kind is ShotKind.DARK:
             return np.zeros(inputs.images.shape[1:], np.bool_)
-        return inputs.images[places[shot.dataset_index]] if shot.kind in LIT and shot.dataset_index in places else None
+        place = inputs.places.get(shot.dataset_index) if shot.kind in LIT else None
+        return None if place is None else inputs.images[place]
 
     def alike(one: Shot, other: Shot, faint: float) -> bool:
         shown = pixels(one), pixels(other)

@@ -33,7 +33,7 @@ def images_for(protocol: Measurement[Images], data: Path | None = None) -> Image
     loaded = datasets.load(name, classes=classes, images=images, seed=protocol.seeds.images, directory=data).binarised(
         rule
     )
-    return Images(loaded.images.astype(np.bool_), loaded.labels, loaded.indices, loaded.identity)
+    return Images(loaded.images.astype(np.bool_, copy=False), loaded.labels, loaded.indices, loaded.identity)
 
 
 def sequences_for(protocol: Measurement[Sequences], data: Path | None = None) -> Sequences:

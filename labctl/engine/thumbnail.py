@@ -20,12 +20,12 @@ def shown_images(inputs: Inputs) -> Callable[[Shot], dict[str, Any]]:
     if not isinstance(inputs, Images):
         return lambda _shot: {}
     step = max(1, -(-max(inputs.images.shape[1:]) // LARGEST))
-    places = {int(index): place for place, index in enumerate(inputs.indices)}
 
     def shown(shot: Shot) -> dict[str, Any]:
-        if shot.dataset_index not in places:
+        place = inputs.places.get(shot.dataset_index)
+        if place is None:
             return {}
-        pixels = inputs.images[places[shot.dataset_index]][::step, ::step]
+        pixels = inputs.images[place][::step, ::step]
         rows, columns = pixels.shape
         bits = base64.b64encode(np.packbits(pixels).tobytes()).decode()
         return {"image": {"rows": rows, "columns": columns, "bits": bits}}

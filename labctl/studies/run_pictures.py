@@ -115,8 +115,7 @@ def _images(run: Run, part: Part) -> Figure:
     refuse_other_inputs(run.path, run.manifest, shown)
     planned = run.planned[part.shots]
     planned = planned[planned["dataset_index"] >= 0][:MOST_IMAGES]
-    place = {int(index): number for number, index in enumerate(shown.indices)}
-    chosen = [place[int(index)] for index in planned["dataset_index"] if int(index) in place]
+    chosen = [shown.places[index] for index in planned["dataset_index"].tolist() if index in shown.places]
     if not chosen or len(chosen) < planned.size:
         raise RunError("no image belongs to these shots")
     return images_figure(shown.images[chosen], [_named(shot) for shot in planned])

@@ -82,10 +82,9 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
     played = twin.sequences("vowels")
     with open_run(twin.runs["vowels"]) as run:
         frames, ports, shots = run.volts(), len(run.ports), run.shots
-    place = {index: row for row, index in enumerate(played.indices.tolist())}
-    if strange := set(shots["dataset_index"].tolist()) - set(place):
+    if strange := set(shots["dataset_index"].tolist()) - set(played.places):
         raise AnalysisError(f"sequences {sorted(strange)} of the run are not what its protocol plays: measure it again")
-    rows = np.array([place[index] for index in shots["dataset_index"].tolist()])
+    rows = np.array([played.places[index] for index in shots["dataset_index"].tolist()])
     labels, speakers, numbers = played.labels[rows], played.groups[rows], played.values[rows]
     splits = _splits(labels, speakers, twin, settings)
     tables = {
