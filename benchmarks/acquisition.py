@@ -22,8 +22,10 @@ from labctl.engine.session import Acquired, Acquisition, acquire
 from protocols.image_readout import ImageReadout
 
 PROTOCOL = ImageReadout(images=2000, ports=(2, 3))
-LINES, CURVES, CURVE_BYTES = 5, 2, 50
-"""Of a shot, with an answer each: emission, halt, start, *OPC? and start of the acquisition; and its blocks."""
+LINES = (b"OUTPUT?\n", b"ALP:PROJHALT\n", b"ALP:PROJSTARTCONT 1\n", b"ACQuire:STATE RUN\n*OPC?\n")
+"""Messages of a shot, with an answer each."""
+CURVES, CURVE_BYTES = 2, 50
+"""Its blocks."""
 PICTURE_BYTES = 768 * 1024 // 8
 SERVE = (sys.executable, "-m", "labctl", "sim", "serve", "--json", "--save-station")
 
@@ -36,8 +38,8 @@ def bare_shots_s(shots: int) -> float:
 
         def send() -> None:
             for _ in range(shots):
-                for _ in range(LINES):
-                    link.sendall(b"*OPC?\n")
+                for line in LINES:
+                    link.sendall(line)
                     link.recv_into(room)
                 link.sendall(b"ALP:SEQPUT 1,0,1," + HEADER % PICTURE_BYTES)
                 link.sendall(picture)

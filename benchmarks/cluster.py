@@ -50,16 +50,17 @@ def nothing() -> int:
 
 
 def each(engine: Engine) -> Timing:
-    """For each of many such tasks, once the first is done."""
-    began: list[Timing] = []
+    """For each of many such tasks, from when the first ones are done on."""
+    began: list[tuple[int, float, float]] = []
 
     def follow(done: int, _records: int) -> None:
         if done and not began:
-            began.append(Timing(time.perf_counter(), time.process_time()))
+            began.append((done, time.perf_counter(), time.process_time()))
 
     in_parallel(dict.fromkeys(range(TASKS), nothing), engine=engine, interruption=Interruption(), progress=follow)
-    ((wall, processor),) = began
-    return Timing((time.perf_counter() - wall) / TASKS, (time.process_time() - processor) / TASKS)
+    ((done, wall, processor),) = began
+    left = TASKS - done
+    return Timing((time.perf_counter() - wall) / left, (time.process_time() - processor) / left)
 
 
 def tasks() -> Iterator[Row]:

@@ -1,8 +1,9 @@
 """What a long run takes of the machine: memory, files and threads of client, supervisor and simulated bench on the way.
 
 One `labctl run` on two ports, in one pass, against `labctl sim serve`, each a process of its own; 100,000 records in
-either timing. A line for every tenth of them goes to standard error; the figure is what a record of the second half has
-added to the memory of each process. Linux only: the figures are those of /proc.
+either timing. A line for every tenth of them goes to standard error; the figures are what a record of the second half
+has added to the memory of each process, and what one more record that is planned takes of the client's. Linux only: the
+figures are those of /proc.
 """
 
 import json
@@ -101,8 +102,8 @@ def say(*cells: object) -> None:
     sys.stderr.write("".join(f"{cell!s:>34}" if place else f"{cell!s:>8}" for place, cell in enumerate(cells)) + "\n")
 
 
-def grown(records: int, timing: str) -> list[float]:
-    """What a record of the second half has added to the memory of client, supervisor and bench (B)."""
+def followed(records: int, timing: str) -> list[list[Process]]:
+    """Client, supervisor and bench after every tenth of so many records but the last."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         settings = (f"dataset={image_set(folder, records)}", f"images={records}", f"timing={timing}", *SETTINGS)
@@ -115,16 +116,23 @@ def grown(records: int, timing: str) -> list[float]:
                 found = measured(client, bench, folder / "run", records)
     if client.returncode or len(found) < POINTS - 1:
         raise RuntimeError(f"the run ended with {client.returncode} after {len(found)} of {POINTS - 1} points")
-    half = found[POINTS // 2 - 1]
-    return [
-        (last.memory - before.memory) / (records * (POINTS - 1 - POINTS // 2) / POINTS)
-        for before, last in zip(half, found[-1], strict=True)
-    ]
+    return found
 
 
 def rows() -> Iterator[Row]:
-    """A row for each process in either timing."""
-    for timing in ("software", "burst"):
-        for process, growth in zip(("client", "supervisor", "bench"), grown(RECORDS, timing), strict=True):
+    """What a record of the second half adds to each process in either timing, and what one that is planned takes."""
+    part = RECORDS * (POINTS - 1 - POINTS // 2) / POINTS
+    runs = {timing: followed(RECORDS, timing) for timing in ("software", "burst")}
+    for timing, found in runs.items():
+        for process, before, last in zip(
+            ("client", "supervisor", "bench"), found[POINTS // 2 - 1], found[-1], strict=True
+        ):
             what = f"growth of the {process} over the last half of {RECORDS} records, {timing}"
-            yield Row(what, growth, "B a record", goal=Goal(most=FLAT, of="figure"))
+            yield Row(what, (last.memory - before.memory) / part, "B a record", goal=Goal(most=FLAT, of="figure"))
+    fewer = RECORDS // POINTS
+    client, smaller = runs["burst"][-1][0], followed(fewer, "burst")[-1][0]
+    yield Row(
+        f"the client of {RECORDS} records beside that of {fewer}, images and plan included, burst",
+        (client.memory - smaller.memory) / (RECORDS - fewer),
+        "B a record",
+    )
