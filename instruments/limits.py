@@ -43,8 +43,13 @@ class Limits:
         """Compare what the file `source` asks for, before anything is sent.
 
         Raises:
-            OutOfRange: a power or the RF amplitude exceeds its limit.
+            OutOfRange: a power or the RF amplitude exceeds its limit, or the laser's power is none.
         """
+        if not levels.optical_power_w > 0:
+            raise OutOfRange(
+                f"{source}: laser.power = {levels.optical_power_w * 1e3:g} mW is no power of a laser: "
+                f"choose one above 0"
+            )
         if levels.optical_power_w > self.optical_power_w:
             raise OutOfRange(
                 f"{source}: laser.power = {levels.optical_power_w * 1e3:g} mW exceeds limits.optical_power = "

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from instruments.bench import Bench, Observer, Observers
-from instruments.errors import NotConfigured, OutOfRange, SettingChanged
+from instruments.errors import LabctlError, NotConfigured, OutOfRange, SettingChanged
 from instruments.safe_state import failing_with
 from instruments.units import quantity
 from instruments.values import Codes, Scaling, Timebase
@@ -52,9 +52,9 @@ class Traces:
 class HandLaser:
     """The laser of a bench in one's hands."""
 
-    def __init__(self, bench: Bench, wavelength_nm: float, dark: Callable[[], None]) -> None:
-        """Nothing is sent yet. `dark` makes the bench safe where the laser fails."""
-        self._bench = bench
+    def __init__(self, held: Callable[[], Bench], wavelength_nm: float, dark: Callable[[], None]) -> None:
+        """Nothing is sent yet. `held` gives the bench, or refuses; `dark` makes it safe where the laser fails."""
+        self._held = held
         self._dark = dark
         self.wavelength_nm = wavelength_nm
 
@@ -63,23 +63,25 @@ class HandLaser:
         """Optical power that it is set to, W. Set it in W or as text, "3 mW" or "5 dBm".
 
         Raises:
+            LabctlError: the bench is closed; so says whatever is asked of it then.
             ValueError: the text is no power.
             OutOfRange: above the limit of the station, or outside the laser's range; nothing was sent then.
             InstrumentError: the laser failed, or gives more than the limit; the bench is dark.
         """
-        return self._bench.levels.optical_power_w
+        return self._held().levels.optical_power_w
 
     @power.setter
     def power(self, power: float | str) -> None:
+        bench = self._held()
         power_w = quantity(power, "W") if isinstance(power, str) else float(power)
-        levels = replace(self._bench.levels, optical_power_w=power_w)
-        self._bench.limits.check_levels(levels, self._bench.source)
-        if self._bench.lit:
+        levels = replace(bench.levels, optical_power_w=power_w)
+        bench.limits.check_levels(levels, bench.source)
+        if bench.lit:
             with failing_with(self._dark):
-                settled_w = self._bench.laser.set_power(power_w)
-                self._bench.observer.event("power set", power_w=settled_w)
-                self._bench.limits.check_power(settled_w)
-        self._bench.levels = levels
+                settled_w = bench.laser.set_power(power_w)
+                bench.observer.event("power set", power_w=settled_w)
+                bench.limits.check_power(settled_w)
+        bench.levels = levels
 
     @property
     def wavelength(self) -> float:
@@ -90,17 +92,21 @@ class HandLaser:
             OutOfRange: outside the tuning range; the bench is dark.
             InstrumentError: the laser, or what is behind it, failed; the bench is dark.
         """
+        self._held()
         return self.wavelength_nm
 
     @wavelength.setter
     def wavelength(self, wavelength: float | str) -> None:
+        bench = self._held()
         wavelength_nm = quantity(wavelength, "nm") if isinstance(wavelength, str) else float(wavelength)
         with failing_with(self._dark):
-            self.wavelength_nm = self._bench.tune(wavelength_nm) if self._bench.lit else wavelength_nm
+            self.wavelength_nm = bench.tune(wavelength_nm) if bench.lit else wavelength_nm
 
 
 class Hands:
     """An opened bench. Light comes on with the first `capture`; leaving the context, however, makes the bench dark.
+
+    It is closed then: whatever is asked of it is a `LabctlError`, and nothing is sent, since others may have the bench.
 
     Attributes:
         laser: power and wavelength.
@@ -109,9 +115,9 @@ class Hands:
 
     def __init__(self, bench: Bench, *, origin: Origin, wavelength_nm: float, drive_seed: int) -> None:
         """Not for callers: `labctl.bench` opens one."""
-        self.laser = HandLaser(bench, wavelength_nm, self.dark)
+        self.laser = HandLaser(self._held, wavelength_nm, self.dark)
         self.origin = origin
-        self._bench = bench
+        self._bench: Bench | None = bench  # until the block ends
         self._drive = pseudorandom_drive(bench, drive_seed)
         self._plays = True
         self._shown: NDArray[np.uint8] | None = None  # by the mirrors, while there is light
@@ -124,19 +130,18 @@ class Hands:
         """Show an image on the mirrors, as large as they allow: (rows, columns), on where it is above one half.
 
         Raises:
-            OutOfRange: it has no two dimensions.
+            OutOfRange: it has no two dimensions, or no pixel.
             ProtocolError: it has more pixels than there are mirrors.
             InstrumentError: the mirrors failed; the bench is dark.
         """
+        bench = self._held()
         pixels = np.asarray(image) > 0.5
-        if pixels.ndim != 2:
+        if pixels.ndim != 2 or not pixels.size:
             raise OutOfRange(f"an image of shape {pixels.shape}: show one of rows and columns")
-        patterns = Patterns(
-            Images(pixels[np.newaxis], np.zeros(1, np.int64), np.zeros(1, np.int64)), self._bench.dmd.shape
-        )
+        patterns = Patterns(Images(pixels[np.newaxis], np.zeros(1, np.int64), np.zeros(1, np.int64)), bench.dmd.shape)
         self._shown = patterns[Shot(0, ShotKind.IMAGE, 0, 0, 0)]
         with failing_with(self.dark):
-            self._show()
+            self._show(bench)
 
     def blank(self) -> None:
         """Turn every mirror away; the light stays on.
@@ -144,9 +149,10 @@ class Hands:
         Raises:
             InstrumentError: the mirrors failed; the bench is dark.
         """
+        bench = self._held()
         self._shown = None
         with failing_with(self.dark):
-            self._bench.dmd.blank()
+            bench.dmd.blank()
 
     def capture(self, *, window: float | str = 2e-9, ports: Sequence[int] = (2, 3, 4, 5), averages: int = 1) -> Traces:
         """Traces of some ports, as many as the oscilloscope has channels; switches the light on if it is off.
@@ -163,30 +169,29 @@ class Hands:
             OutOfRange: more ports than channels, or no such window.
             InstrumentError: an instrument failed; the bench is dark.
         """
+        bench = self._held()
         window_s = quantity(window, "s") if isinstance(window, str) else float(window)
         if not SHORTEST_WINDOW_S <= window_s <= LONGEST_WINDOW_S:
             raise OutOfRange(f"window = {window_s:g} s: choose {SHORTEST_WINDOW_S:g} to {LONGEST_WINDOW_S:g} s")
-        patchings = self._bench.patchings_for(tuple(ports))
+        patchings = bench.patchings_for(tuple(ports))
         if len(patchings) != 1:
-            raise OutOfRange(f"{len(ports)} ports at once: the bench has {len(self._bench.wiring.channels)} channels")
+            raise OutOfRange(f"{len(ports)} ports at once: the bench has {len(bench.wiring.channels)} channels")
         if not self._plays:
             raise NotConfigured("the drive is off, and the oscilloscope is triggered by its marker: switch it on")
         samples = max(1, round(window_s * SAMPLE_RATE))
         asked = tuple(patchings[0].values()), samples, averages, self.laser.power
-        with failing_with(self.dark), self._bench.explained():
-            if not self._bench.lit:
-                self._switch_on()
+        with failing_with(self.dark), bench.explained():
+            if not bench.lit:
+                self._switch_on(bench)
             if self._configured != asked:
-                self._bench.connect(patchings[0])
-                self._bench.configure(Timebase(SAMPLE_RATE, samples), patchings[0], averages)
-                self._scalings = find_ranges(
-                    self._bench.scope, self._bench.limits, [self._bench.capture], self._bench.require_unchanged
-                )
+                bench.connect(patchings[0])
+                bench.configure(Timebase(SAMPLE_RATE, samples), patchings[0], averages)
+                self._scalings = find_ranges(bench.scope, bench.limits, [bench.capture], bench.require_unchanged)
                 self._configured = asked
-            self._bench.observer.while_lit()
-            frames = self._bench.capture()
-            self._bench.laser.require_emission()
-            self._bench.limits.check_traces(tuple(patchings[0]), frames.codes, self._scalings)
+            bench.observer.while_lit()
+            frames = bench.capture()
+            bench.laser.require_emission()
+            bench.limits.check_traces(tuple(patchings[0]), frames.codes, self._scalings)
         volts = [one.scale_v * codes + one.offset_v for one, codes in zip(self._scalings, frames.codes[0], strict=True)]
         return Traces(
             np.array(volts),
@@ -210,9 +215,10 @@ class Hands:
             OverLimit: too much light; the bench is dark.
             InstrumentError: an instrument failed; the bench is dark.
         """
+        bench = self._held()
         try:
-            if self._bench.lit:
-                self._bench.require_unchanged()
+            if bench.lit:
+                bench.require_unchanged()
         except SettingChanged:
             self.find_ranges()
             raise
@@ -226,9 +232,10 @@ class Hands:
         Raises:
             UnsafeBench: it has ended, or its copy; the bench is dark.
         """
-        if self._bench.lit:
+        bench = self._held()
+        if bench.lit:
             with failing_with(self.dark):
-                self._bench.observer.while_lit()
+                bench.observer.while_lit()
 
     @property
     def drive(self) -> bool:
@@ -237,16 +244,18 @@ class Hands:
         Raises:
             InstrumentError: the AWG failed; the bench is dark.
         """
+        self._held()
         return self._plays
 
     @drive.setter
     def drive(self, plays: bool) -> None:
-        if self._bench.lit and plays != self._plays:
+        bench = self._held()
+        if bench.lit and plays != self._plays:
             with failing_with(self.dark):
                 if plays:
-                    self._bench.play_drive()
+                    bench.play_drive()
                 else:
-                    self._bench.stop_drive()
+                    bench.stop_drive()
         self._plays = plays
 
     def dark(self) -> None:
@@ -255,21 +264,31 @@ class Hands:
         Raises:
             UnsafeBench: an instrument did not obey.
         """
+        self._held()
         self._configured = None
         self._blanked = True
         self._light.close()
 
-    def _show(self) -> None:
+    def _held(self) -> Bench:
+        """The bench, while it is this one's."""
+        if self._bench is None:
+            raise LabctlError(
+                "this bench is closed since its block ended, nothing was sent: open it again: "
+                "with labctl.bench(...) as bench:"
+            )
+        return self._bench
+
+    def _show(self, bench: Bench) -> None:
         if self._shown is not None:
-            self._bench.show(self._shown)
+            bench.show(self._shown)
             self._blanked = False
 
-    def _switch_on(self) -> None:
+    def _switch_on(self, bench: Bench) -> None:
         if self._blanked:
-            self._show()
-        self._light.enter_context(self._bench.emitting(self.laser.wavelength_nm))
-        self._bench.load_drive(self._drive)
-        self._bench.play_drive()
+            self._show(bench)
+        self._light.enter_context(bench.emitting(self.laser.wavelength_nm))
+        bench.load_drive(self._drive)
+        bench.play_drive()
 
     def __enter__(self) -> Self:
         """Itself."""
@@ -278,8 +297,8 @@ class Hands:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """The safe state."""
-        self._configured = None
+        """The safe state; the bench is closed."""
+        self._bench = None
         self._light.__exit__(kind, error, trace)
 
 

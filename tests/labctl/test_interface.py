@@ -22,6 +22,7 @@ from labctl.bench.station import SIMULATED_STATION, Station, write_addresses
 from labctl.engine.hands import Hands, in_hands
 from labctl.errors import LabctlError, RunError, StationError
 from labctl.runs.format.origin import Origin
+from sim_backends.scpi.messages import Message
 from tests.checkout import ROOT
 from tests.knobs.interloper import VisitedBench
 
@@ -124,17 +125,28 @@ def _went_out(_laser: Tlg220) -> None:
     raise LightLost("laser: the light went out by itself")
 
 
+class HeardBench(VisitedBench):
+    """Remembers what each instrument was sent, and that it was."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard: list[tuple[str, Message]] = []
+
+    def hears(self, role: str, message: Message) -> None:
+        self.heard.append((role, message))
+
+
 @pytest.fixture
-def visited(tmp_path: Path) -> Iterator[tuple[VisitedBench, Path]]:
+def visited(tmp_path: Path) -> Iterator[tuple[HeardBench, Path]]:
     """A served bench that somebody else can speak to, and its station file."""
     file = tmp_path / "bench.toml"
-    with VisitedBench() as simulated:
+    with HeardBench() as simulated:
         hasty = Station.model_validate({"scope": {"timeout": "1 s"}})
         write_addresses(file, {role: found["socket"] for role, found in simulated.resources.items()}, hasty)
         yield simulated, file
 
 
-def test_a_trace_that_fails_because_of_a_changed_setting_says_so(visited: tuple[VisitedBench, Path]) -> None:
+def test_a_trace_that_fails_because_of_a_changed_setting_says_so(visited: tuple[HeardBench, Path]) -> None:
     simulated, file = visited
     with labctl.bench(file, armed=True) as bench:
         bench.show(np.ones((10, 10)))
@@ -144,7 +156,7 @@ def test_a_trace_that_fails_because_of_a_changed_setting_says_so(visited: tuple[
             bench.capture()
 
 
-def test_after_a_changed_setting_the_next_trace_has_its_ranges_again(visited: tuple[VisitedBench, Path]) -> None:
+def test_after_a_changed_setting_the_next_trace_has_its_ranges_again(visited: tuple[HeardBench, Path]) -> None:
     simulated, file = visited
     with labctl.bench(file, armed=True) as bench:
         bench.show(np.ones((10, 10)))
@@ -203,11 +215,50 @@ def test_who_catches_an_error_has_no_light_on(
     assert light.seen == [True, False, True, False]
 
 
+def test_a_bench_whose_block_has_ended_is_closed_and_sends_nothing(visited: tuple[HeardBench, Path]) -> None:
+    simulated, file = visited
+    with labctl.bench(file, armed=True) as closed:
+        closed.show(np.ones((10, 10)))
+        closed.capture()
+    acts: list[Callable[[Hands], object]] = [
+        lambda bench: bench.show(np.eye(10)),
+        Hands.blank,
+        Hands.capture,
+        Hands.dark,
+        Hands.require_unchanged,
+        Hands.require_supervision,
+        lambda bench: bench.drive,
+        _stop_drive,
+        lambda bench: bench.laser.power,
+        _set_power,
+        lambda bench: bench.laser.wavelength,
+        _tune,
+    ]
+    with labctl.bench(file, armed=True) as another:
+        another.show(np.ones((10, 10)))
+        another.capture()
+        first = len(simulated.heard)
+        another.capture()
+        second = len(simulated.heard)
+        for act in acts:
+            with pytest.raises(LabctlError, match=r"^this bench is closed .*, nothing was sent: open it again: .*$"):
+                act(closed)
+        another.capture()
+        assert simulated.heard[second:] == simulated.heard[first:second] != []
+
+
 @pytest.mark.parametrize(
     ("power", "told"),
-    [("40 mW", "laser.power = 40 mW exceeds limits.optical_power = 30 mW"), ("3", "has no unit"), ("3 nm", "not in W")],
+    [
+        ("40 mW", "laser.power = 40 mW exceeds limits.optical_power = 30 mW"),
+        ("-3 mW", "laser.power = -3 mW is no power of a laser: choose one above 0"),
+        (0, "laser.power = 0 mW is no power of a laser"),
+        (float("nan"), "laser.power = nan mW is no power of a laser"),
+        ("3", "has no unit"),
+        ("3 nm", "not in W"),
+    ],
 )
-def test_powers_that_are_refused_change_nothing(power: str, told: str) -> None:
+def test_powers_that_are_refused_change_nothing(power: str | float, told: str) -> None:
     with labctl.bench() as bench:
         with pytest.raises((OutOfRange, ValueError), match=told):
             bench.laser.power = power
@@ -220,8 +271,9 @@ def test_what_a_hand_cannot_do() -> None:
             bench.capture(ports=range(2, 7))
         with pytest.raises(OutOfRange, match="choose 4e-11 to 2e-05 s"):
             bench.capture(window="1 ps")
-        with pytest.raises(OutOfRange, match="show one of rows and columns"):
-            bench.show([1, 2])
+        for no_image in ([1, 2], np.zeros((0, 0)), np.zeros((5, 0))):
+            with pytest.raises(OutOfRange, match="show one of rows and columns"):
+                bench.show(no_image)
 
 
 def test_from_images_in_to_accuracy_out(tmp_path: Path) -> None:
