@@ -34,3 +34,14 @@ def test_a_laser_that_was_never_lit_asks_nothing_on_the_way_out() -> None:
     operator = Operator()
     ManualLaser(operator).make_safe()
     assert not operator.requests
+
+
+def test_the_operator_is_told_what_the_record_keeps() -> None:
+    operator = Operator()
+    laser = ManualLaser(operator)
+    for wavelength_nm in (1550.0, 1550.002, 1550.004, 1550.006):
+        laser.tune(wavelength_nm)
+    for power_w in (0.03, 0.030000005):
+        laser.set_power(power_w)
+    told = [request.removeprefix("Set the laser to ").partition(",")[0] for request in operator.requests]
+    assert told == ["1550 nm", "1550.002 nm", "1550.004 nm", "1550.006 nm", "30 mW", "30.000005 mW"]
