@@ -31,8 +31,8 @@ def check_laser(station: Station, wavelengths_nm: Collection[float]) -> None:
             reach = f"stays at {tuning.low:g} nm" if tuning.low == tuning.high else f"tunes over {_span(tuning)} nm"
             keys = "laser.driver" + (f", laser.{ranges.key}" if ranges.key else "")
             raise StationError(
-                f"{station.source}: {wavelength:g} nm are asked for, but the laser of {ranges.source} {reach}: choose "
-                f"other wavelengths, or name a laser that tunes there ({keys})"
+                f"{station.source}: {wavelength:.12g} nm are asked for, but the laser of {ranges.source} {reach}: "
+                f"choose other wavelengths, or name a laser that tunes there ({keys})"
             )
     power_dbm = 10 * math.log10(laser.power / 1e-3) if laser.power > 0 else -math.inf
     if not power.low <= power_dbm <= power.high:

@@ -102,7 +102,7 @@ def in_words(result: dict[str, Any]) -> list[str]:
     first = result["centre_nm"] - result["scanned_nm"] / 2
     lines = [
         f"intensity correlation of {result['images']} images on port {', '.join(map(str, result['ports']))}, "
-        f"{first:.6g} nm to {first + result['scanned_nm']:.8g} nm in steps of {_length(result['step_nm'])}"
+        f"{first:.8g} nm to {first + result['scanned_nm']:.8g} nm in steps of {_length(result['step_nm'])}"
     ]
     if result["half_width_nm"] is None:
         return [*lines, f"half width at half maximum: not known, the scan is {result['what_to_do']}"]

@@ -72,7 +72,7 @@ def port_names(run: Run) -> tuple[str, ...]:
     if len(set(run.ports)) == len(run.ports):
         return tuple(names)
     return tuple(
-        f"{name}, {wavelength:g} nm" for name, wavelength in zip(names, run.shape.wavelength_of_port, strict=True)
+        f"{name}, {wavelength:.12g} nm" for name, wavelength in zip(names, run.shape.wavelength_of_port, strict=True)
     )
 
 

@@ -49,6 +49,18 @@ def test_some_shots_and_ports_in_one_picture(bench_run: Path, tmp_path: Path, ty
     assert "drift is left out: it is seen in two or more reference images" in told
 
 
+def test_channels_of_different_wavelengths_have_different_names(tmp_path: Path, typed: Typed, as_json: AsJson) -> None:
+    scan = ("wavelength-scan", "--set", "steps=3", "--set", "images=4", "--set", "step=0.5 pm")
+    assert (
+        "labctl: built-in station: 1527.9995 nm are asked for, "
+        in typed("run", *scan, "--set", "start=1527.9995 nm")[2]
+    )
+    assert "1550, 1550.0005, 1550.001 nm" in typed("run", *scan, "--dry-run")[1]
+    assert typed("run", *scan, "--out", tmp_path / "scan")[0] == 0
+    named = [channel["port"] for channel in as_json("show", tmp_path / "scan")[1]["signals"]]
+    assert named == [f"before the chip, {wavelength} nm" for wavelength in ("1550", "1550.0005", "1550.001")]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

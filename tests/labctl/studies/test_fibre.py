@@ -21,7 +21,7 @@ from labctl.runs.format.columns import shot_table
 from labctl.runs.format.shape import RunShape
 from labctl.runs.write.durability import Durability
 from labctl.runs.write.writer import RunWriter
-from labctl.studies.fibre import measure_fibre
+from labctl.studies.fibre import in_words, measure_fibre
 from protocols.wavelength_scan import WavelengthScan
 from sim_backends.parameters import Parameters
 from tests.labctl.studies.alignment.world_truth import half_width_m
@@ -94,6 +94,10 @@ class TestOnTheSimulatedBench:
         assert uncertainty_nm < 0.4 * expected_nm
         allowed_nm = 3 * np.hypot(uncertainty_nm, 0.05 * expected_nm)
         assert found["half_width_nm"] == pytest.approx(expected_nm, abs=allowed_nm)
+
+    def test_a_scan_begins_where_it_is_said_to(self, scanned: Path) -> None:
+        later = in_words(measure_fibre(scanned) | {"centre_nm": 1550.015})
+        assert "on port 0, 1550.002 nm to 1550.028 nm in steps of 2 pm" in later[0]
 
     def test_evaluate_says_it_in_units(self, scanned: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert evaluate(scanned) == DONE
