@@ -6,8 +6,8 @@ What it sees is put where the dashboard looks, and what it is asked for is found
 import os
 import shutil
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -200,16 +200,15 @@ class _Looking:
         if wishes == self._wishes:
             return
         before, self._wishes = self._wishes, wishes
-        try:
-            if wishes.power and wishes.power != before.power:
+        if wishes.power and wishes.power != before.power:
+            with self._saying_refusals():
                 self.hands.laser.power = wishes.power
                 self._forget()
-            if wishes.wavelength and wishes.wavelength != before.wavelength:
+        if wishes.wavelength and wishes.wavelength != before.wavelength:
+            with self._saying_refusals():
                 check_laser(self.view.station, [quantity(wishes.wavelength, "nm")])
                 self.hands.laser.wavelength = wishes.wavelength
                 self._forget()
-        except (OutOfRange, StationError, ValueError) as error:
-            self.observer.warning(f"not set: {error}")
         if wishes.drive != self.hands.drive:
             self.hands.drive = wishes.drive
             if not wishes.drive:
@@ -217,6 +216,13 @@ class _Looking:
         if wishes.anew != before.anew:
             self.hands.find_ranges()
             self._forget()
+
+    @contextmanager
+    def _saying_refusals(self) -> Iterator[None]:
+        try:
+            yield
+        except (OutOfRange, StationError, ValueError) as error:
+            self.observer.warning(f"not set: {error}")
 
     def _forget(self) -> None:
         """The light is another one: what was seen before says nothing of it."""

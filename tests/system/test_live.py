@@ -212,6 +212,16 @@ def test_it_is_told_from_elsewhere(station: Path, tmp_path: Path, emitting: Call
     assert not emitting()
 
 
+def test_a_wish_that_is_refused_keeps_no_other_from_being_set(station: Path, tmp_path: Path) -> None:
+    with viewing(station, tmp_path) as (_, directory):
+        ask_for(directory, Wishes(power="1 W", wavelength="1551 nm", drive=False))
+        until(lambda: EventReader(directory / "events.jsonl").read()[-1].fields == {"on": False})
+        *_, refused, tuned, _ = EventReader(directory / "events.jsonl").read()
+    assert refused.fields["text"].startswith("not set: ")
+    assert "laser.power = 1000 mW exceeds" in refused.fields["text"]
+    assert (tuned.name, tuned.fields["wavelength_nm"]) == ("tuned", pytest.approx(1551, abs=0.01))
+
+
 @pytest.mark.usefixtures("started_anew")
 def test_one_whose_supervisor_is_killed_ends_dark_also_with_the_drive_off(
     station: Path, tmp_path: Path, emitting: Callable[[], bool]
