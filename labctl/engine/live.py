@@ -162,9 +162,10 @@ class _Looking:
 
     def until(self, end: float | None) -> None:
         """Look until the end, or until somebody wants it, or nobody looks any more."""
-        due = began = self._began = time.monotonic()
-        turns = 0
+        due = self._began = time.monotonic()
+        turns, looking_s = 0, 0.0
         while not self._over(end):
+            begun_at = time.monotonic()
             if self.control.paused:
                 self._rest(end)
                 continue
@@ -177,10 +178,11 @@ class _Looking:
                 self.control.interruption.wait(IDLE_S)
                 continue
             traces = self.hands.capture(window=self.view.window_s, ports=self.view.ports, averages=self.view.averages)
-            self._see(traces, (self._looks + 1) / max(time.monotonic() - began, 1e-9))
+            self._see(traces, (self._looks + 1) / max(looking_s + time.monotonic() - begun_at, 1e-9))
             due = max(due + 1 / self.view.rate_hz, time.monotonic())
             while (left := due - time.monotonic()) > 0 and not self._over(end):
                 self.control.interruption.wait(min(left, IDLE_S))
+            looking_s += time.monotonic() - begun_at
 
     def _over(self, end: float | None) -> bool:
         self.left = self.audience.has_left

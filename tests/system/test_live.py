@@ -12,6 +12,7 @@ import subprocess
 import termios
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -220,6 +221,22 @@ def test_a_wish_that_is_refused_keeps_no_other_from_being_set(station: Path, tmp
     assert refused.fields["text"].startswith("not set: ")
     assert "laser.power = 1000 mW exceeds" in refused.fields["text"]
     assert (tuned.name, tuned.fields["wavelength_nm"]) == ("tuned", pytest.approx(1551, abs=0.01))
+
+
+def test_its_looks_a_second_are_of_the_time_it_looks(station: Path, tmp_path: Path) -> None:
+    with viewing(station, tmp_path) as (process, directory):
+        ask(directory, Word.PAUSE)
+        until(lambda: "paused" in told(directory))
+        subprocess.run([*LABCTL, "check", f"--station={station}"], capture_output=True, check=False)  # is refused
+        ask(directory, Word.GO_ON)
+        until(lambda: "going on" in told(directory))
+        looks = seen(directory).looks
+        until(lambda: seen(directory).looks > looks)
+        status, result = ended(process, signal.SIGINT)
+    assert status == 0
+    at = {one.name: datetime.fromisoformat(one.time) for one in EventReader(directory / "events.jsonl").read()}
+    paused_s = (at["going on"] - at["paused"]).total_seconds()
+    assert result["looks"] / result["looks_per_second"] < result["seconds"] - 0.9 * paused_s
 
 
 @pytest.mark.usefixtures("started_anew")

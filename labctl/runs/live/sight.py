@@ -37,7 +37,7 @@ class Sight:
         likeness: (points, ports) correlation with the first look; NaN where there is none.
         peak_v: (ports,) highest level since the start, V.
         looks: how many there were.
-        rate_hz: looks a second; 0 where they are the shots of a run.
+        rate_hz: looks a second, breaks left out; 0 where they are the shots of a run.
         repeats: (repeats, ports, samples) codes of one and the same picture; None: `recent` are such.
     """
 
