@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from labctl.analysis.signal_quality import drift
 
 MOST = 512
-"""Records that are kept: when there are so many, every second one is left out, and from then on too."""
+"""Records that are kept: when there are so many, every second one is left out, and from then on too; never the last."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Course:
         likeness: (records, ports) correlation with the first record, 1 = same shape; NaN where a record is constant.
         peak_v: (ports,) the highest level of any record, kept here or not, V.
         seen: how many records there were.
-        every: one in so many is kept.
+        every: one in so many is kept, and the last one.
     """
 
     first: NDArray[np.float64]
@@ -36,24 +36,26 @@ class Course:
     def with_more(self, elapsed_s: float, volts: NDArray[np.float64]) -> "Course":
         """With a record (ports, samples) in V, so long after the start."""
         found = drift(np.stack([self.first, volts]))
-        course = replace(self, seen=self.seen + 1, peak_v=np.maximum(self.peak_v, found.level[1]))
-        if self.seen % self.every:
-            return course
-        kept = replace(
-            course,
-            elapsed_s=np.append(self.elapsed_s, elapsed_s),
-            level_v=np.concatenate([self.level_v, found.level[1:]]),
-            likeness=np.concatenate([self.likeness, found.correlation[1:]]),
+        before = slice(-1 if (self.seen - 1) % self.every else None)  # the last one so far was only kept as the last
+        course = replace(
+            self,
+            elapsed_s=np.append(self.elapsed_s[before], elapsed_s),
+            level_v=np.concatenate([self.level_v[before], found.level[1:]]),
+            likeness=np.concatenate([self.likeness[before], found.correlation[1:]]),
+            peak_v=np.maximum(self.peak_v, found.level[1]),
+            seen=self.seen + 1,
         )
-        return kept if len(kept.elapsed_s) < MOST else kept.thinned()
+        return course if len(course.elapsed_s) < MOST else course.thinned()
 
     def thinned(self) -> "Course":
-        """With every second record, the first of them included."""
+        """With every second record, the first of them included, and the last."""
+        last = len(self.elapsed_s) - 1
+        rows = [*range(0, last, 2), last]
         return replace(
             self,
-            elapsed_s=self.elapsed_s[::2],
-            level_v=self.level_v[::2],
-            likeness=self.likeness[::2],
+            elapsed_s=self.elapsed_s[rows],
+            level_v=self.level_v[rows],
+            likeness=self.likeness[rows],
             every=2 * self.every,
         )
 
