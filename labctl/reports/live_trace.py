@@ -34,13 +34,13 @@ class LiveTrace:
         self._display: Any = display
         self._shown: Any = None
         self._count = 0
-        self._top = 0.0
+        self._low = self._high = 0.0
 
     def show(self, time_s: NDArray[Any], volts: NDArray[Any], ports: Sequence[int], origin: Origin) -> None:
         """Draw traces (ports, samples) in V over those before; what is simulated is marked as in any figure."""
         self._count += 1
-        self._top = max(self._top, float(np.max(np.abs(volts))))
-        figure = trace_figure(time_s, volts, ports, top_v=self._top, count=self._count)
+        self._low, self._high = min(self._low, float(np.min(volts))), max(self._high, float(np.max(volts)))
+        figure = trace_figure(time_s, volts, ports, ends_v=(self._low, self._high), count=self._count)
         picture = self._image(data=png_of(figure, origin), width=WIDTH)
         if self._shown is None:
             self._shown = self._display(picture, display_id=True)
@@ -50,7 +50,7 @@ class LiveTrace:
 
 @styled
 def trace_figure(
-    time_s: NDArray[Any], volts: NDArray[Any], ports: Sequence[int], *, top_v: float, count: int
+    time_s: NDArray[Any], volts: NDArray[Any], ports: Sequence[int], *, ends_v: tuple[float, float], count: int
 ) -> Figure:
     """One panel with a trace a port.
 
@@ -58,16 +58,18 @@ def trace_figure(
         time_s: (samples,) s.
         volts: (ports, samples) V.
         ports: Number of each port.
-        top_v: End of the vertical axis, V.
+        ends_v: Lowest and highest V that the vertical axis has room for.
         count: The traces are the how manyth.
     """
     figure = Figure(figsize=(6.4, 2.8))
     axes = figure.add_subplot()
-    factor, unit = volt_scale(top_v)
+    low_v, high_v = ends_v
+    factor, unit = volt_scale(ends_v)
     for position, (port, trace) in enumerate(zip(ports, volts, strict=True)):
         style = look(position)
         axes.plot(1e9 * time_s, factor * trace, color=style.colour, linestyle=style.dashes, label=port_name(port))
     axes.set(xlabel="time (ns)", ylabel=f"signal ({unit})", title=f"trace {count}")
-    axes.set_ylim(-0.1 * factor * top_v, 1.1 * factor * top_v)
+    margin_v = 0.1 * (high_v - low_v)
+    axes.set_ylim(factor * (low_v - margin_v), factor * (high_v + margin_v))
     place_legend(figure, axes, inside="upper right")
     return figure

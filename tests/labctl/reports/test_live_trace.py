@@ -23,7 +23,7 @@ TIME_S = np.linspace(0, 0.96e-9, 25)
 
 def test_a_trace_names_its_ports_and_its_place(tmp_path: Path) -> None:
     def draw() -> Any:
-        return trace_figure(TIME_S, np.ones((2, 25)), (2, 0), top_v=1, count=7)
+        return trace_figure(TIME_S, np.ones((2, 25)), (2, 0), ends_v=(0, 1), count=7)
 
     check_figure(draw, tmp_path)
     assert legend(draw()) == ["port 2", "before the chip"]
@@ -31,17 +31,26 @@ def test_a_trace_names_its_ports_and_its_place(tmp_path: Path) -> None:
 
 
 def test_the_scale_never_shrinks(monkeypatch: pytest.MonkeyPatch) -> None:
-    tops = []
+    ends = []
 
-    def remember(*_: Any, top_v: float, count: int) -> Any:
-        tops.append((count, top_v))
-        return trace_figure(TIME_S, np.ones((1, 25)), (2,), top_v=top_v, count=count)
+    def remember(*_: Any, ends_v: tuple[float, float], count: int) -> Any:
+        ends.append((count, ends_v))
+        return trace_figure(TIME_S, np.ones((1, 25)), (2,), ends_v=ends_v, count=count)
 
     monkeypatch.setattr(live_trace, "trace_figure", remember)
     view = LiveTrace()
-    for level in (0.2, 0.5, 0.1):
+    for level in (0.2, 0.5, -0.3, 0.1):
         view.show(TIME_S, np.full((1, 25), level), (2,), Origin.REAL)
-    assert tops == [(1, 0.2), (2, 0.5), (3, 0.5)]
+    assert ends == [(1, (0, 0.2)), (2, (0, 0.5)), (3, (-0.3, 0.5)), (4, (-0.3, 0.5))]
+
+
+def test_the_whole_trace_is_seen_also_below_zero() -> None:
+    volts = np.linspace(-1e-3, 0.6e-3, 25)[np.newaxis]
+    axes = trace_figure(TIME_S, volts, (2,), ends_v=(-1e-3, 0.6e-3), count=1).axes[0]
+    drawn = axes.lines[0].get_ydata()
+    low, high = axes.get_ylim()
+    assert low < np.min(drawn) < np.max(drawn) < high
+    assert "mV" in axes.get_ylabel()
 
 
 @pytest.mark.parametrize("origin", Origin)
@@ -49,7 +58,7 @@ def test_what_is_simulated_is_marked_as_in_any_figure(origin: Origin, monkeypatc
     shown: list[Any] = []
     monkeypatch.setattr("IPython.display.display", lambda picture, **_: shown.append(picture))
     LiveTrace().show(TIME_S, np.ones((1, 25)), (2,), origin)
-    figure = trace_figure(TIME_S, np.ones((1, 25)), (2,), top_v=1, count=1)
+    figure = trace_figure(TIME_S, np.ones((1, 25)), (2,), ends_v=(0, 1), count=1)
     assert shown[0].data == png_of(figure, origin)
     with Image.open(BytesIO(shown[0].data)) as picture:
         colours = {colour for _, colour in picture.convert("RGB").getcolors(1 << 20) or ()}
