@@ -58,6 +58,12 @@ def damaged(path: Path, error: Exception) -> RunError:
     return RunError(f"{path}: not a whole data file ({error}); {remedy}")
 
 
+def _require_open(path: Path, stored: h5py.File | h5py.Dataset) -> None:
+    """Refuse what was closed, of which HDF5 has nothing to say, or says that it is damaged."""
+    if not stored:
+        raise RunError(f"{path}: is closed: open it again")
+
+
 class DataFile:
     """A data.h5: its description, and its columns, which are read on demand.
 
@@ -106,8 +112,9 @@ class DataFile:
         """What the AWG played, None if nothing.
 
         Raises:
-            RunError: it is damaged.
+            RunError: it is damaged, or closed.
         """
+        _require_open(self._path, self._described)
         try:
             return read_drive(self._described)
         except HDF5_ERRORS as error:
@@ -117,7 +124,7 @@ class DataFile:
         """A data set with a value for each shot, other than the frames.
 
         Raises:
-            RunError: it is damaged.
+            RunError: it is damaged, or closed.
         """
         return self._whole(name)[self._rows]
 
@@ -134,6 +141,7 @@ class DataFile:
         self._open.close()
 
     def _whole(self, name: str) -> NDArray[Any]:
+        _require_open(self._path, self._file)
         try:
             values = np.asarray(self._file[name][:])
             if name == "shots":
@@ -156,6 +164,7 @@ class StoredFrames:
         self.dtype: np.dtype[Any] = stored.dtype
 
     def __getitem__(self, key: Any) -> Any:
+        _require_open(self._path, self._stored)
         try:
             return self._stored[key]
         except ValueError:  # of h5py where many positions are asked for of a stretch of nothing

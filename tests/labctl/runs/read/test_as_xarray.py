@@ -58,6 +58,14 @@ def test_a_finished_run_has_names_and_units(whole: Path, small: RunShape) -> Non
         np.testing.assert_array_equal(run.volts.sel(port=6, time=slice(0, 60e-12))[4], plain.volts()[4, 4, 2:6])
 
 
+def test_a_dataset_that_was_closed_says_so(whole: Path) -> None:
+    for data in (labctl.open_run(whole), labctl.open_runs([whole, whole])):
+        data.close()
+        for name in ("volts", "time_s", "epoch_of_pass", "clipped"):
+            with pytest.raises(RunError, match=r"data\.h5: is closed: open it again$"):
+                _ = data[name].values
+
+
 def test_a_run_that_is_going_on(
     tmp_path: Path,
     begin: Callable[..., RunWriter],

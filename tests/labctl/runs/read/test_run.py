@@ -109,6 +109,24 @@ def test_a_data_file_is_enough(tmp_path: Path, whole: Path) -> None:
         assert run.path == tmp_path / "copy.h5"
 
 
+def test_what_was_closed_is_not_called_damaged(whole: Path) -> None:
+    with open_run(whole) as run:
+        frames = run.frames
+    looks: list[Callable[[], Any]] = [
+        lambda: frames[0],
+        lambda: frames[[0, 2]],
+        lambda: run.shots,
+        lambda: run.clipped,
+        lambda: run.scale,
+        lambda: run.drive,
+        run.volts,
+        run.digest,
+    ]
+    for look in looks:
+        with pytest.raises(RunError, match=r"data\.h5: is closed: open it again$"):
+            look()
+
+
 def test_a_run_without_a_drive(
     tmp_path: Path,
     small: RunShape,
