@@ -76,8 +76,6 @@ def evaluate(
             "--window and --ports are for --online and sweeps: a model has its own, a scan is measured as a whole"
         )
     if run is not None:
-        if subject.is_dir():
-            raise UsageError(f"{subject}: is a folder: name the model file first, then the run directory")
         require_readout(run)
         judged = evaluate_readout(subject, run)
         show(judged, as_json, lambda: _print_readout(judged))

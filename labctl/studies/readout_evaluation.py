@@ -29,7 +29,7 @@ from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.splits import SEEDS, Split, enough_splits, forward_in_time_split, own_split, random_splits
 from labctl.analysis.windows import WindowFeatures
 from labctl.datasets import catalogue
-from labctl.errors import AnalysisError, TooFewImages, one_line
+from labctl.errors import AnalysisError, TooFewImages, UsageError, one_line
 from labctl.reports.figures.window import PAPER_CLAIM
 from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
@@ -92,7 +92,10 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         AnalysisError: not a readout, a run it does not fit (of another drive, bench, wavelength or sampling), or one of
             nothing but the images it was trained on.
         RunError: no such run.
+        UsageError: a folder, such as the run, is named in the place of the readout.
     """
+    if model.is_dir():
+        raise UsageError(f"{model}: is a folder: name the model file first, then the run directory")
     readout, trained = load_model(model), _Trained.of(model)
     with open_run(directory) as run:
         here = Masks.of(run)

@@ -292,6 +292,12 @@ def test_from_images_in_to_accuracy_out(tmp_path: Path) -> None:
     assert len(labctl.evaluate(tmp_path / "sweep")["points"]) == 3
 
 
+def test_a_run_in_the_place_of_the_model_is_not_to_be_removed(tmp_path: Path) -> None:
+    (run := tmp_path / "mine").mkdir()
+    with pytest.raises(LabctlError, match="mine: is a folder: name the model file first, then the run directory"):
+        labctl.evaluate(run, tmp_path / "m.h5")
+
+
 def test_errors_are_those_of_the_commands(tmp_path: Path) -> None:
     with pytest.raises(LabctlError, match="image-readout has no such setting"):
         labctl.run(colour="red")
