@@ -18,11 +18,9 @@ from labctl.engine.session import Acquisition, acquire
 from labctl.reports.live_trace import LiveTrace
 from labctl.runs.catalogue import Catalogue, Found
 from labctl.runs.format.store import here, location
-from labctl.runs.sweep import Sweep
-from labctl.runs.sweep_axes import Order, values_of
 from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.readout_training import train_readout
-from labctl.studies.sweeps.declaration import points, refuse_set_twice
+from labctl.studies.sweeps.declaration import declared, points, refuse_set_twice
 from labctl.studies.sweeps.evaluation import evaluate_sweep
 from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts
 from labctl.studies.sweeps.folder import new_directory as new_sweep_directory
@@ -125,7 +123,7 @@ def run(
 
 def sweep(
     protocol: str,
-    over: Mapping[str, str | Sequence[str]],
+    over: Mapping[str, str | Sequence[str | float]],
     *,
     zip: bool = False,  # noqa: A002 -- as the command's option
     order: str = "random",
@@ -141,7 +139,8 @@ def sweep(
 
     Args:
         protocol: Name of a protocol, or a Python file that defines one.
-        over: Values of each axis: texts, or one text with a list or a range, `{"power": "10:30:5 mW"}`.
+        over: Values of each axis: texts, numbers where there is no unit, or one text with a list or a range,
+            `{"power": "10:30:5 mW"}`.
         zip: Axes side by side instead of every combination.
         order: "random", "interleaved" or "as-given".
         reference_every: The first point is measured first, last and after so many others; 0: once.
@@ -156,16 +155,9 @@ def sweep(
         LabctlError: what was asked for is wrong, before there is light; or an instrument failed, and what was measured
             is kept: `labctl resume`.
     """
-    axes = {name: values_of(name, one) if isinstance(one, str) else tuple(one) for name, one in over.items()}
     measured = named_protocol(protocol)
-    asked = Sweep(
-        protocol=measured.name,
-        settings=settings,
-        over=axes,
-        zip=zip,
-        order=Order(order),
-        reference_every=reference_every,
-    )
+    told = {"settings": settings, "over": over, "zip": zip, "order": order, "reference_every": reference_every}
+    asked = declared({"protocol": measured.name, **told}, "sweep")
     refuse_set_twice(asked)
     found = _station(station, projector=measured.projector)
     every = points(asked, measured, found)
@@ -173,7 +165,8 @@ def sweep(
     access = Access(attended, armed)
     for _ in forecasts(every, data=_path(data), access=access):
         pass  # what cannot be is refused before anything is made
-    begin(directory, asked, measured, found)
+    kept = every[0].protocol.model_dump(mode="json", include=set(settings))
+    begin(directory, asked.model_copy(update={"settings": kept}), measured, found)
     with interruptible() as interruption:
         return carry_out(
             directory,

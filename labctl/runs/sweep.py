@@ -5,7 +5,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
 
@@ -24,6 +24,7 @@ DIGEST = "sha256"
 LONGEST_NAME = 80
 MICRO = "[\u00b5\u03bc]"
 """As keyboards write it, and as the Greek letter."""
+_Value = Annotated[str, Field(coerce_numbers_to_str=True)]
 
 
 class Sweep(BaseModel):
@@ -39,7 +40,7 @@ class Sweep(BaseModel):
 
     protocol: str
     settings: dict[str, Any] = {}
-    over: dict[str, tuple[str, ...]] = Field(min_length=1)
+    over: dict[str, Annotated[tuple[_Value, ...], Field(min_length=1)]] = Field(min_length=1)
     zip: bool = False
     order: Order = Order.RANDOM
     seed: NonNegativeInt = 1

@@ -22,6 +22,7 @@ from labctl.bench.station import SIMULATED_STATION, Station, write_addresses
 from labctl.engine.hands import Hands, in_hands
 from labctl.errors import LabctlError, RunError, StationError
 from labctl.runs.format.origin import Origin
+from labctl.runs.sweep import read
 from sim_backends.scpi.messages import Message
 from tests.checkout import ROOT
 from tests.knobs.interloper import VisitedBench
@@ -290,6 +291,44 @@ def test_from_images_in_to_accuracy_out(tmp_path: Path) -> None:
     )
     assert (measured.runs, measured.complete) == (3, 3)
     assert len(labctl.evaluate(tmp_path / "sweep")["points"]) == 3
+
+
+def test_a_sweep_takes_the_settings_that_a_run_takes(tmp_path: Path) -> None:
+    measured = labctl.sweep(
+        "image-readout",
+        {"averages": range(1, 3)},
+        images=np.int64(10),
+        window="0.4 ns",
+        ports=np.array([2, 3]),
+        classes=range(2),
+        reference_every=0,
+        out=tmp_path / "sweep",
+    )
+    assert (measured.runs, measured.complete) == (2, 2)
+    kept = read(measured.directory).sweep
+    assert kept.settings == {"images": 10, "window": 0.4e-9, "ports": [2, 3], "classes": [0, 1]}
+    assert kept.over == {"averages": ("1", "2")}
+
+
+@pytest.mark.parametrize(
+    ("over", "more", "told"),
+    [
+        ({}, {}, "over = {}: Dictionary should have at least 1 item"),
+        ({"power": []}, {}, r"over.power = \[\]: Tuple should have at least 1 item"),
+        (None, {}, "over = None: Input should be a valid dictionary"),
+        ({"averages": 2}, {}, "over.averages = 2: Input should be a valid tuple"),
+        ({"power": [0.01]}, {}, "'0.01' has no unit: write it like '0.01 W'"),
+        ({"power": ["10 mW"]}, {"order": "backwards"}, "order = 'backwards': Input should be 'random'"),
+        ({"power": ["10 mW"]}, {"reference_every": -1}, "reference_every = -1: Input should be greater"),
+    ],
+)
+def test_what_is_no_sweep_is_refused_in_one_line_and_leaves_no_folder(
+    over: Any, more: dict[str, Any], told: str, tmp_path: Path
+) -> None:
+    with pytest.raises(LabctlError, match=told) as raised:
+        labctl.sweep("image-readout", over, images=10, out=tmp_path / "sweep", **more)
+    assert "\n" not in str(raised.value)
+    assert not (tmp_path / "sweep").exists()
 
 
 def test_a_run_in_the_place_of_the_model_is_not_to_be_removed(tmp_path: Path) -> None:

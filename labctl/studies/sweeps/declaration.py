@@ -38,19 +38,27 @@ def read_sweep(path: Path) -> Sweep:
         UsageError: the file cannot be read, or says something else.
     """
     try:
-        content = read_toml(path)
-        over = content.get("over")
-        if isinstance(over, dict):
-            content["over"] = {
-                name: values_of(name, one) if isinstance(one, str) else one for name, one in over.items()
-            }
-        return Sweep.model_validate(content)
+        return declared(read_toml(path), str(path))
     except OSError as error:
         raise UsageError(unreadable(path, error, "name a protocol or a sweep file")) from None
     except TomlError as error:
         raise UsageError(f"{path}: is not TOML ({error}): correct that line") from None
+
+
+def declared(content: Mapping[str, Any], origin: str) -> Sweep:
+    """The sweep that `content`, which comes from `origin`, declares: what `Sweep` has, or text as values of an axis.
+
+    Raises:
+        UsageError: it says something else.
+    """
+    over = content.get("over")
+    if isinstance(over, Mapping):
+        over = {name: values_of(name, one) if isinstance(one, str) else one for name, one in over.items()}
+        content = {**content, "over": over}
+    try:
+        return Sweep.model_validate(content)
     except ValidationError as error:
-        raise UsageError(f"{path}: {describe(error, Sweep.model_fields)}") from None
+        raise UsageError(f"{origin}: {describe(error, Sweep.model_fields)}") from None
 
 
 def refuse_set_twice(sweep: Sweep) -> None:
