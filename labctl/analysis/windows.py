@@ -4,6 +4,7 @@ Records are arrays (shots, ports, samples), codes or volts. A window T_N sampled
 features, N = T_N / tau_s.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, Self
 
@@ -25,7 +26,7 @@ def sample_count(window_s: float, tau_s: float) -> int:
     """Number of samples N = T_N / tau_s of a window.
 
     Raises:
-        AnalysisError: The window is shorter than one sample or not a whole number of them.
+        AnalysisError: The window is shorter than one sample or not a whole number of them, or has no end.
 
     Example:
         >>> from labctl.analysis.windows import sample_count
@@ -37,13 +38,14 @@ def sample_count(window_s: float, tau_s: float) -> int:
     """
     if not (window_s > 0 and tau_s > 0):
         raise AnalysisError(f"a window of {window_s:g} s sampled every {tau_s:g} s is empty: both must be above zero")
-    ratio = window_s / tau_s
+    if math.isinf(ratio := window_s / tau_s):
+        raise AnalysisError(f"a window of {window_s:g} s sampled every {tau_s:g} s has no end: use a shorter one")
     count = round(ratio)
     if count < 1 or abs(ratio - count) > GRID_TOLERANCE:
-        below, above = max(int(ratio), 1), int(ratio) + 1
+        near = (number for number in (int(ratio), int(ratio) + 1) if number)
         raise AnalysisError(
             f"a window of {window_s * 1e9:g} ns is not a whole number of {tau_s * 1e9:g} ns samples: "
-            f"use {below * tau_s * 1e9:g} ns or {above * tau_s * 1e9:g} ns"
+            f"use {' or '.join(f'{number * tau_s * 1e9:g} ns' for number in near)}"
         )
     return count
 

@@ -47,13 +47,13 @@ def train_readout(
     with open_run(directory) as run:
         records, left_out = bounded_records(run)
         digest, masks, manifest = run.digest(), Masks.of(run), run.manifest
-    chosen = ports or records.ports
+    chosen = records.ports if ports is None else ports
     pipeline = softmax_readout(
         ports=ports,
         window_s=window_s,
         sample_interval_s=records.sample_interval_s,
         tau_s=tau_s,
-        recorded_ports=records.ports if ports else None,
+        recorded_ports=None if ports is None else records.ports,
         inverse_penalty=inverse_penalty,
     )
     train, test = kept_apart(records, seed)

@@ -280,6 +280,8 @@ def test_what_a_hand_cannot_do() -> None:
 def test_from_images_in_to_accuracy_out(tmp_path: Path) -> None:
     outcome = labctl.run(images=60, window="0.4 ns", out=tmp_path / "runs" / "one")
     assert (outcome.complete, outcome.directory) == (True, tmp_path / "runs" / "one")
+    with pytest.raises(LabctlError, match=r"no port is chosen: choose from \(2, 3, 4, 5, 6\)"):
+        labctl.train(outcome.directory, ports=())
     trained = labctl.train(outcome.directory, ports=[2, 3], out=tmp_path / "model.h5")
     assert trained["ports"] == [2, 3]
     assert labctl.evaluate(trained["model"], outcome.directory)["test_shots"] == trained["test_shots"]
