@@ -190,7 +190,7 @@ def runs(
         limit: Only the last so many.
 
     Raises:
-        UsageError: the words are not understood, or no run has that key.
+        UsageError: the words are not understood, no run has that key, or `limit` is below 1.
     """
     return Catalogue(location(folder)).find(where, sort=sort, limit=limit)
 

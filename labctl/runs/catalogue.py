@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 from platformdirs import user_cache_path
 
-from labctl.errors import RunError
+from labctl.errors import RunError, UsageError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.manifest import Manifest, protocol_settings
 from labctl.runs.format.origin import Origin
@@ -94,7 +94,7 @@ class Catalogue:
         have, where there is one.
 
         Raises:
-            UsageError: the words are not understood, or no run has that key.
+            UsageError: the words are not understood, no run has that key, or `limit` is below 1.
         """
         return self.last(*words, sort=sort, limit=limit, shown=shown)[0]
 
@@ -106,6 +106,8 @@ class Catalogue:
         Raises:
             UsageError: as `find`.
         """
+        if limit is not None and limit < 1:
+            raise UsageError(f"limit = {limit}: ask for one run or more")
         return self._told(partial(self._last, words, sort=sort, limit=limit, shown=shown))
 
     def _last(

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import labctl
+from labctl.errors import UsageError
 from labctl.runs.catalogue import FILE, VERSION, Catalogue
 from tests.labctl.commands.conftest import AsJson, Typed
 
@@ -55,6 +57,15 @@ def test_how_well_a_readout_scored(folder: Path, typed: Typed, as_json: AsJson) 
     assert "4e-10" in out
     _, out, _ = typed("runs", folder, "--keys")
     assert {"accuracy", "images", "protocol", "started", "window"} <= set(out.strip().split(", "))
+
+
+@pytest.mark.parametrize("limit", [0, -1])
+def test_fewer_runs_than_one_are_refused(tmp_path: Path, typed: Typed, limit: int) -> None:
+    told = f"limit = {limit}: ask for one run or more"
+    status, out, err = typed("runs", tmp_path, "--limit", limit)
+    assert (status, out, err) == (2, "", f"labctl: {told}\n")
+    with pytest.raises(UsageError, match=f"^{told}$"):
+        labctl.runs(folder=tmp_path, limit=limit)
 
 
 def test_a_column_that_no_run_has_is_refused(folder: Path, tmp_path: Path, typed: Typed) -> None:
