@@ -123,7 +123,7 @@ def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "protocol = 3", 'protocol = "image-readout"', "[", *(f'protocol = "a"\n[over]\na = {one}' for one in (1, []))],
+    ["", "protocol = 3", 'protocol = "image-readout"', "[", *(f'protocol = "a"\n[over]\na = {one}' for one in ("1", "[]"))],
 )
 def test_files_that_say_no_sweep(tmp_path: Path, text: Any) -> None:
     with pytest.raises(UsageError, match=r"sweep\.toml: ") as raised:
