@@ -8,7 +8,10 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from multiprocessing.pool import AsyncResult, Pool
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +24,26 @@ RESTS = 19
 AT_ONCE_S = 0.2
 """Processor time after which no further step is taken before others had their turn."""
 
-Subject = tuple[Path, Callable[[Path, Any], tuple[Any, bool]]]
+Step = Callable[[Path, Any], tuple[Any, bool]]
+Subject = tuple[Path, Step]
 """A run, and a step: from its directory and what is known of it, what is known then and whether others follow."""
 
 
 class Learning:
     """Takes steps for one subject at a time, in a process that is started with the first of them.
 
-    While a run is growing it rests for `RESTS` times the processor time that the last ones took. Whoever had the last
-    ones lets the others ask first.
+    One that somebody kills is followed by another, which is asked the same. While a run is growing it rests for
+    `RESTS` times the processor time that the last ones took. Whoever had the last ones lets the others ask first.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         """Start nothing yet."""
         self._clock = clock
-        self._pool: Pool | None = None
+        self._process: BaseProcess | None = None
+        self._caller = ThreadPoolExecutor(1)
         self._known: dict[Subject, Any] = {}
         self._computed: dict[Subject, int] = {}
-        self._pending: tuple[Subject, int, AsyncResult[tuple[Any, bool, float]]] | None = None
+        self._pending: tuple[Subject, int, Future[tuple[Any, bool, float]]] | None = None
         self._served: Subject | None = None
         self._rested = clock()
 
@@ -72,8 +77,8 @@ class Learning:
 
     def close(self) -> None:
         """End the process, whatever it computes."""
-        if self._pool is not None:
-            self._pool.terminate()
+        if self._process is not None:
+            self._process.kill()
 
     def _latest(self, what: Subject, nothing: object, size: int, another_point: bool, *, growing: bool) -> Any:
         """What is known; something newer is begun where it is old and nothing else is computed."""
@@ -86,24 +91,49 @@ class Learning:
                 self._served = None
             else:
                 self._served = what
-                self._pending = what, size, self._process().apply_async(_timed, (step, directory, known))
+                self._pending = what, size, self._caller.submit(_asked, self._link(), (step, directory, known))
         return known
 
     def _collected(self, what: Subject) -> int:
         """Take what was computed; of what size the run was when its last step was taken."""
-        if self._pending is not None and self._pending[2].ready():
+        if self._pending is not None and self._pending[2].done():
             done, size, result = self._pending
             self._pending = None
-            self._known[done], follows, seconds = result.get()
-            if not follows:
-                self._computed[done] = size
-            self._rested = self._clock() + RESTS * seconds
+            with suppress(EOFError, ConnectionError):  # of a process that was killed: another one is asked again
+                self._known[done], follows, seconds = result.result()
+                if not follows:
+                    self._computed[done] = size
+                self._rested = self._clock() + RESTS * seconds
         return self._computed.get(what, 0)
 
-    def _process(self) -> Pool:
-        if self._pool is None:
-            self._pool = multiprocessing.get_context("spawn").Pool(1, _give_way)
-        return self._pool
+    def _link(self) -> Connection:
+        """To the process, which is there."""
+        if self._process is None or not self._process.is_alive():
+            context = multiprocessing.get_context("spawn")
+            self._ours, theirs = context.Pipe()
+            self._process = context.Process(target=_answer, args=(theirs,), daemon=True)
+            self._process.start()
+            theirs.close()  # so that nobody has it any more when the process has died
+        return self._ours
+
+
+def _asked(link: Connection, what: tuple[Step, Path, Any]) -> tuple[Any, bool, float]:
+    """What the process at the other end finds.
+
+    Raises:
+        EOFError, ConnectionError: It was killed.
+    """
+    link.send(what)
+    found: tuple[Any, bool, float] = link.recv()
+    return found
+
+
+def _answer(link: Connection) -> None:
+    """Take the steps that are asked for, as long as somebody may ask."""
+    _give_way()
+    with suppress(EOFError, ConnectionError):
+        while True:
+            link.send(_timed(*link.recv()))
 
 
 def _give_way() -> None:
@@ -117,7 +147,7 @@ def _give_way() -> None:
     import labctl.runs.read.records  # noqa: F401
 
 
-def _timed(step: Callable[[Path, Any], tuple[Any, bool]], directory: Path, known: Any) -> tuple[Any, bool, float]:
+def _timed(step: Step, directory: Path, known: Any) -> tuple[Any, bool, float]:
     """What some steps find, whether another one follows, and the processor time they took, s."""
     began, follows, took_s = time.process_time(), True, 0.0
     while follows and took_s < AT_ONCE_S:

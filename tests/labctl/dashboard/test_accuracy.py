@@ -83,7 +83,7 @@ def test_whoever_had_the_last_steps_lets_the_others_ask_first(run: Path) -> None
         ask(run, images, growing=False)
         if learning._pending is None:
             return False
-        learning._pending[2].wait(60)
+        learning._pending[2].result(60)
         return True
 
     try:
