@@ -18,6 +18,8 @@ from typing import Any
 from labctl.dashboard.accuracy import GROWTH, LEAST, Curve, curve
 from labctl.dashboard.following import BLOCK, Following, follow
 from labctl.dashboard.sweep_accuracy import Recognition, recognised
+from labctl.runs.format.layout import RunPaths
+from labctl.runs.index import Stamp, stamp
 
 NICENESS = 19
 RESTS = 19
@@ -25,8 +27,9 @@ AT_ONCE_S = 0.2
 """Processor time after which no further step is taken before others had their turn."""
 
 Step = Callable[[Path, Any], tuple[Any, bool]]
-Subject = tuple[Path, Step]
-"""A run, and a step: from its directory and what is known of it, what is known then and whether others follow."""
+"""From the directory of a run and what is known of it: what is known then, and whether others follow."""
+Subject = tuple[Path, Stamp | None, Step]
+"""A run, which is known by the stamp of its plan too, and a step."""
 
 
 class Learning:
@@ -52,16 +55,16 @@ class Learning:
 
         Of a run that is `growing` it is old when there may be another point.
         """
-        computed = self._collected((directory, curve))
-        due = max(LEAST, GROWTH * computed)
-        found: Curve = self._latest((directory, curve), Curve(), records, records >= due, growing=growing)
+        what = _subject(directory, curve)
+        due = max(LEAST, GROWTH * self._collected(what))
+        found: Curve = self._latest(what, Curve(), records, records >= due, growing=growing)
         return found
 
     def following(self, directory: Path, records: int, *, growing: bool) -> Following:
         """The same of the readout that follows a run of so many records."""
-        computed = self._collected((directory, follow))
-        old = records >= computed + BLOCK
-        found: Following = self._latest((directory, follow), Following(), records, old, growing=growing)
+        what = _subject(directory, follow)
+        old = records >= self._collected(what) + BLOCK
+        found: Following = self._latest(what, Following(), records, old, growing=growing)
         return found
 
     def recognition(self, directory: Path, shots: int, *, growing: bool) -> Recognition | None:
@@ -69,10 +72,9 @@ class Learning:
 
         `growing`: the bench measures meanwhile, though not this run.
         """
-        computed = self._collected((directory, recognised))
-        found: Recognition | None = self._latest(
-            (directory, recognised), None, shots, shots != computed, growing=growing
-        )
+        what = _subject(directory, recognised)
+        old = shots != self._collected(what)
+        found: Recognition | None = self._latest(what, None, shots, old, growing=growing)
         return found
 
     def close(self) -> None:
@@ -86,7 +88,7 @@ class Learning:
         rested = self._clock() >= self._rested
         old = rested and another_point if growing else size != self._computed.get(what, 0)
         if old and self._pending is None:
-            directory, step = what
+            directory, _, step = what
             if self._served == what:
                 self._served = None
             else:
@@ -115,6 +117,10 @@ class Learning:
             self._process.start()
             theirs.close()  # so that nobody has it any more when the process has died
         return self._ours
+
+
+def _subject(directory: Path, step: Step) -> Subject:
+    return directory, stamp(RunPaths(directory).plan), step
 
 
 def _asked(link: Connection, what: tuple[Step, Path, Any]) -> tuple[Any, bool, float]:

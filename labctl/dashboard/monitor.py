@@ -1,6 +1,6 @@
 """The runs in a folder, as far as somebody looks at them: read when a page asks, a few times a second at most.
 
-All pages share what was read. A run is known by its name in the folder and by nothing else.
+All pages share what was read. A run is known by its name in the folder, as long as it is the same one.
 """
 
 import time
@@ -24,6 +24,7 @@ from labctl.errors import LabctlError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import StorePath
+from labctl.runs.index import Stamp, stamp
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.queue import Item, Queue, Wish
 from labctl.runs.read.follower import Follower, Latest
@@ -170,7 +171,7 @@ class Watching:
         self.listing = Listing(folder, clock)
         self.sweeps = Sweeps(folder, clock)
         self._clock = clock
-        self._watched: dict[str, WatchedRun] = {}
+        self._watched: dict[tuple[str, Stamp | None], WatchedRun] = {}
         self._old = clock()
         self.listed = datetime.now(UTC)
 
@@ -217,8 +218,9 @@ class Watching:
         """The run of that name, if the list or, as sweep/run, a sweep has one."""
         if not self.listing.has(name) and not self.sweeps.has_point(name):
             return None
-        watched = self._watched.pop(name, None) or WatchedRun(self.folder / name, self.learning, self._clock)
-        self._watched[name] = watched  # the one that was asked for last is the last
+        known = name, stamp(RunPaths(self.folder / name).plan)
+        watched = self._watched.pop(known, None) or WatchedRun(self.folder / name, self.learning, self._clock)
+        self._watched[known] = watched  # the one that was asked for last is the last
         while len(self._watched) > MOST_WATCHED:
             self._watched.pop(next(iter(self._watched)))
         return watched

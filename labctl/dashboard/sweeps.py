@@ -11,7 +11,7 @@ from labctl.errors import LabctlError, RunError
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import is_elsewhere
-from labctl.runs.index import RunRow, is_there, run_row
+from labctl.runs.index import RunRow, Stamp, is_there, run_row, stamp
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.sweep import FILE, Sweep, places, read
 
@@ -20,13 +20,14 @@ from labctl.runs.sweep import FILE, Sweep, places, read
 class Point:
     """A run of a sweep: its folder's name, values on the axes, and how far it is; None before it begins.
 
-    alarm: its laser did not go dark.
+    alarm: its laser did not go dark. made: stamp of its plan.
     """
 
     name: str
     values: Mapping[str, str]
     row: RunRow | None
     alarm: bool = False
+    made: Stamp | None = None
 
     @property
     def settled(self) -> bool:
@@ -36,12 +37,16 @@ class Point:
 
 @dataclass(frozen=True)
 class SweepState:
-    """A sweep and its runs in the order they are measured; `problem`: why it cannot be read."""
+    """A sweep and its runs in the order they are measured; `problem`: why it cannot be read.
+
+    made: stamp of its file.
+    """
 
     name: str
     sweep: Sweep | None = None
     points: tuple[Point, ...] = ()
     problem: str = ""
+    made: Stamp | None = None
 
     @property
     def complete(self) -> int:
@@ -112,17 +117,20 @@ class Sweeps:
         return [(f"{state.name}/{point.name}", point) for state in self.all() for point in state.points]
 
     def _look(self, name: str, before: SweepState | None) -> SweepState:
-        """What is complete is not read again."""
+        """What is complete is not read again while it is the same."""
         directory = self._folder / name
-        done = {point.name: point for point in before.points if point.settled} if before else {}
-        if before is not None and before.sweep is not None and len(done) == len(before.points):
-            return before
+        made = stamp(directory / FILE)
+        known = before if before is not None and before.made == made else SweepState(name)
+        done = {one.name: one for one in known.points if one.settled and one.made == _made(directory / one.name)}
+        if known.sweep is not None and len(done) == len(known.points):
+            return known
         try:
-            sweep = before.sweep if before is not None and before.sweep is not None else _of_runs_here(directory)
+            sweep = known.sweep or _of_runs_here(directory)
             every = places(sweep)
         except LabctlError as error:
             return SweepState(name, problem=str(error))
-        return SweepState(name, sweep, tuple(done.get(run) or _point(directory / run, values) for run, values in every))
+        points = tuple(done.get(run) or _point(directory / run, values) for run, values in every)
+        return SweepState(name, sweep, points, made=made)
 
 
 def _of_runs_here(directory: Path) -> Sweep:
@@ -141,4 +149,9 @@ def _point(directory: Path, values: Mapping[str, str]) -> Point:
     paths = RunPaths(directory)
     if not is_there(paths.manifest):
         return Point(directory.name, values, None)
-    return Point(directory.name, values, run_row(paths), alarm=may_emit(directory))
+    made = _made(directory)
+    return Point(directory.name, values, run_row(paths), alarm=may_emit(directory), made=made)
+
+
+def _made(run: Path) -> Stamp | None:
+    return stamp(RunPaths(run).plan)

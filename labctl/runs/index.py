@@ -19,6 +19,7 @@ from labctl.runs.live.owner import writer_of
 
 LONGEST_TEXT = 200
 State = Literal["complete", "running", "incomplete", "unreadable"]
+Stamp = tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,15 @@ def run_directories(folder: Path) -> list[Path]:
 def is_there(path: Path) -> bool:
     """Whether there is something of that name, were it a link that leads nowhere."""
     return path.exists() if is_elsewhere(path) else os.path.lexists(path)
+
+
+def stamp(path: Path) -> Stamp | None:
+    """What is another one of any file that is put where this one is; None where there is none, or it is elsewhere."""
+    try:
+        found = None if is_elsewhere(path) else os.lstat(path)
+    except OSError:
+        found = None
+    return None if found is None else (found.st_ino, found.st_mtime_ns)
 
 
 def run_row(paths: RunPaths) -> RunRow:

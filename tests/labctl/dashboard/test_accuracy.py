@@ -10,7 +10,7 @@ from labctl.commands.main import main
 from labctl.dashboard import launcher
 from labctl.dashboard.accuracy import LEAST, Curve, counts, curve
 from labctl.dashboard.launcher import Asked
-from labctl.dashboard.learning import Learning
+from labctl.dashboard.learning import Learning, _subject
 from labctl.dashboard.monitor import Watching
 from labctl.engine.session import Acquisition, acquire
 from protocols.image_readout import ImageReadout
@@ -63,7 +63,8 @@ def test_nothing_is_computed_before_it_is_old_and_the_process_has_rested(run: Pa
     seconds = [0.0]
     learning = Learning(lambda: seconds[0])
     known = Curve((40,), (0.5,))
-    learning._known[run, curve], learning._computed[run, curve], learning._rested = known, 100, 9.0
+    what = _subject(run, curve)
+    learning._known[what], learning._computed[what], learning._rested = known, 100, 9.0
     for shots, growing, at, begins in (
         (129, True, 9.0, False),
         (100, False, 9.0, False),

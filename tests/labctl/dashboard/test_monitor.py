@@ -2,12 +2,13 @@
 
 from itertools import count
 from pathlib import Path
+from shutil import rmtree
 
 import numpy as np
 
 from labctl.bench.station import Station
 from labctl.dashboard.learning import Learning
-from labctl.dashboard.monitor import WatchedRun
+from labctl.dashboard.monitor import WatchedRun, Watching
 from labctl.dashboard.wording import traces
 from labctl.engine.inputs import images_for
 from labctl.engine.session import Acquisition, acquire
@@ -16,6 +17,7 @@ from labctl.runs.read.run import open_run
 from protocols.base import Shot, ShotKind
 from protocols.image_readout import ImageReadout
 from tests.observers import Follower
+from tests.system.waiting import until
 
 
 def test_trace_and_picture_are_of_one_shot_and_the_scale_stays(tmp_path: Path) -> None:
@@ -46,3 +48,25 @@ def test_trace_and_picture_are_of_one_shot_and_the_scale_stays(tmp_path: Path) -
     first = [(str(one.ports), one.ends.tolist()) for _, latest in seen for one in latest]
     assert len({str(pair) for pair in first}) == 2, "a range for each pass, from its first shot to its last"
     assert "no shot" not in traces(watched.latest, watched.sample_interval_s)
+
+
+def test_a_run_in_the_place_of_another_is_another_run(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    for name, images in (("one", 45), ("other", 60)):
+        acquire(Acquisition(ImageReadout(images=images, window=0.8e-9, ports=(2,)), Station(), folder / name))
+    watching = Watching(folder)
+
+    def shown() -> tuple[str, int, int]:
+        watched = watching.run("one")
+        assert watched is not None
+        watched.look()
+        curve = until(lambda: found if (found := watched.curve()).images else None)
+        return watched.state.log[-1].text, watched.records[1], curve.seen
+
+    try:
+        assert shown() == ("finished: 51 shots", 51, 45)
+        rmtree(folder / "one")
+        (folder / "other").rename(folder / "one")
+        assert shown() == ("finished: 66 shots", 66, 60)
+    finally:
+        watching.learning.close()

@@ -60,6 +60,30 @@ def test_what_has_just_come_has_its_page_at_once(folder: Path) -> None:
     assert not sweeps.has_point("nothing/here")
 
 
+def test_what_is_put_in_the_place_of_a_run_or_sweep_is_looked_at(folder: Path) -> None:
+    sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns",)}, reference_every=0)
+    begin(folder / "one", sweep, ImageReadout, SIMULATED_STATION)
+    ((name, _),) = places(sweep)
+    acquire(Acquisition(ImageReadout(images=4, ports=(2,)), Station(), folder / "one" / name))
+    now = [0.0]
+    sweeps = Sweeps(folder, lambda: now[0])
+    before = sweeps.named("one")
+    assert before is not None
+    assert [point.row.shots for point in before.points if point.row] == [6]
+    shutil.rmtree(folder / "one" / name)
+    acquire(Acquisition(ImageReadout(images=5, ports=(2,)), Station(), folder / "one" / name))
+    now[0] = 60.0
+    replaced = sweeps.named("one")
+    assert replaced is not None
+    assert [point.row.shots for point in replaced.points if point.row] == [7]
+    shutil.rmtree(folder / "one")
+    shutil.copytree(folder / "power", folder / "one")
+    now[0] = 120.0
+    another = sweeps.named("one")
+    assert another is not None
+    assert (another.complete, len(another.points)) == (1, 2)
+
+
 def test_a_sweep_whose_runs_are_in_a_store_says_where_to_look(tmp_path: Path) -> None:
     sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns", "1 ns")})
     begin(tmp_path / "runs" / "far", sweep, ImageReadout, SIMULATED_STATION, store=tmp_path / "store")
