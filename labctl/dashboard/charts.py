@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from labctl.dashboard.sketches import MOST_POINTS, escape
+from labctl.dashboard.sketches import escape, thinned
 
 COLOURS = 5
 """Classes of lines, `c0` and on: more lines begin again."""
@@ -78,9 +78,8 @@ def _drawn(curve: Curve, x: Axis, y: Axis) -> str:
     """A line through what is between the ends of x; where y is no number it is interrupted."""
     across, up = x.place(curve.x), y.place(curve.y)
     shown = (across >= -1e-6) & (across <= 1 + 1e-6) & np.isfinite(up)
-    across, up = across[shown], np.clip(up[shown], -1, 2)
-    step = max(1, -(-across.size // MOST_POINTS))
-    points = " ".join(f"{1000 * a:.0f},{1000 - 1000 * b:.0f}" for a, b in zip(across[::step], up[::step], strict=True))
+    across, up = thinned(across[shown], np.clip(up[shown], -1, 2))
+    points = " ".join(f"{1000 * a:.0f},{1000 - 1000 * b:.0f}" for a, b in zip(across, up, strict=True))
     return f'<polyline class="{curve.style}" points="{points}"/>'
 
 

@@ -3,8 +3,13 @@
 import re
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 from labctl.bench.station import Station
 from labctl.dashboard import wording
+from labctl.dashboard.charts import Axis, Curve, chart
+from labctl.dashboard.sketches import MOST_POINTS
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.read.follower import Follower, Latest
 from protocols.image_readout import ImageReadout
@@ -36,3 +41,19 @@ def test_traces_of_two_runs_are_inside_their_plot_whichever_is_longer(tmp_path: 
         (rest,) = reach.values()
         assert rest < 300
         assert re.search(r"<span>(2|1\.\d+) ns</span>", drawn)
+
+
+def test_a_long_trace_has_its_highest_and_lowest_samples(tmp_path: Path) -> None:
+    latest, interval_s = measured(tmp_path / "run", 50e-9)
+    (one,) = latest
+    (volts,), ((low, high),) = one.volts, one.ends
+    drawn = points(wording.traces(latest, interval_s), "a")
+    assert len(drawn) <= MOST_POINTS < volts.size
+    heights = [y for _, y in drawn]
+    for height, extreme in ((min(heights), volts.max()), (max(heights), volts.min())):
+        assert height == pytest.approx(1000 - 1000 * (extreme - low) / (high - low), abs=1)
+    time_s = np.arange(volts.size) * interval_s
+    panel = chart("port 2", [Curve(time_s, volts)], Axis(0.0, float(time_s[-1])), Axis(low, high))
+    assert [y for _, y in points(panel, "c0")] == heights
+    places = [x for x, _ in drawn]
+    assert places == sorted(places)
