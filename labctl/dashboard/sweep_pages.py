@@ -1,6 +1,5 @@
 """The pages of sweeps: all of them, and one with its plot, which grows, and its runs."""
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
@@ -17,10 +16,10 @@ from labctl.dashboard.sweep_accuracy import Recognition
 from labctl.dashboard.sweeps import Point, SweepState
 from labctl.dashboard.wording import nothing
 from labctl.runs.format.store import is_elsewhere
+from labctl.runs.sweep_axes import as_numbers
 
 STYLES = "abcdef"
 """Of curves; more begin again."""
-_VALUE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
 
 def show_sweeps(watching: Watching) -> None:
@@ -57,7 +56,7 @@ def show_sweep(watching: Watching, name: str) -> None:
     with ui.element("main"):
         with ui.element("section"):
             heading("Accuracy of a softmax readout on the whole window, with its 95 % interval")
-            regions = [Region("sweep-plot", lambda: sweep_plot(now().points, known()))]
+            regions = [Region("sweep-plot", lambda: sweep_plot(now(), known()))]
         with ui.element("section").classes("wide"):
             heading("Runs, in the order they are measured")
             regions.append(Region("points", lambda: _points(now(), known())))
@@ -116,14 +115,16 @@ def _points(state: SweepState, known: Mapping[str, Recognition]) -> str:
     return f'<table class="differing">{"<tr>" + head + "</tr>"}{"".join(rows)}</table>'
 
 
-def sweep_plot(points: Sequence[Point], known: Mapping[str, Recognition]) -> str:
+def sweep_plot(state: SweepState, known: Mapping[str, Recognition]) -> str:
     """Accuracy against the axis that has most values, a curve for each combination of the others."""
-    measured = [point for point in points if point.name in known]
-    if not measured:
+    measured = [point for point in state.points if point.name in known]
+    if state.sweep is None or not measured:
         return nothing("no run is complete yet, its accuracy is still computed, or it has too few images for one")
-    axes = list(points[0].values)
-    along = max(axes, key=lambda axis: len({point.values[axis] for point in points}))
-    at, ends = positions([point.values[along] for point in points])
+    axes = state.sweep.over
+    along = max(axes, key=lambda axis: len(axes[axis]))
+    texts = axes[along]
+    numbers, _ = as_numbers(texts)
+    at: dict[str, float] = dict(zip(texts, range(len(texts)) if numbers is None else numbers, strict=True))
     curves: dict[str, list[Point]] = {}
     for point in measured:
         others = ", ".join(f"{axis} {point.values[axis]}" for axis in axes if axis != along)
@@ -142,17 +143,7 @@ def sweep_plot(points: Sequence[Point], known: Mapping[str, Recognition]) -> str
             one = known[point.name]
             lines.append(Line(np.array([place, place]), np.array([one.low, one.high]), style))
         legend += f'<span class="{style}">{escape(label)}</span>'
-    title = f"accuracy against {along}, {len(measured)} of {len(points)} runs"
+    title = f"accuracy against {along}, {len(measured)} of {len(state.points)} runs"
+    ends = min(texts, key=at.__getitem__), max(texts, key=at.__getitem__)
     drawn = plot(title, lines, Axes((low - room, high + room), (0.0, 1.0), ends, ("0 %", "100 %")))
     return f'{drawn}<p class="legend">{legend}</p>'
-
-
-def positions(texts: Sequence[str]) -> tuple[dict[str, float], tuple[str, str]]:
-    """Where values lie on an axis, and what stands at its ends: by their numbers, or one after the other."""
-    matches = {text: _VALUE.fullmatch(text) for text in texts}
-    if all(matches.values()) and len({match[2] for match in matches.values() if match}) == 1:
-        at = {text: float(match[1]) for text, match in matches.items() if match}
-    else:
-        at = {text: float(place) for place, text in enumerate(matches)}
-    order = sorted(at, key=lambda text: at[text])
-    return at, (order[0], order[-1])

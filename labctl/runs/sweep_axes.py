@@ -7,10 +7,12 @@ from itertools import product
 
 import numpy as np
 
+from instruments.units import any_quantity
 from labctl.errors import UsageError
 
 MOST_POINTS = 10_000
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_VALUE = re.compile(rf"\s*({_NUMBER})\s*(\S*)\s*")
 _RANGE = re.compile(rf"\s*({_NUMBER})\s*:\s*({_NUMBER})\s*:\s*(\d+)\s*([A-Za-zµ/]*)\s*")
 
 
@@ -54,6 +56,23 @@ def values_of(name: str, text: str) -> tuple[str, ...]:
     if not all(values):
         raise UsageError(f"{name}={text}: a value is missing between two commas")
     return values
+
+
+def as_numbers(texts: Sequence[str]) -> tuple[list[float] | None, str]:
+    """The numbers of texts of one unit, and it, or of units of one kind; no numbers where one is none.
+
+    Example:
+        >>> from labctl.runs.sweep_axes import as_numbers
+        >>> as_numbers(["10 mW", "30 mW"]), as_numbers(["500 ps", "1 ns"]), as_numbers(["software", "burst"])
+        (([10.0, 30.0], 'mW'), ([5e-10, 1e-09], 's'), (None, ''))
+    """
+    matches = [_VALUE.fullmatch(text) for text in texts]
+    if all(matches) and len(units := {match.group(2) for match in matches if match}) == 1:
+        return [float(match.group(1)) for match in matches if match], units.pop()
+    known = [found for text in texts if (found := any_quantity(text)) is not None]
+    if len(known) == len(texts) and len(kinds := {unit for _, unit in known}) == 1:
+        return [number for number, _ in known], kinds.pop()
+    return None, ""
 
 
 def points_of(axes: Mapping[str, Sequence[str]], *, zipped: bool) -> list[dict[str, str]]:

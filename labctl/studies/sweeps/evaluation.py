@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from instruments.units import any_quantity
 from labctl.analysis.recognition import recognition
 from labctl.errors import AnalysisError, writing
 from labctl.reports.canvas import Series
@@ -18,6 +17,7 @@ from labctl.runs.format.store import alone
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep import places, read
+from labctl.runs.sweep_axes import as_numbers
 from labctl.studies.sweeps.folder import runs_of
 from labctl.studies.tasks import one_by_one
 
@@ -25,7 +25,6 @@ FIGURES = "figures"
 Judged = dict[str, Any]
 Answer = Judged | AnalysisError
 """How a run is judged; or why it is not, where it lacks shots still."""
-_VALUE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
 
 def evaluate_sweep(
@@ -108,7 +107,7 @@ def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]]) -> An
     along = max(over, key=lambda axis: len({row[axis] for row in rows}))
     others = [axis for axis in over if axis != along]
     values = [row[along] for row in rows]
-    numbers, unit = _as_numbers(values)
+    numbers, unit = as_numbers(values)
     texts = None if numbers is not None else [text for text in over[along] if text in values]
     at = numbers if numbers is not None else [float((texts or []).index(value)) for value in values]
     curves: dict[str, list[tuple[float, dict[str, Any]]]] = {}
@@ -130,14 +129,3 @@ def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]]) -> An
 def _by_number(label: str) -> tuple[float, str]:
     found = re.search(r"[-+]?\d+\.?\d*", label)
     return (float(found.group()) if found else 0.0), label
-
-
-def _as_numbers(texts: Sequence[str]) -> tuple[list[float] | None, str]:
-    """The numbers of texts of one unit, and it, or of units of one kind; no numbers where one is none."""
-    matches = [_VALUE.fullmatch(text) for text in texts]
-    if all(matches) and len(units := {match.group(2) for match in matches if match}) == 1:
-        return [float(match.group(1)) for match in matches if match], units.pop()
-    known = [found for text in texts if (found := any_quantity(text)) is not None]
-    if len(known) == len(texts) and len(kinds := {unit for _, unit in known}) == 1:
-        return [number for number, _ in known], kinds.pop()
-    return None, ""

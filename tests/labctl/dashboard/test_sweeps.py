@@ -1,5 +1,6 @@
 """The sweeps in a folder, as the pages have them."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -8,8 +9,8 @@ import pytest
 from instruments.safe_state import UnsafeBench
 from labctl.bench.station import SIMULATED_STATION, Station
 from labctl.dashboard.sweep_accuracy import Recognition
-from labctl.dashboard.sweep_pages import positions, sweep_plot
-from labctl.dashboard.sweeps import Point, Sweeps
+from labctl.dashboard.sweep_pages import sweep_plot
+from labctl.dashboard.sweeps import Point, Sweeps, SweepState
 from labctl.engine.session import Acquisition, acquire
 from labctl.runs.format.origin import Origin
 from labctl.runs.live.alarm import say_dark
@@ -111,18 +112,35 @@ def test_a_laser_of_a_sweep_that_did_not_go_dark_is_told_until_somebody_has_seen
 
 
 def test_a_plot_has_a_curve_for_each_value_of_the_other_axes() -> None:
-    every = [
-        Point(f"{window} {power}", {"window": window, "power": power}, None)
-        for window in ("0.5 ns", "1 ns", "2 ns")
-        for power in ("10 mW", "30 mW")
-    ]
-    known = {point.name: Recognition(0.8, 0.7, 0.9, 0.25) for point in every[:4]}
-    drawn = sweep_plot(every, known)
+    state = planned({"window": ("0.5 ns", "1 ns", "2 ns"), "power": ("10 mW", "30 mW")})
+    known = {point.name: Recognition(0.8, 0.7, 0.9, 0.25) for point in state.points[:4]}
+    drawn = sweep_plot(state, known)
     assert "accuracy against window, 4 of 6 runs" in drawn
     assert ("power 10 mW" in drawn, "power 30 mW" in drawn, "power 20 mW" in drawn) == (True, True, False)
-    assert "no run is complete yet" in sweep_plot(every, {})
+    assert "no run is complete yet" in sweep_plot(state, {})
 
 
-def test_values_lie_by_their_numbers_where_they_have_one_unit() -> None:
-    assert positions(["2 ns", "0.5 ns"]) == ({"2 ns": 2.0, "0.5 ns": 0.5}, ("0.5 ns", "2 ns"))
-    assert positions(["software", "burst"]) == ({"software": 0.0, "burst": 1.0}, ("software", "burst"))
+def planned(over: dict[str, tuple[str, ...]]) -> SweepState:
+    sweep = Sweep(protocol="image-readout", over=over, reference_every=0)
+    return SweepState("one", sweep, tuple(Point(name, values, None) for name, values in places(sweep)))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        ("2 ns", "0.5 ns", "1 ns"),
+        ("800 ps", "1 ns", "1.2 ns", "1.4 ns", "1600 ps"),
+        ("software", "burst", "none", "other"),
+    ],
+)
+def test_points_lie_by_their_quantities_and_words_as_they_were_given(values: tuple[str, ...]) -> None:
+    state = planned({"window": values})
+    in_order = ["0.5 ns", "1 ns", "2 ns"] if "2 ns" in values else list(values)
+    known = {
+        point.name: Recognition(in_order.index(point.values["window"]) / 10, 0.0, 1.0, 0.25) for point in state.points
+    }
+    drawn = sweep_plot(state, known)
+    (line,) = re.findall(r'<polyline class="a" points="((?:\d+,\d+ ?){3,})"', drawn)
+    heights = [int(point.split(",")[1]) for point in line.split()]
+    assert heights == [1000 - 100 * place for place in range(len(values))]
+    assert f'<div class="x"><span>{in_order[0]}</span><span>{in_order[-1]}</span></div>' in drawn
