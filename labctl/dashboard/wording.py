@@ -56,8 +56,12 @@ def _light(word: str, explanation: str, style: str, *, simulated: bool) -> str:
 
 
 def progress(state: RunState, records: tuple[int, int]) -> str:
-    """How far the run is, how fast, and how long it takes still."""
-    done, total = (state.done, state.total) if state.total else records
+    """How far the run is, how fast, and how long it takes still; when it has ended, what it has on disk counts."""
+    told = bool(state.total) and (state.running or not records[1])
+    done, total = (state.done, state.total) if told else records
+    phase, style = str(state.phase), state.phase.name.lower()
+    if state.phase is Phase.FINISHED and records[0] < records[1]:  # it was whole once: its journal was cut
+        phase = style = "incomplete"
     part = 100 * done / total if total else 0.0
     one = "" if state.pass_index is None or not state.passes else f"pass {state.pass_index + 1} of {state.passes}"
     rate = "" if state.rate_per_s is None else f"{state.rate_per_s:.0f} records/s"
@@ -66,8 +70,8 @@ def progress(state: RunState, records: tuple[int, int]) -> str:
     bench = "" if not state.station else partly if state.simulated else state.station
     details = " · ".join(filter(None, (f"{done} of {total} records", rate, left, one, state.uploading, bench)))
     return (
-        f'<div class="progress"><div class="line"><strong class="phase {state.phase.name.lower()}">'
-        f"{escape(str(state.phase))}</strong><span>{escape(details)}</span></div>"
+        f'<div class="progress"><div class="line"><strong class="phase {style}">'
+        f"{escape(phase)}</strong><span>{escape(details)}</span></div>"
         f'<div class="bar" role="progressbar" aria-valuenow="{part:.0f}">'
         f'<div style="width:{part:.2f}%"></div></div></div>'
     )

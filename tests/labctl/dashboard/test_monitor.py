@@ -1,5 +1,6 @@
 """What is shown of a run while it measures: one shot at a time, on scales that stay."""
 
+import re
 from itertools import count
 from pathlib import Path
 from shutil import rmtree
@@ -8,11 +9,13 @@ import numpy as np
 
 from labctl.bench.station import Station
 from labctl.dashboard.learning import Learning
+from labctl.dashboard.listing import Wanted
 from labctl.dashboard.monitor import WatchedRun, Watching
-from labctl.dashboard.wording import traces
+from labctl.dashboard.wording import progress, traces
 from labctl.engine.inputs import images_for
 from labctl.engine.session import Acquisition, acquire
 from labctl.engine.thumbnail import shown_images
+from labctl.runs.format.layout import RunPaths
 from labctl.runs.read.run import open_run
 from protocols.base import Shot, ShotKind
 from protocols.image_readout import ImageReadout
@@ -70,3 +73,20 @@ def test_a_run_in_the_place_of_another_is_another_run(tmp_path: Path) -> None:
         assert shown() == ("finished: 66 shots", 66, 60)
     finally:
         watching.learning.close()
+
+
+def test_a_run_whose_journal_was_cut_lacks_on_its_page_what_it_lacks_in_the_list(tmp_path: Path) -> None:
+    paths = RunPaths(tmp_path / "runs" / "one")
+    acquire(Acquisition(ImageReadout(images=4, window=0.8e-9, ports=(2,)), Station(), paths.directory))
+    watching = Watching(paths.directory.parent)
+
+    def said() -> str:
+        watched = WatchedRun(paths.directory, watching.learning, lambda: 0.0)
+        watched.look()
+        return progress(watched.state, watched.records)
+
+    assert re.search(r"finished</strong><span>6 of 6 records", said())
+    paths.journal.write_bytes(b"")
+    (found,) = watching.listing.runs(Wanted()).found
+    assert (found.row.shots, found.row.state) == (0, "incomplete")
+    assert re.search(r"incomplete</strong><span>0 of 6 records", said())
