@@ -69,6 +69,12 @@ class Started:
         return lines or f"it ended with status {self.process.returncode}"
 
 
+def to_resume(directory: Path, station: str, *, armed: bool, attended: bool) -> list[str]:
+    """What is typed after `labctl` to go on with the run or sweep in `directory`; an empty station is its own one."""
+    named = [f"--station={station}"] if station else []
+    return ["resume", *named, *allowed(armed=armed, attended=attended), "--", str(directory)]
+
+
 def allowed(*, armed: bool, attended: bool) -> list[str]:
     """The options by which somebody allows light."""
     return [word for word, said in (("--arm", armed), ("--attended", attended)) if said]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nicegui import ui
 
-from labctl.dashboard.launcher import allowed
+from labctl.dashboard.launcher import to_resume
 from labctl.dashboard.monitor import Watching
 from labctl.dashboard.starting import begin
 
@@ -34,8 +34,8 @@ class ResumePanel:
 
     async def _resume(self) -> None:
         station = (self._station.value or "").strip()
-        words = ["resume", str(self._directory), *([f"--station={station}"] if station else [])]
-        words += allowed(armed=bool(self._armed.value), attended=bool(self._attended.value))
+        armed, attended = bool(self._armed.value), bool(self._attended.value)
+        words = to_resume(self._directory, station, armed=armed, attended=attended)
         self._armed.set_value(False)
         if await begin(words, self._watching, self._message, station=station):
             self._watching.listing.look_again()

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 
@@ -9,7 +10,7 @@ from labctl.bench.station import Station
 from labctl.commands.main import main
 from labctl.dashboard import launcher
 from labctl.dashboard.accuracy import LEAST, Curve, counts, curve
-from labctl.dashboard.launcher import Asked
+from labctl.dashboard.launcher import Asked, to_resume
 from labctl.dashboard.learning import Learning, _subject
 from labctl.dashboard.monitor import Watching
 from labctl.engine.session import Acquisition, acquire
@@ -133,6 +134,16 @@ def test_the_command_that_is_started_is_one_that_labctl_takes(tmp_path: Path) ->
     assert ended.value.code == 2
     with pytest.raises(ValueError, match="no such protocol"):
         _ = Asked("--help").words
+
+
+def test_a_run_is_resumed_whatever_it_is_called(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copytree(run, tmp_path / "-x")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(to_resume(Path() / "-x", "", armed=True, attended=True))
+    assert (ended.value.code, capsys.readouterr().out) == (0, "-x: complete already\n")
 
 
 @pytest.mark.full
