@@ -78,8 +78,8 @@ def _drawn(curve: Curve, x: Axis, y: Axis) -> str:
     """A line through what is between the ends of x; where y is no number it is interrupted."""
     across, up = x.place(curve.x), y.place(curve.y)
     shown = (across >= -1e-6) & (across <= 1 + 1e-6) & np.isfinite(up)
-    across, up = thinned(across[shown], np.clip(up[shown], -1, 2))
-    points = " ".join(f"{1000 * a:.0f},{1000 - 1000 * b:.0f}" for a, b in zip(across, up, strict=True))
+    line = zip(*thinned(across[shown], np.clip(up[shown], -1, 2)), strict=True)
+    points = " ".join(f"{1000 * a:.0f},{1000 - 1000 * b:.0f}" for a, b in line)
     return f'<polyline class="{curve.style}" points="{points}"/>'
 
 

@@ -178,7 +178,7 @@ def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[L
                 ends = np.concatenate([ends, found[1]])
             lines.append(drawn)
             scales.append((float(ends.min()), float(ends.max())))
-    longest = max(line.y.size for drawn in lines for line in drawn)
+    longest = max(line.y.shape[0] for drawn in lines for line in drawn)
     time_s = np.arange(longest) * sample_interval_s
     return sketches.traces(names[-MOST_PLOTS:], time_s, lines[-MOST_PLOTS:], scales[-MOST_PLOTS:])
 
