@@ -101,7 +101,7 @@ class Learning:
         if self._pending is not None and self._pending[2].done():
             done, size, result = self._pending
             self._pending = None
-            with suppress(EOFError, ConnectionError):  # of a process that was killed: another one is asked again
+            with suppress(EOFError, OSError):  # of a process that was killed: another one is asked again
                 self._known[done], follows, seconds = result.result()
                 if not follows:
                     self._computed[done] = size
@@ -127,7 +127,7 @@ def _asked(link: Connection, what: tuple[Step, Path, Any]) -> tuple[Any, bool, f
     """What the process at the other end finds.
 
     Raises:
-        EOFError, ConnectionError: It was killed.
+        EOFError, OSError: It was killed.
     """
     link.send(what)
     found: tuple[Any, bool, float] = link.recv()
