@@ -221,9 +221,9 @@ def volts_per_field(parameters: Parameters, port: int, laser_power_w: float) -> 
 
 
 def port_noise(
-    parameters: Parameters, transfer: NDArray[np.complex128], port: int | None, step_s: float
+    parameters: Parameters, transfer: NDArray[np.complex128], port: int | None, step_s: float, *, scope_hz: float
 ) -> receiver.NoiseLaw:
-    """Noise law of the detector on `port`; None = nothing connected, or a port without light.
+    """Noise law of the detector on `port` behind `scope_hz`; None = nothing connected, or a port without light.
 
     The chip filters the amplifier's ASE with the same |S|^2 as the light, taken at its mean over the optical filter.
     """
@@ -236,7 +236,7 @@ def port_noise(
     return receiver.noise_law(
         ase_density=density,
         ase_bandwidth_hz=parameters.amplifier_filter_hz,
-        bandwidth_hz=receiver.noise_bandwidth(parameters.detector_bandwidth_hz, parameters.scope_bandwidth_hz),
+        bandwidth_hz=receiver.noise_bandwidth(parameters.detector_bandwidth_hz, scope_hz),
         gain_v_per_w=parameters.detector_gain_v_per_w,
         responsivity=parameters.detector_responsivity_a_per_w,
         nep=parameters.detector_nep_w_per_rthz,

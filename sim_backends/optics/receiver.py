@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc, ndtr, ndtri
+from scipy.special import erfcx, log_ndtr, ndtr, ndtri
 
 ELEMENTARY_CHARGE = 1.602176634e-19
 CODES_PER_DIVISION = 25
@@ -22,7 +22,7 @@ COUNTED_PHOTONS = 100.0
 _HIDDEN_GRAINS = 10.0  # photoelectrons, rms, of other noise, in which no single one is seen
 _UNIFORM = (1e-6, 1 - 1e-6)  # what rounding leaves of a probability
 _UNLIMITED = 2**-4  # of a limit: less is what it is, the law's denominator rounds to 1
-_NOISE_REACH_S = 0.3e-9  # the receiver's noise is correlated over less
+_NOISE_REACH_S = 0.3e-9  # noise that only the detector makes narrow is correlated over less
 _FOLDED_WHITE = 1024  # times that its spectrum is folded back: samples are so far apart that they share none of it
 
 
@@ -37,7 +37,7 @@ def noise_bandwidth(detector_hz: float, scope_hz: float) -> float:
     B = integral of exp(-ln2 (f/f_s)^2) / (1 + (f/f_d)^2) df = (pi f_d / 2) exp(a^2) erfc(a), a = sqrt(ln2) f_d / f_s.
     """
     a = math.sqrt(math.log(2.0)) * detector_hz / scope_hz
-    return math.pi * detector_hz / 2 * math.exp(a * a) * math.erfc(a)
+    return math.pi * detector_hz / 2 * float(erfcx(a))
 
 
 def impulse_response(
@@ -45,12 +45,12 @@ def impulse_response(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Impulse response (1/s) of detector and oscilloscope, and its time derivative (1/s^2), at `seconds`.
 
-    One pole (tau = 1 / (2 pi f_d)) convolved with a Gaussian g of width s:
-    h(t) = exp(s^2 / (2 tau^2) - t / tau) erfc((s / tau - t / s) / sqrt 2) / (2 tau),  h' = (g - h) / tau.
+    One pole (tau = 1 / (2 pi f_d)) convolved with a Gaussian g of width s, Phi being the normal distribution:
+    h(t) = exp(s^2 / (2 tau^2) - t / tau) Phi(t / s - s / tau) / tau,  h' = (g - h) / tau.
     """
     tau, s = 1.0 / (2 * np.pi * detector_hz), gaussian_time_width(scope_hz)
-    late = np.maximum(seconds, -8 * s)  # earlier, h is 0 and the exponential would overflow
-    h = np.exp(s * s / (2 * tau * tau) - late / tau) * erfc((s / tau - late / s) / math.sqrt(2)) / (2 * tau)
+    late = np.maximum(seconds, -8 * s)  # earlier, h is 0
+    h = np.exp(s * s / (2 * tau * tau) - late / tau + log_ndtr(late / s - s / tau)) / tau
     gauss = np.exp(-0.5 * (seconds / s) ** 2) / (s * math.sqrt(2 * math.pi))
     return h, (gauss - h) / tau
 
@@ -88,8 +88,9 @@ def sampling_filter(
     Taps are centred on the grid points, so that a finer grid gives the same samples; their sum is 1 (a constant
     passes unchanged). `shift_s`: samples are taken this much later than their grid point, at most about two samples.
     """
-    before = math.ceil((12.0 / (2 * np.pi * detector_hz) + max(-shift_s, 0.0)) / step)
-    after = math.ceil((4.5 * gaussian_time_width(scope_hz) + max(shift_s, 0.0)) / step)
+    tau, reach_s = 1.0 / (2 * np.pi * detector_hz), 4.5 * gaussian_time_width(scope_hz)
+    before = math.ceil((max(12.0 * tau, reach_s + 6.0 * tau) + max(-shift_s, 0.0)) / step)
+    after = math.ceil((reach_s + max(shift_s, 0.0)) / step)
     points = (samples - 1) * decimation + 1 + before + after
     lag = (before + decimation * np.arange(samples)[None, :] - np.arange(points)[:, None]) * step + shift_s
     h, slope = impulse_response(np.asarray(lag, np.float64), detector_hz=detector_hz, scope_hz=scope_hz)
@@ -231,12 +232,13 @@ def noise_colour(sample_rate: float, *, detector_hz: float, scope_hz: float) -> 
     sample rate. The filter is the Fourier transform of its square root: at 25 GS/s neighbours are correlated by a
     tenth, at 100 GS/s by two thirds.
     """
-    points = 2 * math.ceil(_NOISE_REACH_S * sample_rate / 2) + 1
+    reach_s = max(_NOISE_REACH_S, 12 * gaussian_time_width(scope_hz))
+    points = 2 * math.ceil(reach_s * sample_rate / 2) + 1
     if 4 * scope_hz > _FOLDED_WHITE * sample_rate:
         white = np.zeros(points, np.float32)
         white[points // 2] = 1
         return white
-    frequency = np.fft.fftfreq(4096, 1 / sample_rate)
+    frequency = np.fft.fftfreq(max(4096, 4 * points), 1 / sample_rate)
     folds = math.ceil(4 * scope_hz / sample_rate)
     shifted = frequency[:, np.newaxis] + sample_rate * np.arange(-folds, folds + 1)
     power = (np.exp2(-((shifted / scope_hz) ** 2)) / (1 + (shifted / detector_hz) ** 2)).sum(axis=1)

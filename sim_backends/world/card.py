@@ -74,7 +74,9 @@ class CardReceivers:
         optics, grid = self._optics(setting), self._light_path.grid(acquisition, light.shift_s)
         amplitudes, colour = sight.scenes[light.scene].amplitudes, colour_of(self._parameters, acquisition)
         modes, _, depth = optics.host.taps.shape
-        picture = 8 * modes * (len(acquisition.channels) * grid.points + depth)
+        windows = -(-acquisition.samples // grid.sampling.samples) * grid.sampling.points  # of a filter, overlapping
+        channels = len(acquisition.channels)
+        picture = 8 * modes * (channels * grid.points + depth) + 4 * channels * windows
         at_once = max(1, _AT_ONCE_BYTES // picture)
         for begin in range(0, len(rows), at_once):
             own = rows[begin : begin + at_once]

@@ -92,7 +92,7 @@ class LightPath:
             step=step,
             shift_s=shift_s,
             detector_hz=constants.detector_bandwidth_hz,
-            scope_hz=constants.scope_bandwidth_hz,
+            scope_hz=min(constants.scope_bandwidth_hz, acquisition.bandwidth_hz),
         )
         points = sampling.points + (acquisition.samples - sampling.samples) * decimation
         return Grid(sampling, step, points, acquisition.start_s - sampling.before * step)

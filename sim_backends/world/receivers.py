@@ -129,10 +129,10 @@ class ProcessorReceivers:
         pairs, which = np.unique(seen, return_inverse=True)
         order = np.argsort(which, kind="stable")
         after, before = np.divmod(pairs, len(amplitudes))
-        points = acquisition.samples / (acquisition.sample_rate * self._parameters.record_step_s) + 100
+        points = self._light_path.grid(acquisition, light.shift_s).points
         fitting = int(_BLOCK_BYTES / (16 * len(acquisition.channels) * points * IMAGE_BLOCK))
         block = max(1, fitting) * IMAGE_BLOCK
-        at_once = max(1, _BLOCK_BYTES // volts[0].nbytes)
+        at_once = max(1, _BLOCK_BYTES // white[0].nbytes)
         seen_by = which[order]
 
         def part(begin: int) -> None:
@@ -191,9 +191,8 @@ class ProcessorReceivers:
 
 def colour_of(parameters: Parameters, acquisition: Acquisition) -> NDArray[np.float32]:
     """Filter that gives white noise the spectrum of detector and oscilloscope."""
-    return noise_colour(
-        acquisition.sample_rate, detector_hz=parameters.detector_bandwidth_hz, scope_hz=parameters.scope_bandwidth_hz
-    )
+    scope_hz = min(parameters.scope_bandwidth_hz, acquisition.bandwidth_hz)
+    return noise_colour(acquisition.sample_rate, detector_hz=parameters.detector_bandwidth_hz, scope_hz=scope_hz)
 
 
 def jitter_s(parameters: Parameters) -> float:

@@ -134,17 +134,22 @@ class TriggerCondition:
 
 @dataclass(frozen=True)
 class Acquisition:
-    """What the oscilloscope samples after each trigger; `start_s` is the first sample's time from the trigger."""
+    """What the oscilloscope samples after each trigger; `start_s` is the first sample's time from the trigger.
+
+    bandwidth_hz: what its inputs are limited to; infinite: to nothing, they have their full bandwidth.
+    """
 
     channels: tuple[int, ...]
     sample_rate: float
     samples: int
     start_s: float
+    bandwidth_hz: float = math.inf
 
     @cached_property
     def digest(self) -> bytes:
         """Names the acquisition."""
-        return digest(*self.channels, "at", float(self.sample_rate), self.samples, float(self.start_s))
+        limited = (self.bandwidth_hz,) if math.isfinite(self.bandwidth_hz) else ()
+        return digest(*self.channels, "at", float(self.sample_rate), self.samples, float(self.start_s), *limited)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,8 @@ class Setting:
 
     ports: the port whose light each recorded channel sees, None = none. drift_step: number of the virtual-time step.
     segment: of a triggered playback, the one that plays; None: it waits for its first trigger. repeats: how often the
-    segment is played before the output idles again; 0: for ever, and has been.
+    segment is played before the output idles again; 0: for ever, and has been. bandwidth_hz: of an `Acquisition`; it
+    changes the receivers' noise alone, and is no part of `key`.
     """
 
     emission: Emission | None
@@ -35,6 +36,7 @@ class Setting:
     drift_step: int
     segment: int | None = None
     repeats: int = 1
+    bandwidth_hz: float = math.inf
 
     @property
     def played(self) -> "Setting":
@@ -129,7 +131,8 @@ class Twin:
             (BYPASS, 0.0) if port is None else (port, math.sqrt(chain.volts_per_field(constants, port, laser.power_w)))
             for port in setting.ports
         )
-        laws = [chain.port_noise(constants, transfer, port, light.step_s) for port in setting.ports]
+        scope_hz = min(constants.scope_bandwidth_hz, setting.bandwidth_hz)
+        laws = [chain.port_noise(constants, transfer, port, light.step_s, scope_hz=scope_hz) for port in setting.ports]
         taps, early = self._taps(frequency, light.step_s, time_s)
         factors = None
         if constants.light_path == "projector" and constants.amplifier_gain > 1 and setting.emission is not None:

@@ -45,7 +45,7 @@ CHANNELS = (1, 2, 3, 4)
 Noise = Literal["by-trigger", "by-state"]
 """New for every trigger, as on a bench; or the same whenever a state is set anew, whatever was measured before."""
 _SHIFT_STEP_S = 2.5e-12
-_ONSET_S = 15e-9  # longer than fibre, chip and filters remember
+_ONSET_S = 15e-9  # longer than fibre, chip and filters remember, an oscilloscope's bandwidth limit left out
 _LONGEST_ONSET = 2**22  # samples of a repeated segment that are followed from its first one on
 
 
@@ -304,7 +304,8 @@ class World:
         """Volts of all triggers, group by group of those that see the same light."""
         volts = np.empty((lateness.size, len(acquisition.channels), acquisition.samples), np.float32)
         for light, rows, setting in lights:
-            self.receivers.detect(white, Alike(rows, lateness, acquisition, setting, light, sight), volts)
+            behind = replace(setting, bandwidth_hz=acquisition.bandwidth_hz)
+            self.receivers.detect(white, Alike(rows, lateness, acquisition, behind, light, sight), volts)
         return volts
 
     def _further(
@@ -413,9 +414,10 @@ class World:
             period = playback.lengths[-1] / playback.sample_rate
             last = segments == len(playback.lengths) - 1
             begins = phases + acquisition.start_s - self.parameters.light_delay_s - playback.skew_s
-            ends = begins + acquisition.samples / acquisition.sample_rate + _ONSET_S
+            remembered_s = _ONSET_S + 1 / acquisition.bandwidth_hz
+            ends = begins + acquisition.samples / acquisition.sample_rate + remembered_s
             covering = np.maximum(1, np.ceil(ends / period))
-            onset = (begins < _ONSET_S) & (covering * playback.lengths[-1] < _LONGEST_ONSET)
+            onset = (begins < remembered_s) & (covering * playback.lengths[-1] < _LONGEST_ONSET)
             repeats = np.where(last, np.where(onset, covering, 0), 1).astype(np.intp)
             phases = np.where(last & ~onset, snapped(phases % period, period, marks), phases)
         return phases, segments, repeats

@@ -81,8 +81,8 @@ def measured(bench: Bench, mirrors: NDArray[np.float64]) -> tuple[NDArray[np.flo
         return lit - mean_volts(bench), laser_w
 
 
-def by_brute_force(laser_w: float, mirrors: NDArray[np.float64]) -> NDArray[np.float64]:
-    twin = Parameters.model_validate(STILL)
+def by_brute_force(laser_w: float, mirrors: NDArray[np.float64], scope_hz: float = 25e9) -> NDArray[np.float64]:
+    twin = Parameters.model_validate(STILL | {"scope_bandwidth_hz": scope_hz})
     return record(
         twin,
         draws(twin),
@@ -119,6 +119,20 @@ def test_a_record_over_the_wire_is_the_field_of_the_whole_chain(
         + f"), mean light {100 * (volts.mean() / expected.mean() - 1):+.2f} %\n"
     )
     assert away < largest
+
+
+@pytest.mark.parametrize(
+    ("scope", "scope_hz"),
+    [({"bandwidth": "12.5 GHz"}, 12.5e9), ({"bandwidth": "4 GHz"}, 4e9), ({"driver": "tektronix-mso6b"}, 10e9)],
+)
+def test_a_record_behind_a_narrower_input_is_that_of_a_narrower_oscilloscope(
+    scope: dict[str, str], scope_hz: float, log: Any
+) -> None:
+    station = Station.model_validate({"scope": scope, "sim": {"twin_seed": SEED, "parameters": STILL}})
+    with opened(station, log) as found:
+        volts, laser_w = measured(found.bench, superpixels(ring(28)))
+    expected = by_brute_force(laser_w, superpixels(ring(28)), scope_hz)
+    assert np.sqrt(np.sum((volts - expected) ** 2) / np.sum(expected**2)) < 0.02
 
 
 @pytest.mark.full

@@ -4,6 +4,7 @@ The digitiser's noise of a frame comes from that frame's own key, so that the nu
 together changes no byte. Source: instrument facts 2.5, 2.6, 2.8 and 2.10.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -12,9 +13,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
-from sim_backends.optics.receiver import digitiser_noise_codes, gaussian_time_width
+from sim_backends.optics.receiver import digitiser_noise_codes
 from sim_backends.scpi.commands import Command
 from sim_backends.scpi.messages import Chunk
 from sim_backends.scpi.status import ScpiError
@@ -36,7 +36,7 @@ from sim_backends.virtual.oscilloscope.modes import (
 from sim_backends.virtual.oscilloscope.plan import Plan, planned
 from sim_backends.virtual.oscilloscope.transfer import Preamble, Trace, Transfer
 from sim_backends.virtual.oscilloscope.trigger import Trigger
-from sim_backends.virtual.oscilloscope.vertical import BANDWIDTH_HZ, CHANNELS, Channel, Vertical
+from sim_backends.virtual.oscilloscope.vertical import CHANNELS, Channel, Vertical
 from sim_backends.world.keyed_random import derived
 from sim_backends.world.receivers import FrontEnd
 from sim_backends.world.signals import Acquisition, Record
@@ -318,37 +318,36 @@ class AcquisitionSystem(Oscilloscope):
         plan = progress.plan
         first, behind = _parts(plan.acquisition, self.transfer.last)
         record = self.world.record(first, times, setting=plan.verticals_key)
-        progress.add(self._codes(first, record, plan.verticals), record.trigger_offset_s)
+        progress.add(self._codes(record, plan.verticals), record.trigger_offset_s)
 
         def others() -> Codes:
             keys = tuple(derived(record.keys, "others"))
-            return self._codes(behind, replace(record, volts=record.further(behind), keys=keys), plan.verticals)
+            return self._codes(replace(record, volts=record.further(behind), keys=keys), plan.verticals)
 
         progress.others = others
 
     def _digitised(self, plan: Plan, times: NDArray[np.float64]) -> Iterator[tuple[Codes, NDArray[np.float64]]]:
         """Codes (channels, triggers, samples) and trigger offsets (triggers,) in s, for as many as fit at once."""
-        sampled, deskews = plan.sampled, [vertical.deskew_s for vertical in plan.verticals]
-        step = max(1, SAMPLES_AT_ONCE // max(1, len(deskews) * sampled.samples))
-        for first in range(0, times.size if deskews else 0, step):
-            last = max(deskews)
-            whole = _later(sampled, last)
+        sampled, inputs = plan.sampled, [(vertical.deskew_s, vertical.limit_hz) for vertical in plan.verticals]
+        narrowest_hz = min((limit_hz for _, limit_hz in inputs), default=math.inf)
+        drawn = sampled.samples + math.ceil(sampled.sample_rate / narrowest_hz)  # what is narrow has noise from before
+        step = max(1, SAMPLES_AT_ONCE // max(1, len(inputs) * drawn))
+        for first in range(0, times.size if inputs else 0, step):
+            last = max(inputs)
+            whole = _through(sampled, *last)
             record = self.world.record(whole, times[first : first + step], setting=plan.verticals_key)
-            codes = self._codes(whole, record, plan.verticals)
-            for deskew in set(deskews) - {last}:  # channels that are sampled at other times, behind the same triggers
-                rows = [row for row, own in enumerate(deskews) if own == deskew]
-                part, keys = _later(sampled, deskew), tuple(derived(record.keys, "deskew", deskew))
+            codes = self._codes(record, plan.verticals)
+            for another in set(inputs) - {last}:  # channels with other times or bandwidths, behind the same triggers
+                rows = [row for row, own in enumerate(inputs) if own == another]
+                part, keys = _through(sampled, *another), tuple(derived(record.keys, "deskew", *another))
                 other = replace(record, volts=record.further(part)[:, rows], keys=keys)
-                codes[rows] = self._codes(part, other, [plan.verticals[row] for row in rows])
+                codes[rows] = self._codes(other, [plan.verticals[row] for row in rows])
             yield codes, record.trigger_offset_s
 
-    def _codes(self, acquisition: Acquisition, record: Record, verticals: Sequence[Vertical]) -> Codes:
+    def _codes(self, record: Record, verticals: Sequence[Vertical]) -> Codes:
         """Codes (channels, triggers, samples)."""
         began = perf_counter()
-        seen = [
-            _seen(record.volts[:, channel], vertical, acquisition.sample_rate)
-            for channel, vertical in enumerate(verticals)
-        ]
+        seen = [_seen(record.volts[:, channel], vertical) for channel, vertical in enumerate(verticals)]
         front_ends = [FrontEnd(*vertical[:3]) for vertical in verticals]
         codes = self.world.receivers.digitised(record.keys, seen, front_ends, self._digitiser_noise, self.BITS)
         self.world.physics_seconds += perf_counter() - began
@@ -448,8 +447,10 @@ class AcquisitionSystem(Oscilloscope):
         self._acquisitions = self._frames_acquired = 0
 
 
-def _later(acquisition: Acquisition, seconds: float) -> Acquisition:
-    return replace(acquisition, start_s=acquisition.start_s + seconds) if seconds else acquisition
+@lru_cache(maxsize=16)
+def _through(acquisition: Acquisition, deskew_s: float, limit_hz: float) -> Acquisition:
+    """What an input samples that is so late and so narrow."""
+    return replace(acquisition, start_s=acquisition.start_s + deskew_s, bandwidth_hz=limit_hz)
 
 
 @lru_cache(maxsize=16)
@@ -459,13 +460,10 @@ def _parts(whole: Acquisition, points: int) -> tuple[Acquisition, Acquisition]:
     return replace(whole, samples=points), replace(whole, samples=whole.samples - points, start_s=start_s)
 
 
-def _seen(volts: NDArray[np.float32], vertical: Vertical, sample_rate: float) -> NDArray[np.float32]:
+def _seen(volts: NDArray[np.float32], vertical: Vertical) -> NDArray[np.float32]:
     """What reaches the digitiser of one channel, in volts in front of its attenuator."""
     if vertical.grounded:
         return np.zeros_like(volts)
-    if vertical.bandwidth_hz < BANDWIDTH_HZ:  # Gaussian filters in series: their widths add in squares
-        width_s = np.sqrt(gaussian_time_width(vertical.bandwidth_hz) ** 2 - gaussian_time_width(BANDWIDTH_HZ) ** 2)
-        volts = gaussian_filter1d(volts, width_s * sample_rate, axis=-1, mode="nearest")
     if vertical.attenuation != 1:
         volts = volts * np.float32(vertical.attenuation)
     return -volts if vertical.inverted else volts

@@ -1,12 +1,13 @@
 """What one acquisition samples and when, planned from the settings once they have changed."""
 
+import math
 import struct
 from dataclasses import dataclass, replace
 
 from sim_backends.virtual.oscilloscope.horizontal import Horizontal
 from sim_backends.virtual.oscilloscope.modes import BASE_RATE, Mode
 from sim_backends.virtual.oscilloscope.trigger import Trigger
-from sim_backends.virtual.oscilloscope.vertical import BANDWIDTH_HZ, Channel, Vertical
+from sim_backends.virtual.oscilloscope.vertical import Channel, Vertical
 from sim_backends.world.signals import Acquisition, TriggerCondition
 
 OVERSAMPLED_AT_MOST = 64  # bounds the work; the real digitiser never slows down
@@ -72,7 +73,7 @@ def planned(
         aligned=mode.synchronous,
         condition=trigger.condition,
         spacing_s=trigger.spacing(horizontal.duration_s + (REARM_S if frames is None else FRAME_REARM_S)),
-        pointwise=plain and all(one.deskew_s == 0 and one.bandwidth_hz == BANDWIDTH_HZ for one in verticals),
+        pointwise=plain and all(one.deskew_s == 0 and one.limit_hz == math.inf for one in verticals),
     )
 
 

@@ -68,6 +68,11 @@ class Vertical(NamedTuple):
     grounded: bool = False
     deskew_s: float = 0.0
 
+    @property
+    def limit_hz(self) -> float:
+        """What an `Acquisition` of this input is limited to."""
+        return self.bandwidth_hz if self.bandwidth_hz < BANDWIDTH_HZ else math.inf
+
 
 @dataclass
 class Channel:

@@ -169,8 +169,8 @@ def test_mean_volts_is_the_mean_over_the_period(
 
 
 def test_a_dark_port_has_thermal_noise_only(transfer: NDArray[np.complex128]) -> None:
-    dark = chain.port_noise(PARAMETERS, transfer, None, 5e-12)
-    lit = chain.port_noise(PARAMETERS, transfer, 3, 5e-12)
+    dark = chain.port_noise(PARAMETERS, transfer, None, 5e-12, scope_hz=25e9)
+    lit = chain.port_noise(PARAMETERS, transfer, 3, 5e-12, scope_hz=25e9)
     assert dark.offset_v == 0.0
     assert np.sqrt(dark.floor) / 600 == pytest.approx(2.7e-6, rel=0.02)
     assert lit.offset_v > 0

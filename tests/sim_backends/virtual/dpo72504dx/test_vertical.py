@@ -4,8 +4,29 @@ import numpy as np
 import pytest
 
 from sim_backends.virtual import VirtualDpo72504dx
-from tests.sim_backends.virtual.dpo72504dx.session import SHORT_RECORDS, block, events, fast_frame, lit, set_up
+from sim_backends.world.signals import AUX, Acquisition, TriggerCondition
+from tests.sim_backends.virtual.dpo72504dx.session import (
+    PERIOD,
+    SHORT_RECORDS,
+    block,
+    events,
+    fast_frame,
+    lit,
+    set_up,
+    volts,
+)
 from tests.sim_backends.virtual.watched import SMALL, Ask, Watched
+from tests.sim_backends.world.light import coming
+
+STILL = SMALL.model_copy(
+    update={
+        "trigger_jitter_s": 0.0,
+        "awg_jitter_s": 0.0,
+        "detector_nep_w_per_rthz": 1e-15,
+        "enob": 8.0,
+        "record_step_s": 2.5e-12,
+    }
+)
 
 
 @pytest.fixture
@@ -43,13 +64,30 @@ def test_vertical_reply_forms(ask: Ask, scope: VirtualDpo72504dx) -> None:
     assert [float(ask(scope, query)) for query in ("CH1:VTERm:BIAS?", "CH1:DESKew?")] == pytest.approx([0.5, 80e-12])
 
 
-def test_a_lower_bandwidth_smooths(ask: Ask, scope: VirtualDpo72504dx) -> None:
-    ask(scope, "HORizontal:MODE:RECOrdlength 1000;:ACQuire:STATE RUN")
-    full = block(ask(scope, "CURVe?"))
-    ask(scope, "CH1:BANdwidth 1e9;:ACQuire:STATE RUN")
-    limited = block(ask(scope, "CURVe?"))
-    assert limited.std() < 0.7 * full.std()
-    assert limited.mean() == pytest.approx(full.mean(), abs=2)
+@pytest.mark.parametrize("limits_hz", [(4e9, 4e9), (1e9, 10e9), (10e9, 25e9)])
+def test_a_bandwidth_limit_acts_before_samples_are_taken(limits_hz: tuple[float, float], ask: Ask) -> None:
+    """In single records, means and frames, of inputs that have the same bandwidth and that have not."""
+    world = lit(STILL)
+    scope = set_up(ask, world)
+    ask(scope, "CH2:SCAle 0.04;OFFSet 0.1")
+    trigger = TriggerCondition(AUX, 0.5, rising=True)
+    period = Acquisition((1, 2), 16 * 25e9, 16 * PERIOD, 0.0)
+    fine = world.record(period, coming(world, trigger, count=50)).volts.mean(axis=0, dtype=np.float64)
+    frequencies = np.fft.rfftfreq(fine.shape[1], 1 / period.sample_rate)
+    for channel, limit_hz in enumerate(limits_hz, start=1):
+        ask(scope, f"CH{channel}:BANdwidth {limit_hz}")
+        low_pass = np.exp(-np.log(2) / 2 * frequencies**2 * (limit_hz**-2 - 25e9**-2))
+        fine[channel - 1] = np.fft.irfft(np.fft.rfft(fine[channel - 1]) * low_pass)
+    for mode, largest in (
+        ("ACQuire:MODe SAMple", 0.1),
+        ("ACQuire:MODe AVErage;NUMAVg 64;:WFMOutpre:BYT_Nr 2", 0.03),
+        ("ACQuire:MODe SAMple;:WFMOutpre:BYT_Nr 1;:HORizontal:FASTframe:STATE ON;LENgth 500;COUNt 2", 0.1),
+    ):
+        ask(scope, f"{mode};:ACQuire:STATE RUN")
+        for channel, light in enumerate(fine[:, ::16][:, :500], start=1):
+            ask(scope, f"DATa:SOUrce CH{channel}")
+            seen = volts(ask, scope, "<i2" if "AVErage" in mode else "i1").reshape(-1, 500)
+            assert np.sqrt(np.mean((seen - light) ** 2)) < largest * light.std(), (mode, channel)
 
 
 def test_a_grounded_input_shows_noise_about_zero(ask: Ask, scope: VirtualDpo72504dx) -> None:
