@@ -43,7 +43,6 @@ class Placed(NamedTuple):
     floor: Tensor
     linear: Tensor
     quadratic: Tensor
-    offset_v: Tensor
 
 
 class CardReceivers:
@@ -81,9 +80,11 @@ class CardReceivers:
         for begin in range(0, len(rows), at_once):
             own = rows[begin : begin + at_once]
             before = amplitudes[sight.before[own]] if math.isfinite(light.age_s) else None
-            clean, slope = self._sampled(optics, acquisition, grid, light, amplitudes[sight.after[own]], before)
+            after = amplitudes[sight.after[own]]
+            clean, slope = self._sampled(optics, acquisition, grid, light, after, before)
+            level = self._put(self._light_path.level(optics.host, after if before is None else before))
             late = self._put(lateness[own].astype(np.float32))[:, None, None]
-            traces = self._noisy(optics, clean, white, colour) + late * slope
+            traces = self._noisy(optics, clean, white, colour) + level + late * slope
             limit = self._parameters.detector_limit_v
             volts[own] = (traces / (1 + (traces / limit) ** 6) ** (1 / 6)).cpu().numpy()
 
@@ -131,8 +132,6 @@ class CardReceivers:
             old = self._field(optics, settled, start_s, grid)
             field = old + self._put(moved.astype(np.float32)) * (field - old)
         clean, slope = _filtered(grid, self._put(grid.sampling.matrix), _fast_volts(field), acquisition.samples)
-        if constants.detector_coupling == "ac":
-            clean = clean - self._put(self._light_path.mean_volts(host, after if before is None else before))
         if optics.power_factors is not None:
             watts = (settled @ optics.power_factors).square().sum(dim=1)
             gain = (2 / (1 + (1 + 4 * watts / constants.amplifier_saturation_w).sqrt()))[:, None, None]
@@ -140,7 +139,7 @@ class CardReceivers:
         return clean, slope
 
     def _noisy(self, optics: Placed, clean: Tensor, white: torch.Generator, colour: NDArray[np.float32]) -> Tensor:
-        """With the receivers' noise and the mean of the amplifier's: see `NoiseLaws`."""
+        """With the receivers' noise: see `NoiseLaws`."""
         images, channels, samples = clean.shape
         drawn = self._unit((images, channels + 1, samples + colour.size - 1), white)
         unit = torch.zeros(images, channels + 1, samples, device=self._place)
@@ -151,7 +150,7 @@ class CardReceivers:
             own = self._put(laws.own_noise(signal.cpu().numpy(), unit[:, :-1].cpu().numpy()))
         else:
             own = (optics.floor + optics.linear * signal).sqrt() * unit[:, :-1]
-        return clean + optics.offset_v + own + optics.quadratic.sqrt() * signal * unit[:, -1:]
+        return clean + own + optics.quadratic.sqrt() * signal * unit[:, -1:]
 
     def _field(self, optics: Placed, shown: Tensor, start_s: float, grid: Grid) -> Tensor:
         """Root volts (images, modes, channels, points) at the grid's light times from `start_s` on."""
@@ -185,7 +184,7 @@ class CardReceivers:
     def _placed(self, setting: Setting) -> Placed:
         host = self._light_path.optics(setting)
         laws, factors = host.laws, host.power_factors
-        columns = (self._put(column) for column in (laws.floor, laws.linear, laws.quadratic, laws.offset_v))
+        columns = (self._put(column) for column in (laws.floor, laws.linear, laws.quadratic))
         placed_factors = None if factors is None else self._put(factors)
         return Placed(setting, host, self._put(host.sending), self._put(host.fields), placed_factors, *columns)
 

@@ -108,7 +108,9 @@ class LightPath:
         before: NDArray[np.float32] | None = None,
         moving_since_s: float = 0.0,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Noise-free volts after a trigger and their slopes (V/s), (images, channels, samples) each.
+        """Noise-free volts of the light after a trigger and their slopes (V/s), (images, channels, samples) each.
+
+        The receivers' noise depends on these; a trace has `level` in addition.
 
         Args:
             optics: what the setting fixes.
@@ -137,13 +139,24 @@ class LightPath:
             field = old + moved * (field - old)
         clean, slope = receiver.apply_filter(sampling, receiver.fast_volts(field), acquisition.samples)
         settled = amplitudes if before is None else before  # nothing slower than the mirrors has followed them yet
-        if constants.detector_coupling == "ac":
-            clean = clean - self.mean_volts(optics, settled)
-        if optics.power_factors is not None:
-            watts = np.square(in_blocks(settled, optics.power_factors)).sum(axis=1)
-            gain = receiver.saturated_gain(watts, constants.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
-            clean, slope = clean * gain, slope * gain
-        return clean, slope
+        gain = self._gain(optics, settled)
+        return clean * gain, slope * gain
+
+    def level(self, optics: Optics, settled: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What a trace has beside its light (V), (channels, 1): the mean of the amplifier's own light.
+
+        Behind AC coupling that is away, and the mean of the light as well: (images, channels, 1), negative.
+        """
+        if self._parameters.detector_coupling == "dc":
+            return optics.laws.offset_v
+        return -self.mean_volts(optics, settled) * self._gain(optics, settled)
+
+    def _gain(self, optics: Optics, settled: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Of the preamplifier over its small-signal gain, (images, 1, 1)."""
+        if optics.power_factors is None:
+            return np.ones((1, 1, 1), np.float32)
+        watts = np.square(in_blocks(settled, optics.power_factors)).sum(axis=1)
+        return receiver.saturated_gain(watts, self._parameters.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
 
     def crossings(
         self, setting: Setting, amplitudes: NDArray[np.float32], level_v: float, *, rising: bool
@@ -154,12 +167,13 @@ class LightPath:
         points = math.ceil(setting.playback.period / self._parameters.record_step_s)
         period = Acquisition((1,), points / setting.playback.period, points, 0.0)
         optics = self.optics(setting).of_one(amplitudes)
-        clean, _ = self.sampled(optics, period, np.ones((1, 1), np.float32), phase_s=0.0, shift_s=0.0)
-        trace = receiver.limited(clean[0, 0] + optics.laws.offset_v[0], self._parameters.detector_limit_v)
+        whole = np.ones((1, 1), np.float32)
+        clean, _ = self.sampled(optics, period, whole, phase_s=0.0, shift_s=0.0)
+        trace = receiver.limited(clean + self.level(optics, whole), self._parameters.detector_limit_v)[0, 0]
         return level_crossings(trace, level_v, rising=rising) / period.sample_rate
 
     def mean_volts(self, optics: Optics, amplitudes: NDArray[np.float32]) -> NDArray[np.float32]:
-        """What an AC-coupled detector takes away, (images, channels, 1): behind a triggered drive, the idle light."""
+        """Mean light (V) at small-signal gain, (images, channels, 1): behind a triggered drive, the idle light."""
         if optics.idle_s is not None:
             return receiver.fast_volts(self._inside(optics, _sent(optics, amplitudes), 0.0, optics.step_s, 1))
         means = [chain.mean_volts(row, optics.fields, optics.taps) for row in amplitudes]

@@ -136,18 +136,20 @@ class ProcessorReceivers:
         seen_by = which[order]
 
         def part(begin: int) -> None:
+            shown = amplitudes[after[begin : begin + block]]
+            settled = amplitudes[before[begin : begin + block]] if moving else shown
             clean, slope = self._light_path.sampled(
                 optics,
                 acquisition,
-                amplitudes[after[begin : begin + block]],
+                shown,
                 phase_s=light.phase_s,
                 shift_s=light.shift_s,
-                before=amplitudes[before[begin : begin + block]] if moving else None,
+                before=settled if moving else None,
                 moving_since_s=light.age_s,
             )
             signal = np.maximum(clean, 0)
             shared = np.sqrt(laws.quadratic) * signal
-            clean = clean + laws.offset_v
+            clean = clean + self._light_path.level(optics, settled)
             low, high = np.searchsorted(seen_by, (begin, begin + len(clean)))
             for first in range(low, high, at_once):
                 places = order[first : min(first + at_once, high)]

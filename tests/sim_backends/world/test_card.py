@@ -161,6 +161,25 @@ def test_noise_has_the_moments_and_the_spectrum_of_the_processors(
     assert np.abs(own_between - between).max() < 5 * np.sqrt(2 / TRIGGERS)
 
 
+@pytest.mark.parametrize("lit", [True, False])
+def test_ac_coupling_takes_volts_away_and_no_noise(lit: bool, on_card: Callable[[World], World]) -> None:
+    """The mean over the drive's period goes, of the amplifier's own light too; what the detector saw has its noise."""
+    period = Acquisition((1, 2), 4 * RATE, 2000, 0.0)
+    noisy = {"detector_limit_v": 1e6, "laser_rin_db_per_hz": -125.0}
+    for moved in (lambda world: world, on_card):
+        coupled = {}
+        for coupling in ("dc", "ac"):
+            world = moved(bench(parameters=Parameters.model_validate({**noisy, "detector_coupling": coupling})))
+            if not lit:
+                world.emit(None)
+            coupled[coupling] = shoot(world, count=50, acquisition=period).volts.astype(np.float64)
+        away, noise = coupled["dc"] - coupled["ac"], coupled["dc"].std(axis=0)
+        constant = away.mean(axis=(0, 2))
+        assert np.abs(away - constant[:, np.newaxis]).max() < 1e-3 * noise.mean()
+        assert constant == pytest.approx(coupled["dc"].mean(axis=(0, 2)), rel=0.02, abs=5 * noise.mean() / 150)
+        assert np.all(constant > 0)
+
+
 @pytest.mark.parametrize("bits", [8, 12])
 def test_codes_have_the_digitisers_error(bits: int, on_card: Callable[[World], World]) -> None:
     seen = [np.linspace(-0.2, 0.2, 50_000, dtype=np.float32).reshape(500, 100), np.full((500, 100), 9.0, np.float32)]
