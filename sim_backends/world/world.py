@@ -25,7 +25,7 @@ from sim_backends.optics.mirrors import on_counts
 from sim_backends.parameters import Parameters
 from sim_backends.world.keyed_random import derived, digest, encoded, encoded_name, generator, named
 from sim_backends.world.light_path import Light, LightPath, snapped
-from sim_backends.world.pictures import Pictures, Sight
+from sim_backends.world.pictures import FLOATING, Pictures, Sight
 from sim_backends.world.receivers import Alike, Device, ProcessorReceivers, Receivers
 from sim_backends.world.segments import DEFAULT_LEVEL_V, SegmentStarts
 from sim_backends.world.signals import (
@@ -280,7 +280,8 @@ class World:
             begins_s=acquisition.start_s,
             ends_s=acquisition.start_s + acquisition.samples / acquisition.sample_rate,
         )
-        keys = self._keys(sight.names, acquisition, setting)
+        direct = self.parameters.light_path == "direct"  # past the mirrors: what they show is no part of the state
+        keys = self._keys([FLOATING] * times.size if direct else sight.names, acquisition, setting)
         white, lateness, offsets = self.receivers.drawn(keys, acquisition)
         coarse = np.rint(offsets / _SHIFT_STEP_S) * _SHIFT_STEP_S
         lateness += offsets - coarse

@@ -25,11 +25,13 @@ from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
 from protocols.dynamic_scene import DynamicScene
 from protocols.image_readout import ImageReadout
+from protocols.sequence_readout import SequenceReadout
 from tests.observers import Follower
 
 BURSTS = Station(wiring=WiringSection(burst=True))
 BY_STATE = BURSTS.model_copy(update={"sim": SimSection(noise="by-state")})
 """What was measured before changes no frame."""
+PAST_THE_MIRRORS = Station(wiring=WiringSection(projector=False), sim=SimSection(noise="by-state"))
 SHOTS = 22
 PERIOD_SAMPLES, BURST_SAMPLES = 2500, 7500
 ABOVE_ANY_PULSE_V = 4.0
@@ -150,17 +152,18 @@ def test_the_manifest_has_the_light_as_the_laser_settled_on_it(tmp_path: Path, m
         (ImageReadout(images=10, reference_every=3, window=0.8e-9, ports=(2,)), 3),
         (bursts(window=0.8e-9), SHOTS),
         (bursts(window=0.8e-9, averages=3), SHOTS),
+        (SequenceReadout(symbols=100, ports=(2, 3, 4, 5, 6)), 1),
     ],
 )
 def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, records: int, tmp_path: Path) -> None:
-    interruption = Interruption()
+    interruption, station = Interruption(), BY_STATE if protocol.projector else PAST_THE_MIRRORS
 
     def stop(done: int, _total: int) -> None:
         interruption.requested = done == records
 
-    acquire(Acquisition(protocol, BY_STATE, tmp_path / "whole"))
+    acquire(Acquisition(protocol, station, tmp_path / "whole"))
     stopped = acquire(
-        Acquisition(protocol, BY_STATE, tmp_path / "run"), interruption=interruption, observer=Follower(stop)
+        Acquisition(protocol, station, tmp_path / "run"), interruption=interruption, observer=Follower(stop)
     )
     assert not stopped.outcome.complete
     assert resume(Resumption(tmp_path / "run")).complete

@@ -274,6 +274,12 @@ def test_direct_path_sees_no_mirrors() -> None:
     assert distance(shoot(world).volts, before) < 0.1 * before.std()
 
 
+def test_mirrors_beside_a_direct_path_are_no_part_of_the_state() -> None:
+    direct = Parameters(light_path="direct")
+    first, second = (shoot(bench(parameters=direct, image=image, noise="by-state")).volts for image in (0, 1))
+    assert np.array_equal(first, second)
+
+
 def test_a_record_needs_nothing_connected() -> None:
     world = World(twin_seed=3)
     assert world.next_triggers(MARKER, 1) is None
