@@ -32,6 +32,7 @@ INTERVAL_S, HOLD_S = 1 / SAMPLE_RATE, 1 / DRIVE_RATE
 SHALLOW, DEEP = math.pi, 3 * math.pi
 """Drive depths, rad: below, much of the speckle does not move; above, the amplifier is beyond what 2 pi needs."""
 LONGEST_DELAY_S = 1e-6
+"""Delays that are told apart: from one period of the finer sequence before the trigger to this behind it."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,8 @@ def of_delay(piece: Answered) -> Result:
     """From the trigger to the first light of the sample that begins with it.
 
     Raises:
-        AnalysisError: Every image was clipped, or the light does not follow the drive.
+        AnalysisError: Every image was clipped, the light does not follow the drive, or the two sequences agree on no
+            delay, or on several.
     """
     if not all(len(one.upright) for one in (piece, piece.coarse or piece)):
         raise AnalysisError("every image clips: attenuate the light into this detector")
@@ -155,9 +157,18 @@ def of_delay(piece: Answered) -> Result:
         for one in (piece, piece.coarse or piece)
     )
     periods = [one.sequence.size * one.hold_s for one in (piece, piece.coarse or piece)]
-    candidates = fine.delay.value + periods[0] * np.arange(round(LONGEST_DELAY_S / periods[0]))
+    candidates = fine.delay.value + periods[0] * np.arange(-1, round(LONGEST_DELAY_S / periods[0]))
     off = np.abs((candidates - coarse.delay.value + periods[1] / 2) % periods[1] - periods[1] / 2)
-    whole = Estimate(float(candidates[np.argmin(off)]), fine.delay.uncertainty)
+    alike = candidates[off <= COVERAGE * math.hypot(fine.delay.uncertainty, coarse.delay.uncertainty)]
+    if not alike.size:
+        raise AnalysisError(
+            f"not measured: two sequences disagree by {off.min() * 1e12:.0f} ps: check that the bench does not drift, "
+            f"and that light comes {-periods[0] * 1e9:.0f} to {LONGEST_DELAY_S * 1e9:.0f} ns behind the trigger"
+        )
+    if alike.size > 1:
+        times = ", ".join(f"{delay * 1e9:.2f}" for delay in alike)
+        raise AnalysisError(f"not measured: two sequences agree on {times} ns alike: more light, or a deeper drive")
+    whole = Estimate(float(alike[0]), fine.delay.uncertainty)
     advice = ""
     if whole.uncertainty > PART_OF_A_SAMPLE * HOLD_S:
         advice = (

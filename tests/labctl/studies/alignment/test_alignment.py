@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,12 @@ from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station
 from labctl.engine.inputs import images_for
+from labctl.errors import AnalysisError
 from labctl.runs.live.logs import CommandLog
 from labctl.studies.alignment.alignment import SEED, Aligned, align_bench
 from labctl.studies.alignment.findings import COVERAGE, Finding
-from labctl.studies.alignment.steps import of_depth, of_range
-from protocols.alignment import DEPTH_IMAGES, PROBES, Dark, Ranged, blocks, hopped
+from labctl.studies.alignment.steps import of_delay, of_depth, of_range
+from protocols.alignment import DEPTH_IMAGES, PROBES, Answered, Dark, Ranged, align, blocks, hopped
 from protocols.base import MOST_AVERAGES
 from protocols.image_readout import ImageReadout
 from sim_backends.parameters import Parameters
@@ -173,6 +175,35 @@ def test_shallow_drives_are_known_as_well_as_stated(rf_gain: float, seed: int) -
     assert found is not None
     assert abs(found.value - true) <= COVERAGE * found.uncertainty
     assert true < 0.3 * np.pi or COVERAGE * found.uncertainty < 0.3 * true
+
+
+def delay(station: Station) -> Finding:
+    """What the two sequences of an alignment say."""
+    images = images_for(ImageReadout(images=PROBES, seed=SEED))
+    with CommandLog() as log, opened(station, log) as open_bench:
+        pieces = align(open_bench.bench, images, ports=PORTS, wavelength_nm=station.laser.wavelength, seed=SEED)
+        with closing(pieces):
+            return of_delay(next(piece for piece in pieces if isinstance(piece, Answered))).findings[0]
+
+
+class TestDelay:
+    """What two sequences tell of the whole periods in a delay."""
+
+    def test_light_that_comes_before_the_trigger_is_found(self) -> None:
+        station = twin(1, projector=False, path_delay_s=95e-9)
+        true = truth.light_delay_s(Parameters.model_validate({"light_path": "direct", **station.sim.parameters}))
+        found = delay(station).estimate
+        assert true < -1e-9
+        assert found is not None
+        assert abs(found.value - true) <= COVERAGE * found.uncertainty
+
+    def test_a_delay_beyond_reach_is_not_told(self) -> None:
+        with pytest.raises(AnalysisError, match=r"not measured: two sequences disagree by \d+ ps: .* -20 to 1000 ns "):
+            delay(twin(1, projector=False, path_delay_s=1.5e-6))
+
+    def test_sequences_that_tell_no_two_delays_apart_tell_none(self) -> None:
+        with pytest.raises(AnalysisError, match=r"not measured: two sequences agree on .*, .* ns alike: more light"):
+            delay(twin(1, rf_gain=0.3))
 
 
 class TestFaults:
