@@ -68,6 +68,8 @@ def align(
         if aligned.calibration is not None:
             named = "calibration" if aligned.good else "calibration, not good, of which runs will warn"
             say(f"{named}: {aligned.calibration}")
+        elif access.wire.replay is not None:
+            say("no calibration: a recording answered, and says nothing of the bench as it is now")
         say(f"report: {aligned.report}")
 
     show(result, as_json, as_text)

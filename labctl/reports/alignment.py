@@ -40,10 +40,11 @@ def alignment_report(
         origin: Of what was measured.
     """
     folder, report = directory / "figures", directory / "report.html"
+    played = ", of a recording" if origin is Origin.REPLAYED else ""
     write_report(
         report,
         "alignment.html",
-        title=f"Alignment of {name}, {started:%Y-%m-%d %H:%M} UTC",
+        title=f"Alignment of {name}, {started:%Y-%m-%d %H:%M} UTC{played}",
         titles=TITLES,
         findings=findings,
         pictures={step: embedded(figure, folder / step, origin) for step, figure in figures.items()},

@@ -26,6 +26,7 @@ from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError, StationError, UsageError, writing
 from labctl.reports.alignment import alignment_report
 from labctl.runs.format.layout import is_taken
+from labctl.runs.format.manifest import REPLAY
 from labctl.runs.format.origin import Origin
 from labctl.runs.live.logs import CommandLog
 from labctl.runs.write.room import require
@@ -71,7 +72,7 @@ Tell = Callable[[Finding], None]
 
 @dataclass(frozen=True)
 class Aligned:
-    """How an alignment went: its folder, its calibration (None where nothing was measured), its report and findings."""
+    """How an alignment went: its folder, calibration (None where no bench was measured), report and findings."""
 
     directory: Path
     calibration: Path | None
@@ -95,7 +96,8 @@ def align_bench(
 ) -> Aligned | None:
     """Measure the bench of `station`, which `hold` holds; `tell` hears of each finding at once. None: interrupted.
 
-    A step that falls short does not keep those from being measured that make sense without it.
+    A step that falls short does not keep those from being measured that make sense without it. Where a recording
+    answers there is no calibration: it says nothing of the bench as it is now.
 
     Raises:
         StationError, OutOfRange, NotConfigured: The station is wrong or not armed; no light was switched on.
@@ -134,16 +136,17 @@ def align_bench(
     measured = any(finding.estimate is not None for finding in findings)
     kept = (
         calibration.save(folder, station, [one.values() for one in findings], instruments, started)
-        if measured
+        if measured and access.wire.replay is None
         else None
     )
+    played = [one.model_dump() for one in access.wire.played]
     report = alignment_report(
         folder,
         station.name,
         started,
         findings=[(one.subject, one.found, one.criterion, one.advice or "good") for one in findings],
         figures={one.step: one.figure for one in results if one.figure is not None},
-        origin=Origin.of({"station": station.model_dump(mode="json"), "instruments": instruments}),
+        origin=Origin.of({"station": station.model_dump(mode="json"), "instruments": instruments, REPLAY: played}),
     )
     return Aligned(folder, kept, report, findings)
 

@@ -14,10 +14,11 @@ from instruments.alnair_tlg220 import Tlg220
 from instruments.errors import InstrumentError
 from instruments.interfaces import BYPASS_PORT
 from instruments.safe_state import UnsafeBench
+from labctl.bench.calibration import newest
 from labctl.bench.lock import held
 from labctl.bench.opening import Access, opened
 from labctl.bench.signals import Interruption
-from labctl.bench.station import SIMULATED_STATION, Station
+from labctl.bench.station import SIMULATED_STATION, Station, read_station
 from labctl.engine.inputs import images_for
 from labctl.errors import AnalysisError
 from labctl.runs.live.logs import CommandLog
@@ -28,7 +29,7 @@ from protocols.alignment import DEPTH_IMAGES, PROBES, Answered, Dark, Ranged, al
 from protocols.base import MOST_AVERAGES
 from protocols.image_readout import ImageReadout
 from sim_backends.parameters import Parameters
-from tests.command_line import answer
+from tests.command_line import answer, labctl
 from tests.labctl.studies.alignment import world_truth as truth
 
 PORTS = (1, 2, 3, 4)
@@ -221,6 +222,23 @@ class TestFaults:
         assert not json.loads(Path(found["calibration"]).read_text("utf-8"))["good"]
         status, found, _ = command_line("", directory)
         assert (status, found["error"]) == (2, f"{directory}: is not empty: name a new directory")
+
+    def test_a_recording_is_no_calibration_of_the_bench(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        station, recording = tmp_path / "dark.toml", tmp_path / "dark.rec"
+        station.write_text("[sim]\nparameters = { laser_tuning_s = 0.0, fibre_loss_db = 80.0 }\n", encoding="utf-8")
+        status, out, _ = labctl(capsys, "record", recording, "--", "align", "--station", station)
+        assert (status, "calibration, not good" in out) == (1, True)
+        measured = newest(read_station(station))
+        again = tmp_path / "again"
+        status, out, err = labctl(capsys, "replay", recording, "--", "align", "--station", station, "--out", again)
+        assert (status, "replay: " in err) == (1, False)
+        assert "\nno calibration: a recording answered, and says nothing of the bench as it is now\nreport: " in out
+        assert " UTC, of a recording" in (again / "report.html").read_text("utf-8")
+        assert not (again / "calibration.json").exists()
+        assert measured is not None
+        assert newest(read_station(station)) == measured
 
     def test_a_laser_that_does_not_obey_after_a_stop_is_an_error(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
