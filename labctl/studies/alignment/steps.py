@@ -57,10 +57,14 @@ def of_dark(piece: Dark, channels: tuple[int, ...]) -> Result:
             advice = "beyond the finest range: look for stray light, or for an offset of the detector"
         findings.append(Finding("dark", "dark level", channel, found, "V", advice, "within the finest range"))
         advice = ""
-        if spread.value == 0:
-            advice = "no noise at all: the channel is off or its input grounded; check its cable"
-        elif spread.value > NOISY_V:
+        if spread.value > NOISY_V:
             advice = f"more than {NOISY_V * 1e3:g} mV: check the detector's supply and its cable"
+        elif piece.clipped[place]:
+            advice = "mend the dark level first"
+        elif spread.value == 0:
+            advice = "no noise at all: the channel is off or its input grounded; check its cable"
+        if piece.clipped[place]:
+            advice = f"at least that, since the record clips: {advice}"
         findings.append(Finding("dark", "noise in the dark", channel, spread, "V", advice, quiet))
     return Result("dark", tuple(findings), figures.dark_figure(piece.volts, channels))
 

@@ -24,7 +24,7 @@ from labctl.errors import AnalysisError
 from labctl.runs.live.logs import CommandLog
 from labctl.studies.alignment.alignment import SEED, Aligned, align_bench
 from labctl.studies.alignment.findings import COVERAGE, Finding
-from labctl.studies.alignment.steps import of_delay, of_depth, of_range
+from labctl.studies.alignment.steps import of_dark, of_delay, of_depth, of_range
 from protocols.alignment import DEPTH_IMAGES, PROBES, Answered, Dark, Ranged, align, blocks, hopped
 from protocols.base import MOST_AVERAGES
 from protocols.image_readout import ImageReadout
@@ -318,6 +318,15 @@ class TestFaults:
         assert not found.good
         assert {finding.channel for finding in found.findings if finding.step == "repeatability"} == {1, 3, 4}
         assert all(finding.estimate is not None for finding in found.findings)
+
+    def test_noise_of_a_record_that_clips_is_a_bound(self) -> None:
+        volts = np.clip(np.random.default_rng(1).normal(0, [[3e-2], [1e-3], [1e-3]], (8, 3, 50)), -31e-3, 31e-3)
+        volts[:, 1] = 31e-3
+        noises = of_dark(Dark(volts, np.array([True, True, False])), (1, 2, 4)).findings[1::2]
+        bound = "at least that, since the record clips: "
+        assert noises[0].advice == f"{bound}more than 5 mV: check the detector's supply and its cable"
+        assert noises[1].advice == f"{bound}mend the dark level first"
+        assert noises[2].good
 
     def test_a_dark_channel_and_one_that_clips_are_named(self) -> None:
         generator = np.random.default_rng(1)
