@@ -180,7 +180,7 @@ def _results(station: Station, bench: Bench, images: Images) -> Generator[Result
         dark = next(piece for piece in pieces if isinstance(piece, Dark))
         yield of_dark(dark, channels)
         ranged = next(piece for piece in pieces if isinstance(piece, Ranged))
-        yield of_range(ranged, dark, channels)
+        yield of_range(ranged, dark, channels, projector=bench.wiring.projector)
         lit = lit_channels(ranged, dark)
         if bench.wiring.projector:
             yield of_contrast(ranged, dark, channels, lit)

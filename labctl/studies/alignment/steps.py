@@ -75,13 +75,16 @@ def lit_channels(piece: Ranged, dark: Dark) -> NDArray[np.bool_]:
     return np.asarray(light > dark.volts.std(axis=(0, 2)))
 
 
-def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
+def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...], *, projector: bool) -> Result:
     """How much of each channel's range the images use, and whether they reach its ends or the detector's.
+
+    Where no channel has light, the mirrors of a `projector` in its way may be why.
 
     Images that are cut say nothing of delay, depth or noise: those wait until it is mended. A single frame may clip by
     its noise.
     """
     lit = lit_channels(piece, dark)
+    mirrors = ", and that the DMD shows its pictures" if projector and not lit.any() else ""
     findings = []
     cut: list[int] = []
     for place, channel in enumerate(channels):
@@ -93,7 +96,7 @@ def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...]) -> Result:
             top = f"{piece.volts[:, :, place].max() * 1e3:.3g} mV"
             advice = f"clips at {top}: {why}"
         elif not lit[place]:
-            advice = "no light: check the laser's shutter, the fibre into this detector and its patching"
+            advice = f"no light: check the laser's shutter, the fibre into this detector and its patching{mirrors}"
         elif flat:
             top = f"{piece.volts[:, :, place].max() * 1e3:.3g} mV"
             advice = f"flat at {top}, below the range's end: the detector gives no more: attenuate its light"
@@ -184,7 +187,11 @@ def of_delay(piece: Answered) -> Result:
 
 
 def of_depth(piece: Hopped) -> Result:
-    """Phase between the lowest and the highest level of the drive."""
+    """Phase between the lowest and the highest level of the drive.
+
+    Raises:
+        AnalysisError: The mean signals do not tell it, or only so that it may as well be shallow.
+    """
     found = drive_depth(
         piece.idle,
         piece.hopping,

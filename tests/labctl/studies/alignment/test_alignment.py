@@ -215,7 +215,8 @@ class TestFaults:
         station = "[sim]\nparameters = { laser_tuning_s = 0.0, fibre_loss_db = 80.0 }\n"
         status, found, lines = command_line(station, directory)
         assert status == 1
-        assert sum("no light: check the laser's shutter, the fibre into this detector" in line for line in lines) == 4
+        no_light = "no light: check the laser's shutter, the fibre into this detector and its patching"
+        assert sum(line.endswith(f"{no_light}, and that the DMD shows its pictures") for line in lines) == 4
         assert "delay: not measured: no light on any channel" in lines
         assert not found["good"]
         assert [finding["good"] for finding in found["findings"][:8]] == [True] * 8
@@ -338,12 +339,12 @@ class TestFaults:
         no = np.zeros(3, np.bool_)
         full = np.array([np.ptp(volts[:, :, 0]) / 0.75, 0.0625, np.ptp(volts[:, :, 2])])
         piece = Ranged(volts, np.array([False, False, True]), full, no, no)
-        result = of_range(piece, dark, (1, 2, 4))
+        result = of_range(piece, dark, (1, 2, 4), projector=True)
         assert not result.ends
         good, lightless, clipped = (finding.line() for finding in result.findings)
         assert good.endswith("%: good (60 % at least, not cut)")
         assert "channel 2: " in lightless
-        assert "no light" in lightless
+        assert lightless.endswith("no light: check the laser's shutter, the fibre into this detector and its patching")
         assert "channel 4: " in clipped
         assert "clips at " in clipped
         assert "lower the gain or the light" in clipped
