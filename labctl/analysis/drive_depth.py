@@ -33,6 +33,9 @@ interval of `REACH` standard deviations that is farther away, over `REACH`. To t
 would change, evenly between the two, in squares. The hop between the ends says most of a shallow drive and nothing of
 a deep one, which comes round to where it began; it is left out where it moves the signal less than those half as wide.
 
+Phases come round as well where levels are more than pi apart: x and 8 pi - x are told apart by the arcs alone, which a
+longer way along the circle makes last longer. Both are searched, and neither is stated where they fit alike.
+
 Sources: Goodman, Speckle Phenomena in Optics, ch. 3 (sums with a constant phasor), ch. 5 (temporal smoothing);
 Jeffreys, Theory of Probability (1961), 3.1; Saleh & Teich, Photonics, ch. 15 (saturation); GUM (JCGM 100:2008), 4.3.7,
 for what lies evenly between bounds.
@@ -55,8 +58,8 @@ RISE_S = 10e-12
 """Time constant of each pole at which the search begins."""
 DECAY_S = 0.2e-9
 POLES, FEWER, MORE = 2, 1, 3
-STARTS = (0.4, 1.6, 3.2, 4.8, 6.4, 8.0)
-"""Depths from which the search begins, rad."""
+STARTS = (0.4, 1.6, 3.2, 4.8, 6.4, 8.0), (14.0, 15.6, 17.2, 18.8, 20.4, 22.0)
+"""Depths from which the searches begin, rad: hops of a quarter of less than 4 pi, and of those that go on beyond pi."""
 SHALLOWEST = 1e-3
 """Depth (rad) below which all are alike: the rest that tells is a part 1e-7 of the signal."""
 NOISE = 1e-3
@@ -70,9 +73,11 @@ KNOWN, POLE_KNOWN = 30.0, 1.0
 say: what plays and modulates 25 GS/s has 6 to 43 GHz (two standard deviations)."""
 REACH = 4.0
 WEAK = 0.5
-"""Part of the differences that the strongest pattern of them makes up, at least; of noise it would be a tenth."""
+"""Part of the differences that the strongest pattern of them makes up, at least; of noise it would be a quarter."""
 BRIGHTNESS = np.geomspace(1e-6, 1e3, 64)
 """Of an image, 1 = the mean of all."""
+
+UNTOLD = "not measured: the mean signals do not tell how deep the drive is: more light, or check the RF amplifier"
 
 
 @dataclass(frozen=True)
@@ -122,18 +127,21 @@ def drive_depth(
     telling = _telling(differences, pairs)
     pairs = tuple(pair for pair, tells in zip(pairs, telling, strict=True) if tells)
     hopped = np.asarray(hopping, np.float64)[:, telling]
-    strengths = np.linalg.svd(differences[:, telling].reshape(-1, differences.shape[-1]), compute_uv=False) ** 2
-    if strengths[0] < WEAK * strengths.sum():
-        raise AnalysisError("the mean signal does not follow the drive: check modulator and RF amplifier")
     model = _Model(pairs, len(levels), hold_s, np.asarray(sequence, np.float64), np.asarray(idle, np.float64), hopped)
+    strengths = model.strengths()
+    if strengths[0] < WEAK * strengths.sum():
+        raise AnalysisError(
+            "the mean signal does not follow the drive: check modulator and RF amplifier, and that the detector "
+            "passes DC"
+        )
     rest = np.zeros(len(levels) + 2)
-    found = lowest(model.cost, min((np.array([start, *rest]) for start in STARTS), key=model.cost))
-    if found[0] < 0:
-        found[0] = -found[0]
+    begun = [min((np.array([start, *rest]) for start in starts), key=model.cost) for starts in STARTS]
+    found, other = sorted((_upward(lowest(model.cost, start)) for start in begun), key=model.cost)
     fewer, more = (abs(lowest(partial(model.cost, poles=poles), found)[0]) for poles in (FEWER, MORE))
     low, high = interval(model.cost, found, REACH, least=0.0)
-    if not math.isfinite(high):
-        raise AnalysisError("the mean signals do not tell how deep the drive is: show more images, average more")
+    alike = not low <= other[0] <= high and model.cost(other) < model.cost(found) + REACH**2 / 2
+    if alike or not math.isfinite(high):
+        raise AnalysisError(UNTOLD)
     depth = float(found[0])
     moved, expected = (np.sqrt(power / power.max(axis=1, keepdims=True)) for power in model.power(found))
     return DriveDepth(
@@ -144,6 +152,11 @@ def drive_depth(
         moved,
         expected,
     )
+
+
+def _upward(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same with a depth above 0, which is as likely."""
+    return np.append(abs(parameters[0]), parameters[1:])
 
 
 def _telling(differences: NDArray[np.float64], pairs: tuple[tuple[int, int], ...]) -> NDArray[np.bool_]:
@@ -191,6 +204,12 @@ class _Model:
         costs = (np.log(spread).sum(axis=1)[:, np.newaxis] + (1 / spread) @ (moved**2).T) / 2
         stretched = np.log1p(2 * self._saturation(parameters) * np.maximum(self._hopping, 0)).sum()
         return float(-logsumexp(-costs, axis=0).sum() - stretched + np.sum((parameters[1:] / self._known) ** 2) / 2)
+
+    def strengths(self) -> NDArray[np.float64]:
+        """Of the patterns in the differences, the strongest first, each as if all had noise of their own alone."""
+        differences = self._whitening @ (self._idle - self._hopping)
+        strengths: NDArray[np.float64] = np.linalg.svd(differences, compute_uv=False) ** 2
+        return strengths
 
     def steps(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Phase from each level to the next, rad."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from labctl.analysis.alignment import contrast, flat_top, level, noise, repeatability_db, used_range
 from labctl.analysis.decorrelation import Scan, decorrelation
-from labctl.analysis.drive_depth import drive_depth
+from labctl.analysis.drive_depth import UNTOLD, drive_depth
 from labctl.analysis.estimates import Estimate
 from labctl.analysis.light_delay import light_delay, responses
 from labctl.errors import AnalysisError
@@ -31,6 +31,8 @@ PART_OF_A_SAMPLE = 0.25
 INTERVAL_S, HOLD_S = 1 / SAMPLE_RATE, 1 / DRIVE_RATE
 SHALLOW, DEEP = math.pi, 3 * math.pi
 """Drive depths, rad: below, much of the speckle does not move; above, the amplifier is beyond what 2 pi needs."""
+UNCERTAIN = 0.5
+"""Part of the depth that its stated uncertainty is at most, but of a drive that is shallow all the same."""
 LONGEST_DELAY_S = 1e-6
 """Delays that are told apart: from one period of the finer sequence before the trigger to this behind it."""
 
@@ -200,14 +202,17 @@ def of_depth(piece: Hopped) -> Result:
         hold_s=piece.hold_s,
         sequence=piece.sequence,
     )
+    depth, reach = found.depth.value, COVERAGE * found.depth.uncertainty
+    if depth + reach > SHALLOW and reach > UNCERTAIN * depth:
+        raise AnalysisError(UNTOLD)
     advice = ""
-    if found.depth.value < SHALLOW:
+    if depth < SHALLOW:
         advice = "less than pi: part of the speckle does not move; raise awg.amplitude or the RF gain"
-    elif found.depth.value > DEEP:
+    elif depth - reach > DEEP:
         advice = "more than 3 pi: lower awg.amplitude or the RF gain"
     wanted = f"{SHALLOW:.2f} to {DEEP:.2f} rad"
-    depth = Finding("depth", "drive depth", None, found.depth, "rad", advice, wanted)
-    return Result("depth", (depth,), figures.depth_figure(found))
+    finding = Finding("depth", "drive depth", None, found.depth, "rad", advice, wanted)
+    return Result("depth", (finding,), figures.depth_figure(found))
 
 
 def of_decorrelation(scan: Scan) -> Result:
