@@ -21,6 +21,8 @@ from protocols.image_readout import DRIVE_RATE
 
 WELL_USED = 0.6
 """Part of its range that a channel's images should fill: 1 / 1.3 at most, less what noise has of single triggers."""
+FAR_BELOW = 0.05
+"""Part of its range by which a channel may seem to go below its dark level: ranges have offsets of their own."""
 NOISY_V = 5e-3
 """Noise in the dark that a detector of this kind does not have by itself."""
 REPEATABLE_DB = 10.0
@@ -77,6 +79,12 @@ def lit_channels(piece: Ranged, dark: Dark) -> NDArray[np.bool_]:
     return np.asarray(light > dark.volts.std(axis=(0, 2)))
 
 
+def _below_dark(piece: Ranged, dark: Dark, place: int) -> bool:
+    """Whether a channel's images go below its dark level by more than noise and the offsets of ranges."""
+    volts, level_v = dark.volts[:, place], float(piece.volts[:, :, place].min())
+    return bool(volts.mean() - level_v > max(FAR_BELOW * piece.full_scale_v[place], 3 * volts.std()))
+
+
 def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...], *, projector: bool) -> Result:
     """How much of each channel's range the images use, and whether they reach its ends or the detector's.
 
@@ -97,6 +105,8 @@ def of_range(piece: Ranged, dark: Dark, channels: tuple[int, ...], *, projector:
             why = "the coarsest range: attenuate the light" if piece.coarsest[place] else "lower the gain or the light"
             top = f"{piece.volts[:, :, place].max() * 1e3:.3g} mV"
             advice = f"clips at {top}: {why}"
+        elif _below_dark(piece, dark, place):
+            advice = "goes below the dark level, as no light does: check that the detector passes DC"
         elif not lit[place]:
             advice = f"no light: check the laser's shutter, the fibre into this detector and its patching{mirrors}"
         elif flat:

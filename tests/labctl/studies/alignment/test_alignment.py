@@ -365,6 +365,15 @@ class TestFaults:
         assert noises[1].advice == f"{bound}mend the dark level first"
         assert noises[2].good
 
+    def test_a_detector_that_does_not_pass_dc_is_told_from_one_without_light(self) -> None:
+        generator = np.random.default_rng(1)
+        dark = Dark(generator.normal(0, 1e-3, (8, 1, 50)), np.zeros(1, np.bool_))
+        volts = np.tile(generator.exponential(0.05, (1, 6, 1, 50)), (2, 1, 1, 1))
+        volts -= volts.mean()
+        no = np.zeros(1, np.bool_)
+        (found,) = of_range(Ranged(volts, no, np.ptp(volts) / 0.75 + no, no, no), dark, (1,), projector=True).findings
+        assert found.advice == "goes below the dark level, as no light does: check that the detector passes DC"
+
     def test_a_dark_channel_and_one_that_clips_are_named(self) -> None:
         generator = np.random.default_rng(1)
         dark = Dark(generator.normal(0, 1e-3, (8, 3, 50)), np.zeros(3, np.bool_))
