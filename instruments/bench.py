@@ -246,7 +246,8 @@ class Bench:
     def patchings_for(self, ports: Sequence[int]) -> tuple[dict[int, int], ...]:
         """Distribute `ports` over the oscilloscope's channels: one patching (channel -> port) per pass.
 
-        Where the chip is bypassed there is one fibre to measure, whatever ports are asked for.
+        `BYPASS_PORT` is patched alone: its fibre goes to a detector or into the chip. A pass comes where the first of
+        its ports does. Where the chip is bypassed there is one fibre to measure, whatever ports are asked for.
 
         Raises:
             OutOfRange: a port that the patch panel does not carry.
@@ -259,11 +260,13 @@ class Bench:
                 f"{self.source}: port {missing[0]} is not patched (patch_panel.ports = "
                 f"{list(self.patch_panel.ports)}): choose other ports, or wire it and add it there"
             )
-        width = len(self.wiring.channels)
-        return tuple(
-            dict(zip(self.wiring.channels, ports[first : first + width], strict=False))
-            for first in range(0, len(ports), width)
-        )
+        channels = self.wiring.channels
+        behind = [port for port in ports if port != BYPASS_PORT]
+        passes = [behind[first : first + len(channels)] for first in range(0, len(behind), len(channels))]
+        if BYPASS_PORT in ports:
+            passes.append([BYPASS_PORT])
+        passes.sort(key=lambda together: ports.index(together[0]))
+        return tuple(dict(zip(channels, together, strict=False)) for together in passes)
 
     # --- light
 

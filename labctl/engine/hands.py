@@ -161,12 +161,12 @@ class Hands:
 
         Args:
             window: Length of a trace, s, or text such as "2 ns".
-            ports: Waveguides of the chip.
+            ports: Waveguides of the chip, or 0 alone, the fibre before it.
             averages: Triggers that the trace is the mean of.
 
         Raises:
             NotConfigured: the laser is not armed, or the drive is off.
-            OutOfRange: more ports than channels, or no such window.
+            OutOfRange: more ports than channels, 0 among others, or no such window.
             InstrumentError: an instrument failed; the bench is dark.
         """
         bench = self._held()
@@ -175,7 +175,10 @@ class Hands:
             raise OutOfRange(f"window = {window_s:g} s: choose {SHORTEST_WINDOW_S:g} to {LONGEST_WINDOW_S:g} s")
         patchings = bench.patchings_for(tuple(ports))
         if len(patchings) != 1:
-            raise OutOfRange(f"{len(ports)} ports at once: the bench has {len(bench.wiring.channels)} channels")
+            raise OutOfRange(
+                f"{len(ports)} ports at once: the bench has {len(bench.wiring.channels)} channels, and port 0 is "
+                f"measured alone, since its fibre does not go into the chip then: name fewer"
+            )
         if not self._plays:
             raise NotConfigured("the drive is off, and the oscilloscope is triggered by its marker: switch it on")
         samples = max(1, round(window_s * SAMPLE_RATE))

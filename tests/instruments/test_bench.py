@@ -176,6 +176,24 @@ def test_five_ports_need_two_passes(bench: Bench) -> None:
     assert bench.patchings_for((2, 3, 4, 5, 6)) == ({1: 2, 2: 3, 3: 4, 4: 5}, {1: 6})
 
 
+@pytest.mark.parametrize(
+    ("ports", "passes"),
+    [
+        ((0,), [(0,)]),
+        ((0, 2), [(0,), (2,)]),
+        ((0, 2, 3, 4, 5, 6), [(0,), (2, 3, 4, 5), (6,)]),
+        ((2, 0, 3), [(2, 3), (0,)]),
+        ((2, 3, 0, 4, 5, 6), [(2, 3, 4, 5), (0,), (6,)]),
+    ],
+)
+def test_the_fibre_before_the_chip_has_a_pass_of_its_own(
+    ports: tuple[int, ...], passes: list[tuple[int, ...]], bench: Bench
+) -> None:
+    patchings = bench.patchings_for(ports)
+    assert [tuple(patching.values()) for patching in patchings] == passes
+    assert all(min(patching) == 1 for patching in patchings)
+
+
 def test_a_port_that_is_not_patched(bench: Bench) -> None:
     with pytest.raises(OutOfRange, match="port 10 is not patched"):
         bench.patchings_for((2, 10))

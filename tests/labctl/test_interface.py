@@ -270,6 +270,8 @@ def test_what_a_hand_cannot_do() -> None:
     with labctl.bench() as bench:
         with pytest.raises(OutOfRange, match="5 ports at once: the bench has 4 channels"):
             bench.capture(ports=range(2, 7))
+        with pytest.raises(OutOfRange, match=r"2 ports at once: .* port 0 is measured alone"):
+            bench.capture(ports=(0, 2))
         with pytest.raises(OutOfRange, match="choose 4e-11 to 2e-05 s"):
             bench.capture(window="1 ps")
         for no_image in ([1, 2], np.zeros((0, 0)), np.zeros((5, 0))):

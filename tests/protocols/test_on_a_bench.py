@@ -39,6 +39,19 @@ def test_five_ports_in_two_passes_with_ranges_that_fit(bench: Bench) -> None:
     assert bench.laser.settings()["emitting"] == 0
 
 
+def test_light_reaches_the_fibre_before_the_chip_and_the_ports_behind_it(bench: Bench) -> None:
+    protocol = ImageReadout(images=4, ports=(0, 2, 3), window=0.4e-9)
+    images = images_for(protocol)
+    lit = np.array([shot.kind is not ShotKind.DARK for shot in protocol.shots(images)])
+    events = list(protocol.acquire(bench, images, protocol.parts(bench, images)))
+    passes = [event for event in events if isinstance(event, PassStarted)]
+    for started in passes:
+        records = [event for event in events if isinstance(event, Record) and event.pass_ == started.pass_]
+        levels = np.concatenate([record.frames.codes for record in records]).mean(axis=2)
+        seen = (levels[lit].mean(axis=0) - levels[~lit].mean(axis=0)) * [one.scale_v for one in started.scalings]
+        assert np.all(seen > 4e-3), started.pass_.patching
+
+
 def test_the_laser_is_tuned_once_a_pass_and_patched_before_it_is_measured(bench: Bench, log: Any) -> None:
     protocol = ImageReadout(**SMALL, ports=(2,), wavelengths=(1550.0, 1551.0))
     images = images_for(protocol)

@@ -279,6 +279,7 @@ def test_what_is_missing_is_refused_in_one_line(
         (("--station", nobody), 2, "laser.address is empty"),
         (("--station", tmp_path / "none.toml"), 2, "none.toml"),
         (("--station", station, "--ports", "2-9"), 2, "8 ports at once: the bench has 4 channels"),
+        (("--station", station, "--ports", "0,2"), 2, "port 0 is measured alone"),
         (("--station", station, "--ports", "2-99"), 2, "the chip has ports 1 to 14"),
         (("--station", station, "--window", "2 km"), 2, "--window"),
         (("--station", station, "--window", "1 s"), 2, "window = 1 s: choose"),
