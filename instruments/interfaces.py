@@ -301,7 +301,8 @@ class BurstDmd(Dmd):
     def play(self, first: int, count: int, period_s: float, *, rounds: int = 1, pulse_s: float | None = None) -> None:
         """Show `count` pictures from the `first` on, one every `period_s`, so many `rounds`; returns at once.
 
-        Each picture comes with a pulse that begins with it and lasts `pulse_s`, or until its mirrors rest.
+        Each picture comes with a pulse that begins with it and lasts `pulse_s`, or until its mirrors rest. Both times
+        are rounded to whole microseconds.
 
         Raises:
             OutOfRange: faster than the mirrors can follow.

@@ -37,9 +37,10 @@ from protocols.settings import Binarisation, Classes, ImageCount, Pair, Ports, W
 
 SETTLED_PERIODS = 2
 """Of the drive, before the record begins: fibre and chip then carry light of the running drive only."""
+PULSE_STEP_S = 1e-6
+"""The DMD's pulse lasts whole microseconds."""
 REAL_SCENE_S = 1.5
 """One scene on real instruments: FastFrame takes 400 ms to be ready, four long transfers about 1 s."""
-
 
 MOST_SUMMED = 255
 """Records of 8 bits whose sum fits 16 bits."""
@@ -49,11 +50,11 @@ class DynamicScene(Measurement[Images]):
     """Show one image, switch to another while a single long record is taken, on every port.
 
     The scenes begin with images of the first class and end with images of the second, drawn by the seed from the same
-    `images` that an image readout with this seed shows. The AWG starts with the DMD's pulse, `switch_after` before
-    the switch is commanded, and plays one period of the drive after another: windows at whole periods of a record see
-    the masks of an image readout with the same seed. With `reference` the middle of the images is shown beside the
-    reference of ghost imaging, and `repeats_after` is the time after which the drive repeats: so windows see the masks
-    of ghost imaging with that window and the same seed.
+    `images` that an image readout with this seed shows. The AWG starts at the end of the DMD's pulse and plays one
+    period of the drive after another; the record begins some whole periods later, `switch_after` before the switch is
+    commanded: windows at whole periods of it see the masks of an image readout with the same seed. With `reference`
+    the middle of the images is shown beside the reference of ghost imaging, and `repeats_after` is the time after which
+    the drive repeats: so windows see the masks of ghost imaging with that window and the same seed.
     """
 
     name: ClassVar[str] = "dynamic-scene"
@@ -106,8 +107,8 @@ class DynamicScene(Measurement[Images]):
         return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
-        """The DMD must start the AWG, and the images fit it."""
-        burst_dmd(bench)
+        """The DMD must start the AWG and switch when it is asked to, and the images fit it."""
+        self._lead_s(burst_dmd(bench), self.drive(bench, inputs))
         self._patterns(inputs, bench.dmd)
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
@@ -128,7 +129,7 @@ class DynamicScene(Measurement[Images]):
         plan = self.shots(inputs)
         patterns = self._patterns(inputs, dmd)
         drive = self.drive(bench, inputs)
-        lead_s = SETTLED_PERIODS * drive.period_s
+        lead_s = self._lead_s(dmd, drive)
         timebase = Timebase(self.sample_rate, self.sample_count(inputs), lead_s)
         load_pictures(bench, [patterns.block(_pictures(shot)) for shot in plan], 2 * len(plan))
         with bench.emitting(parts[0].pass_.wavelength_nm):
@@ -150,6 +151,32 @@ class DynamicScene(Measurement[Images]):
         if not self.reference:
             return Patterns(inputs, dmd.shape)
         return Patterns(replace(inputs, images=beside_reference(field_of(inputs.images), reference=True)), dmd.shape)
+
+    def _lead_s(self, dmd: BurstDmd, drive: Drive) -> float:
+        """How long the drive plays before the record begins: so that the DMD's pulse, at whose end it starts, is whole.
+
+        Raises:
+            ProtocolError: no such pulse has the switch at `switch_after`.
+        """
+        settled_s = SETTLED_PERIODS * drive.period_s
+        left_s = dmd.picture_period_s - self.switch_after - settled_s
+        repeats_s = round(self.repeats_after * DRIVE_RATE) / DRIVE_RATE
+        pulses_s = left_s - repeats_s * np.arange(math.ceil(left_s / repeats_s))
+        pulses_s = pulses_s[pulses_s > PULSE_STEP_S / 2]
+        if not pulses_s.size:
+            raise ProtocolError(
+                f"switch_after = {self.switch_after * 1e6:g} us: the drive plays for {settled_s * 1e6:g} us before the "
+                f"record, and a picture lasts {dmd.picture_period_s * 1e6:g} us: choose a shorter one, or repeats_after"
+            )
+        off_s = pulses_s - PULSE_STEP_S * np.rint(pulses_s / PULSE_STEP_S)
+        best = int(np.argmin(np.round(np.abs(off_s), 12)))
+        if abs(off_s[best]) > 0.5 / self.sample_rate:
+            raise ProtocolError(
+                f"switch_after = {self.switch_after * 1e6:g} us: with a DMD's pulse of whole us and a drive that "
+                f"repeats after {repeats_s * 1e9:g} ns the switch comes at {(self.switch_after + off_s[best]) * 1e6:g} "
+                f"us: choose that"
+            )
+        return settled_s + best * repeats_s
 
     def _capture(self, bench: Bench, dmd: BurstDmd, scene: Shot, lead_s: float) -> Frames:
         """One playing of a scene: the pulse that starts the AWG ends so long before the second image comes."""
