@@ -42,10 +42,10 @@ for _name in ("bench", "runs"):
 def open_run(path: "Path | str") -> "xarray.Dataset":
     """A run, finished or still going on, as an xarray Dataset that reads nothing before it is looked at.
 
-    Dimensions are shot, port, time (s after the trigger), pass and drive_sample. `frames` are digitiser codes and
-    `volts` the signal in V, both (shot, port, time); the coordinates say what shots and ports are, and the
-    manifest in the attribute `manifest`, as JSON. A run that is going on is shown as it is now. Close the dataset, or
-    use it as a context manager. Needs the extra `data`.
+    Dimensions are shot, port, time (s after the trigger; of sequences, after their frame's first sample), pass and
+    drive_sample. `frames` are digitiser codes and `volts` the signal in V, both (shot, port, time); the coordinates say
+    what shots and ports are, and the manifest in the attribute `manifest`, as JSON. A run that is going on is shown as
+    it is now. Close the dataset, or use it as a context manager. Needs the extra `data`.
 
     Args:
         path: A run directory, or a data.h5 by itself; or the URL of either, such as `s3://bucket/lab/run`.

@@ -296,6 +296,14 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     def sample_count(self, inputs: InputsT) -> int:
         """Samples of one frame."""
 
+    def start_s(self, bench: Bench, inputs: InputsT) -> float:
+        """Of a frame's first sample: how long after the trigger, s; 0 where each frame has a place of its own.
+
+        Raises:
+            ProtocolError: this bench cannot measure these inputs.
+        """
+        return 0.0
+
     @abstractmethod
     def duration_s(self, bench: Bench, shots: int) -> float:
         """How long `shots` shots take on real instruments, by their arm, transfer and settling times."""

@@ -5,6 +5,7 @@ Software only loads and collects, so the DMD's own rate is the limit.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +27,11 @@ LONGEST_BURST = 2000
 """Frames of one burst by default: storing one takes as long as playing the next, and an interrupted run waits for no
 more."""
 UPLOAD_BLOCK = 250
+
+
+def settled_s(drive: Drive) -> float:
+    """How long after its trigger a frame of a burst begins, s."""
+    return SETTLED_PERIODS * drive.period_s
 
 
 def burst_dmd(bench: Bench) -> BurstDmd:
@@ -113,8 +119,7 @@ def measure_bursts(
     """
     bench.load_drive(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
     bench.play_drive()
-    late = Timebase(timebase.sample_rate, timebase.samples, timebase.delay_s + SETTLED_PERIODS * drive.period_s)
-    bench.configure(late, part.pass_.patching)
+    bench.configure(replace(timebase, delay_s=settled_s(drive)), part.pass_.patching)
     dmd.hold()
     frames = min(longest_burst * averages if longest_burst else LONGEST_BURST, bench.scope.most_frames())
     longest = max(1, frames // averages)

@@ -108,7 +108,7 @@ class DynamicScene(Measurement[Images]):
 
     def check(self, bench: Bench, inputs: Images) -> None:
         """The DMD must start the AWG and switch when it is asked to, and the images fit it."""
-        self._lead_s(burst_dmd(bench), self.drive(bench, inputs))
+        self.start_s(bench, inputs)
         self._patterns(inputs, bench.dmd)
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
@@ -118,6 +118,10 @@ class DynamicScene(Measurement[Images]):
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
         return round(self.window * self.sample_rate)
+
+    def start_s(self, bench: Bench, inputs: Images) -> float:
+        """After the periods of the drive that lead."""
+        return self._lead_s(burst_dmd(bench), self.drive(bench, inputs))
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Every scene `averages` times and once to find the ranges, pass by pass."""
@@ -129,7 +133,7 @@ class DynamicScene(Measurement[Images]):
         plan = self.shots(inputs)
         patterns = self._patterns(inputs, dmd)
         drive = self.drive(bench, inputs)
-        lead_s = self._lead_s(dmd, drive)
+        lead_s = self.start_s(bench, inputs)
         timebase = Timebase(self.sample_rate, self.sample_count(inputs), lead_s)
         load_pictures(bench, [patterns.block(_pictures(shot)) for shot in plan], 2 * len(plan))
         with bench.emitting(parts[0].pass_.wavelength_nm):

@@ -21,6 +21,7 @@ from protocols.image_readout import (
     pseudorandom_drive,
     still_pictures,
     stills_duration_s,
+    stills_start_s,
 )
 from protocols.patterns import Patterns
 from protocols.reference_picture import BORDER, beside_reference, field_of, random_patterns
@@ -93,6 +94,10 @@ class GhostImaging(Measurement[Images]):
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
         return max(1, round(self.window * self.sample_rate))
+
+    def start_s(self, bench: Bench, inputs: Images) -> float:
+        """At the trigger, or in a burst once the drive has settled."""
+        return stills_start_s(self.drive(bench, inputs), self.timing)
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""

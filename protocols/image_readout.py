@@ -24,7 +24,7 @@ from protocols.base import (
     Shot,
     ShotKind,
 )
-from protocols.bursts import LONGEST_BURST, PictureMemory, burst_dmd, measure_bursts
+from protocols.bursts import LONGEST_BURST, PictureMemory, burst_dmd, measure_bursts, settled_s
 from protocols.means import rescaled
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
@@ -113,6 +113,10 @@ class ImageReadout(Measurement[Images]):
         """The window in samples of 40 ps."""
         return max(1, round(self.window * self.sample_rate))
 
+    def start_s(self, bench: Bench, inputs: Images) -> float:
+        """At the trigger, or in a burst once the drive has settled."""
+        return stills_start_s(self.drive(bench, inputs), self.timing)
+
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""
         return stills_duration_s(len(self.passes(bench)), shots, self.averages, self.timing)
@@ -132,6 +136,11 @@ class ImageReadout(Measurement[Images]):
             timing=self.timing,
             longest_burst=self.longest_burst,
         )
+
+
+def stills_start_s(drive: Drive, timing: Timing) -> float:
+    """How long after the trigger frames of still pictures begin, s."""
+    return 0.0 if timing == "software" else settled_s(drive)
 
 
 def stills_duration_s(passes: int, shots: int, averages: int, timing: Timing) -> float:

@@ -56,6 +56,7 @@ def planned(request: Request, bench: Bench) -> Plan:
 
     Raises:
         OutOfRange: its oscilloscope does not sample so fast.
+        ProtocolError: it cannot measure these inputs.
     """
     protocol, inputs = request.protocol, request.inputs
     bench.scope.sample_rate.check("scope sample rate", protocol.sample_rate)
@@ -67,6 +68,7 @@ def planned(request: Request, bench: Bench) -> Plan:
             wavelengths_nm=tuple(one.wavelength_nm for one in passes),
             samples=protocol.sample_count(inputs),
             sample_interval_s=1 / protocol.sample_rate,
+            start_s=protocol.start_s(bench, inputs),
             code_type=bench.scope.code_type if protocol.averages == 1 else "int16",
         ),
         _columns(shots, passes),

@@ -1,6 +1,7 @@
 """Going on with a run in another process: its station, from the manifest, and what must not have changed."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Self
@@ -156,11 +157,13 @@ def refuse_other_plan(
     """Compare what is about to be measured with what the run was begun for.
 
     Raises:
-        RunError: size, shots or drive are others, as they are where another version of labctl plans otherwise.
+        RunError: size, start, shots or drive are others, as they are where another version of labctl plans otherwise.
     """
     planned, played = read_plan(paths, manifest["plan_sha256"])
+    begun = RunShape.from_json(manifest["shape"])
     same = {
-        "size": shape == RunShape.from_json(manifest["shape"]),
+        "size": replace(shape, start_s=begun.start_s) == begun,
+        "start of frames": shape.start_s == begun.start_s,
         "list of shots": same_shots(planned, shots),
         "drive": played is not None
         and drive.sample_rate == played.sample_rate

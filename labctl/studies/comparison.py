@@ -222,7 +222,7 @@ def _same_image(runs: tuple[Run, Run], columns: Columns) -> SameImage:
         dataset_index=common[chosen],
         labels=labels[chosen],
         ports=tuple(port_names(runs[0])[place] for place in columns[0]),
-        time_s=(runs[0].time, runs[1].time),
+        time_s=(runs[0].time - runs[0].shape.start_s, runs[1].time - runs[1].shape.start_s),
         volts=(first, second),
     )
 

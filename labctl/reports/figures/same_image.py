@@ -21,7 +21,7 @@ class SameImage:
         dataset_index: (images,) index in the data set.
         labels: (images,) class.
         ports: name of each port.
-        time_s: of the samples of each run, s.
+        time_s: of the samples of each run, s after its first: bursts begin later after their trigger than single shots.
         volts: of each run, (images, ports, samples) V.
     """
 

@@ -39,7 +39,7 @@ def write(content: Content, path: Path) -> None:
             file.write(f"# {name}: {value}\n")
         units = {one.name: one.unit for one in (*order, trace) if one.unit}
         file.write(
-            f"# units: {json.dumps(units)}\n# samples: {trace.name}, headed by the time after the trigger in s\n"
+            f"# units: {json.dumps(units)}\n# samples: {trace.name}, headed in s by the {named['time'].meaning}\n"
         )
         table = csv.writer(file, lineterminator="\n")
         table.writerow([*(one.name for one in order), *times])

@@ -108,7 +108,7 @@ ARRAYS = (
     ),
     Column("scale", "<f8", VOLTS, "V", ("port",), planned=False),
     Column("offset", "<f8", VOLTS, "V", ("port",), planned=False),
-    Column("time", "<f8", "time after the trigger", "s", ("sample",)),
+    Column("time", "<f8", "time after the trigger; of sequences, after their frame's first sample", "s", ("sample",)),
     Column("passes", "<i8", "number of the pass", axes=("pass",)),
     Column("drive/samples", "<f4", "one period of what the AWG played, full scale -1 to 1", axes=("drive_sample",)),
     Column("drive/marker", "?", "marker of the AWG at each sample of the drive", axes=("drive_sample",)),

@@ -26,7 +26,8 @@ class RunShape:
         samples: samples of one frame.
         sample_interval_s: time between two samples, s.
         code_type: type of a digitiser code, "int16" when frames are averages.
-        start_s: time of the first sample relative to the trigger, s.
+        start_s: time of the first sample relative to the trigger, s; 0 where each frame has a place of its own in a
+            record, as sequences do, and of bursts and scenes that labctl 0.1 measured.
         wavelengths_nm: laser wavelength of each pass; empty where the run does not say.
 
     Raises:
@@ -83,7 +84,7 @@ class RunShape:
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """Time of each sample relative to the trigger, s, shape (samples,)."""
+        """Time of each sample, s, shape (samples,): the first at `start_s`."""
         return self.start_s + self.sample_interval_s * np.arange(self.samples, dtype=np.float64)
 
     def columns(self, pass_index: int) -> slice:

@@ -22,9 +22,9 @@ GRID_TOLERANCE = 0.01
 class Records:
     """The shots of one kind, in the order of the plan; some may have been measured again later.
 
-    traces: (shots, ports, samples) V, first sample at the trigger. labels, groups: (shots,). ports: waveguide of each
-    entry of the second axis. sample_interval_s: s. indices: (shots,) place of each shot in the run. time_s: (shots,)
-    when each was completed, s after the run began.
+    traces: (shots, ports, samples) V, at the times of the run's `time`. labels, groups: (shots,). ports: waveguide of
+    each entry of the second axis. sample_interval_s: s. indices: (shots,) place of each shot in the run. time_s:
+    (shots,) when each was completed, s after the run began.
     """
 
     traces: NDArray[np.floating]
@@ -74,7 +74,7 @@ def read_records(run: Run, kind: str = "image", *, most: int | None = None) -> R
 
 
 def resample(frames: NDArray[Any], trigger_offset_s: ArrayLike, *, sample_interval_s: float) -> NDArray[np.floating]:
-    """Records on the grid that starts at the trigger: sample k at k * sample_interval_s, whatever the phase was.
+    """Records on a grid that the trigger fixes: sample k at k * sample_interval_s, whatever the phase was.
 
     The oscilloscope reports for each record the time between the trigger and its sampling grid; sample k was taken at
     k * sample_interval_s + offset. Band-limited interpolation by a Kaiser-windowed sinc of 33 taps, good up to 0.8 of

@@ -124,7 +124,7 @@ class Run:
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """Time of each sample relative to the trigger, s, (samples,)."""
+        """Time of each sample, s, (samples,): after the trigger; of sequences, after their frame's first sample."""
         return self.shape.time
 
     @property

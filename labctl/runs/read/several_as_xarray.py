@@ -46,13 +46,21 @@ def _dims(variables: dict[str, Variable], name: str) -> tuple[str, ...] | None:
 
 
 def _shared(name: str, of_each: Sequence[dict[str, Variable]], paths: Sequence[Path]) -> xr.Variable:
-    """The longest of a coordinate that all runs have in common; RunError where they do not."""
+    """The longest of a coordinate that all runs have in common; RunError where they do not.
+
+    Of runs whose frames begin at different times after the trigger, such as single shots and bursts, times count from
+    the first sample.
+    """
     values = [each[name].read((slice(None),)) for each in of_each]
+    described = of_each[0][name].described
+    if name == "time" and len({float(found[0]) for found in values}) > 1:
+        values = [found - found[0] for found in values]
+        described |= {"long_name": "time after the frame's first sample"}
     longest = max(values, key=len)
     for found, path in zip(values, paths, strict=True):
         if not np.allclose(found, longest[: len(found)], rtol=1e-6, atol=0):
             raise RunError(f"{path}: its {name} coordinate is not that of the other runs: open it with labctl.open_run")
-    return xr.Variable((name,), longest, of_each[0][name].described)
+    return xr.Variable((name,), longest, described)
 
 
 def _on_axes(runs: Sequence[Run], taken: set[str]) -> dict[str, tuple[str, NDArray[Any]]]:

@@ -1,5 +1,6 @@
 """One acquisition from station and protocol to a stored run, on the simulated bench."""
 
+import re
 import sys
 from collections.abc import Callable
 from itertools import count
@@ -19,11 +20,14 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.plan import Request, bytes_needed
 from labctl.engine.recorder import COMPARED_EVERY
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
+from labctl.errors import RunError
 from labctl.runs.format.journal import read_journal
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.logs import CommandLog
 from labctl.runs.read.run import open_run
+from labctl.studies.comparison import as_json, compare
 from protocols.dynamic_scene import DynamicScene
+from protocols.ghost_imaging import GhostImaging
 from protocols.image_readout import ImageReadout
 from protocols.sequence_readout import SequenceReadout
 from tests.observers import Follower
@@ -170,6 +174,44 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_frames(protocol: Any, record
     with open_run(tmp_path / "whole") as whole, open_run(tmp_path / "run") as resumed:
         assert resumed.digest() == whole.digest()
         assert resumed.manifest["seeds"] == whole.manifest["seeds"]
+
+
+@pytest.mark.parametrize(
+    "protocol",
+    [
+        ImageReadout(images=20, window=0.4e-9, ports=(2,)),
+        bursts(window=0.4e-9, ports=(2,)),
+        GhostImaging(images=4, patterns=4, ports=(2,), timing="burst"),
+        DynamicScene(images=40, scenes=1, ports=(2,), switch_after=0.5e-6, window=0.8e-6),
+    ],
+)
+def test_time_is_after_the_trigger(protocol: Any, tmp_path: Path) -> None:
+    acquire(Acquisition(protocol, BURSTS, tmp_path / "run"))
+    sent = re.findall(r"HORizontal:MAIn:DELay:TIMe ([-+.E\d]+)", (tmp_path / "run" / "commands.log").read_text())
+    with open_run(tmp_path / "run") as stored:
+        assert stored.time[0] == (float(sent[-1]) if sent else 0.0)
+        assert (stored.time[0] > 0) == (protocol.name == "dynamic-scene" or protocol.timing == "burst")
+
+
+def test_a_burst_whose_frames_began_elsewhere_is_not_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interruption = Interruption(requested=True)
+    with monkeypatch.context() as earlier:
+        earlier.setattr(ImageReadout, "start_s", lambda *_: 0.0)
+        acquire(Acquisition(bursts(window=0.4e-9), BURSTS, tmp_path / "run"), interruption=interruption)
+    with pytest.raises(
+        RunError, match="makes another start of frames from the run's settings: resume with the version"
+    ):
+        resume(Resumption(tmp_path / "run"))
+
+
+def test_a_burst_is_compared_with_single_shots_from_the_first_sample_on(tmp_path: Path) -> None:
+    single = ImageReadout(images=20, window=0.8e-9, averages=8, ports=(2,))
+    runs = tmp_path / "single", tmp_path / "burst"
+    for directory, protocol in zip(runs, (single, single.model_copy(update={"timing": "burst"})), strict=True):
+        acquire(Acquisition(protocol, BURSTS, directory))
+    assert as_json(compare(*runs))["same_image"]["correlation"]["port 2"] > 0.9
 
 
 @pytest.mark.parametrize("whole", [True, False])

@@ -147,6 +147,21 @@ def test_what_a_shorter_run_does_not_have_is_not_a_number(unequal: Any, key: tup
     np.testing.assert_array_equal(found, expected)
 
 
+def test_runs_that_begin_differently_after_the_trigger_share_the_time_from_their_first_sample(
+    tmp_path: Path, write_whole: Callable[..., Path]
+) -> None:
+    starts = {"single": 0.0, "burst": 200e-9, "another": 200e-9}
+    paths = [
+        write_whole(tmp_path / name, RunShape(3, ((2,),), 5, 20e-12, start_s=start)) for name, start in starts.items()
+    ]
+    with labctl.open_runs(paths) as runs:
+        np.testing.assert_allclose(runs.time, 20e-12 * np.arange(5), rtol=1e-6)
+        assert runs.time.long_name == "time after the frame's first sample"
+    with labctl.open_runs(paths[1:]) as runs:
+        assert runs.time.values[0] == 200e-9
+        assert runs.time.long_name.startswith("time after the trigger")
+
+
 def test_many_shots_beyond_the_end_of_a_run_are_not_a_number(unequal: Any) -> None:
     runs, values = unequal
     odd = np.arange(40) % 2 == 1
