@@ -3,7 +3,7 @@
 import os
 import socket
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,11 +22,15 @@ USER, PASSWORD = "ada", "engine"
 
 @dataclass
 class Traffic:
-    """What a server was asked and how many bytes it gave; with `cut` it breaks off in the middle of files called so."""
+    """What a server was asked and how many bytes it gave; with `cut` it breaks off in the middle of files called so.
+
+    What is `refused` is answered by 403.
+    """
 
     requests: list[str] = field(default_factory=list)
     bytes: int = 0
     cut: str = ""
+    refused: Callable[[str], bool] = lambda _request: False
 
     def forget(self) -> None:
         """Count anew."""
@@ -45,7 +49,11 @@ def served(application: Any) -> Iterator[tuple[str, Traffic]]:
     traffic = Traffic()
 
     def counted(environ: Any, start_response: Any) -> Iterable[bytes]:
-        traffic.requests.append(f"{environ['REQUEST_METHOD']} {environ['PATH_INFO']}?{environ['QUERY_STRING']}")
+        request = f"{environ['REQUEST_METHOD']} {environ['PATH_INFO']}?{environ['QUERY_STRING']}"
+        traffic.requests.append(request)
+        if traffic.refused(request):
+            start_response("403 Forbidden", [])
+            return []
         answer = application(environ, start_response)
         try:
             body = b"".join(answer)

@@ -10,7 +10,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from importlib import import_module
@@ -96,6 +96,7 @@ class _Connection:
         self._lost = self._deserted = False
         self._workers, self._counted = 0, -COUNT_S
         self._name = uuid4().hex
+        self._running: set[Future[Any]] = set()
         self._client = self._connect()
 
     def _connect(self) -> Any:
@@ -151,6 +152,8 @@ class _Connection:
     def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:
         """Begin a task on some worker."""
         future: Future[tuple[Found, float]] = Future()
+        self._running.add(future)
+        future.add_done_callback(self._running.discard)
         given = self._client.submit(_carry_out, task, id(task), self._name, _made_by(), os.getcwd(), pure=False)
         self._client.loop.add_callback(_pass_on, given, future)
         return future
@@ -162,10 +165,12 @@ class _Connection:
         return ClusterError(f"{self._address}: a worker failed ({type(error).__name__}: {error}): see its log")
 
     def close(self) -> None:
-        """Have running tasks end, and leave; a worker that stands still is told, and not waited for."""
+        """Have running tasks end, hear how, and leave; a worker that stands still is told, and not waited for."""
         with suppress(OSError):
-            if self._client.status == "running":
-                self._client.run(_stop, self._name, on_error="ignore", callback_timeout=CONNECT_S)
+            if self._client.status == "running" and self._client.run(
+                _stop, self._name, on_error="ignore", callback_timeout=CONNECT_S
+            ):
+                wait(tuple(self._running), timeout=CONNECT_S)
         self._client.close()
 
 

@@ -5,12 +5,13 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from labctl.bench.signals import Interruption
+from labctl.errors import LabctlError, notes
 
 Name = TypeVar("Name")
 Found = TypeVar("Found")
@@ -69,7 +70,7 @@ def in_parallel(
     progress: Callable[[int, int], None],
     needs: Mapping[Name, Iterable[Name]] = MappingProxyType({}),
 ) -> dict[Name, tuple[Found, float]]:
-    """Result of every task, and the seconds it took; a failure ends it all.
+    """Result of every task, and the seconds it took; a failure ends it all, with the notes of those that fail after it.
 
     Args:
         tasks: Functions of a module, or partials of them, called in other processes; the first ones go first.
@@ -82,10 +83,11 @@ def in_parallel(
         Interrupted: it was requested.
     """
     found: dict[Name, tuple[Found, float]] = {}
+    failures: list[Exception] = []
     running: dict[Future[tuple[Found, float]], Name] = {}
     waiting = dict(tasks)
     with engine(len(tasks)) as workers:
-        while len(found) < len(tasks):
+        while len(found) < len(tasks) and not failures:
             ready = (name for name in waiting if found.keys() >= set(needs.get(name, ())))
             for name in tuple(islice(ready, max(0, workers.room(len(running))))):
                 running[workers.submit(waiting.pop(name))] = name
@@ -95,14 +97,24 @@ def in_parallel(
                 name = running.pop(future)
                 if future.cancelled():
                     waiting[name] = tasks[name]
-                    continue
-                if isinstance(error := future.exception(), Exception):
-                    raise workers.failure(error)
-                found[name] = future.result()
-            progress(len(found), workers.records)
-            if interruption.requested:
-                raise Interrupted
+                elif isinstance(error := future.exception(), Exception):
+                    failures.append(workers.failure(error))
+                else:
+                    found[name] = future.result()
+            if not failures:
+                progress(len(found), workers.records)
+                failures += [Interrupted()] if interruption.requested else []
+    failures += [error for one in running if isinstance(error := _error_of(one), LabctlError)]
+    if failures:
+        first, *others = sorted(failures, key=lambda error: isinstance(error, Interrupted))
+        for note in chain.from_iterable(map(notes, others)):
+            first.add_note(note)
+        raise first
     return found
+
+
+def _error_of(ended: Future[Any]) -> BaseException | None:
+    return ended.exception() if ended.done() and not ended.cancelled() else None
 
 
 def one_by_one(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:

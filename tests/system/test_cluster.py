@@ -17,7 +17,7 @@ from distributed import Client
 
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION
-from labctl.errors import ClusterError
+from labctl.errors import ClusterError, RunError, notes
 from labctl.runs.format.provenance import SOURCES
 from labctl.studies.cluster import cluster
 from labctl.studies.paper.experiments import Experiment
@@ -25,7 +25,7 @@ from labctl.studies.paper.report import as_json
 from labctl.studies.paper.reproduction import Plan, reproduce
 from labctl.studies.processes import processes
 from labctl.studies.sweeps.evaluation import evaluate_sweep
-from labctl.studies.tasks import Engine, Interrupted, in_parallel
+from labctl.studies.tasks import CALLER, Engine, Interrupted, in_parallel
 from tests.checkout import ROOT
 from tests.clusters import Cluster
 from tests.command_line import answer
@@ -184,6 +184,26 @@ def test_a_result_that_is_on_its_way_when_the_scheduler_is_killed_is_made_again(
     )
     assert again
     assert found["only"][0] == "arrived"
+
+
+def fails() -> None:
+    raise RunError("the disk is full")
+
+
+def fails_when_it_should_end() -> None:
+    while not CALLER.get().stopped():
+        pass
+    error = RunError("the disk is full too")
+    error.add_note("the run is kept")
+    raise error
+
+
+def test_a_task_that_fails_after_another_is_heard(dask: Cluster) -> None:
+    tasks = {task.__name__: task for task in (fails, fails_when_it_should_end)}
+    with pytest.raises(RunError) as raised:
+        in_parallel(tasks, engine=cluster(dask.address, print), interruption=Interruption(), progress=lambda *_: None)
+    assert str(raised.value) == "the disk is full"
+    assert "the run is kept" in notes(raised.value)
 
 
 def test_the_twins_of_a_sweep_are_tasks_of_four_workers(dask: Cluster, tmp_path: Path) -> None:

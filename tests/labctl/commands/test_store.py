@@ -1,11 +1,13 @@
 """Runs of a sweep in a store: whole, measured once, judged where they lie."""
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from subprocess import PIPE, Popen
+from threading import Barrier
 
 import fsspec
 import numpy as np
@@ -16,7 +18,7 @@ from labctl.commands.main import main
 from labctl.runs.verification import verify_run
 from tests.command_line import LABCTL
 from tests.labctl.commands.conftest import AsJson, Typed
-from tests.stores import PASSWORD, account, s3, ssh
+from tests.stores import PASSWORD, Traffic, account, s3, ssh
 
 STORE = "s3://bucket/twins"
 SETTINGS = ("--set", "classes=0,1", "--set", "ports=2", "--set", "window=0.4 ns")
@@ -26,18 +28,18 @@ TWENTY = ("--set", "images=20")
 
 
 @pytest.fixture(scope="module")
-def bucket(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def bucket(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Traffic]:
     """An empty one; what is kept here of stores, and of what was begun here, is the tests' own."""
     kept = {name: str(tmp_path_factory.mktemp(name)) for name in ("XDG_CACHE_HOME", "XDG_STATE_HOME")}
-    with pytest.MonkeyPatch.context() as patch, s3() as (address, _):
+    with pytest.MonkeyPatch.context() as patch, s3() as (address, traffic):
         for name, value in (account(address) | kept).items():
             patch.setenv(name, value)
         fsspec.filesystem("s3", skip_instance_cache=True).mkdir("bucket")
-        yield
+        yield traffic
 
 
 @pytest.fixture(scope="module")
-def swept(bucket: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def swept(bucket: Traffic, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a sweep whose runs are there."""
     folder = tmp_path_factory.mktemp("swept") / "first"
     with pytest.raises(SystemExit) as ended:
@@ -64,7 +66,7 @@ def test_a_run_is_put_there_whole_and_measured_once(swept: Path, tmp_path: Path,
 
 
 def test_a_damaged_run_is_measured_again_once_its_folder_is_removed(
-    bucket: None, tmp_path: Path, as_json: AsJson
+    bucket: Traffic, tmp_path: Path, as_json: AsJson
 ) -> None:
     store, out = "s3://bucket/damaged", tmp_path / "out"
     assert as_json(*SWEEP, *TWENTY, "--store", store, "--out", out)[0] == 0
@@ -100,7 +102,9 @@ def test_runs_are_put_behind_ssh(swept: Path, tmp_path: Path, monkeypatch: pytes
         assert as_json("resume", tmp_path / "out")[1]["measured"] == 0
 
 
-def test_a_run_that_cannot_be_put_is_kept_and_no_bucket_is_made(bucket: None, tmp_path: Path, as_json: AsJson) -> None:
+def test_a_run_that_cannot_be_put_is_kept_and_no_bucket_is_made(
+    bucket: Traffic, tmp_path: Path, as_json: AsJson
+) -> None:
     one = ("--over", "sim.twin_seed=3", "--reference-every", "0")
     status, found = as_json(
         "sweep", "image-readout", *SETTINGS, *one, *TWENTY, "--store", "s3://nobucket/lab", "--out", tmp_path / "out"
@@ -119,6 +123,27 @@ def test_a_run_that_cannot_be_put_is_kept_and_no_bucket_is_made(bucket: None, tm
     shutil.rmtree(kept.parent)
     status, found = as_json("resume", tmp_path / "out")
     assert (status, found["complete"], found["measured"]) == (0, 1, 0)
+
+
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="runs are side by side where there are two cores")
+def test_of_each_run_that_cannot_be_put_it_is_said_where_it_is(
+    bucket: Traffic, tmp_path: Path, as_json: AsJson, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    both = Barrier(2, timeout=60)
+
+    def journal_of_both(request: str) -> bool:
+        if found := re.match("PUT .*journal", request) is not None:
+            both.wait()
+        return found
+
+    monkeypatch.setattr(bucket, "refused", journal_of_both)
+    status, found = as_json(*SWEEP, *TWENTY, "--store", "s3://bucket/refused", "--out", tmp_path / "out")
+    assert (status, "cannot be written" in found["error"]) == (1, True)
+    kept = [Path(said[1]) for note in found["notes"] if (said := re.match(r"the run is kept on \S+ in (\S+): ", note))]
+    assert sorted(run.name for run in kept) == ["000-sim.twin_seed=3", "001-sim.twin_seed=4"]
+    for run in kept:
+        assert verify_run(run).complete
+        shutil.rmtree(run.parent)
 
 
 def test_two_commands_at_once_share_a_folder(tmp_path: Path) -> None:
