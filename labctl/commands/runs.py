@@ -14,6 +14,7 @@ from labctl.runs.catalogue import Catalogue, Found
 from labctl.runs.format.store import is_elsewhere, location
 from labctl.runs.index import RunRow, State
 from labctl.runs.search import when
+from labctl.runs.sweep import is_sweep
 
 STATES = get_args(State)
 USUAL = Path("runs")
@@ -38,10 +39,15 @@ def runs(
     keys: Annotated[bool, typer.Option("--keys", help="List the keys that runs can be found and sorted by.")] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """List the runs in a folder, the newest last."""
+    """List the runs in a folder, or those of a sweep wherever they are, the newest last."""
     if folder != USUAL and not is_elsewhere(folder) and not folder.is_dir():
         raise UsageError(f"{folder}: no such folder: name one with runs in it")
-    catalogue = Catalogue(folder)
+    only = None
+    if not is_elsewhere(folder) and is_sweep(folder):
+        from labctl.studies.sweeps.folder import own_runs
+
+        folder, only = own_runs(folder)
+    catalogue = Catalogue(folder, only=only)
     if keys:
         known = catalogue.keys()
         show({"keys": known}, as_json, lambda: say(", ".join(known) or f"{folder}: no runs yet"))

@@ -12,7 +12,7 @@ import math
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
@@ -74,14 +74,17 @@ class Found:
 class Catalogue:
     """The runs in a folder, as they are when it is asked."""
 
-    def __init__(self, folder: Path, rests: float = 0.0) -> None:
+    def __init__(self, folder: Path, rests: float = 0.0, only: Collection[str] | None = None) -> None:
         """Of the runs in `folder`, which need not exist yet.
+
+        only: names of those that are found; None for all.
 
         rests: it looks at the runs again only after so many times as long as looking took. Of a folder elsewhere it
         looks once: what is known of that is how it was listed.
         """
         self._folder = folder
         self._rests = rests
+        self._only = None if only is None else json.dumps(sorted(only))
         self._due = 0.0
         self._in_memory: sqlite3.Connection | None = None
 
@@ -118,6 +121,8 @@ class Catalogue:
             if key not in keys.union(LISTED):
                 raise unknown(key, keys.union(LISTED))
         asked = [condition(one, keys, partial(_holds_text, database)) for one in words]
+        if self._only is not None:
+            asked.append(("name IN (SELECT CAST(value AS BLOB) FROM json_each(?))", [self._only]))
         sql = " AND ".join(f"({one})" for one, _ in asked) or "1"
         values = [value for _, given in asked for value in given]
         largest = "(SELECT max({}) FROM fact WHERE fact.run = run.name AND fact.key = ?)"

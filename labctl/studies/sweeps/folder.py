@@ -32,7 +32,7 @@ from labctl.runs.index import run_row
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import OWNER, owned
 from labctl.runs.said import Said, Saying
-from labctl.runs.sweep import FILE, Sweep, SweepFile, read
+from labctl.runs.sweep import FILE, Sweep, SweepFile, places, read
 from labctl.studies.run_tasks import acquire_run, resume_run
 from labctl.studies.sweeps.declaration import Point
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
@@ -108,6 +108,17 @@ def runs_of(directory: Path, file: SweepFile) -> Path:
             f"'labctl runs {file.store}'"
         )
     return location(file.store) if file.store else directory
+
+
+def own_runs(directory: Path) -> tuple[Path, frozenset[str] | None]:
+    """Where the runs of a sweep are, and how they are called where others may lie beside them.
+
+    Raises:
+        RunError: as `read` and `runs_of`.
+    """
+    file = read(directory)
+    names = frozenset(name for name, _ in places(file.sweep)) if file.store else None
+    return runs_of(directory, file), names
 
 
 def protocol_of(directory: Path, file: SweepFile) -> type[Measurement[Any]]:

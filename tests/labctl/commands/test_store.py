@@ -91,6 +91,19 @@ def test_a_damaged_run_is_measured_again_once_its_folder_is_removed(
     assert as_json("evaluate", out)[0] == 0
 
 
+def test_runs_are_looked_at_by_the_folder_of_their_sweep_which_is_one_of_several(
+    swept: Path, tmp_path: Path, as_json: AsJson
+) -> None:
+    one = ("--over", "sim.twin_seed=5", "--reference-every", "0")
+    words = ("sweep", "image-readout", *SETTINGS, *one, *TWENTY, "--store", STORE, "--out", tmp_path / "another")
+    assert as_json(*words)[0] == 0
+    places = [f"{STORE}/000-sim.twin_seed=3", f"{STORE}/001-sim.twin_seed=4"]
+    assert [one["run"] for one in as_json("runs", swept, "--sort", "name")[1]["runs"]] == places
+    assert [str(found.row.path) for found in labctl.runs("twin_seed = 4", folder=swept)] == places[1:]
+    with labctl.open_runs(swept) as runs:
+        assert runs["sim.twin_seed"].values.tolist() == [3, 4]
+
+
 def test_runs_are_put_behind_ssh(swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_json: AsJson) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     with ssh(tmp_path) as address:
