@@ -191,7 +191,7 @@ def _whole_in_place(run: Acquisition, directory: Path) -> Outcome | None:
     """
     paths = RunPaths(alone(directory))
     row = run_row(paths)
-    lacks = row.problem or f"{row.shots} of {row.planned} shots" if not row.complete else _missing_shard(paths)
+    lacks = row.problem or f"{row.shots} of {row.planned} shots" if not row.complete else missing_shard(paths)
     if lacks and is_elsewhere(directory):
         raise RunError(f"{directory}: is not whole ({lacks}): {mended(directory, '')}")
     if lacks:
@@ -209,7 +209,7 @@ def _whole_in_place(run: Acquisition, directory: Path) -> Outcome | None:
     )
 
 
-def _missing_shard(paths: RunPaths) -> str:
+def missing_shard(paths: RunPaths) -> str:
     """A file that the journal names and that is not there, in words; empty if all are."""
     named = {entry.shard: entry for entry in read_journal(paths.journal).entries}  # the last line of a shard counts
     shards = [paths.shard(number) for number, entry in named.items() if not entry.discarded]

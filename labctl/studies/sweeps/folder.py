@@ -33,7 +33,7 @@ from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import OWNER, owned
 from labctl.runs.said import Said, Saying
 from labctl.runs.sweep import FILE, Sweep, SweepFile, places, read
-from labctl.studies.run_tasks import acquire_run, resume_run
+from labctl.studies.run_tasks import acquire_run, missing_shard, resume_run
 from labctl.studies.sweeps.declaration import Point
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
@@ -296,9 +296,11 @@ class _Heeding(Observer):
 
 
 def _is_complete(run: Path) -> bool:
-    """Whether nothing of a run is missing, nor its data.h5; a run in a store is whole."""
+    """Whether nothing of a run is missing, no shard, nor its data.h5; a run in a store is whole."""
     paths = RunPaths(run)
-    return paths.manifest.exists() if is_elsewhere(run) else paths.data.exists() and run_row(paths).complete
+    if is_elsewhere(run):
+        return paths.manifest.exists()
+    return paths.data.exists() and run_row(paths).complete and not missing_shard(paths)
 
 
 def require_simulated(every: list[Point]) -> None:

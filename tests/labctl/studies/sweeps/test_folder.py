@@ -19,6 +19,7 @@ from labctl.runs.live.control_file import Word
 from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import writer_of
 from labctl.runs.sweep import Sweep, places
+from labctl.runs.verification import verify_run
 from labctl.studies.sweeps import folder
 from labctl.studies.sweeps.declaration import Point, points
 from protocols.image_readout import ImageReadout
@@ -131,6 +132,17 @@ def test_pause_and_go_on_of_the_folder_are_those_of_its_runs(tmp_path: Path) -> 
     assert found.complete == 3
     [[*_, dark, told]] = waited
     assert (dark, told) == ("safe state", "paused")
+
+
+def test_a_run_that_lost_a_shard_is_not_complete(tmp_path: Path) -> None:
+    sweep = tmp_path / "sweep"
+    assert carried_out(sweep, act=lambda: None).complete == 3
+    lost = RunPaths(sweep / SECOND).shard(0)
+    lost.unlink()
+    found = carried_out(sweep, act=lambda: None)
+    assert (found.complete, found.measured) == (3, 0), "its records are in data.h5"
+    assert lost.exists()
+    assert verify_run(sweep / SECOND).intact
 
 
 def test_a_sweep_has_one_process_which_can_be_found(tmp_path: Path) -> None:
