@@ -29,6 +29,7 @@ __all__ = [
     "TooFewImages",
     "UsageError",
     "WorkerKilled",
+    "WrongPlace",
     "noted_on",
     "notes",
     "one_line",
@@ -88,6 +89,10 @@ class RunError(LabctlError):
 
 class RunInUse(RunError):
     """Another process is writing the run."""
+
+
+class WrongPlace(RunError):
+    """Another run has the place of a run, or not all see the same folder there: to go on meets the same."""
 
 
 class ShardLost(RunError):

@@ -19,7 +19,7 @@ from labctl.commands.options import DataOption, NoteOption, OperatorOption, Star
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.commands.progress import progress_bar
 from labctl.commands.scheduler import LOCAL, SideBySideOption, StoreOption, engine_of
-from labctl.errors import UsageError
+from labctl.errors import UsageError, WrongPlace
 from labctl.printable import typed_path
 from labctl.runs.said import Said
 from labctl.runs.sweep import Sweep, read_to_go_on
@@ -186,7 +186,8 @@ def _noting(note: str) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        error.add_note(note)
+        if not isinstance(error, WrongPlace):
+            error.add_note(note)
         raise
 
 

@@ -2,7 +2,7 @@
 
 import gc
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from labctl.engine.inputs import inputs_for
 from labctl.engine.recorded_protocol import refuse_other_inputs
 from labctl.engine.resume import MAY_CHANGE
 from labctl.engine.session import Acquisition, Resumption, acquire, resume
-from labctl.errors import LabctlError, RunError, RunInUse, writing
+from labctl.errors import LabctlError, RunError, RunInUse, WrongPlace, writing
 from labctl.runs.format.durable import NotStored
 from labctl.runs.format.journal import read_journal
 from labctl.runs.format.layout import RunPaths
@@ -87,6 +87,20 @@ def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
         meanwhile = replace(run, directory=directory)
         outcome = _whole(acquire(meanwhile, observer=following, interruption=task.interruption).outcome)
     return replace(outcome, directory=run.directory)
+
+
+def require_in_place(runs: Iterable[Path]) -> None:
+    """Require that runs which were measured are seen from here; whatever is in a store is.
+
+    Raises:
+        WrongPlace: one is not: whoever measured it has another folder of that name.
+    """
+    for run in runs:
+        if not is_elsewhere(run) and not RunPaths(run).manifest.exists():
+            raise WrongPlace(
+                f"{run}: was measured, and is not there on {node()}: the workers share no such folder with this "
+                "machine: begin anew with --store and a place that all reach"
+            )
 
 
 def resume_run(run: Resumption, *others: Observer) -> Outcome:

@@ -5,7 +5,7 @@ import os
 import signal
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from shutil import copytree, ignore_patterns
@@ -17,7 +17,7 @@ from distributed import Client
 
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION
-from labctl.errors import ClusterError, RunError, notes
+from labctl.errors import ClusterError, RunError, WrongPlace, notes
 from labctl.runs.format.provenance import SOURCES
 from labctl.studies.cluster import cluster
 from labctl.studies.paper.experiments import Experiment
@@ -25,7 +25,7 @@ from labctl.studies.paper.report import as_json
 from labctl.studies.paper.reproduction import Plan, reproduce
 from labctl.studies.processes import processes
 from labctl.studies.sweeps.evaluation import evaluate_sweep
-from labctl.studies.tasks import CALLER, Engine, Interrupted, in_parallel
+from labctl.studies.tasks import CALLER, Engine, Interrupted, Workers, in_parallel
 from tests.checkout import ROOT
 from tests.clusters import Cluster
 from tests.command_line import answer
@@ -224,6 +224,18 @@ def test_the_twins_of_a_sweep_are_tasks_of_four_workers(dask: Cluster, tmp_path:
             assert one["frames"][:].tobytes() == other["frames"][:].tobytes()
     _, judged, _ = answer("evaluate", tmp_path / "swept", "--scheduler", dask.address, "--json")
     assert judged["points"] == evaluate_sweep(tmp_path / "here")["points"]
+
+
+def test_workers_that_share_no_folder_are_told(tmp_path: Path) -> None:
+    @contextmanager
+    def elsewhere(tasks: int) -> Iterator[Workers]:
+        with processes(tasks) as workers:
+            yield workers
+        (tmp_path / "there").rename(tmp_path / "another machine")
+
+    plan = Plan((EXPERIMENT,), SIMULATED_STATION, tmp_path / "there", engine=elsewhere)
+    with pytest.raises(WrongPlace, match=r": was measured, and is not there on .*: the workers share no such folder"):
+        reproduce(plan, interruption=Interruption())
 
 
 def test_interrupted_runs_end_and_none_is_in_place(dask: Cluster, tmp_path: Path) -> None:

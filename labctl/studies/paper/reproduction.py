@@ -24,7 +24,7 @@ from labctl.studies.paper.analyses import Conclusion, analysis_of
 from labctl.studies.paper.experiments import Experiment
 from labctl.studies.paper.twin_runs import TwinRuns
 from labctl.studies.processes import processes
-from labctl.studies.run_tasks import acquire_run, nothing_left
+from labctl.studies.run_tasks import acquire_run, nothing_left, require_in_place
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
 from protocols.image_readout import ImageReadout
@@ -211,6 +211,7 @@ def reproduce(
     Raises:
         Interrupted: the operator stopped it.
         InstrumentError, DatasetError, ProtocolError, StationError, RunError: a run failed.
+        WrongPlace: runs were measured, and are not seen by all.
     """
     twins = {
         (experiment.name, seed): (experiment, _twins(plan, experiment, seed))
@@ -237,6 +238,7 @@ def reproduce(
     else:
         done |= _acquired_in_turn(runs, interruption, follow, uploading)
     done |= in_parallel(tasks, engine=plan.engine, needs=needs, interruption=interruption, progress=follow)
+    require_in_place(runs)
     reproduced, failed = [], {}
     for experiment in plan.experiments:
         own = {seed: twins[experiment.name, seed][1] for seed in plan.seeds_of(experiment)}
@@ -343,6 +345,7 @@ def _column(
 def _examine(experiment: Experiment, columns: tuple[TwinRuns, ...]) -> list[Any] | AnalysisError:
     """What the runs of one seed show, for each of the experiment's averages; or why they show nothing."""
     analysis, settings = analysis_of(experiment)
+    require_in_place(_directories(columns))
     try:
         with nothing_left():
             return [analysis.examine(twin, settings) for twin in columns]

@@ -33,7 +33,7 @@ from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import OWNER, owned
 from labctl.runs.said import Said, Saying
 from labctl.runs.sweep import FILE, Sweep, SweepFile, places, read
-from labctl.studies.run_tasks import acquire_run, missing_shard, resume_run
+from labctl.studies.run_tasks import acquire_run, missing_shard, require_in_place, resume_run
 from labctl.studies.sweeps.declaration import Point
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
@@ -229,6 +229,7 @@ def carry_out_side_by_side(
         StationError: a bench is not wholly simulated.
         RunError: another process carries the sweep out, or its folder cannot be written.
         StoppedBySignal: it was told to stop at once.
+        WrongPlace: another run has the place of one, or what was measured is not seen from here.
         LabctlError: as `session.acquire` and `session.resume`.
     """
     file = read(directory)
@@ -254,7 +255,8 @@ def carry_out_side_by_side(
             if not control.stopped:
                 progress(done, len(tasks))
 
-        in_parallel(tasks, engine=engine, interruption=interruption, progress=follow)
+        measured = in_parallel(tasks, engine=engine, interruption=interruption, progress=follow)
+        require_in_place(runs / name for name in measured)
     runs = alone(runs)
     now = sum(_is_complete(runs / point.name) for point in every)
     return Measured(directory, len(every), now, now - len(complete))

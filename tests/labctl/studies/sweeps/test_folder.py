@@ -12,7 +12,7 @@ from instruments.bench import Observer
 from labctl.bench.opening import Access
 from labctl.bench.signals import Interruption, StoppedBySignal
 from labctl.bench.station import SIMULATED_STATION
-from labctl.errors import RunError
+from labctl.errors import RunError, WrongPlace
 from labctl.runs.asking import tell
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.live.control_file import Word
@@ -20,8 +20,10 @@ from labctl.runs.live.events import EventReader
 from labctl.runs.live.owner import writer_of
 from labctl.runs.sweep import Sweep, places
 from labctl.runs.verification import verify_run
+from labctl.studies.processes import processes
 from labctl.studies.sweeps import folder
 from labctl.studies.sweeps.declaration import Point, points
+from labctl.studies.tasks import Workers
 from protocols.image_readout import ImageReadout
 
 ASKED = Sweep(
@@ -143,6 +145,30 @@ def test_a_run_that_lost_a_shard_is_not_complete(tmp_path: Path) -> None:
     assert (found.complete, found.measured) == (3, 0), "its records are in data.h5"
     assert lost.exists()
     assert verify_run(sweep / SECOND).intact
+
+
+def test_workers_that_share_no_folder_are_told_not_an_interruption(tmp_path: Path) -> None:
+    sweep = tmp_path / "sweep"
+    folder.begin(sweep, ASKED, ImageReadout, SIMULATED_STATION)
+
+    @contextmanager
+    def elsewhere(tasks: int) -> Iterator[Workers]:
+        with processes(tasks) as workers:
+            yield workers
+        (tmp_path / "another machine").mkdir()
+        for name in (FIRST, SECOND, THIRD):
+            (sweep / name).rename(tmp_path / "another machine" / name)
+
+    with pytest.raises(WrongPlace, match=rf"^{sweep}/00\d-.*: was measured, and is not there on .*: the workers share"):
+        folder.carry_out_side_by_side(
+            sweep,
+            points(ASKED, ImageReadout, SIMULATED_STATION),
+            engine=elsewhere,
+            data=None,
+            access=Access(),
+            interruption=Interruption(),
+            progress=lambda *_: None,
+        )
 
 
 def test_a_sweep_has_one_process_which_can_be_found(tmp_path: Path) -> None:
