@@ -161,10 +161,23 @@ class WindowFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]  # 
             raise AnalysisError("the records hold values that are not finite: leave the broken shots out")
         return features
 
-    def at(self, rows: Sequence[int], ports: int) -> Self:
-        """Take the same columns, in their order, from other `rows` of records of so many `ports`; returns itself."""
+    def at(self, rows: Sequence[int], ports: int, samples: int) -> Self:
+        """Take the same columns, in their order, from other `rows` of records of so many `ports` and `samples`.
+
+        Returns:
+            Itself.
+
+        Raises:
+            AnalysisError: The records end before the window does.
+        """
+        needed = int(self.samples_.max()) + 1
+        if needed > samples:
+            here, there = (f"{1e9 * count * self.sample_interval_s:g} ns" for count in (needed, samples))
+            raise AnalysisError(
+                f"its window needs {here} records, and these have {there}: record longer, or train anew"
+            )
         self.set_params(ports=rows, recorded_ports=range(ports))
-        self.rows_, self.ports_in_ = np.asarray(rows, np.intp), ports
+        self.rows_, self.ports_in_, self.samples_in_ = np.asarray(rows, np.intp), ports, samples
         return self
 
     def get_feature_names_out(self, input_features: object = None) -> NDArray[np.object_]:

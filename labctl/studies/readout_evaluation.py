@@ -89,7 +89,8 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     ports and window of this readout, and must stay at chance. Writes figures and report of the run.
 
     Raises:
-        AnalysisError: not a readout, a run it does not fit (of another drive, bench, wavelength or sampling), or one of
+        AnalysisError: not a readout, a run it does not fit (of another drive, bench, wavelength or sampling, or
+            of records shorter than its window), or one of
             nothing but the images it was trained on.
         RunError: no such run.
         UsageError: a folder, such as the run, is named in the place of the readout.
@@ -102,8 +103,13 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         with _used(model, directory):
             if (why := _unlike(trained, readout[0], here)) is not None:
                 raise AnalysisError(f"{model}: cannot work on {directory}: {why}")
+            rows = readout[0].rows_.tolist()
             if trained.masks is not None and trained.masks.columns:
-                readout[0].at([here.columns.index(one) for one in trained.masks.columns], len(here.columns))
+                rows = [here.columns.index(one) for one in trained.masks.columns]
+            try:
+                readout[0].at(rows, len(here.columns), run.shape.samples)
+            except AnalysisError as error:
+                raise AnalysisError(f"{model}: cannot work on {directory}: {error}") from None
             ports = dict.fromkeys(here.columns[row][0] for row in readout[0].rows_)
         records, left_out = bounded_records(run)
         test = _unseen(run, records, trained)

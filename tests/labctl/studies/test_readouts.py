@@ -72,6 +72,22 @@ def test_ports_that_a_readout_does_not_see_may_be_missing(tmp_path: Path) -> Non
         evaluate_readout(trained(run), fewer)
 
 
+def test_records_may_be_longer_or_shorter_as_long_as_they_hold_the_window(tmp_path: Path) -> None:
+    short, long = (measured(tmp_path / name, ports="2-6", window=1e-9 * float(name)) for name in ("0.4", "1"))
+    others = {
+        name: measured(tmp_path / f"other {name}", window=1e-9 * float(name), image_seed=9) for name in ("0.4", "1")
+    }
+    assert evaluate_readout(trained(long), others["0.4"])["accuracy"] > 0.6
+    assert evaluate_readout(trained(short), others["1"])["accuracy"] > 0.6
+    whole = Path(train_readout(long, window_s=1e-9, ports=None, seed=1, out=tmp_path / "whole.h5")["model"])
+    with pytest.raises(AnalysisError) as raised:
+        evaluate_readout(whole, others["0.4"])
+    assert str(raised.value) == (
+        f"{whole}: cannot work on {others['0.4']}: its window needs 1 ns records, and these have 0.4 ns: record "
+        "longer, or train anew"
+    )
+
+
 def test_a_readout_knows_its_wavelengths_in_any_order(tmp_path: Path) -> None:
     model = trained(measured(tmp_path / "trained", ports="2-4", wavelengths=(1550.0, 1551.0)))
     turned = measured(tmp_path / "turned", ports="2-4", wavelengths=(1551.0, 1550.0), image_seed=9)
