@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from platform import node
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 from uuid import uuid4
@@ -262,6 +263,9 @@ def _carry_out(
     token = CALLER.set(caller)
     try:
         return timed(task)
+    except LabctlError as error:
+        error.add_note(f"on {node()}, worker {worker.address}")
+        raise
     finally:
         CALLER.reset(token)
         caller.tell()

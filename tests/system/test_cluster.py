@@ -2,12 +2,14 @@
 
 import json
 import os
+import re
 import signal
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from platform import node
 from shutil import copytree, ignore_patterns
 from threading import Thread
 
@@ -203,7 +205,10 @@ def test_a_task_that_fails_after_another_is_heard(dask: Cluster) -> None:
     with pytest.raises(RunError) as raised:
         in_parallel(tasks, engine=cluster(dask.address, print), interruption=Interruption(), progress=lambda *_: None)
     assert str(raised.value) == "the disk is full"
-    assert "the run is kept" in notes(raised.value)
+    where, kept, there = notes(raised.value)
+    assert kept == "the run is kept"
+    for note in (where, there):
+        assert re.fullmatch(rf"on {node()}, worker tcp://127.0.0.1:\d+", note)
 
 
 def test_the_twins_of_a_sweep_are_tasks_of_four_workers(dask: Cluster, tmp_path: Path) -> None:
