@@ -16,7 +16,7 @@ SEED = 1
 
 @dataclass(frozen=True)
 class Recognition:
-    """Accuracy, its interval of 95 % (Wilson's, of the images tested), the share of the largest class, and the images.
+    """Accuracy, its interval of 95 % (Wilson's, of the images tested), the share of the largest class, images tested.
 
     Some splits test an image again, and some images no split tests: each that was tested counts once, with the part of
     its tests in which it was recognised.
@@ -46,13 +46,12 @@ def recognition(
     Raises:
         AnalysisError: there is no such window or port, or there are too few images.
     """
-    images = np.unique(groups).size
     readout = softmax_readout(
         ports=ports,
         window_s=window_s or traces.shape[2] * sample_interval_s,
         sample_interval_s=sample_interval_s,
         recorded_ports=recorded_ports if ports else None,
     )
-    splits = random_splits(labels, groups, splits=enough_splits(images), seed=SEED)
+    splits = random_splits(labels, groups, splits=enough_splits(np.unique(groups).size), seed=SEED)
     shares = shares_of_images(validate(traces, labels, splits, readout=readout).right, groups)
-    return Recognition(float(shares.mean()), interval(round(shares.sum()), shares.size), chance_of(labels), images)
+    return Recognition(float(shares.mean()), interval(round(shares.sum()), shares.size), chance_of(labels), shares.size)

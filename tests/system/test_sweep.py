@@ -151,7 +151,9 @@ def test_how_many_images_is_an_axis_like_any_other(tmp_path: Path) -> None:
     assert run("sweep", "image-readout", *chosen, "--out", folder)[0] == 0
     status, found, _ = run("evaluate", folder)
     assert status == 0
-    assert {one["images"]: one["judged_images"] for one in found["points"]} == {"40": 40, "80": 80}
+    judged = {one["images"]: one["judged_images"] for one in found["points"]}
+    assert judged.keys() == {"40", "80"}
+    assert all(0.5 < tested / int(shown) < 0.8 for shown, tested in judged.items()), "by one of ten tenths: 65 %"
 
 
 def test_a_run_that_has_just_begun_keeps_no_other_from_being_judged(swept: Path, tmp_path: Path) -> None:
