@@ -90,6 +90,8 @@ def sweep(
     if dry_run:
         show(plan, as_json, lambda: _print_plan(plan))
         return DONE
+    if store is not None:
+        folder.refuse_others(every, store, data=data, access=access)
     folder.begin(directory, asked, protocol, bench, said, store)
     tell(_in_words(plan))
     return measure(

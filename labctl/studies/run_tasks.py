@@ -78,7 +78,7 @@ def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
     if run.directory is None:
         raise ValueError("a run among others needs a place")
     if RunPaths(alone(run.directory)).manifest.exists():
-        _refuse_another(run, run.directory)
+        refuse_another(run, run.directory)
         known = _whole_in_place(run, run.directory)
         return known or resume_run(Resumption(run.directory, run.station, run.data, run.access), *others)
     task = TaskObserver()
@@ -175,11 +175,12 @@ def _placed(directory: Path) -> Iterator[Path]:
             raise
 
 
-def _refuse_another(run: Acquisition, directory: Path) -> None:
+def refuse_another(run: Acquisition, directory: Path) -> None:
     """Require that what is in `directory`, whole or begun, is this run.
 
     Raises:
-        RunError: it is not this run: protocol, seeds, bench, packages or inputs are others.
+        WrongPlace: it is not this run: protocol, seeds, bench or packages are others.
+        RunError: its inputs are others.
     """
     paths = RunPaths(alone(directory))
     then = Manifest.read(paths).values
@@ -191,7 +192,7 @@ def _refuse_another(run: Acquisition, directory: Path) -> None:
     }
     if changed := differences({key: then.get(key) for key in now}, now, ignored=OWN_BUSINESS):
         first = changed[0]
-        raise RunError(
+        raise WrongPlace(
             f"{directory}: another run is there ({first.setting} is {first.then}, not {first.now}): name another place"
         )
     refuse_other_inputs(directory, then, inputs_for(run.protocol, run.data))

@@ -33,7 +33,7 @@ from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import OWNER, owned
 from labctl.runs.said import Said, Saying
 from labctl.runs.sweep import FILE, Sweep, SweepFile, places, read
-from labctl.studies.run_tasks import acquire_run, missing_shard, require_in_place, resume_run
+from labctl.studies.run_tasks import acquire_run, missing_shard, refuse_another, require_in_place, resume_run
 from labctl.studies.sweeps.declaration import Point
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
@@ -94,6 +94,20 @@ def begin(
     replace_file(directory / FILE, kept.encode(), not_made)
     if kept.store:
         remember(directory / FILE)
+
+
+def refuse_others(every: list[Point], store: Path, *, data: Path | None, access: Access) -> None:
+    """Refuse a store in which another run has the place of one of a new sweep; the first that is there tells.
+
+    Raises:
+        UsageError: there is a password in its URL.
+        WrongPlace, RunError: another run is there.
+    """
+    written(store)
+    point = next((one for one in every if RunPaths(store / one.name).manifest.exists()), None)
+    if point is not None:
+        run = alone(store / point.name)
+        refuse_another(_acquisition(point, run, data, access), run)
 
 
 def runs_of(directory: Path, file: SweepFile) -> Path:

@@ -56,6 +56,8 @@ def test_a_run_is_put_there_whole_and_measured_once(swept: Path, tmp_path: Path,
     status, found = as_json(*SWEEP, "--set", "images=22", "--store", STORE, "--out", tmp_path / "other")
     assert status == 2
     assert "another run is there (protocol.settings.images is 20, not 22): name another place" in found["error"]
+    assert not found.get("notes"), "to go on would meet the same"
+    assert not (tmp_path / "other").exists()
 
     assert as_json(*SWEEP, *TWENTY, "--out", tmp_path / "here")[0] == 0
     for name in ("000-sim.twin_seed=3", "001-sim.twin_seed=4"):
