@@ -13,7 +13,7 @@ from labctl.errors import UsageError
 MOST_POINTS = 10_000
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _VALUE = re.compile(rf"\s*({_NUMBER})\s*(\S*)\s*")
-_RANGE = re.compile(rf"\s*({_NUMBER})\s*:\s*({_NUMBER})\s*:\s*(\d+)\s*([A-Za-zµ/]*)\s*")
+_RANGE = re.compile(rf"\s*({_NUMBER})\s*:\s*({_NUMBER})\s*:\s*(\d+)\s*([A-Za-z\u00b5\u03bc/]*)\s*")
 
 
 class Order(StrEnum):

@@ -15,6 +15,11 @@ def test_lists_and_ranges() -> None:
     assert parse_axis("laser.power=-3:3:3 dBm") == ("laser.power", ("-3 dBm", "0 dBm", "3 dBm"))
 
 
+@pytest.mark.parametrize("micro", ["\u00b5", "\u03bc", "u"])
+def test_a_range_has_a_micro_sign_as_keyboards_write_it_and_as_the_greek_letter(micro: str) -> None:
+    assert parse_axis(f"power=10:30:3 {micro}W") == ("power", (f"10 {micro}W", f"20 {micro}W", f"30 {micro}W"))
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

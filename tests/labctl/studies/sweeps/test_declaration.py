@@ -117,6 +117,11 @@ def test_a_file(tmp_path: Path) -> None:
     assert (found.order, found.reference_every) == (Order.INTERLEAVED, 10)
 
 
+def test_values_in_a_file_may_be_numbers(tmp_path: Path) -> None:
+    path = written(tmp_path, 'protocol = "image-readout"\n\n[over]\nseed = [1, 2]\n"sim.parameters.enob" = [4.5, 5]\n')
+    assert read_sweep(path).over == {"seed": ("1", "2"), "sim.parameters.enob": ("4.5", "5")}
+
+
 def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
     (block,) = re.findall(r"^```toml\n(.*?)^```", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL)
     assert len(points(read_sweep(written(tmp_path, block)), ImageReadout, SIMULATED_STATION)) == 11
