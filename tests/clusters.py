@@ -39,13 +39,13 @@ class Cluster:
         if workers:
             self.until_there(workers)
 
-    def lose_all(self) -> None:
-        """The scheduler is killed, and its workers; others come to its place."""
+    def lose_all(self, workers: int = 1) -> None:
+        """The scheduler is killed, and its workers; another one comes to its place, with so many workers."""
         for process in (self.scheduler, *self.workers):
             process.kill()
             process.wait()
         self.scheduler = self._begun("scheduler", "--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard")
-        self.workers = [self.worker()]
+        self.workers = [self.worker() for _ in range(workers)]
 
     def until_there(self, workers: int) -> None:
         """Return when so many workers have come."""

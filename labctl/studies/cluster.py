@@ -129,20 +129,17 @@ class _Connection:
             elif self._client.status != "running":
                 return self._wait()
             if time.monotonic() - self._counted >= COUNT_S:
-                self._count()
+                self._workers, self._counted = len(self._client.nthreads()), time.monotonic()
         except (OSError, ClusterError):
             return self._wait()
         if self._lost:
             self._lost = False
             self._client.subscribe_topic(self._name, self._hear)  # a scheduler that was started anew knows of nobody
             self._tell(f"{self._address}: the scheduler is there again; what it had begins anew")
-        return max(self._workers, 1) - running
-
-    def _count(self) -> None:
-        self._workers, self._counted = len(self._client.nthreads()), time.monotonic()
         if not self._workers and not self._deserted:
             self._tell(f"{self._address}: the scheduler has no workers: start some; Ctrl-C keeps what is finished")
         self._deserted = not self._workers
+        return max(self._workers, 1) - running
 
     def _wait(self) -> int:
         if not self._lost:
