@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.errors import InstrumentError, InstrumentInUse, LinkError, NotConfigured, excerpt
+from instruments.values import Identity
 from instruments.visa import VisaLink
 
 RETURN_CODES = {
@@ -71,6 +72,9 @@ class AlpLibrary(Protocol):
     def ProjControl(self, control_type: int, value: int) -> None: ...  # noqa: N802, D102
     def FreeSeq(self, sequence: int) -> None: ...  # noqa: N802, D102
     def Free(self) -> None: ...  # noqa: N802, D102
+
+    def said(self) -> Identity | None:
+        """Who says to be there, asked without a call; None where nothing but a device can be."""
 
     def close(self) -> None:
         """Release the device if it is still allocated, and the connection."""
@@ -145,6 +149,10 @@ class AlpOverVisa:
     def Free(self) -> None:  # noqa: N802
         """AlpDevFree."""
         self._call("ALP:DEVFREE")
+
+    def said(self) -> Identity:
+        """`*IDN?`."""
+        return Identity.parse(self._link.query("*IDN?"))
 
     def close(self) -> None:
         """Close the link."""
@@ -268,6 +276,9 @@ class AlpByVendorLibrary:
         """AlpDevFree."""
         self._call("Free")
         self._forget()
+
+    def said(self) -> None:
+        """The library finds its own devices alone."""
 
     def close(self) -> None:
         """AlpDevHalt and AlpDevFree of a device that is still allocated, whatever the library answers."""

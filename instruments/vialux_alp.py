@@ -55,12 +55,14 @@ class VialuxAlpSection(DmdSection):
     timeout: Timeout = 5.0
 
 
+IDENTITY = re.compile("ViALUX ALP", re.IGNORECASE)
+
 DRIVER = Driver(
     section=VialuxAlpSection,
     open=lambda section, opening: VialuxAlp(
         _library(section, opening), serial_number=section.serial_number, trigger_in=section.trigger_in
     ),
-    identity=re.compile("ViALUX ALP", re.IGNORECASE),
+    identity=IDENTITY,
     sent_anew=("free_pictures",),
 )
 
@@ -139,7 +141,13 @@ class VialuxAlp(BurstDmd):
         return self._shape
 
     def identify(self) -> Identity:
-        """Serial number and version by AlpDevInquire."""
+        """Serial number and version by AlpDevInquire.
+
+        Another instrument at the address is told no call, which it would keep as an error: it is who it says.
+        """
+        said = self._alp.said()
+        if said is not None and IDENTITY.search(f"{said.manufacturer} {said.model}") is None:
+            return said
         self._prepare()
         serial, version = (str(self._alp.DevInquire(item)) for item in (ALP_DEVICE_NUMBER, ALP_VERSION))
         return Identity("ViALUX", f"ALP-4 {self._shape[1]}x{self._shape[0]}", serial, version)

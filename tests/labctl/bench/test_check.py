@@ -210,6 +210,24 @@ def test_an_instrument_at_anothers_address_is_refused_and_one_that_only_reads_ot
             assert checked(path, capsys)[1]["instruments"]["scope"]["ok"] == well
 
 
+@pytest.mark.parametrize("other", ["awg", "scope", "laser", "patch_panel"])
+def test_another_instrument_at_the_dmds_address_is_sent_nothing_that_it_would_keep_as_an_error(
+    other: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with station_of(FaultyBench([]), tmp_path / "bench.toml") as path:
+        text = path.read_text("utf-8")
+        station = read_station(path)
+        path.write_text(text.replace(station.dmd.address, station.section_of(other).address), "utf-8")
+        _, found = checked(path, capsys)
+        assert "which driver 'vialux-alp' is not for: correct dmd.address" in found["instruments"]["dmd"]["problem"]
+        status, _, err = labctl(capsys, "align", "--station", path, "--out", tmp_path / "aligned")
+        assert status == 1
+        assert "correct dmd.address" in err
+        path.write_text(text, "utf-8")
+        status, found = checked(path, capsys)
+        assert (status, found["ok"]) == (0, True), found
+
+
 def test_what_a_person_sets_is_at_no_address(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.toml"
     path.write_text("[laser]\ndriver = 'manual-laser'\n[patch_panel]\ndriver = 'manual-patch-panel'\n", "utf-8")
