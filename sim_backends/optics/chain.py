@@ -251,10 +251,12 @@ def power_factors(light: DriveLight, taps: NDArray[np.complex64]) -> NDArray[np.
     R, each delay weighed with its share of the light, has few eigenvalues worth keeping: as many as the fibre's delays
     hold symbols. L = T F with R = F F^H.
     """
-    points, depth = light.field.size, taps.shape[-1]
+    points = light.field.size
     share = np.sqrt(np.mean(np.abs(taps) ** 2, axis=(0, 1), dtype=np.float64))
+    delays = np.flatnonzero(share)  # of a long fibre some have no light
+    taps, share = np.take(taps, delays, axis=-1), share[delays]
     correlation = np.fft.ifft(np.abs(light.spectrum) ** 2) / points
-    lag = (np.arange(depth)[np.newaxis, :] - np.arange(depth)[:, np.newaxis]) % points
+    lag = (delays[np.newaxis, :] - delays[:, np.newaxis]) % points
     power, vectors = np.linalg.eigh(share[:, np.newaxis] * correlation[lag].conj() * share)
     kept = np.cumsum(power) > _POWER_LEFT_OUT * power.sum()
     spread = vectors[:, kept] * np.sqrt(power[kept]) / share[:, np.newaxis]

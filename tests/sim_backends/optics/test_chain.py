@@ -152,6 +152,24 @@ def test_power_factors_give_the_mean_over_the_period(light: chain.DriveLight, ta
     np.testing.assert_allclose(np.square(some @ factors).sum(axis=1), mean, rtol=0.04)
 
 
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        Parameters(fibre_length_m=80.0),
+        Parameters(fibre_length_m=200.0, core_diameter_m=50e-6, drive_step_s=20e-12),
+    ],
+)
+def test_power_factors_of_a_fibre_so_long_that_some_delays_have_no_light(parameters: Parameters) -> None:
+    volts = np.random.default_rng(0).uniform(-0.25, 0.25, 500).astype(np.float32)
+    light = chain.driven_light(parameters, volts, RATE)
+    modes = chain.draw_fibre(parameters, np.random.default_rng(2))
+    taps, _ = fibre.delay_taps(modes, frequency_hz=193.4e12, step=light.step_s)
+    assert not np.abs(taps).any(axis=(0, 1)).all()
+    some = np.random.default_rng(5).random(size=(3, taps.shape[1]), dtype=np.float32)
+    mean = [chain.mean_volts(picture, light.field[np.newaxis], taps)[0] for picture in some]
+    np.testing.assert_allclose(np.square(some @ chain.power_factors(light, taps)).sum(axis=1), mean, rtol=0.15)
+
+
 def test_power_factors_of_idle_light_are_those_of_one_speckle(taps: NDArray[np.complex64]) -> None:
     factors = chain.power_factors(chain.idle_light(PARAMETERS), taps)
     assert factors.shape == (784, 2)
