@@ -16,8 +16,10 @@ from sim_backends.scpi.commands import Action, Setting
 from sim_backends.scpi.messages import Argument
 from sim_backends.scpi.status import ScpiError
 from sim_backends.virtual.awg70002a.function_generator import LARGEST_LEVEL_V, LARGEST_V, unit_shape
+from sim_backends.virtual.awg70002a.schedule import LONGEST_PLAYBACK
 from sim_backends.virtual.awg70002a.waveforms import LONGEST, RATES
 
+BLOCK = 2**16  # points that are computed at a time: what is in between stays in the processor's cache
 NOISE_SIGMA = 1 / 6  # recalled: of the peak-to-peak amplitude
 
 
@@ -208,20 +210,30 @@ class BasicWaveform:
     # --- the waveform
 
     def compiled(self, noise: np.random.Generator) -> Compiled:
-        """The samples: of the full range with amplitude and offset recommended, or of the range that they leave."""
+        """The samples: of the full range with amplitude and offset recommended, or of the range that they leave.
+
+        Raises:
+            ScpiError: -225, more than could be played here.
+        """
+        if self.length > LONGEST_PLAYBACK:
+            raise ScpiError(-225, f"{self.length} points, {LONGEST_PLAYBACK} are the most that are simulated")
         if self.function == "DC":
             samples = np.full(self.length, self._offset_v / LARGEST_LEVEL_V, np.float32)
             return Compiled(samples, self.sample_rate, LARGEST_V, 0.0)
-        unit = self._unit(noise)
+        samples = np.empty(self.length, np.float32)
+        for first in range(0, self.length, BLOCK):
+            block = samples[first : first + BLOCK]
+            unit = self._unit(noise, np.arange(first, first + block.size, dtype=np.float64))
+            block[:] = unit if self.full_range else (self._offset_v + self._amplitude_v / 2 * unit) / LARGEST_LEVEL_V
         if self.full_range:
-            return Compiled(np.asarray(unit, np.float32), self.sample_rate, self._amplitude_v, self._offset_v)
-        volts = self._offset_v + self._amplitude_v / 2 * unit
-        return Compiled(np.asarray(volts / LARGEST_LEVEL_V, np.float32), self.sample_rate, LARGEST_V, 0.0)
+            return Compiled(samples, self.sample_rate, self._amplitude_v, self._offset_v)
+        return Compiled(samples, self.sample_rate, LARGEST_V, 0.0)
 
-    def _unit(self, noise: np.random.Generator) -> NDArray[np.float64]:
+    def _unit(self, noise: np.random.Generator, points: NDArray[np.float64]) -> NDArray[np.float64]:
         if self.function == "NOISe":
-            return np.clip(2 * NOISE_SIGMA * noise.standard_normal(self.length), -1, 1)
-        turns = np.arange(self.length, dtype=np.float64) * (self.frequency_hz / self.sample_rate) % 1.0
+            return np.clip(2 * NOISE_SIGMA * noise.standard_normal(points.size), -1, 1)
+        turns = points * (self.frequency_hz / self.sample_rate)
+        turns -= np.floor(turns)
         words = {"RAMP": ("TRIangle", 1.0), "TRIangle": ("TRIangle", 0.5)}
         word, symmetry = words.get(self.function, (self.function, math.nan))
         return unit_shape(word, turns, symmetry)

@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from sim_backends.virtual import VirtualAwg70002a
-from sim_backends.virtual.awg70002a.basic_waveform import BasicWaveform
+from sim_backends.virtual.awg70002a.basic_waveform import BLOCK, BasicWaveform
+from sim_backends.virtual.awg70002a.schedule import LONGEST_PLAYBACK
 from tests.sim_backends.virtual.awg70002a.session import errors
 from tests.sim_backends.virtual.watched import Ask, Watched
 
@@ -90,10 +91,23 @@ def test_reset(ask: Ask, awg: VirtualAwg70002a) -> None:
 def test_a_waveform_larger_than_memory_is_an_error_and_no_end(
     ask: Ask, awg: VirtualAwg70002a, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(_basic: BasicWaveform, _noise: np.random.Generator) -> NDArray[np.float64]:
+    def full(_basic: BasicWaveform, _noise: np.random.Generator, _points: NDArray[np.float64]) -> NDArray[np.float64]:
         raise MemoryError
 
     monkeypatch.setattr(BasicWaveform, "_unit", full)
-    ask(awg, "BWAVeform:LENGth 2000000000;:BWAVeform:COMPile")
+    ask(awg, "BWAVeform:LENGth 2500000;:BWAVeform:COMPile")
     assert errors(ask, awg).startswith("-225")
     assert ask(awg, "*IDN?").startswith(b"TEKTRONIX")
+
+
+def test_a_waveform_longer_than_is_played_is_refused_at_once(ask: Ask, awg: VirtualAwg70002a) -> None:
+    ask(awg, f"BWAV:AUTO CYCL;LENG {LONGEST_PLAYBACK + 1};:BWAV:COMP")
+    assert errors(ask, awg) == "-225"
+    assert ask(awg, "WLIS:LIST?") == b'""'
+
+
+def test_a_long_waveform_goes_on_where_one_block_ends(ask: Ask, awg: VirtualAwg70002a) -> None:
+    points = 3 * BLOCK + 1
+    ask(awg, f'BWAV:AUTO CYCL;FREQ 7e6;SRAT 25e9;LENG {points};COMP:NAME "long";:BWAV:COMP')
+    sine = np.sin(2 * np.pi * 7e6 / 25e9 * np.arange(points))
+    np.testing.assert_allclose(samples(ask, awg, "long"), sine, atol=1e-6)
