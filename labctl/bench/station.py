@@ -69,10 +69,10 @@ Station files and manifests of that time have them: a driver that has no such ke
 class LimitsSection(Section):
     """What must never be exceeded."""
 
-    optical_power: Annotated[Watts, Field(description="What laser.power may not exceed.")] = 0.03
-    rf_amplitude: Annotated[Volts, Field(description="What awg.amplitude may not exceed.")] = 0.5
+    optical_power: Annotated[Watts, Field(gt=0, description="What laser.power may not exceed.")] = 0.03
+    rf_amplitude: Annotated[Volts, Field(gt=0, description="What awg.amplitude may not exceed.")] = 0.5
     detector: Annotated[Volts, Field(gt=0, description="What a detector may show at most.")] = 1.5
-    amplified_power: Annotated[Watts, Field(description="What may leave the optical amplifier.")] = 0.2
+    amplified_power: Annotated[Watts, Field(gt=0, description="What may leave the optical amplifier.")] = 0.2
 
 
 class WiringSection(Section):

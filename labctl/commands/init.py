@@ -11,7 +11,7 @@ import typer
 from pydantic import ValidationError
 
 from instruments.alnair_tlg220 import Tlg220Section
-from instruments.errors import InstrumentInUse
+from instruments.errors import InstrumentInUse, NotConfigured
 from instruments.remedies import unwritable
 from instruments.sections import SIMULATED, USB, InstrumentSection, PatchPanelSection
 from instruments.toml_files import describe
@@ -22,7 +22,7 @@ from labctl.bench.draft import draft
 from labctl.bench.drivers import driver, installed
 from labctl.bench.lock import held_alone
 from labctl.bench.schema import STATION, file_name, write_schema
-from labctl.bench.station import USUAL, Station
+from labctl.bench.station import USUAL, LimitsSection, Station
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.commands.progress import progress_bar
@@ -99,14 +99,12 @@ def init(
             _tell_who(role, places[role], answers, held)
     values, remarks = _instruments(places, answers, held)
     if laser_commands is not None:
-        if "commands" not in driver("laser", values["laser"]["driver"]).section.model_fields:
-            raise UsageError("--laser-commands: this laser has no command table: leave it out")
-        values["laser"]["commands"] = SIMULATED if str(laser_commands) == SIMULATED else str(laser_commands.absolute())
+        values["laser"]["commands"] = _readable_table(values["laser"], laser_commands)
     with_fibre = "Ports of the chip that have a fibre, such as 2-6; 0 is the fibre before it"
     if (wired := _asked(asking, with_fibre, ports, EVERY_PORT, _check_ports)) != EVERY_PORT:
         values["patch_panel"]["ports"] = wired
     never = "Optical power that must never be exceeded"
-    bound = _asked(asking, never, optical_power, "30 mW", lambda text: quantity(text, "W"))
+    bound = _asked(asking, never, optical_power, "30 mW", _check_bound)
     values["limits"] = {"optical_power": bound, "rf_amplitude": "0.5 V"}
     values["laser"] |= _power_below(bound)
     if quantity(bound, "W") > MOST_OF_CLASS_3B_W:
@@ -187,6 +185,24 @@ def _require_place(role: str, place: str) -> None:
 
 def _check_ports(ports: str) -> None:
     PatchPanelSection.model_validate({"driver": USUAL["patch_panel"], "ports": ports})
+
+
+def _check_bound(power: str) -> None:
+    LimitsSection.model_validate({"optical_power": power})
+
+
+def _readable_table(laser: Mapping[str, Any], table: Path) -> str:
+    """What the section of the laser says of its command table."""
+    found = driver("laser", laser["driver"])
+    if "commands" not in found.section.model_fields:
+        raise UsageError("--laser-commands: this laser has no command table: leave it out")
+    if str(table) == SIMULATED:
+        return SIMULATED
+    try:
+        found.ranges(found.section.model_validate({**laser, "commands": table.absolute()}))
+    except NotConfigured as error:
+        raise UsageError(f"--laser-commands: {error}") from None
+    return str(table.absolute())
 
 
 def _at(place: str, answers: list[Answer]) -> Answer | None:

@@ -8,6 +8,7 @@ import threading
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import jsonschema
@@ -18,6 +19,7 @@ from instruments.values import Identity
 from labctl.bench.discovery import Answer, answers_at, recognised
 from labctl.bench.lock import held_alone
 from labctl.bench.schema import STATION, schema_of
+from labctl.bench.simulation import SIMULATED_LASER
 from labctl.bench.station import Station, read_station
 from sim_backends.bench import SimulatedBench
 from tests.command_line import labctl
@@ -144,10 +146,12 @@ def test_what_can_hardly_be_meant_is_told(
 
 def test_a_real_laser_needs_a_command_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.toml"
-    labctl(capsys, "init", path, "--no-search", "--laser", SILENT, "--laser-commands", "ours.toml")
+    table = tmp_path / "ours.toml"
+    copyfile(SIMULATED_LASER, table)
+    labctl(capsys, "init", path, "--no-search", "--laser", SILENT, "--laser-commands", table)
     laser = written(path).laser
     assert isinstance(laser, Tlg220Section)
-    assert laser.commands == Path("ours.toml").absolute()
+    assert laser.commands == table
     assert "Its command set is not public" in path.read_text("utf-8")
 
 
@@ -155,7 +159,7 @@ def test_a_person_is_asked_and_may_just_press_enter(
     addresses: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "room2.toml"
-    typed = ["", addresses["scope"], "by hand", "manual", "usb", "manual", "two", "2-6", "20", "20 mW", "y", ""]
+    typed = ["", addresses["scope"], "by hand", "manual", "usb", "manual", "two", "2-6", "20", "0 W", "20 mW", "y", ""]
     monkeypatch.setattr("sys.stdin", Terminal("\n".join(typed) + "\n"))
     status, out, err = labctl(capsys, "init", path, "--no-search", "--address", addresses["awg"], "--json")
     assert (status, out.count("\n")) == (0, 1)
@@ -164,7 +168,8 @@ def test_a_person_is_asked_and_may_just_press_enter(
     assert "Address of the oscilloscope:  TEKTRONIX DPO72504DX" in err
     assert "Error: 'by hand' is no address: write one such as TCPIP0::192.0.2.10::inst0::INSTR, or simulated or" in err
     assert "Error: ports = 'two': 'two' is not a list of ports: write it like '2-6'" in err
-    assert "Error: '20' has no unit: write it like '20 W'" in err
+    assert "Error: optical_power = '20': '20' has no unit: write it like '20 W'" in err
+    assert "Error: optical_power = '0 W': Input should be greater than 0 W" in err
     station = written(path)
     assert (station.awg.address, station.scope.address) == (addresses["awg"], addresses["scope"])
     assert (station.laser.driver, station.limits.optical_power, station.name) == ("manual-laser", 0.02, "room2")
@@ -182,6 +187,8 @@ def test_a_person_is_asked_and_may_just_press_enter(
         (["--awg", "garbage"], "--awg: 'garbage' is no address"),
         (["--patch-panel", "usb"], "--patch-panel: 'usb' is no address"),
         (["--optical-power", "30 V"], "--optical-power: '30 V' is not in W"),
+        (["--optical-power", "-3 mW"], "limits.optical_power = '-3 mW': Input should be greater than 0 W"),
+        (["--optical-power", "0 dBm", "--laser-commands", "nosuch.toml"], "/nosuch.toml"),
         (["--ports", "2-x"], "patch_panel.ports = '2-x'"),
         (["--dmd", 'TCPIP::a"b'], "--dmd: address = "),
     ],
