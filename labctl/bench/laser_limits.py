@@ -9,6 +9,9 @@ from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
 from labctl.errors import StationError
 
+DIGITS = ".12g"
+"""As many as a quantity keeps: what lies just beyond a bound reads otherwise than the bound."""
+
 
 def check_laser(station: Station, wavelengths_nm: Collection[float]) -> None:
     """Compare wavelengths and the station's optical power with the ranges that the laser's driver states.
@@ -28,19 +31,22 @@ def check_laser(station: Station, wavelengths_nm: Collection[float]) -> None:
     tuning, power = ranges.wavelength, ranges.power
     for wavelength in wavelengths_nm:
         if not tuning.low <= wavelength <= tuning.high:
-            reach = f"stays at {tuning.low:g} nm" if tuning.low == tuning.high else f"tunes over {_span(tuning)} nm"
+            reach = (
+                f"stays at {tuning.low:{DIGITS}} nm" if tuning.low == tuning.high else f"tunes over {_span(tuning)} nm"
+            )
             keys = "laser.driver" + (f", laser.{ranges.key}" if ranges.key else "")
             raise StationError(
-                f"{station.source}: {wavelength:.12g} nm are asked for, but the laser of {ranges.source} {reach}: "
-                f"choose other wavelengths, or name a laser that tunes there ({keys})"
+                f"{station.source}: {wavelength:{DIGITS}} nm are asked for, but the laser of {ranges.source} {reach}: "
+                f"choose other wavelengths (laser.wavelength where a protocol sets none), or name a laser that tunes "
+                f"there ({keys})"
             )
     power_dbm = 10 * math.log10(laser.power / 1e-3) if laser.power > 0 else -math.inf
     if not power.low <= power_dbm <= power.high:
         raise StationError(
-            f"{station.source}: laser.power = {laser.power * 1e3:g} mW is {power_dbm:.2f} dBm, but the laser "
+            f"{station.source}: laser.power = {laser.power * 1e3:g} mW is {power_dbm:.7g} dBm, but the laser "
             f"of {ranges.source} gives {_span(power)} dBm: choose a power inside"
         )
 
 
 def _span(limits: Range) -> str:
-    return f"{limits.low:g}..{limits.high:g}"
+    return f"{limits.low:{DIGITS}}..{limits.high:{DIGITS}}"

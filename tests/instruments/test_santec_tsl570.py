@@ -84,7 +84,7 @@ def test_outside_its_band_or_power_nothing_is_sent(bench: Bench, log: Any) -> No
     with pytest.raises(OutOfRange, match=r"laser wavelength = 1640 nm is outside 1500\.\.1630 nm"):
         bench.laser.tune(1640.0)
     assert not [text for text in log.sent_to("laser") if text.startswith(":WAVelength 1")]
-    with pytest.raises(StationError, match=r"laser\.power = 30 mW is 14\.77 dBm, but the laser of driver santec"):
+    with pytest.raises(StationError, match=r"laser\.power = 30 mW is 14\.77121 dBm, but the laser of driver santec"):
         check_laser(Station.model_validate({"laser": {"driver": "santec-tsl-570"}}), [1550.0])
 
 

@@ -284,6 +284,7 @@ def test_what_is_missing_is_refused_in_one_line(
         (("--station", station, "--window", "2 km"), 2, "--window"),
         (("--station", station, "--window", "1 s"), 2, "window = 1 s: choose"),
         (("--station", station, "--wavelength", "1310 nm"), 2, "1310 nm are asked for"),
+        (("--station", station, "--wavelength", "1566.0016 nm"), 2, "1566.0016 nm are asked for"),
     ):
         found, _, said = labctl(capsys, "live", "--runs", tmp_path, *options)
         assert (found, said.count("\n"), words in said) == (status, 1, True), said

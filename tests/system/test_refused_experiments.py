@@ -94,7 +94,7 @@ def refusal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
         (
             "fig3",
             {"laser": 'power = "50 mW"', "limits": 'optical_power = "60 mW"'},
-            "laser.power = 50 mW is 16.99 dBm",
+            "laser.power = 50 mW is 16.9897 dBm",
         ),
         ("fig3", {"awg": 'driver = "pulse-generator"'}, "driver = 'pulse-generator' is not installed"),
     ],
@@ -120,6 +120,7 @@ def fixed_laser(tmp_path: Path) -> Path:
 def test_a_laser_that_does_not_tune_is_not_for_several_wavelengths(fixed_laser: Path, refusal: Refusal) -> None:
     said = refusal("s5", "--station", fixed_laser)
     assert f"1551 nm are asked for, but the laser of {fixed_laser.with_name('fixed.toml')} stays at 1550 nm" in said
+    assert "choose other wavelengths (laser.wavelength where a protocol sets none)" in said
     assert "laser.commands" in said
     assert "cannot be reached" in refusal("fig3", "--station", fixed_laser, status=1)
 
