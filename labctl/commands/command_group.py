@@ -3,6 +3,7 @@
 import pkgutil
 import re
 from importlib.util import find_spec
+from itertools import pairwise, takewhile
 from typing import Any, cast
 
 from typer import Typer
@@ -10,12 +11,27 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from labctl.commands import COMMANDS
-from labctl.errors import notes
+from labctl.errors import UsageError, notes
 
 PLAIN: dict[str, Any] = {"rich_markup_mode": None, "pretty_exceptions_enable": False}
 """How every command prints its help and fails: as plain text, and by `labctl.commands.main`."""
 DOCSTRING = re.compile(r'"""(.+?)("""|$)', re.MULTILINE)
 """Its first line: to parse every command's source takes longer than all else that help needs."""
+
+
+class Named(TyperCommand):
+    """A command whose `--out` has a name: an empty one, of a variable the shell lacks, would be the present folder."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the words of the command line; those behind `--` are no options.
+
+        Raises:
+            UsageError: `--out` is empty.
+        """
+        options = list(takewhile("--".__ne__, args))
+        if "--out=" in options or ("--out", "") in pairwise(options):
+            raise UsageError("--out is empty: name what to make (the shell may not know its variable), or leave it out")
+        return super().parse_args(ctx, args)
 
 
 class Unloaded(TyperCommand):
@@ -35,7 +51,7 @@ class Unloaded(TyperCommand):
         app = pkgutil.resolve_name(self._place)
         if not isinstance(app, Typer):
             function, app = app, Typer(add_completion=False, **PLAIN)
-            app.command(self.name)(function)
+            app.command(self.name, cls=Named)(function)
         return cast(TyperCommand | TyperGroup, get_command(app))
 
 

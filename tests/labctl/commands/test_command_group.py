@@ -18,6 +18,7 @@ from labctl.commands import COMMANDS
 from labctl.commands.command_group import Unloaded
 from labctl.commands.main import app
 from tests.checkout import ROOT
+from tests.command_line import labctl as answered
 
 HEAVY = (
     *("torch", "sklearn", "matplotlib", "scipy", "scipy.special", "h5py", "pyvisa", "numpy"),
@@ -131,3 +132,19 @@ class TestCompletion:
         ended = labctl(environment=asked)
         assert ended.returncode == 0
         assert ended.stdout.split() == completed
+
+
+@pytest.mark.parametrize("words", [("--out", ""), ("--out=",)])
+def test_an_out_without_a_name_is_not_the_folder_one_is_in(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    commands = {name: Unloaded(name, place).load() for name, place in COMMANDS.items()}
+    making = [name for name, command in commands.items() if any("--out" in one.opts for one in command.params)]
+    told = "labctl: --out is empty: name what to make (the shell may not know its variable), or leave it out\n"
+    assert {name: answered(capsys, name, *words) for name in making} == dict.fromkeys(making, (2, "", told))
+    assert not list(tmp_path.iterdir())
+
+
+def test_behind_a_dash_dash_is_no_option(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "is empty" not in answered(capsys, "show", "--", "--out", "")[2]
