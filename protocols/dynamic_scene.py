@@ -107,9 +107,14 @@ class DynamicScene(Measurement[Images]):
         return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
-        """The DMD must start the AWG and switch when it is asked to, and the images fit it."""
+        """The DMD must switch when it is asked to, and the images fit it."""
         self.start_s(bench, inputs)
         self._patterns(inputs, bench.dmd)
+
+    def check_cabling(self, bench: Bench) -> None:
+        """As of every protocol, and the DMD must start the AWG."""
+        super().check_cabling(bench)
+        burst_dmd(bench)
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
         """The pseudorandom drive of an image readout with the same seed, or of ghost imaging."""

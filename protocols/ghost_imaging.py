@@ -76,9 +76,7 @@ class GhostImaging(Measurement[Images]):
         return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
-        """The images must be larger than the border, the pictures fit the DMD, and the timing the wiring."""
-        if self.timing == "burst":
-            burst_dmd(bench)
+        """The images must be larger than the border, and the pictures fit the DMD."""
         rows, columns = inputs.images.shape[1:]
         if min(rows, columns) <= 2 * BORDER:
             raise ProtocolError(
@@ -86,6 +84,12 @@ class GhostImaging(Measurement[Images]):
                 f"use larger images"
             )
         Patterns(self._pictures(inputs, self.shots(inputs)[:1]), bench.dmd.shape)
+
+    def check_cabling(self, bench: Bench) -> None:
+        """As of every protocol, and bursts need cables of their own."""
+        super().check_cabling(bench)
+        if self.timing == "burst":
+            burst_dmd(bench)
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
         """Uniform pseudorandom samples at 25 GS/s, fixed by the seed; they repeat after the window."""

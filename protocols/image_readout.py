@@ -100,10 +100,14 @@ class ImageReadout(Measurement[Images]):
         return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
-        """The images must fit the DMD, and the timing the wiring."""
+        """The images must fit the DMD."""
+        Patterns(inputs, bench.dmd.shape)
+
+    def check_cabling(self, bench: Bench) -> None:
+        """As of every protocol, and bursts need cables of their own."""
+        super().check_cabling(bench)
         if self.timing == "burst":
             burst_dmd(bench)
-        Patterns(inputs, bench.dmd.shape)
 
     def drive(self, bench: Bench, inputs: Images) -> Drive:
         """Uniform pseudorandom samples at 25 GS/s, fixed by the seed."""

@@ -272,6 +272,15 @@ class TestRun:
         assert plan["bytes_needed"] > 10**5
         assert not list(tmp_path.iterdir())
 
+    def test_a_dry_run_of_bursts_is_refused_where_they_are_not_wired(
+        self, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    ) -> None:
+        station = tmp_path / "station.toml"
+        station.write_text("[wiring]\nburst = false\n", encoding="utf-8")
+        for command in (("image-readout", "--set", "timing=burst"), ("dynamic-scene",)):
+            status, _, err = labctl(capsys, "run", *command, "--dry-run", "--station", station)
+            assert (status, "station.toml" in err, "needs wiring.burst = true" in err) == (2, True, True)
+
     def test_a_dry_run_tells_what_comes_back_below_half_the_sample_rate(
         self, capsys: pytest.CaptureFixture[str], tmp_path: Path
     ) -> None:
