@@ -292,7 +292,7 @@ def test_what_is_refused(swept: Path, tmp_path: Path) -> None:
     )
     status, found, _ = run("sweep", "image-readout", "--over", "power=3:30:7 mW", "--out", tmp_path / "new")
     assert status == 2
-    assert "laser.power = 3 mW is 4.77 dBm" in found["error"]
+    assert "laser.power = 3 mW is 4.771213 dBm" in found["error"]
     assert not (tmp_path / "new").exists(), "before anything is made"
     status, found, _ = run(*SWEEP, "--tag", "x" * 200, "--out", tmp_path / "new")
     assert (status, "write 1 to 100 characters" in found["error"]) == (2, True)

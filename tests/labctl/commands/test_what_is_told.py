@@ -32,7 +32,8 @@ def test_a_closed_output_takes_what_is_printed_to_nowhere(tmp_path: Path) -> Non
 @pytest.mark.skipif(not FULL.exists(), reason="a device that takes nothing")
 def test_a_run_whose_warnings_cannot_be_shown_goes_on(tmp_path: Path) -> None:
     station = tmp_path / "bench.toml"
-    station.write_text('[scope]\ndriver = "tektronix-mso6b"\n', encoding="utf-8")
+    noisy = "[sim]\nparameters = { detector_nep_w_per_rthz = 1e-9 }\n"  # beyond the ranges that the probes find
+    station.write_text(noisy, encoding="utf-8")
     words = [*LABCTL, *SMALL, "--station", str(station), "--json", "--out"]
     told = subprocess.run([*words, str(tmp_path / "told")], capture_output=True, text=True, check=True).stderr
     assert told.startswith("labctl: "), "there is something to be told"
