@@ -257,7 +257,7 @@ def power_factors(light: DriveLight, taps: NDArray[np.complex64]) -> NDArray[np.
     taps, share = np.take(taps, delays, axis=-1), share[delays]
     correlation = np.fft.ifft(np.abs(light.spectrum) ** 2) / points
     lag = (delays[np.newaxis, :] - delays[:, np.newaxis]) % points
-    power, vectors = np.linalg.eigh(share[:, np.newaxis] * correlation[lag].conj() * share)
+    power, vectors = np.linalg.eigh(share[:, np.newaxis] * correlation[lag] * share)
     kept = np.cumsum(power) > _POWER_LEFT_OUT * power.sum()
     spread = vectors[:, kept] * np.sqrt(power[kept]) / share[:, np.newaxis]
     factors = taps @ spread.astype(np.complex64)
