@@ -88,14 +88,11 @@ def open_runs(runs: "Path | str | Sequence[Path | str]") -> "xarray.Dataset":
     from pathlib import Path
 
     from labctl.errors import RunError
-    from labctl.runs.format.store import is_elsewhere, location
+    from labctl.runs.format.store import location
     from labctl.runs.index import run_directories
-    from labctl.runs.sweep import is_sweep
 
     if isinstance(runs, str | Path):
-        folder, only = location(runs), None
-        if not is_elsewhere(folder) and is_sweep(folder):
-            folder, only = import_module("labctl.studies.sweeps.folder").own_runs(folder)
+        folder, only = import_module("labctl.studies.sweeps.run_folder").own_runs(location(runs))
         paths = [path for path in run_directories(folder) if only is None or path.name in only]
     else:
         paths = [location(one) for one in runs]

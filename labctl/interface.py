@@ -17,14 +17,14 @@ from labctl.engine.plan import new_directory
 from labctl.engine.session import Acquisition, acquire
 from labctl.reports.live_trace import LiveTrace
 from labctl.runs.catalogue import Catalogue, Found
-from labctl.runs.format.store import here, is_elsewhere, location
-from labctl.runs.sweep import is_sweep
+from labctl.runs.format.store import here, location
 from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.readout_training import train_readout
 from labctl.studies.sweeps.declaration import declared, points, refuse_set_twice
 from labctl.studies.sweeps.evaluation import evaluate_sweep
-from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts, own_runs
+from labctl.studies.sweeps.folder import Measured, begin, carry_out, forecasts
 from labctl.studies.sweeps.folder import new_directory as new_sweep_directory
+from labctl.studies.sweeps.run_folder import own_runs
 from protocols.registry import named_protocol, with_settings
 
 ORIGIN = "settings"
@@ -194,9 +194,7 @@ def runs(
         UsageError: the words are not understood, no run has that key, or `limit` is below 1.
         RunError: it is the folder of a sweep that is damaged, or was not begun here and has its runs in a store.
     """
-    place, only = location(folder), None
-    if not is_elsewhere(place) and is_sweep(place):
-        place, only = own_runs(place)
+    place, only = own_runs(location(folder))
     return Catalogue(place, only=only).find(where, sort=sort, limit=limit)
 
 

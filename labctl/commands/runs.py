@@ -14,7 +14,7 @@ from labctl.runs.catalogue import Catalogue, Found
 from labctl.runs.format.store import is_elsewhere, location
 from labctl.runs.index import RunRow, State
 from labctl.runs.search import when
-from labctl.runs.sweep import is_sweep
+from labctl.studies.sweeps.run_folder import own_runs
 
 STATES = get_args(State)
 USUAL = Path("runs")
@@ -42,11 +42,7 @@ def runs(
     """List the runs in a folder, or those of a sweep wherever they are, the newest last."""
     if folder != USUAL and not is_elsewhere(folder) and not folder.is_dir():
         raise UsageError(f"{folder}: no such folder: name one with runs in it")
-    only = None
-    if not is_elsewhere(folder) and is_sweep(folder):
-        from labctl.studies.sweeps.folder import own_runs
-
-        folder, only = own_runs(folder)
+    folder, only = own_runs(folder)
     catalogue = Catalogue(folder, only=only)
     if keys:
         known = catalogue.keys()

@@ -26,6 +26,7 @@ from labctl.runs.sweep import Sweep, read_to_go_on
 from labctl.runs.sweep_axes import Order, parse_axis
 from labctl.studies.sweeps import folder
 from labctl.studies.sweeps.declaration import Point, points, read_sweep, refuse_set_twice
+from labctl.studies.sweeps.run_folder import runs_of
 from protocols.base import Judgement, Measurement
 from protocols.registry import named_protocol, protocol_class
 
@@ -120,7 +121,7 @@ def go_on(
     file = read_to_go_on(directory)
     store = None
     if file.store:
-        scheduler, store = scheduler or LOCAL, folder.runs_of(directory, file)
+        scheduler, store = scheduler or LOCAL, runs_of(directory, file)
     protocol = folder.protocol_of(directory, file)
     every = points(file.sweep, protocol, folder.station_of(directory, file, protocol, station))
     engine = None if scheduler is None else engine_of(scheduler, store=store)

@@ -12,6 +12,7 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.store import here
 from labctl.runs.sweep import is_sweep, places, read
 from labctl.runs.verification import RunReport, verify_run
+from labctl.studies.sweeps.run_folder import runs_of
 
 
 def verify(
@@ -33,8 +34,6 @@ def verify(
 
 
 def _verify_sweep(sweep: Path, rebuild: bool, as_json: bool) -> int:
-    from labctl.studies.sweeps.folder import runs_of
-
     file = read(sweep)
     folder = here(str(runs_of(sweep, file)))
     runs = [folder / name for name, _ in places(file.sweep)]

@@ -18,7 +18,7 @@ from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
 from labctl.runs.sweep import places, read
 from labctl.runs.sweep_axes import as_numbers
-from labctl.studies.sweeps.folder import runs_of
+from labctl.studies.sweeps.run_folder import runs_of
 from labctl.studies.tasks import one_by_one
 
 FIGURES = "figures"

@@ -27,14 +27,15 @@ from labctl.engine.start import this_process
 from labctl.errors import RunError, RunExists, StationError, writing
 from labctl.runs.format.durable import not_made, replace_file
 from labctl.runs.format.layout import RunPaths, run_name
-from labctl.runs.format.store import alone, is_elsewhere, location, written
+from labctl.runs.format.store import alone, is_elsewhere, written
 from labctl.runs.index import run_row
 from labctl.runs.live.logs import EventLog
 from labctl.runs.live.owner import OWNER, owned
 from labctl.runs.said import Said, Saying
-from labctl.runs.sweep import FILE, Sweep, SweepFile, places, read
+from labctl.runs.sweep import FILE, Sweep, SweepFile, read
 from labctl.studies.run_tasks import acquire_run, missing_shard, refuse_another, require_in_place, resume_run
 from labctl.studies.sweeps.declaration import Point
+from labctl.studies.sweeps.run_folder import runs_of
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
 from protocols.registry import protocol_class
@@ -104,35 +105,12 @@ def refuse_others(every: list[Point], store: Path, *, data: Path | None, access:
         WrongPlace, RunError: another run is there.
     """
     written(store)
-    point = next((one for one in every if RunPaths(store / one.name).manifest.exists()), None)
+    there = {path.name for path in store.iterdir()} if store.is_dir() else set()  # asked once, not for every point
+    found = (one for one in every if one.name in there and RunPaths(store / one.name).manifest.exists())
+    point = next(found, None)
     if point is not None:
         run = alone(store / point.name)
         refuse_another(_acquisition(point, run, data, access), run)
-
-
-def runs_of(directory: Path, file: SweepFile) -> Path:
-    """The folder that has the runs of a sweep.
-
-    Raises:
-        RunError: it says that they are in a store, and it was not begun here: whoever wrote that has no say here.
-    """
-    if file.store and not is_own(directory / FILE):
-        raise RunError(
-            f"{directory / FILE}: was not written here, and names {file.store} for its runs: look at them with "
-            f"'labctl runs {file.store}'"
-        )
-    return location(file.store) if file.store else directory
-
-
-def own_runs(directory: Path) -> tuple[Path, frozenset[str] | None]:
-    """Where the runs of a sweep are, and how they are called where others may lie beside them.
-
-    Raises:
-        RunError: as `read` and `runs_of`.
-    """
-    file = read(directory)
-    names = frozenset(name for name, _ in places(file.sweep)) if file.store else None
-    return runs_of(directory, file), names
 
 
 def protocol_of(directory: Path, file: SweepFile) -> type[Measurement[Any]]:
