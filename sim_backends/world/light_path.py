@@ -139,8 +139,8 @@ class LightPath:
             field = old + moved * (field - old)
         clean, slope = receiver.apply_filter(sampling, receiver.fast_volts(field), acquisition.samples)
         settled = amplitudes if before is None else before  # nothing slower than the mirrors has followed them yet
-        gain = self._gain(optics, settled)
-        return clean * gain, slope * gain
+        clean, slope = self._preamplified(optics, settled, clean, slope)
+        return clean, slope
 
     def level(self, optics: Optics, settled: NDArray[np.float32]) -> NDArray[np.float32]:
         """What a trace has beside its light (V), (channels, 1): the mean of the amplifier's own light.
@@ -149,14 +149,18 @@ class LightPath:
         """
         if self._parameters.detector_coupling == "dc":
             return optics.laws.offset_v
-        return -self.mean_volts(optics, settled) * self._gain(optics, settled)
+        (mean,) = self._preamplified(optics, settled, self.mean_volts(optics, settled))
+        return -mean
 
-    def _gain(self, optics: Optics, settled: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Of the preamplifier over its small-signal gain, (images, 1, 1)."""
+    def _preamplified(
+        self, optics: Optics, settled: NDArray[np.float32], *volts: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], ...]:
+        """Volts (images, ...) at the preamplifier's gain instead of its small-signal gain; without one, as they are."""
         if optics.power_factors is None:
-            return np.ones((1, 1, 1), np.float32)
+            return volts
         watts = np.square(in_blocks(settled, optics.power_factors)).sum(axis=1)
-        return receiver.saturated_gain(watts, self._parameters.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
+        gain = receiver.saturated_gain(watts, self._parameters.amplifier_saturation_w)[:, np.newaxis, np.newaxis]
+        return tuple(one * gain for one in volts)
 
     def crossings(
         self, setting: Setting, amplitudes: NDArray[np.float32], level_v: float, *, rising: bool
