@@ -3,6 +3,7 @@
 from instruments.driver import Ask, Driver
 from instruments.interfaces import TunableLaser
 from instruments.sections import LaserSection
+from instruments.units import DIGITS
 from instruments.values import Identity
 
 DRIVER = Driver(
@@ -36,14 +37,14 @@ class ManualLaser(TunableLaser):
     def tune(self, wavelength_nm: float) -> float:
         """Ask for the wavelength, unless it was the last one confirmed, and record it."""
         if self._settings.get("wavelength_nm") != wavelength_nm:
-            self._ask(f"Set the laser to {wavelength_nm:.12g} nm, wait until it is stable, then press Enter")
+            self._ask(f"Set the laser to {wavelength_nm:{DIGITS}} nm, wait until it is stable, then press Enter")
             self._settings["wavelength_nm"] = wavelength_nm
         return wavelength_nm
 
     def set_power(self, power_w: float) -> float:
         """Ask for the power, unless it was the last one confirmed, and record it."""
         if self._settings.get("power_w") != power_w:
-            self._ask(f"Set the laser to {power_w * 1e3:.12g} mW, then press Enter")
+            self._ask(f"Set the laser to {power_w * 1e3:{DIGITS}} mW, then press Enter")
             self._settings["power_w"] = power_w
         return power_w
 

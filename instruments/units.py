@@ -9,7 +9,8 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, PlainSerializer, SerializationInfo, ValidationInfo
 
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ\u03bc/]*)\s*")
-_SIGNIFICANT_DIGITS = 12
+DIGITS = ".12g"
+"""As many as a quantity keeps: what lies just beyond a bound, or is another step of a scan, reads otherwise."""
 
 # What the trade writes and pint does not know: samples per second are a rate, peak-to-peak volts are volts.
 _TRADE_UNITS = {
@@ -86,7 +87,7 @@ def quantity(text: str, unit: str) -> float:
         converted = _registry().Quantity(float(number), written).to(unit).magnitude
     except pint.PintError:
         raise ValueError(f"{text!r} is not in {unit}: write it like '1 {unit}'") from None
-    return float(f"{converted:.{_SIGNIFICANT_DIGITS}g}")
+    return float(f"{converted:{DIGITS}}")
 
 
 def any_quantity(text: str) -> tuple[float, str] | None:

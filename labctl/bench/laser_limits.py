@@ -1,16 +1,13 @@
 """Whether the laser of a station goes where a protocol sends it: its driver says so before anything is opened."""
 
-import math
 from collections.abc import Collection
 
 from instruments.errors import NotConfigured
+from instruments.units import DIGITS, decibels_milliwatt
 from instruments.values import Range
 from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
 from labctl.errors import StationError
-
-DIGITS = ".12g"
-"""As many as a quantity keeps: what lies just beyond a bound reads otherwise than the bound."""
 
 
 def check_laser(station: Station, wavelengths_nm: Collection[float]) -> None:
@@ -40,7 +37,7 @@ def check_laser(station: Station, wavelengths_nm: Collection[float]) -> None:
                 f"choose other wavelengths (laser.wavelength where a protocol sets none), or name a laser that tunes "
                 f"there ({keys})"
             )
-    power_dbm = 10 * math.log10(laser.power / 1e-3) if laser.power > 0 else -math.inf
+    power_dbm = decibels_milliwatt(laser.power)
     if not power.low <= power_dbm <= power.high:
         raise StationError(
             f"{station.source}: laser.power = {laser.power * 1e3:g} mW is {power_dbm:.7g} dBm, but the laser "

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from instruments.bench import Observers
+from instruments.units import DIGITS
 from labctl.bench.signals import interruptible
 from labctl.bench.station import read_station
 from labctl.commands.access import ArmOption, AttendedOption, access_of
@@ -77,7 +78,7 @@ def run(
 def _for_people(plan: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The plan with units; a person is told no digest."""
     with_units: dict[str, tuple[str, Callable[[Any], str]]] = {
-        "wavelengths_nm": ("wavelengths", lambda found: f"{', '.join(f'{one:.12g}' for one in found)} nm"),
+        "wavelengths_nm": ("wavelengths", lambda found: f"{', '.join(f'{one:{DIGITS}}' for one in found)} nm"),
         "laser_power_w": ("laser power", lambda found: f"{1e3 * found:g} mW"),
         "estimated_seconds_on_a_real_bench": ("time on a real bench", lambda found: f"{found:.0f} s"),
         "dose_j": ("light in that time", lambda found: f"{found:.3g} J at most"),

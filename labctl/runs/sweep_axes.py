@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from instruments.units import any_quantity
+from instruments.units import DIGITS, any_quantity
 from labctl.errors import UsageError
 
 MOST_POINTS = 10_000
@@ -51,7 +51,9 @@ def values_of(name: str, text: str) -> tuple[str, ...]:
         first, last, number, unit = found.groups()
         if not 0 < int(number) <= MOST_POINTS:
             raise UsageError(f"{name}={text}: {number} values: ask for 1 to {MOST_POINTS}")
-        return tuple(f"{value:.12g} {unit}".rstrip() for value in np.linspace(float(first), float(last), int(number)))
+        return tuple(
+            f"{value:{DIGITS}} {unit}".rstrip() for value in np.linspace(float(first), float(last), int(number))
+        )
     values = tuple(part.strip() for part in text.split(","))
     if not all(values):
         raise UsageError(f"{name}={text}: a value is missing between two commas")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from instruments.ports import port_name
 from instruments.remedies import unwritable
+from instruments.units import DIGITS
 from labctl.analysis.signal_quality import CodeCounts, Drift, drift, no_codes
 from labctl.errors import RunError
 from labctl.runs.format.layout import RunPaths
@@ -72,7 +73,8 @@ def port_names(run: Run) -> tuple[str, ...]:
     if len(set(run.ports)) == len(run.ports):
         return tuple(names)
     return tuple(
-        f"{name}, {wavelength:.12g} nm" for name, wavelength in zip(names, run.shape.wavelength_of_port, strict=True)
+        f"{name}, {wavelength:{DIGITS}} nm"
+        for name, wavelength in zip(names, run.shape.wavelength_of_port, strict=True)
     )
 
 

@@ -89,9 +89,8 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
     ports and window of this readout, and must stay at chance. Writes figures and report of the run.
 
     Raises:
-        AnalysisError: not a readout, a run it does not fit (of another drive, bench, wavelength or sampling, or
-            of records shorter than its window), or one of
-            nothing but the images it was trained on.
+        AnalysisError: not a readout, a run it does not fit (of another drive, bench, wavelength or sampling, or of
+            records shorter than its window), or one of nothing but the images it was trained on.
         RunError: no such run.
         UsageError: a folder, such as the run, is named in the place of the readout.
     """
