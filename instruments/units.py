@@ -90,6 +90,20 @@ def quantity(text: str, unit: str) -> float:
     return float(f"{converted:{DIGITS}}")
 
 
+def value_in(value: float | str, unit: str) -> float:
+    """A number as it is, and text by `quantity`: in Python both are said.
+
+    Raises:
+        ValueError: the text is not in `unit`.
+
+    Example:
+        >>> from instruments.units import value_in
+        >>> value_in(4e-10, "s"), value_in("0.4 ns", "s")
+        (4e-10, 4e-10)
+    """
+    return quantity(value, unit) if isinstance(value, str) else float(value)
+
+
 def any_quantity(text: str) -> tuple[float, str] | None:
     """The number that `text` stands for and the unit that it is in, whichever `quantity` knows; None of other text."""
     for unit in _USUAL:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from instruments.bench import Observer
-from instruments.units import quantity
+from instruments.units import value_in
 from labctl.bench.opening import Access
 from labctl.bench.signals import interruptible
 from labctl.bench.station import Station, read_station
@@ -49,6 +49,7 @@ def bench(
         attended: Somebody stands at the laser's key switch, as `--attended`.
 
     Raises:
+        ValueError: the text is no wavelength.
         LabctlError: the station is wrong, the bench in use, or an instrument failed; one line.
 
     Example:
@@ -59,7 +60,7 @@ def bench(
         ...     bench.capture(window="1 ns", ports=[2, 3]).volts.shape
         (2, 25)
     """
-    wavelength_nm = quantity(wavelength, "nm") if isinstance(wavelength, str) else float(wavelength)
+    wavelength_nm = value_in(wavelength, "nm")
     access = Access(attended, armed)
     with in_hands(_station(station), access, wavelength_nm=wavelength_nm, drive_seed=drive_seed) as hands:
         yield hands
@@ -219,11 +220,11 @@ def train(
         What the command prints as JSON: `model`, `accuracy`, `interval`, ...
 
     Raises:
+        ValueError: the text of `window` is no time.
         LabctlError: no such run, window or port, or too few images.
     """
-    window_s = quantity(window, "s") if isinstance(window, str) else float(window)
     chosen = None if ports is None else tuple(ports)
-    return train_readout(here(run), window_s=window_s, ports=chosen, seed=seed, out=_path(out))
+    return train_readout(here(run), window_s=value_in(window, "s"), ports=chosen, seed=seed, out=_path(out))
 
 
 def evaluate(subject: Path | str, run: Path | str | None = None) -> dict[str, Any]:

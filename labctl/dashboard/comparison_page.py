@@ -70,8 +70,12 @@ def _show_picture(first: WatchedRun, second: WatchedRun) -> Region:
             )
         here, there = (watched.shot(watched.pictures[chosen.value][1]) for watched in (first, second))
         apart = ", ".join(f"port {port}: {100 * part:.0f} %" for port, part in difference(here, there).items())
-        words = f"{names[chosen.value]}; difference (rms, of the first): {apart}" if apart else "no port in common"
-        return wording.nothing(words) + wording.traces(here, first.sample_interval_s, there)
+        words = (
+            f"{names[chosen.value]}; difference (rms, of the first): {apart}"
+            if apart
+            else "no port in common that was sampled alike"
+        )
+        return wording.nothing(words) + wording.traces(here, there)
 
     region = Region("ports", traces)
     chosen.on_value_change(region.refresh)
@@ -97,15 +101,18 @@ def _shown_as(manifest: Mapping[str, Any]) -> tuple[str, object] | None:
 def difference(here: list[Latest], there: list[Latest]) -> dict[int, float]:
     """How far apart two records are on each port that both have: rms of the difference, of the rms of the first.
 
-    Where one is longer, as far as both go; of several wavelengths, at the last one.
+    Where one is longer, as far as both go; of several wavelengths, at the last one. Records of other sample intervals
+    have no samples to compare.
     """
     theirs = {
-        (port, one.wavelength_nm): volts for one in there for port, volts in zip(one.ports, one.volts, strict=True)
+        (port, one.wavelength_nm, one.sample_interval_s): volts
+        for one in there
+        for port, volts in zip(one.ports, one.volts, strict=True)
     }
     found = {}
     for one in here:
         for port, volts in zip(one.ports, one.volts, strict=True):
-            other = theirs.get((port, one.wavelength_nm))
+            other = theirs.get((port, one.wavelength_nm, one.sample_interval_s))
             if other is not None:
                 samples = min(volts.size, other.size)
                 size = float(np.sqrt(np.mean(volts[:samples] ** 2)))

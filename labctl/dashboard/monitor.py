@@ -95,11 +95,6 @@ class WatchedRun:
         return self.directory / RunPaths(self.directory).report.name
 
     @property
-    def sample_interval_s(self) -> float:
-        """Time between two samples, s; 0 while it is not known."""
-        return 0.0 if self._following is None else self._following.shape.sample_interval_s
-
-    @property
     def records(self) -> tuple[int, int]:
         """How many records are on disk, and how many there will be."""
         if self._following is None:

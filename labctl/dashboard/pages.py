@@ -48,7 +48,7 @@ def show_run(watching: Watching, name: str) -> None:
                 controls += [ResumePanel(watching, watched.directory, lambda: _is_cut_short(watched))]
         with ui.element("section").classes("traces"):
             heading("Last shot with light")
-            regions.append(Region("ports", lambda: wording.traces(watched.latest, watched.sample_interval_s)))
+            regions.append(Region("ports", lambda: wording.traces(watched.latest)))
         with ui.element("section").classes("dmd"):
             heading("Picture of this shot")
             regions.append(Region("picture", lambda: wording.image(watched.shown)))

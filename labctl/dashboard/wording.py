@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labctl.dashboard import sketches
 from labctl.dashboard.accuracy import LEAST, Curve
@@ -156,12 +157,12 @@ def image(state: RunState) -> str:
     return f'{sketches.picture(state.image)}<p class="caption">{escape(caption)}</p>'
 
 
-def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[Latest] = ()) -> str:
+def traces(latest: Sequence[Latest], other: Sequence[Latest] = ()) -> str:
     """A shot on every port, from end to end of what the oscilloscope can tell; those of two runs over each other."""
     if not latest:
         return '<p class="nothing">no shot on disk yet</p>'
     theirs = {
-        (port, one.wavelength_nm): (volts, ends)
+        (port, one.wavelength_nm): (Line(_time(one), volts, "b"), ends)
         for one in other
         for port, volts, ends in zip(one.ports, one.volts, one.ends, strict=True)
     }
@@ -171,16 +172,19 @@ def traces(latest: Sequence[Latest], sample_interval_s: float, other: Sequence[L
         for port, volts, ends in zip(one.ports, one.volts, one.ends, strict=True):
             light = f", {one.wavelength_nm:.3f} nm" if several else ""
             names.append(f"port {port}{light}" + ("" if other else f" · {one.kind} {one.shot}"))
-            time_s = np.arange(volts.size) * sample_interval_s
-            drawn = [Line(time_s, volts, "a")]
+            drawn = [Line(_time(one), volts, "a")]
             if (found := theirs.get((port, one.wavelength_nm))) is not None:
-                drawn.append(Line(np.arange(found[0].size) * sample_interval_s, found[0], "b"))
-                ends = np.concatenate([ends, found[1]])
+                line, other_ends = found
+                drawn.append(line)
+                ends = np.concatenate([ends, other_ends])
             lines.append(drawn)
             scales.append((float(ends.min()), float(ends.max())))
-    longest = max(line.y.shape[0] for drawn in lines for line in drawn)
-    time_s = np.arange(longest) * sample_interval_s
-    return sketches.traces(names[-MOST_PLOTS:], time_s, lines[-MOST_PLOTS:], scales[-MOST_PLOTS:])
+    longest = max((line.x for drawn in lines for line in drawn), key=lambda time_s: time_s[-1])
+    return sketches.traces(names[-MOST_PLOTS:], longest, lines[-MOST_PLOTS:], scales[-MOST_PLOTS:])
+
+
+def _time(latest: Latest) -> NDArray[np.float64]:
+    return np.arange(latest.volts.shape[1]) * latest.sample_interval_s
 
 
 def accuracy(curve: Curve, other: Curve | None = None) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from instruments.bench import Bench, Observer, Observers
 from instruments.errors import LabctlError, NotConfigured, OutOfRange, SettingChanged
 from instruments.safe_state import failing_with
-from instruments.units import quantity
+from instruments.units import value_in
 from instruments.values import Codes, Scaling, Timebase
 from labctl.bench.identity import who_they_are
 from labctl.bench.lock import held
@@ -73,7 +73,7 @@ class HandLaser:
     @power.setter
     def power(self, power: float | str) -> None:
         bench = self._held()
-        power_w = quantity(power, "W") if isinstance(power, str) else float(power)
+        power_w = value_in(power, "W")
         levels = replace(bench.levels, optical_power_w=power_w)
         bench.limits.check_levels(levels, bench.source)
         if bench.lit:
@@ -98,7 +98,7 @@ class HandLaser:
     @wavelength.setter
     def wavelength(self, wavelength: float | str) -> None:
         bench = self._held()
-        wavelength_nm = quantity(wavelength, "nm") if isinstance(wavelength, str) else float(wavelength)
+        wavelength_nm = value_in(wavelength, "nm")
         with failing_with(self._dark):
             self.wavelength_nm = bench.tune(wavelength_nm) if bench.lit else wavelength_nm
 
@@ -165,12 +165,13 @@ class Hands:
             averages: Triggers that the trace is the mean of.
 
         Raises:
+            ValueError: the text of `window` is no time.
             NotConfigured: the laser is not armed, or the drive is off.
             OutOfRange: more ports than channels, 0 among others, or no such window.
             InstrumentError: an instrument failed; the bench is dark.
         """
         bench = self._held()
-        window_s = quantity(window, "s") if isinstance(window, str) else float(window)
+        window_s = value_in(window, "s")
         if not SHORTEST_WINDOW_S <= window_s <= LONGEST_WINDOW_S:
             raise OutOfRange(f"window = {window_s:g} s: choose {SHORTEST_WINDOW_S:g} to {LONGEST_WINDOW_S:g} s")
         patchings = bench.patchings_for(tuple(ports))

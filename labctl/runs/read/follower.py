@@ -25,13 +25,15 @@ READ_AT_ONCE = 1 << 22
 class Latest:
     """A shot as a pass measured it: its place in the plan, its kind, V of each port of shape (ports, samples).
 
-    ends: (ports, 2) lowest and highest V that the oscilloscope can tell in the pass, the same throughout.
+    sample_interval_s: s from one sample to the next. ends: (ports, 2) lowest and highest V that the oscilloscope can
+    tell in the pass, the same throughout.
     """
 
     shot: int
     kind: str
     ports: tuple[int, ...]
     wavelength_nm: float
+    sample_interval_s: float
     volts: NDArray[np.float64]
     ends: NDArray[np.float64]
 
@@ -247,6 +249,7 @@ class Follower:
             self._plan["kind"][shot].decode(errors="replace"),
             self.shape.passes[pass_index],
             self.shape.wavelengths_nm[pass_index] if self.shape.wavelengths_nm else 0.0,
+            self.shape.sample_interval_s,
             volts(shard.frames[shot - shard.first], shard.scale, shard.offset, np.float64),
             np.stack([shard.scale * code + shard.offset for code in (lowest, highest)], axis=1),
         )

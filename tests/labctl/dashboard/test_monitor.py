@@ -50,7 +50,7 @@ def test_trace_and_picture_are_of_one_shot_and_the_scale_stays(tmp_path: Path) -
     assert [one.ports for one in seen[-1][1]] == [(2, 3, 4, 5), (6,)]
     first = [(str(one.ports), one.ends.tolist()) for _, latest in seen for one in latest]
     assert len({str(pair) for pair in first}) == 2, "a range for each pass, from its first shot to its last"
-    assert "no shot" not in traces(watched.latest, watched.sample_interval_s)
+    assert "no shot" not in traces(watched.latest)
 
 
 def test_a_run_in_the_place_of_another_is_another_run(tmp_path: Path) -> None:
