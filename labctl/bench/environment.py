@@ -60,7 +60,7 @@ def examine() -> tuple[Finding, ...]:
     ground = (*_itself(), *_packages())
     if any(found.state == BROKEN for found in ground):
         return ground
-    return (*ground, *_visa(), *_plug_ins(), *_extras(), *_data_sets(), _disk(Path.cwd()))
+    return (*ground, *_visa(), *_plug_ins(), *_extras(), *_data_sets(), _disk())
 
 
 def _itself() -> Iterator[Finding]:
@@ -170,5 +170,9 @@ def _data_sets() -> Iterator[Finding]:
             yield Finding("data set", card.name, state, card.obtain or f"labctl data fetch {card.name}")
 
 
-def _disk(folder: Path) -> Finding:
+def _disk() -> Finding:
+    try:
+        folder = Path.cwd()
+    except FileNotFoundError:
+        return Finding("disk", ".", BROKEN, "the present folder was removed: change into one that is there")
     return Finding("disk", str(folder), OK, f"{shutil.disk_usage(folder).free / 1e9:.1f} GB free for runs here")

@@ -21,7 +21,7 @@ DIGEST = 65
 
 def remember(path: Path) -> None:
     """Somebody here has begun a run with this file. Where that cannot be kept, a resume asks for it or refuses it."""
-    with suppress(OSError):
+    with suppress(OSError, RuntimeError):  # the latter of a user without home
         digest = _digest(path)
         if digest not in _kept():
             kept = _file()
@@ -34,7 +34,7 @@ def is_own(path: Path, content: bytes | None = None) -> bool:
     """Whether a run was begun here with this file, as it is now, or with `content` in it."""
     try:
         return _digest(path, content) in _kept()
-    except OSError:
+    except (OSError, RuntimeError):
         return False
 
 

@@ -334,4 +334,4 @@ def toml(value: object) -> str:
     """A value of a station file as TOML; JSON writes text, numbers, truth and lists in the same way."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {toml(part)}" for key, part in value.items()) + " }"
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # which JSON leaves, and TOML forbids

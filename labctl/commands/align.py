@@ -52,7 +52,9 @@ def align(
             tell=show_finding,
         )
     if aligned is None:
-        raise StoppedEarly("interrupted: the bench is in the safe state, and no calibration is written: begin again")
+        raise StoppedEarly(
+            "interrupted: the bench is in the safe state, and no calibration is written: begin again, in a new folder"
+        )
     short = sum(not finding.good for finding in aligned.findings)
     result: dict[str, Any] = {
         "good": aligned.good,

@@ -43,6 +43,8 @@ def dark(
 ) -> int:
     """Confirm that you have seen the laser dark, after a run that could not switch it off."""
     require_own_files(run)
+    if not run.is_dir():
+        raise UsageError(f"{run}: no such directory: name the run whose laser you have seen dark")
     if not may_emit(run):
         raise UsageError(f"{run}: its laser is not reported as emitting: there is nothing to confirm")
     try:

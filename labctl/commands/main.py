@@ -65,6 +65,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _prepare_streams() -> None:
     """What is printed where somebody has closed the output goes to nowhere, and what its encoding lacks is escaped."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # has this number then, which a file of a run or a lock would have had
     for name in ("stdout", "stderr"):
         if isinstance(stream := getattr(sys, name), TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from labctl.errors import RunError, UsageError
+from labctl.errors import RunError, RunInUse, UsageError
 from labctl.printable import typed, typed_path
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
@@ -51,7 +51,8 @@ def resumable(directory: Path, options: str = "") -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        if _journal_bytes(directory) != before and not is_replayed(directory):
+        begun = RunPaths(directory).manifest.exists() and not isinstance(error, RunInUse)
+        if begun and _journal_bytes(directory) != before and not is_replayed(directory):
             error.add_note(f"the run can go on: {resume_command(directory, options)}")
         raise
 

@@ -16,6 +16,8 @@ def _folder(path: Path | None) -> Path | None:
     return path
 
 
+LARGEST_NUMBER = (1 << 63) - 1
+"""That SQLite takes."""
 RunHereArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.", parser=here)]
 StationOption = Annotated[Path | None, typer.Option("--station", help="Station file; without it the simulated bench.")]
 DataOption = Annotated[

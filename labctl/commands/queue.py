@@ -9,6 +9,7 @@ import typer
 
 from labctl.bench.signals import interruptible
 from labctl.commands.exit_status import DONE, FELL_SHORT, INTERRUPTED
+from labctl.commands.options import LARGEST_NUMBER
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.errors import UsageError
 from labctl.printable import typed
@@ -19,7 +20,7 @@ from labctl.studies.queue.work import OnFailure, Worked, ask, forecast, settle, 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 
 FolderOption = Annotated[Path, typer.Option("--folder", help="Folder of the runs; the queue is a file in it.")]
-Number = Annotated[int, typer.Argument(help="Number of an item, as `labctl queue list` has it.")]
+Number = Annotated[int, typer.Argument(max=LARGEST_NUMBER, help="Number of an item, as `labctl queue list` has it.")]
 RUNS = Path("runs")
 
 

@@ -1,5 +1,6 @@
 """Numbers and ranges as they are typed: "0-19", "2-6"."""
 
+import re
 from typing import Annotated
 
 import typer
@@ -7,6 +8,7 @@ import typer
 from instruments.ports import parse_ports, require_distinct
 from labctl.errors import UsageError
 
+_NUMBER = re.compile("[0-9]{1,18}")
 ShotsOption = Annotated[
     str | None, typer.Option("--shots", help='Shots by their number in the plan, such as "0-19" or "7".')
 ]
@@ -22,7 +24,7 @@ def shots_of(text: str | None) -> tuple[int, int] | None:
         return None
     first, dash, last = text.strip().partition("-")
     last = last if dash else first
-    if not (first.isdecimal() and last.isdecimal()) or int(last) < int(first):
+    if not (_NUMBER.fullmatch(first) and _NUMBER.fullmatch(last)) or int(last) < int(first):
         raise UsageError(f"--shots {text}: is not a range of shots: write it like 0-19 or 7")
     return int(first), int(last)
 

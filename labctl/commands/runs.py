@@ -8,6 +8,7 @@ from typing import Annotated, get_args
 import typer
 
 from labctl.commands.exit_status import DONE
+from labctl.commands.options import LARGEST_NUMBER
 from labctl.commands.output import JsonOption, say, show, table
 from labctl.errors import UsageError
 from labctl.runs.catalogue import Catalogue, Found
@@ -33,7 +34,7 @@ def runs(
     ] = None,
     state: Annotated[str | None, typer.Option("--state", help=f"Only runs that are {', '.join(STATES)}.")] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Only runs with this seed.")] = None,
-    limit: Annotated[int | None, typer.Option("--limit", help="Only the last N.")] = None,
+    limit: Annotated[int | None, typer.Option("--limit", max=LARGEST_NUMBER, help="Only the last N.")] = None,
     sort: Annotated[str, typer.Option("--sort", help="By any key of --keys; the last is the largest.")] = "started",
     columns: Annotated[str, typer.Option("--columns", help='Keys to show as well, such as "images,accuracy".')] = "",
     keys: Annotated[bool, typer.Option("--keys", help="List the keys that runs can be found and sorted by.")] = False,

@@ -29,7 +29,7 @@ def simulation() -> None:
 @app.command()
 def serve(
     station: StationOption = None,
-    twin_seed: Annotated[int | None, typer.Option("--twin-seed", help="Which fibre, chip and noise.")] = None,
+    twin_seed: Annotated[int | None, typer.Option("--twin-seed", min=0, help="Which fibre, chip and noise.")] = None,
     projector: Annotated[
         bool | None,
         typer.Option("--projector/--no-projector", help="Fibre and DMD in the light's way, or straight into the chip."),

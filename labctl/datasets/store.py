@@ -14,7 +14,7 @@ from platformdirs import user_cache_path
 
 from labctl.datasets import archives, pictures
 from labctl.datasets.cards import Card, DataFile, bundled_directory
-from labctl.errors import DatasetError
+from labctl.errors import DatasetError, writing
 
 DIRECTORY_VARIABLE = "LABCTL_DATA"
 DOWNLOAD_TIMEOUT_S = 60
@@ -36,8 +36,18 @@ class FileCheck:
 
 
 def cache_directory() -> Path:
-    """The user's cache folder for downloaded data sets (on Linux below XDG_CACHE_HOME)."""
-    return user_cache_path("labctl")
+    """The user's cache folder for downloaded data sets (on Linux below XDG_CACHE_HOME).
+
+    Raises:
+        DatasetError: The user has no home.
+    """
+    try:
+        return user_cache_path("labctl")
+    except RuntimeError:
+        raise DatasetError(
+            f"this user has no home to keep data sets in: set XDG_CACHE_HOME to a folder, or {DIRECTORY_VARIABLE} to "
+            f"one that holds the data sets"
+        ) from None
 
 
 def places(card: Card, directory: Path | None = None) -> Iterator[Path]:
@@ -104,10 +114,13 @@ def download(card: Card, cache: Path | None = None) -> Path:
     Raises:
         DatasetError: The source cannot be reached, or it served something else than the card says, or the data set is
             one that users must get by hand.
+        NotWritten: The cache cannot be made.
     """
     if card.bundled or card.obtain:
         return locate(card)
     folder = (cache or cache_directory()) / card.folder
+    with writing(folder, f"set {DIRECTORY_VARIABLE} to a folder that holds the data set"):
+        folder.mkdir(parents=True, exist_ok=True)
     for file in card.files:
         try:
             _retrieve(card, file, folder)

@@ -1,11 +1,14 @@
 """The station file and what it refuses."""
 
+import tomllib
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from instruments.alnair_tlg220 import Tlg220Section
-from labctl.bench.station import read_station, write_addresses
+from labctl.bench.station import read_station, toml, write_addresses
 from labctl.errors import StationError
 
 
@@ -119,6 +122,11 @@ def test_addresses_survive_the_file(tmp_path: Path) -> None:
     assert not station.simulated
     with pytest.raises(StationError, match="name a new file"):
         write_addresses(path, addresses)
+
+
+@given(st.text(alphabet=st.characters(exclude_categories=["Cs"])))
+def test_any_text_is_written_as_toml_reads_it(text: str) -> None:
+    assert tomllib.loads(f"text = {toml(text)}") == {"text": text}
 
 
 def test_a_saved_station_says_all_that_its_bench_said(tmp_path: Path) -> None:

@@ -116,6 +116,11 @@ class TestWrongUse:
             (["run", "image-readout", "--set", "images=100000"], "were asked for, the data set has"),
             (["run", "image-readout", "--station", "nowhere.toml"], "nowhere.toml: cannot be read"),
             (["show", "nowhere"], "nowhere: no such file"),
+            (["dark", "nowhere"], "nowhere: no such directory: name the run whose laser you have seen dark"),
+            (["sim", "serve", "--twin-seed", "-1"], "Input should be greater than or equal to 0"),
+            (["runs", "--limit", "99999999999999999999"], "Input should be less than or equal to"),
+            (["queue", "remove", "99999999999999999999"], "Input should be less than or equal to"),
+            (["show", ".", "--shots", "9" * 5000], "is not a range of shots"),
             (["train", "nowhere"], "nowhere"),
             (["evaluate", "nowhere.h5", "nowhere"], "nowhere.h5"),
             (["data", "path", "nothing"], "no data set is called"),
@@ -626,6 +631,19 @@ def test_a_readout_replaces_no_other_file(run: Path, tmp_path: Path, capsys: pyt
     assert manifest.read_bytes() == before
     for _ in range(2):
         assert labctl(capsys, "train", tmp_path / "run", "--out", tmp_path / "model.h5")[0] == 0
+
+
+def test_nothing_goes_on_where_nothing_was_begun(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")  # of Unix
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, most))
+    try:
+        status, _, told = labctl(capsys, "run", "image-readout", *SMALL, "--out", tmp_path / "run")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    assert status == 2
+    assert "plan.h5: cannot be written: File too large" in told
+    assert "labctl resume" not in told.splitlines()[-1]
 
 
 class TestFailureAfterFailure:

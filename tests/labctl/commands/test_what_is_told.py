@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,20 @@ def test_a_closed_output_takes_what_is_printed_to_nowhere(tmp_path: Path) -> Non
         [shutil.which("sh") or "sh", "-c", 'exec "$@" >&-', "sh", *words], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_no_file_gets_the_place_of_a_closed_stream(tmp_path: Path) -> None:
+    script = tmp_path / "opened.py"
+    script.write_text(
+        "import os, sys\n"
+        "from labctl.commands import main\n"
+        "main.app = lambda *words, **options: sys.stdout.write(str(os.open(os.devnull, os.O_RDONLY))) and 0\n"
+        "main.main(['runs'])\n",
+        encoding="utf-8",
+    )
+    words = (shutil.which("sh") or "sh", "-c", 'exec "$@" <&- 2>&-', "sh", sys.executable, str(script))
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert int(done.stdout) > 2
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="a device that takes nothing")

@@ -17,6 +17,7 @@ from labctl import datasets
 from labctl.datasets import store
 from labctl.datasets.cards import Archive, Card, DataFile, bundled_directory
 from labctl.datasets.images import ImageSet, choose, read_image_set
+from labctl.errors import NotWritten
 
 IMAGES = np.arange(6 * 28 * 28).astype(np.uint8).reshape(6, 28, 28)
 LABELS = np.array([0, 1, 0, 1, 2, 2], np.uint8)
@@ -356,6 +357,20 @@ def test_a_download_of_something_else_is_refused(served: Card, tmp_path: Path) -
     with pytest.raises(datasets.DatasetError, match="sha256 differs"):
         store.download(served, tmp_path / "cache")
     assert not (tmp_path / "cache" / "tiny" / "labels.gz").exists()
+
+
+def test_a_cache_that_cannot_be_made_is_no_fault_of_the_network(tiny: Card, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(NotWritten, match="Not a directory"):
+        store.download(tiny, tmp_path / "file")
+
+
+def test_a_user_without_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ("HOME", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr("os.getuid", lambda: 54321)
+    with pytest.raises(datasets.DatasetError, match="no home"):
+        store.cache_directory()
 
 
 def test_without_network_the_error_says_how_to_get_the_data(tiny: Card, tmp_path: Path) -> None:
