@@ -33,17 +33,19 @@ def tell(directory: Path, word: Word) -> None:
 def stop_at_once(directory: Path, process: int | None) -> None:
     """Ask the run or sweep in `directory` to end now, in the safe state, by a signal to `process` too.
 
-    `process` is None where it is not known for certain which process writes the run, and on Windows, which would kill
-    it: then the run notices at its next record.
+    `process` is None where it is not known for certain which process writes the run. Then, and on Windows, where a
+    signal would kill it, the run notices at its next record.
 
     Raises:
         OSError: the word cannot be written, and there is no process to signal.
     """
+    if sys.platform == "win32":
+        process = None
     try:
         tell(directory, Word.STOP_NOW)
     except OSError:
         if process is None:
             raise
-    if process is not None and sys.platform != "win32":
+    if process is not None:
         with suppress(ProcessLookupError):
             os.kill(process, signal.SIGTERM)
