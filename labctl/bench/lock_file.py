@@ -19,6 +19,7 @@ from labctl.runs.format.file_lock import lock
 
 PLACES = (Path("/run/lock"), Path("/tmp"))  # noqa: S108  # for all users, who cannot remove each other's files there
 LONGEST_NOTE = 1 << 12
+FLAGS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 KEPT_FROM_US = (errno.EACCES, errno.EPERM, errno.ELOOP)
 """By another user: no other place would do, as it would for files of one's own."""
 SOMEBODYS = "remove it, or ask whose it is"
@@ -59,7 +60,7 @@ class LockFile:
         return self._file.read(LONGEST_NOTE) or b""
 
     def write(self, note: bytes) -> None:
-        """Say who holds it; a full disk keeps nobody from holding it."""
+        """Say who holds it; a full disk, or that it is another user's, keeps nobody from holding it."""
         with suppress(OSError):
             self._file.truncate(0)
             self._file.seek(0)
@@ -102,12 +103,19 @@ def _folder() -> Path:
 
 
 def _there(path: Path) -> FileIO:
-    """The file, made if it is not there, for every user; nobody is followed elsewhere."""
-    flags = os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    """The file, made if it is not there, for every user; nobody is followed elsewhere, or waited for."""
     while True:  # whoever had it may remove it meanwhile
         with suppress(FileNotFoundError):
-            return FileIO(path, "r+", opener=lambda name, _: os.open(name, flags))
+            return FileIO(path, "r+", opener=_to_lock)
         with suppress(FileExistsError):
-            os.close(os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o666))
+            os.close(os.open(path, os.O_RDWR | FLAGS | os.O_CREAT | os.O_EXCL, 0o666))
             with suppress(OSError):
                 path.chmod(0o666)  # whatever the umask
+
+
+def _to_lock(name: str, _: int) -> int:
+    """Another user's that is not for every user, as on Windows, is opened to be read: enough to lock it."""
+    try:
+        return os.open(name, os.O_RDWR | FLAGS)
+    except PermissionError:
+        return os.open(name, os.O_RDONLY | FLAGS)

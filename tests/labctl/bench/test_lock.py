@@ -2,6 +2,7 @@
 
 import os
 import resource
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -120,6 +121,42 @@ def test_on_windows_it_is_closed_before_it_is_removed(monkeypatch: pytest.Monkey
     assert lock.lock()
     lock.close()
     assert list(tmp_path.glob("*/*")) == []
+
+
+@pytest.fixture
+def another_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> LockFile:
+    """It can be read only, as on Windows, where a file in a folder for all users is its owner's to write."""
+    monkeypatch.setattr(lock_file, "_folder", lambda: tmp_path)
+    lock = LockFile("a test of locks")
+    assert lock.lock()
+    open_it = os.open
+
+    def open_to_read(path: str, flags: int, mode: int = 0o666) -> int:
+        if flags & os.O_RDWR and not flags & os.O_CREAT:
+            raise PermissionError(13, "Permission denied", path)
+        return open_it(path, flags, mode)
+
+    monkeypatch.setattr(os, "open", open_to_read)
+    return lock
+
+
+def test_what_another_user_has_left_can_be_locked(another_users: LockFile) -> None:
+    another_users.write(b"another user")
+    ours = LockFile("a test of locks")
+    assert (ours.lock(), ours.note) == (False, b"another user")
+    another_users._file.close()  # killed
+    assert ours.lock()
+    ours.write(b"this user")
+    with closing(LockFile("a test of locks")) as third:
+        assert (third.lock(), third.note) == (False, b"another user")
+        ours.close()
+        assert third.lock()
+
+
+def test_a_pipe_in_the_place_of_a_lock_is_not_waited_for(another_users: LockFile) -> None:
+    another_users.close()
+    os.mkfifo(another_users._path)
+    LockFile("a test of locks").close()
 
 
 def test_who_holds_it_is_told_also_while_he_writes_which_run_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
