@@ -11,5 +11,7 @@ def apart(inherited: tuple[int, ...] = ()) -> dict[str, Any]:
     inherited: descriptors of locks that it has as well; on Windows it cannot have them.
     """
     if sys.platform == "win32":
-        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.DETACHED_PROCESS}
+        # A console that nobody sees. Without any (DETACHED_PROCESS) the real Python, which a virtual environment's
+        # Python starts, would open a window: python/cpython#85785
+        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
     return {"start_new_session": True, "pass_fds": inherited}
