@@ -5,7 +5,6 @@ the same. The supervisor inherits the locks by address, so that nobody opens a b
 dark; it starts before anybody has said who he is, and so has none by serial number.
 """
 
-import getpass
 import os
 import time
 from collections.abc import Iterable, Iterator
@@ -22,6 +21,7 @@ from labctl.bench.recording.wire import Wire
 from labctl.bench.station import Station
 from labctl.errors import BenchInUse
 from labctl.printable import typed
+from labctl.user import user
 
 DARK_WITHIN_S = 10.0
 """How long a supervisor may take to make dark what a process that is gone has left, before it is named."""
@@ -33,7 +33,7 @@ class Hold(Observer):
 
     def __init__(self, task: str) -> None:
         """None yet; `task` is what the bench is opened for."""
-        self._holder = Holder(process=os.getpid(), user=_user(), task=task, since=datetime.now(UTC))
+        self._holder = Holder(process=os.getpid(), user=user() or "somebody", task=task, since=datetime.now(UTC))
         self._locks: dict[str, LockFile] = {}
         self._real: set[str] = set()
 
@@ -142,13 +142,6 @@ def _addresses(wire: Wire, *stations: Station) -> Iterator[tuple[str, str]]:
 def _behind_usb(section: InstrumentSection) -> str:
     """Which device of a vendor's USB library, that has one address for all of them."""
     return f"{USB} {section.driver} {getattr(section, 'serial_number', None) or ''}"
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # a number without a name
-        return "somebody"
 
 
 def _refused(lock: LockFile, key: str) -> str:

@@ -1,6 +1,5 @@
 """The queue: runs and sweeps one after the other, through the night."""
 
-import getpass
 from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +15,7 @@ from labctl.printable import typed
 from labctl.runs.format.layout import is_taken
 from labctl.runs.queue import Item, Queue, Wish
 from labctl.studies.queue.work import OnFailure, Worked, ask, forecast, settle, work
+from labctl.user import user
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, rich_markup_mode=None, add_completion=False)
 
@@ -35,7 +35,7 @@ def add(
     if out is not None and is_taken(out):
         raise UsageError(f"--out = {out}: is not empty: name a new folder")
     plan = forecast(words)
-    item = Queue(folder).add(words, out, _kept(plan), getpass.getuser())
+    item = Queue(folder).add(words, out, _kept(plan), user())
     show(_described(item), as_json, lambda: say(f"{item.number}: {_what(item)}, {_time(item)} on a real bench"))
     return DONE
 

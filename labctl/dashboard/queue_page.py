@@ -93,9 +93,10 @@ class QueuePage:
             ui.label(words)
         seconds = item.plan.get("estimated_seconds_on_a_real_bench")
         took = f"{duration(seconds)} on a real bench" if isinstance(seconds, int | float) else ""
+        by = f"by {printable(item.added_by)}" if item.added_by else ""
         began = f"began {item.began[:16].replace('T', ' ')}" if item.began else ""
         ended = f"ended {item.ended[:16].replace('T', ' ')}" if item.ended else ""
-        ui.label(" · ".join(filter(None, (f"by {printable(item.added_by)}", took, began, ended)))).classes("about")
+        ui.label(" · ".join(filter(None, (by, took, began, ended)))).classes("about")
         if item.message:
             ui.label(printable(item.message)).classes("problem")
 

@@ -9,7 +9,6 @@ A line is a JSON object with its own checksum, such as
 What was said is never changed: the last line about a tag, the star or the operator counts.
 """
 
-import getpass
 import os
 import re
 from collections.abc import Sequence
@@ -26,6 +25,7 @@ from labctl.runs.format.checked_line import decode, encode
 from labctl.runs.format.durable import make_folder, not_made, replace_file, write_all
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import opened, read_own
+from labctl.user import user
 
 LARGEST = 1 << 24
 LONGEST_NOTE, LONGEST_WORD = 4000, 100
@@ -125,7 +125,7 @@ def say_of(
         raise RunError(f"{paths.directory}: nothing is said of it: write a note, a tag, a star or an operator")
     if picture is not None:
         said |= _kept(paths, picture)
-    line = encode({"time": datetime.now(UTC).isoformat(timespec="seconds"), "by": _user()} | said)
+    line = encode({"time": datetime.now(UTC).isoformat(timespec="seconds"), "by": user()} | said)
     try:
         with FileIO(paths.notes, "a+", opener=opened) as file:
             length = file.seek(0, os.SEEK_END)
@@ -182,10 +182,3 @@ def _word(text: str) -> str:
 
 def _words(found: object) -> set[str]:
     return {printable(str(word)) for word in found} if isinstance(found, list) else set()
-
-
-def _user() -> str:
-    try:
-        return printable(getpass.getuser())
-    except (OSError, KeyError, ImportError):  # no name for this user: in a container, or on Windows without USERNAME
-        return ""

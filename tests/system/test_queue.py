@@ -62,6 +62,15 @@ def test_items_are_added_moved_and_removed(tmp_path: Path) -> None:
     assert queue(tmp_path, "move", 2, "--to", 5)[1]["error"] == "place 5: 2 wait: choose 1 to 2"
 
 
+def test_a_user_without_a_name_adds_items_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container whose user is a number."""
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os, "getuid", lambda: 54321)
+    status, item = queue(tmp_path, "add", *SMALL)
+    assert (status, item["added_by"]) == (0, "")
+
+
 def test_what_is_listed_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Queue(tmp_path).add(SMALL, tmp_path / "run", {}, "ada")
     _, listed, _ = labctl(capsys, "queue", "list", "--folder", tmp_path)
