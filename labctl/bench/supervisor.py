@@ -55,7 +55,7 @@ STANDARD_INPUT, STANDARD_OUTPUT = 0, 1
 
 
 class Task(BaseModel):
-    """What a supervisor is for: a bench, as its station says, and when the run's log began by the monotonic clock.
+    """What a supervisor is for: a bench, as its station says, and when the run's log began by its clock.
 
     `process` is the parent; without it nobody looks whether it is stopped.
     """

@@ -57,7 +57,7 @@ class Kind(IntEnum):
 class RecordingWriter:
     """Appends records to a new file; may be used by several threads."""
 
-    def __init__(self, path: Path, heading: Mapping[str, Any], clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, path: Path, heading: Mapping[str, Any], clock: Callable[[], int] = time.perf_counter_ns) -> None:
         """Begin a recording; `heading` is added to its first line.
 
         Raises:

@@ -279,10 +279,11 @@ class CommandLog(Observer):
     """A transcript that a `VisaLink` can write to; a context manager that closes its file.
 
     As an observer of a run it hears when a round of messages is over, and has a line for whatever goes wrong. `started`
-    is when its seconds began, by its clock; `path` is its file, once there is one.
+    is when its seconds began, by its clock, which is one for all processes and tells messages apart: `time.monotonic`
+    has steps of 15.6 ms on Windows before Python 3.13. `path` is its file, once there is one.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic, *, started: float | None = None) -> None:
+    def __init__(self, clock: Callable[[], float] = time.perf_counter, *, started: float | None = None) -> None:
         """Begin to count the seconds now, or go on with those of another log."""
         self.started = clock() if started is None else started
         self.path: Path | None = None

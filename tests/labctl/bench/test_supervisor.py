@@ -51,7 +51,7 @@ def station() -> Iterator[Station]:
 
 
 def orders(station: Station, *later: object) -> io.BytesIO:
-    task = Task(station=station, log_started=time.monotonic() - 1000)
+    task = Task(station=station, log_started=time.perf_counter() - 1000)
     return io.BytesIO("".join(f"{line}\n" for line in (task.model_dump_json(), *map(json.dumps, later))).encode())
 
 
@@ -151,7 +151,7 @@ def test_people_are_told_of_a_laser_that_goes_on_emitting_until_somebody_has_see
 def test_where_standard_error_is_a_terminal_it_is_told_in_red(station: Station) -> None:
     """And what is captured is let go of; a terminal is not waited for."""
     nobody = station.laser.model_copy(update={"address": "TCPIP0::127.0.0.1::9::SOCKET"})
-    task = Task(station=station.model_copy(update={"laser": nobody}), log_started=time.monotonic())
+    task = Task(station=station.model_copy(update={"laser": nobody}), log_started=time.perf_counter())
     ours, theirs = os.openpty()
     with subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=theirs) as process:
         os.close(theirs)
