@@ -19,7 +19,11 @@ from labctl.printable import printable
 STOPS: tuple[signal.Signals, ...] = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 )
-"""Ctrl-C, a request to end, terminal closed; on Windows Ctrl-Break and the closed console."""
+"""Ctrl-C, a request to end, terminal closed; on Windows Ctrl-Break.
+
+A console that is closed there is a SIGBREAK too, but the process is killed before Python handles it
+(python/cpython#96289): the supervisor makes the bench safe.
+"""
 SUSPEND: tuple[signal.Signals, ...] = (signal.SIGTSTP,) if hasattr(signal, "SIGTSTP") else ()
 """Ctrl-Z: a stopped process leaves the laser as it is."""
 STANDARD_OUTPUT = 1
