@@ -14,7 +14,7 @@ from instruments.errors import InstrumentError, LightLost, LinkError, NotConfigu
 from instruments.interfaces import BYPASS_PORT, Awg, Dmd, Instrument, Oscilloscope, PatchPanel, TunableLaser
 from instruments.limits import Levels, Limits, OverLimit
 from instruments.optical_train import OpticalTrain
-from instruments.safe_state import MAY_EMIT, UnsafeBench, ending_with, in_order, safe_state
+from instruments.safe_state import LIGHT, MAY_EMIT, UnsafeBench, ending_with, in_order, safe_state
 from instruments.values import Drive, EdgeTrigger, Frames, Identity, Timebase
 
 
@@ -294,8 +294,10 @@ class Bench:
         return settled
 
     @contextmanager
-    def emitting(self, wavelength_nm: float) -> Iterator[None]:
+    def emitting(self, wavelength_nm: float, patching: Mapping[int, int] | None = None) -> Iterator[None]:
         """The only way to light: emission inside the block, the safe state however it ends.
+
+        patching: what the block connects first; a person is asked for it before there is light.
 
         Raises:
             NotConfigured: the bench is not armed; nothing was sent.
@@ -309,13 +311,11 @@ class Bench:
             for name, instrument in self.instruments.items():
                 for obstacle in instrument.obstacles():
                     raise InstrumentError(f"{name}: {obstacle}")
+            if patching is not None and self.patch_panel.asks(patching):
+                self.connect(patching)
             self.observer.before_light()
             self.set_light(wavelength_nm)
-            self.lit = True
-            self.observer.emission(on=True)
-            self.laser.emit()
-            self.limits.check_power(self.laser.power())
-            self._let_through()
+            self._switch_on()
             with self.explained():
                 yield
 
@@ -339,6 +339,13 @@ class Bench:
                 except LinkError:
                     raise error from None
             raise
+
+    def _switch_on(self) -> None:
+        self.lit = True
+        self.observer.emission(on=True)
+        self.laser.emit()
+        self.limits.check_power(self.laser.power())
+        self._let_through()
 
     def _let_through(self) -> None:
         if found := self.train.let_through(self.laser, self.limits):
@@ -445,9 +452,24 @@ class Bench:
     # --- traces
 
     def connect(self, patching: Mapping[int, int]) -> None:
-        """`PatchPanel.connect`."""
+        """`PatchPanel.connect`; no light is on while a person moves fibres, and it is switched on again thereafter.
+
+        Raises:
+            OutOfRange: a port that is not wired.
+            UnsafeBench: what gives light did not obey; nobody was asked to touch a fibre.
+            InstrumentError, OverLimit: the panel failed, or the light as in `emitting`.
+        """
+        was_lit = self.lit and self.patch_panel.asks(patching)
+        if was_lit:
+            self.lit = False
+            self.darken(name for name in LIGHT if name in self.instruments)
+            self.observer.emission(on=False)
         self.patch_panel.connect(patching)
         self.observer.event("patched", ports={str(channel): port for channel, port in patching.items()})
+        if was_lit:
+            self.observer.before_light()
+            self.train.shut()  # who was at the bench may have touched that too
+            self._switch_on()
 
     def configure(self, timebase: Timebase, channels: Iterable[int], averages: int = 1) -> None:
         """`Oscilloscope.configure`, with the trigger of the wiring."""

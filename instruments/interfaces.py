@@ -315,6 +315,10 @@ class PatchPanel(Instrument):
     ports: tuple[int, ...]
     """The ports that are wired to the panel, `BYPASS_PORT` among them where the fibre before the chip is."""
 
+    def asks(self, patching: Mapping[int, int]) -> bool:
+        """Whether `connect` would ask a person to move fibres: no light is to be on then."""
+        return False
+
     @abstractmethod
     def connect(self, patching: Mapping[int, int]) -> None:
         """Connect channel -> port for every item of `patching`, and nothing else.

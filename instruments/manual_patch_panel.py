@@ -32,14 +32,21 @@ class ManualPatchPanel(PatchPanel):
     def self_test(self) -> None:
         """Nothing that can be tested from here."""
 
+    def asks(self, patching: Mapping[int, int]) -> bool:
+        """Whether it differs from the last one confirmed."""
+        return dict(patching) != self._patching
+
     def connect(self, patching: Mapping[int, int]) -> None:
-        """Ask for the connections that differ from the last ones confirmed."""
+        """Ask for connections that differ from the last ones confirmed; the light is off."""
         for port in patching.values():
             if port not in self.ports:
                 raise OutOfRange(f"port {port} has no fibre on the patch panel (ports {list(self.ports)})")
-        if dict(patching) != self._patching:
+        if self.asks(patching):
             connections = ", ".join(f"port {port} to CH{channel}" for channel, port in sorted(patching.items()))
-            self._ask(f"Connect {connections}, and nothing else, then press Enter")
+            self._ask(
+                f"The light is off until you press Enter, see at the laser that it is: connect {connections}, and "
+                f"nothing else, then press Enter"
+            )
             self._patching = dict(patching)
 
     def settings(self) -> dict[str, str | float]:

@@ -141,7 +141,7 @@ class DynamicScene(Measurement[Images]):
         lead_s = self.start_s(bench, inputs)
         timebase = Timebase(self.sample_rate, self.sample_count(inputs), lead_s)
         load_pictures(bench, [patterns.block(_pictures(shot)) for shot in plan], 2 * len(plan))
-        with bench.emitting(parts[0].pass_.wavelength_nm):
+        with bench.emitting(parts[0].pass_.wavelength_nm, parts[0].pass_.patching):
             bench.load_drive(drive, periods_per_trigger=math.inf)
             for part in parts:
                 bench.tune(part.pass_.wavelength_nm)

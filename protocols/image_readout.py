@@ -180,7 +180,7 @@ def still_pictures(
         memory = PictureMemory(bench, patterns, plan)
         finer = MEAN_FINER if averages > 1 and bench.scope.code_type == "int8" else 1
     dark = next((partial(show_and_capture, bench, patterns[shot]) for shot in plan if shot.kind is ShotKind.DARK), None)
-    with bench.emitting(parts[0].pass_.wavelength_nm):
+    with bench.emitting(parts[0].pass_.wavelength_nm, parts[0].pass_.patching):
         for part in parts:
             pass_ = part.pass_
             bench.tune(pass_.wavelength_nm)

@@ -123,10 +123,11 @@ class SequenceReadout(Measurement[Sequences]):
     def acquire(self, bench: Bench, inputs: Sequences, parts: Sequence[Part]) -> Events:
         """Pass by pass one record of the whole waveform, cut into the frames of its sequences."""
         drive = self.drive(bench, inputs)
-        with bench.emitting(parts[0].pass_.wavelength_nm):
+        first = self.passes(bench)[0]
+        with bench.emitting(parts[0].pass_.wavelength_nm, first.patching):
             bench.load_drive(drive)
             bench.play_drive()
-            begins = self._first_symbol_sample(bench, self.passes(bench)[0])
+            begins = self._first_symbol_sample(bench, first)
             for part in parts:
                 self._turn_to(bench, part.pass_, drive.period_s, self.averages)
                 yield PassStarted(part.pass_, lock_ranges(bench, part.scalings, [bench.capture] * PROBES))

@@ -1,6 +1,6 @@
 """A bench in one's hands: show a picture, take a trace, set the laser; without a protocol and without a run."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -186,7 +186,7 @@ class Hands:
         asked = tuple(patchings[0].values()), samples, averages, self.laser.power
         with failing_with(self.dark), bench.explained():
             if not bench.lit:
-                self._switch_on(bench)
+                self._switch_on(bench, patchings[0])
             if self._configured != asked:
                 bench.connect(patchings[0])
                 bench.configure(Timebase(SAMPLE_RATE, samples), patchings[0], averages)
@@ -287,10 +287,10 @@ class Hands:
             bench.show(self._shown)
             self._blanked = False
 
-    def _switch_on(self, bench: Bench) -> None:
+    def _switch_on(self, bench: Bench, patching: Mapping[int, int]) -> None:
         if self._blanked:
             self._show(bench)
-        self._light.enter_context(bench.emitting(self.laser.wavelength_nm))
+        self._light.enter_context(bench.emitting(self.laser.wavelength_nm, patching))
         bench.load_drive(self._drive)
         bench.play_drive()
 

@@ -13,6 +13,7 @@ from instruments.bench import Bench
 from instruments.errors import InstrumentError, LightLost, NotConfigured, OutOfRange, SettingChanged
 from instruments.interfaces import BYPASS_PORT
 from instruments.limits import OverLimit
+from instruments.manual_patch_panel import ManualPatchPanel
 from instruments.safe_state import UnsafeBench
 from instruments.values import Drive, Timebase, Vertical
 from instruments.visa import VisaLink
@@ -84,6 +85,60 @@ def test_no_amplifier_is_on_while_the_laser_tunes(bench: Bench, log: Any) -> Non
         log.messages.clear()
         bench.tune(1551.0)
         assert switched(log) == ["attenuator OFF", "amplifier OFF", "amplifier ON", "attenuator ON"]
+
+
+def test_no_light_is_on_while_a_person_moves_fibres(bench: Bench, front_panel: VisaLink, log: Any) -> None:
+    """The amplifier is off before its seed is, and comes back after it."""
+    seen: list[tuple[bool, float, str]] = []
+
+    def operator(_request: str) -> str:
+        seen.append((bench.lit, float(bench.laser.settings()["emitting"]), front_panel.query("OUTPut?")))
+        return ""
+
+    bench.patch_panel = ManualPatchPanel(operator, ports=(2, 3))
+    with bench.emitting(1550.0, {1: 2}):
+        assert len(seen) == 1
+        bench.connect({1: 2})
+        bench.require_unchanged()
+        log.messages.clear()
+        bench.connect({1: 3})
+        bench.require_unchanged()
+        dark, lit = ["attenuator OFF", "amplifier OFF", "laser OFF"], ["laser ON", "amplifier ON", "attenuator ON"]
+        assert switched(log) == [*dark, "attenuator OFF", "amplifier OFF", *lit]
+    assert seen == [(False, 0, "0")] * 2
+
+
+def test_nobody_is_asked_to_move_fibres_while_the_laser_may_emit(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, simulation: SimulatedBench
+) -> None:
+    asked: list[str] = []
+    bench.patch_panel = ManualPatchPanel(lambda request: asked.append(request) or "", ports=(2, 3))
+
+    def measure() -> None:
+        with bench.emitting(1550.0, {1: 2}):
+            asked.clear()
+            simulation.stop()
+            bench.connect({1: 3})
+
+    with pytest.raises(UnsafeBench, match="key switch"):
+        measure()
+    assert not asked
+
+
+def test_what_a_person_is_asked_in_vain_is_told_as_that(bench: Bench) -> None:
+    """Not as light that went out."""
+
+    def nobody(request: str) -> str:
+        raise InstrumentError(f"nobody answered {request!r}")
+
+    def measure() -> None:
+        with bench.emitting(1550.0):
+            bench.patch_panel = ManualPatchPanel(nobody, ports=(2, 3))
+            bench.connect({1: 2})
+
+    with pytest.raises(InstrumentError, match="nobody answered"):
+        measure()
+    assert bench.laser.settings()["emitting"] == 0
 
 
 def test_the_world_amplifies_and_attenuates(bench: Bench, simulation: SimulatedBench) -> None:

@@ -49,7 +49,8 @@ settings = { averages = 2, images = 4, ports = "2,3", window = "0.8 ns", referen
 """
 """Like fig2, but so small that it takes a second."""
 
-SCENE = ("scenes=1", "images=40", "ports=2", "averages=2", "switch_after=0.5 us", "window=1 us")
+FEW = ("scenes=1", "images=40", "averages=2", "switch_after=0.5 us", "window=1 us")
+SCENE = ("ports=2", *FEW)
 
 BY_HAND = Station(
     laser={"driver": "manual-laser"},
@@ -77,6 +78,7 @@ class Operator:
         elif "OFF" in request:
             self.laser.darken()
         else:
+            assert self.laser.settings()["emitting"] == 0, "a person moves fibres in the light"
             pairs = re.findall(r"port (\d+) to CH(\d)", request)
             self.patch_panel.connect({int(channel): int(port) for port, channel in pairs})
         return ""
@@ -168,6 +170,32 @@ def test_an_operator_patches_and_switches_at_the_terminal(
         burst = protocol.model_copy(update={"timing": "burst"})
         acquired = acquire(Acquisition(burst, near, tmp_path / f"near-{name}"))
         assert frames(acquired.outcome.directory) == frames(done["runs"][list(experiment.protocols).index(name)])
+
+
+@pytest.mark.parametrize(
+    ("words", "asked"),
+    [
+        (("run", "image-readout", "--set", "images=4", "--set", "ports=0,2-6", "--set", "reference_every=1"), 3),
+        (("run", "dynamic-scene", "--set", "ports=2-6", *(word for one in FEW for word in ("--set", one))), 2),
+        (("live", "--ports", "2", "--for", "0.1 s"), 1),
+    ],
+    ids=["stills", "scenes", "view"],
+)
+def test_no_light_is_on_while_somebody_moves_fibres(
+    words: tuple[str, ...], asked: int, station: Path, tmp_path: Path, labctl: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = read_station(station)
+    by_hand = tmp_path / "by-hand.toml"
+    addresses = {name: address for name, address in lab.addresses.items() if name != "patch_panel"}
+    panel = {"driver": "manual-patch-panel", "ports": lab.patch_panel.ports}
+    write_addresses(by_hand, addresses, Station(patch_panel=panel, wiring=WiringSection(burst=True)))
+    monkeypatch.chdir(tmp_path)
+    with CommandLog() as log, opened(lab, log) as found:
+        operator = Operator(found.bench.laser, found.bench.patch_panel)
+        monkeypatch.setattr("labctl.bench.opening.ask_operator", operator)
+        status, _ = labctl(*words, "--station", by_hand)
+        assert (status, operator.asked) == (0, asked)
+        assert found.bench.laser.settings()["emitting"] == 0
 
 
 def test_interrupted_before_its_first_shot_it_ends_there_and_begins_no_other_run(station: Path, tmp_path: Path) -> None:

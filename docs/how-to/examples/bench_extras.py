@@ -59,7 +59,7 @@ class Repeatability(Measurement[Images]):
         patterns = Patterns(inputs, bench.dmd.shape)
         drive = self.drive(bench, inputs)
         timebase = Timebase(self.sample_rate, self.sample_count(inputs))
-        with bench.emitting(parts[0].pass_.wavelength_nm):
+        with bench.emitting(parts[0].pass_.wavelength_nm, parts[0].pass_.patching):
             for part in parts:
                 bench.connect(part.pass_.patching)
                 bench.load_drive(drive)
