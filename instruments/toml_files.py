@@ -3,7 +3,9 @@
 import tomllib
 from collections.abc import Iterable
 from difflib import get_close_matches
+from errno import EINVAL
 from pathlib import Path
+from stat import S_ISDIR, S_ISREG
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -34,9 +36,12 @@ def read_toml(path: Path) -> dict[str, Any]:
     Its keys are printable and fit on one line; texts may hold anything, and it is for who takes them to ask `one_line`.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: it cannot be read, or is no regular file.
         TomlError: it is not TOML, or larger than such a file can be.
     """
+    mode = path.stat().st_mode
+    if not (S_ISREG(mode) or S_ISDIR(mode)):  # a pipe is empty for whoever reads it again, and a FIFO may have no end
+        raise OSError(EINVAL, "it is no regular file", str(path))
     with path.open("rb") as file:
         content = file.read(LARGEST_FILE + 1)
     if len(content) > LARGEST_FILE:

@@ -1,5 +1,6 @@
 """The station file and what it refuses."""
 
+import os
 import tomllib
 from pathlib import Path
 
@@ -102,6 +103,14 @@ def test_files_of_an_instrument_are_beside_the_station_file(tmp_path: Path) -> N
         laser = read_station(write(tmp_path, f"[laser]\ncommands = '{said}'")).laser
         assert isinstance(laser, Tlg220Section)
         assert laser.commands == meant
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+def test_a_pipe_is_refused(tmp_path: Path) -> None:
+    """It is empty for whoever reads it again: a bench of which nothing is said is the simulated one."""
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(StationError, match=r"pipe: cannot be read \(it is no regular file\): name a station file"):
+        read_station(tmp_path / "pipe")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

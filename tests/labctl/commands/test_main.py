@@ -115,6 +115,7 @@ class TestWrongUse:
             (["run", "image-readout", "--set", "dataset=nothing"], "no data set is called 'nothing'"),
             (["run", "image-readout", "--set", "images=100000"], "were asked for, the data set has"),
             (["run", "image-readout", "--station", "nowhere.toml"], "nowhere.toml: cannot be read"),
+            (["run", "image-readout", "--station", "/dev/null"], "(it is no regular file): name a station file"),
             (["show", "nowhere"], "nowhere: no such file"),
             (["dark", "nowhere"], "nowhere: no such directory: name the run whose laser you have seen dark"),
             (["sim", "serve", "--twin-seed", "-1"], "Input should be greater than or equal to 0"),
