@@ -13,6 +13,7 @@ from instruments.sections import InstrumentSection
 from labctl.bench.drivers import installed
 from labctl.bench.station import USUAL, Station
 from labctl.errors import UsageError
+from labctl.runs.format.durable import show_file
 from protocols.registry import protocol_class, protocol_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -103,12 +104,12 @@ def file_name(name: str) -> str:
 
 
 def write_schema(path: Path, name: str) -> Path:
-    """Write the schema of `name` to `path`, and return that.
+    """Write the schema of `name` to `path`, all or nothing, and return that.
 
     Raises:
         OSError: it cannot be written.
     """
-    path.write_text(json.dumps(schema_of(name), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    show_file(path, (json.dumps(schema_of(name), indent=2, ensure_ascii=False) + "\n").encode())
     return path
 
 

@@ -5,7 +5,9 @@ which file is wrong and what to do.
 """
 
 import json
+import os
 from collections.abc import Mapping
+from errno import EEXIST
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -43,6 +45,7 @@ from instruments.toml_files import TomlError, describe, read_toml
 from instruments.units import WITH_UNITS, Seconds, Volts, Watts
 from labctl.bench.drivers import driver, installed
 from labctl.errors import StationError
+from labctl.runs.format.durable import replace_file
 
 USUAL = {
     "awg": "tektronix-awg70002a",
@@ -309,11 +312,16 @@ def write_addresses(path: Path, addresses: Mapping[str, str], station: Station =
     there.
 
     Raises:
-        StationError: the file exists or cannot be written.
+        StationError: the file exists or cannot be written, or nothing says which driver one of them has.
     """
+    if unknown := [role for role in addresses if role not in station.roles]:
+        raise StationError(
+            f"{path}: not written: nothing says which driver {', '.join(unknown)} has: leave --save-station out, and "
+            f"write the addresses into the station file of that bench"
+        )
     whole = station.model_dump(mode="json", exclude_defaults=True, exclude={"source"}, context={WITH_UNITS: True})
     for role, address in addresses.items():
-        files = {key: value for key, value in getattr(station, role) if isinstance(value, Path)}
+        files = {key: value for key, value in station.section_of(role) if isinstance(value, Path)}
         whole[role] |= {key: str(file.absolute()) for key, file in files.items() if str(file) != SIMULATED}
         whole[role]["address"] = address
     if isinstance(station.laser, Tlg220Section) and station.laser.commands is None:
@@ -323,11 +331,22 @@ def write_addresses(path: Path, addresses: Mapping[str, str], station: Station =
     for section, values in whole.items():
         if isinstance(values, dict):
             lines += ["", f"[{section}]", *(f"{key} = {toml(value)}" for key, value in values.items())]
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write("\n".join(lines).lstrip() + "\n")
-    except OSError as error:
-        raise StationError(unwritable(path, error, "name a new file")) from None
+    write_station(path, "\n".join(lines).lstrip() + "\n")
+
+
+def write_station(path: Path, text: str) -> None:
+    """Write a new station file, all or nothing: half of one describes a bench with other limits.
+
+    Raises:
+        StationError: the file exists or cannot be written.
+    """
+    if os.path.lexists(path):
+        raise _not_written(path, FileExistsError(EEXIST, os.strerror(EEXIST)))
+    replace_file(path, text.encode(), _not_written)
+
+
+def _not_written(path: Path, error: OSError) -> StationError:
+    return StationError(unwritable(path, error, "name a new file"))
 
 
 def toml(value: object) -> str:

@@ -22,7 +22,7 @@ from labctl.bench.draft import draft
 from labctl.bench.drivers import driver, installed
 from labctl.bench.lock import held_alone
 from labctl.bench.schema import STATION, file_name, write_schema
-from labctl.bench.station import USUAL, LimitsSection, Station
+from labctl.bench.station import USUAL, LimitsSection, Station, write_station
 from labctl.commands.exit_status import DONE
 from labctl.commands.output import JsonOption, say, show, table, tell
 from labctl.commands.progress import progress_bar
@@ -267,13 +267,12 @@ def _write(file: Path, text: str, schema: Path) -> None:
         Station.model_validate(tomllib.loads(text))
     except ValidationError as error:
         raise UsageError(f"{file} would be wrong: {describe(error)}") from None
+    write_station(file, text)
     try:
-        with file.open("x", encoding="utf-8") as opened:
-            opened.write(text)
         if not schema.exists():
             write_schema(schema, STATION)
     except OSError as error:
-        raise StationError(unwritable(error.filename or file, error, "name a new file")) from None
+        raise StationError(unwritable(schema, error, "name a file in another folder")) from None
 
 
 def _print(result: dict[str, Any]) -> None:

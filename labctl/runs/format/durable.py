@@ -8,11 +8,11 @@ from io import FileIO
 from pathlib import Path
 
 from instruments.remedies import reason, remedy
-from labctl.errors import RunError
+from labctl.errors import LabctlError, RunError
 
 REPLACED_AGAIN_S = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3) if os.name == "nt" else ()
 """Windows replaces no file that somebody has open, if only to look: how long it is waited for before each next try."""
-Refused = Callable[[Path, OSError], RunError]
+Refused = Callable[[Path, OSError], LabctlError]
 """Makes the one line for a file that could not be written."""
 
 
@@ -90,7 +90,7 @@ def replacement(path: Path, refused: Refused = not_written) -> Iterator[FileIO]:
     moment `path` is either what it was or whole. The temporary file never outlives the block.
 
     Raises:
-        RunError: the disk is full or refuses: what `refused` makes of it.
+        LabctlError: the disk is full or refuses: what `refused` makes of it, a `RunError` unless it says otherwise.
     """
     try:
         with _renamed(path.with_name(path.name + ".tmp"), path) as file:
@@ -105,7 +105,7 @@ def replace_file(path: Path, data: bytes | memoryview, refused: Refused = not_wr
     """Write `data` to `path`, all or nothing, as `replacement` does.
 
     Raises:
-        RunError: the disk is full or refuses: what `refused` makes of it.
+        LabctlError: the disk is full or refuses: what `refused` makes of it, a `RunError` unless it says otherwise.
     """
     with replacement(path, refused) as file:
         write_all(file, data)

@@ -113,6 +113,13 @@ def test_a_pipe_is_refused(tmp_path: Path) -> None:
         read_station(tmp_path / "pipe")
 
 
+def test_no_station_is_written_of_instruments_whose_driver_is_not_known(tmp_path: Path) -> None:
+    """A recording has only their names."""
+    with pytest.raises(StationError, match=r"not written: nothing says which driver amplifier, mine has: leave"):
+        write_addresses(tmp_path / "station.toml", {"awg": "TCPIP::a::INSTR", "amplifier": "b", "mine": "c"})
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(StationError, match=r"nowhere\.toml: cannot be read"):
         read_station(tmp_path / "nowhere.toml")

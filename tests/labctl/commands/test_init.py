@@ -4,6 +4,7 @@ import io
 import json
 import re
 import socketserver
+import sys
 import threading
 import tomllib
 from collections.abc import Iterator
@@ -209,6 +210,27 @@ def test_a_file_that_exists_is_not_touched(tmp_path: Path, capsys: pytest.Captur
     assert (status, path.read_text("utf-8")) == (2, "mine")
     assert "exists: name a new file" in err
     assert [found.name for found in tmp_path.iterdir()] == ["bench.toml"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs limits of files")
+@pytest.mark.parametrize(("room", "written"), [(1 << 10, []), (1 << 14, ["bench.toml"])])
+def test_a_disk_without_room_takes_whole_files_or_none(
+    room: int, written: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Half a station file is that of a bench with other limits."""
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        words = ("--no-search", "--yes", "--optical-power", "10 mW")
+        status, _, err = labctl(capsys, "init", tmp_path / "bench.toml", *words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert status == 2
+    assert "cannot be written (File too large)" in err
+    assert [path.name for path in tmp_path.iterdir()] == written
+    assert all(read_station(tmp_path / name).limits.optical_power == 10e-3 for name in written)
 
 
 def test_whoever_is_there_hears_one_question_and_nothing_else() -> None:
