@@ -281,6 +281,31 @@ def test_a_failure_ends_it_or_not_as_is_told(tmp_path: Path) -> None:
     assert queue(tmp_path, "start", "--on-failure", "go-on") == (1, {"done": 2, "failed": 1, "waiting": 0})
 
 
+def test_an_item_that_is_interrupted_while_it_starts_waits_again(tmp_path: Path) -> None:
+    put(tmp_path, (*LONG[:3], "images=2000", *LONG[4:]), tmp_path / "run")
+    with started_anew():  # so that what it starts is the item alone
+        worker = subprocess.Popen([*LABCTL, "queue", "start", "--folder", str(tmp_path)])
+    children = Path(f"/proc/{worker.pid}/task/{worker.pid}/children")
+    item = int(until(lambda: children.read_text().split())[0])
+    until(lambda: b"images=2000" in Path(f"/proc/{item}/cmdline").read_bytes())  # no longer a copy of its parent
+    os.kill(item, signal.SIGINT)
+    assert worker.wait() == 130
+    assert states(tmp_path) == [(1, "waiting")]
+
+
+def test_what_fails_while_item_and_queue_are_interrupted_waits_again(tmp_path: Path) -> None:
+    """An item that hears Ctrl-C while it loads its libraries may end in any way."""
+    interruption = Interruption()
+    put(tmp_path, SMALL, tmp_path / "taken")
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "something").touch()
+
+    def interrupt(_line: str) -> None:
+        interruption.requested = True
+
+    assert work(Queue(tmp_path), OnFailure.GO_ON, interruption, interrupt) == Worked(done=0, failed=0, waiting=1)
+
+
 def test_stopping_now_takes_no_signal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On Windows a process can be sent none but one that kills it."""
     signalled = subprocess.Popen.send_signal

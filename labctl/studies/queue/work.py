@@ -14,7 +14,7 @@ from typing import Any
 
 from labctl.bench.lock_file import LockFile
 from labctl.bench.own_files import is_own, remember
-from labctl.bench.signals import Interruption
+from labctl.bench.signals import STOPS, Interruption
 from labctl.errors import BenchInUse, RunError, UsageError
 from labctl.printable import typed
 from labctl.runs import asking
@@ -31,7 +31,8 @@ LOOK_EVERY_S = 0.2
 """How often somebody's wish is looked for while an item runs."""
 LOOKED_S, AGAIN_S = 0.5, 0.01
 """Longer than anybody takes to `settle` a queue, and how often it is tried meanwhile to have it."""
-INTERRUPTED = 130
+INTERRUPTED = frozenset({130, *(-number for number in STOPS)})
+"""How an item ends that was interrupted: by its own status, or by the signal that came while it was starting."""
 KEPT_OPTIONS = {"--station": 1, "--data": 1, "--scheduler": 1, "--arm": 0, "--attended": 0}
 """Options that going on with a run or sweep needs again, and how many words each is followed by."""
 
@@ -95,7 +96,7 @@ def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: 
             if status == 0:
                 queue.end(item.number, State.DONE)
                 done += 1
-            elif status == INTERRUPTED:
+            elif status in INTERRUPTED or interruption.requested:  # Ctrl-C comes to both
                 queue.end(item.number, State.WAITING)
                 break
             else:
