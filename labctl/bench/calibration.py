@@ -98,11 +98,23 @@ def save(
     return path
 
 
-def newest(station: Station) -> Calibration | None:
-    """The latest calibration of the bench that `station` describes; None without any that can be read."""
+def newest(station: Station, now: datetime) -> Calibration | None:
+    """The latest calibration until `now` of the bench that `station` describes; None without any that can be read."""
+    past = [one for one in _of_bench(station) if one.stored.date <= now]
+    return max(past, key=lambda one: one.stored.date, default=None)
+
+
+def _of_bench(station: Station) -> list[Calibration]:
     found = [one for path in folder_of(station).glob(f"*/{FILE}") if (one := read(path)) is not None]
-    same = [one for one in found if one.stored.bench == bench_of(station)]
-    return max(same, key=lambda one: one.stored.date, default=None)
+    return [one for one in found if one.stored.bench == bench_of(station)]
+
+
+def ahead(path: Path, date: datetime) -> str:
+    """The warning of a file whose date is yet to come: it would hide all that are made until then."""
+    return (
+        f"{path}: is dated {date.isoformat(timespec='seconds')}, which is yet to come, and is left out: check the "
+        f"clock of this machine; if it was wrong then, remove that file and measure again"
+    )
 
 
 def concerns(calibration: Calibration, station: Station, now: datetime) -> list[str]:
@@ -130,13 +142,15 @@ def warnings(reference: object, station: Station) -> list[str]:
 
     reference: as `Calibration.reference` gives it and the manifest keeps it; anything else says that there was none.
     """
+    now = datetime.now(UTC)
+    lines = [ahead(one.path, one.stored.date) for one in _of_bench(station) if one.stored.date > now]
     if not isinstance(reference, Mapping):
-        return []
-    latest = newest(station)
+        return lines
+    latest = newest(station, now)
     if latest is None:
         gone = "the calibration that the run refers to is not here any more"
-        return [f"{folder_of(station)}: {gone}: measure again with 'labctl align'"]
-    lines = concerns(latest, station, datetime.now(UTC))
+        return [*lines, f"{folder_of(station)}: {gone}: measure again with 'labctl align'"]
+    lines += concerns(latest, station, now)
     if latest.sha256 != reference.get("sha256"):
         lines.insert(0, f"{latest.path}: aligned after the run was begun: look at its drift, or begin a new run")
     return lines

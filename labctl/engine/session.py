@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ def acquire(
         profile = Profile((lambda: simulation.world.physics_seconds) if simulation is not None else lambda: 0.0)
         if acquisition.profile:
             observers.add(profile)
-        calibrated = newest(station)
+        calibrated = newest(station, datetime.now(UTC))
         reference = None if calibrated is None else calibrated.reference()
         _warn([*warnings(reference, station), *answers.warnings(station)], observers)
         for path in (Path(station.source), *(() if protocol.source_file is None else (protocol.source_file.path,))):

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from instruments.values import Answer
 from labctl.analysis.estimates import Estimate
+from labctl.bench import answers
 from labctl.bench.calibration import concerns, folder_of, new_folder, newest, read, save, warnings
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station, read_station
@@ -20,6 +22,7 @@ from tests.observers import Follower
 
 NOW = datetime(2026, 3, 2, 12, 0, tzinfo=UTC)
 LONG_AGO = datetime(2020, 3, 2, tzinfo=UTC)
+FAR_AHEAD = datetime(2999, 3, 2, tzinfo=UTC)
 GOOD = Finding("delay", "trigger to light", None, Estimate(98e-9, 1e-12), "s")
 
 
@@ -39,22 +42,47 @@ def saved(station: Station, date: datetime, *findings: Finding) -> Path:
 def test_the_newest_of_the_same_bench_counts(tmp_path: Path) -> None:
     station = at(tmp_path)
     assert folder_of(station) == tmp_path / "calibrations"
-    assert newest(station) is None
+    assert newest(station, NOW) is None
     saved(station, NOW - timedelta(days=1))
     path = saved(station, NOW)
     saved(station.twin(2), NOW + timedelta(days=1))
     saved(at(tmp_path, name="another"), NOW + timedelta(days=1))
     saved(station.cabled(projector=False), NOW + timedelta(days=2))
-    found = newest(station)
+    found = newest(station, NOW + timedelta(days=3))
     assert found is not None
     assert found.path == path
     assert found.stored.findings[0]["value"] == 98e-9
 
 
+def test_one_of_a_clock_that_was_ahead_is_left_out_and_told(tmp_path: Path) -> None:
+    """It would hide all that are made until its date."""
+    station = at(tmp_path)
+    wrong = saved(station, FAR_AHEAD)
+    (alone,) = warnings(None, station)
+    assert alone.startswith(
+        f"{wrong}: is dated 2999-03-02T00:00:00+00:00, which is yet to come, and is left out: check"
+    )
+    path = saved(station, NOW)
+    found = newest(station, NOW)
+    assert found is not None
+    assert found.path == path
+    assert alone in warnings(found.reference(), station)
+
+
+def test_an_answer_of_a_clock_that_was_ahead_is_left_out_and_told(tmp_path: Path) -> None:
+    station = at(tmp_path)
+    agrees, differs = (Answer("which level", "high", found, found == "high") for found in ("high", "low"))
+    wrong = answers.save(station, [agrees], FAR_AHEAD)
+    (alone,) = answers.warnings(station)
+    assert alone.startswith(f"{wrong}: is dated 2999-03-02")
+    path = answers.save(station, [differs], NOW)
+    assert [line.split(": ")[0] for line in answers.warnings(station)] == [str(wrong), str(path)]
+
+
 def test_it_stands_until_it_is_old(tmp_path: Path) -> None:
     station = at(tmp_path)
     saved(station, NOW)
-    found = newest(station)
+    found = newest(station, NOW)
     assert found is not None
     assert concerns(found, station, NOW + timedelta(days=6.9)) == []
     (told,) = concerns(found, station, NOW + timedelta(days=8))
@@ -71,7 +99,7 @@ def test_a_station_that_changed_is_named_key_by_key(tmp_path: Path) -> None:
         awg=station.awg.model_copy(update={"amplitude": 0.4, "timeout": 9.0}),
         limits=station.limits.model_copy(update={"rf_amplitude": 0.4}),
     )
-    found = newest(changed)
+    found = newest(changed, NOW)
     assert found is not None
     (told,) = concerns(found, changed, NOW)
     assert "awg.amplitude was 0.5, is 0.4" in told
@@ -82,7 +110,7 @@ def test_it_does_not_matter_how_the_station_is_named(tmp_path: Path, monkeypatch
     Path("bench.toml").write_text('[laser]\ncommands = "tlg.toml"\n', encoding="utf-8")
     saved(read_station(Path("bench.toml")), NOW)
     named = read_station(tmp_path / "bench.toml")
-    found = newest(named)
+    found = newest(named, NOW)
     assert found is not None
     assert concerns(found, named, NOW) == []
 
@@ -90,7 +118,7 @@ def test_it_does_not_matter_how_the_station_is_named(tmp_path: Path, monkeypatch
 def test_one_that_fell_short_says_so(tmp_path: Path) -> None:
     station = at(tmp_path)
     saved(station, NOW, Finding("range", "range used", 1, Estimate(0.4, 0.01), "1", "more light or gain is needed"))
-    found = newest(station)
+    found = newest(station, NOW)
     assert found is not None
     assert "not all of it was good" in concerns(found, station, NOW)[0]
 
@@ -101,7 +129,7 @@ def test_what_cannot_be_read_is_no_calibration(tmp_path: Path) -> None:
     whole = path.read_text("utf-8")
     for damaged in (whole[:-20], whole.replace('"1.0"', '"2.0"'), "", "[]"):
         path.write_text(damaged, "utf-8")
-        assert newest(station) is None
+        assert newest(station, NOW) is None
 
 
 def test_a_run_refers_to_it(tmp_path: Path) -> None:
@@ -110,7 +138,7 @@ def test_a_run_refers_to_it(tmp_path: Path) -> None:
     acquire(Acquisition(ImageReadout(images=2, classes=(0, 1), ports=(2,), window=4e-10), station, tmp_path / "run"))
     with open_run(tmp_path / "run") as run:
         reference = run.manifest["calibration"]
-    found = newest(station)
+    found = newest(station, NOW)
     assert found is not None
     assert reference == {"path": str(path), "sha256": found.sha256, "date": "2026-03-02T12:00:00+00:00", "good": True}
 

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import closing
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -267,7 +268,7 @@ class TestFaults:
         station.write_text("[sim]\nparameters = { laser_tuning_s = 0.0, fibre_loss_db = 80.0 }\n", encoding="utf-8")
         status, out, _ = labctl(capsys, "record", recording, "--", "align", "--station", station)
         assert (status, "calibration, not good" in out) == (1, True)
-        measured = newest(read_station(station))
+        measured = newest(read_station(station), datetime.now(UTC))
         again = tmp_path / "again"
         status, out, err = labctl(capsys, "replay", recording, "--", "align", "--station", station, "--out", again)
         assert (status, "replay: " in err) == (1, False)
@@ -275,7 +276,7 @@ class TestFaults:
         assert " UTC, of a recording" in (again / "report.html").read_text("utf-8")
         assert not (again / "calibration.json").exists()
         assert measured is not None
-        assert newest(read_station(station)) == measured
+        assert newest(read_station(station), datetime.now(UTC)) == measured
 
     def test_a_laser_that_does_not_obey_after_a_stop_is_an_error(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
