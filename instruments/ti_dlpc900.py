@@ -55,7 +55,7 @@ POWER, FIRMWARE_VERSION, FIRMWARE_TYPE = 0x0200, 0x0205, 0x0206  # 2.3.1.1, 2.1.
 HARDWARE_STATUS, SYSTEM_STATUS, MAIN_STATUS = 0x1A0A, 0x1A0B, 0x1A0C  # 2.1.1, 2.1.2, 2.1.3
 DISPLAY_MODE, RUN = 0x1A1B, 0x1A24  # 2.4.1, 2.4.4.3.1
 TRIGGER_OUT_2, INVERT = 0x1A1E, 0x1A30
-ANNOUNCE_IMAGE, LOAD_IMAGE = 0x1A2A, 0x1A2B  # 2.4.4.4.1, 2.4.4.4.2
+ANNOUNCE_IMAGE, LOAD_IMAGE = 0x1A2A, 0x1A2B  # 2.4.4.4.1, 2.4.4.4.2: images count for the table they came after
 CONFIGURE_PATTERNS, DEFINE_PATTERN = 0x1A31, 0x1A34  # 2.4.4.3.3, 2.4.4.3.5
 
 AWAKE = b"\0"
@@ -71,9 +71,7 @@ PARKED, RUNNING = 1, 2
 IMAGE_CHUNK = 504
 """Bytes of image data in one command."""
 BURST_IMAGES = 16
-"""Images with pictures to play. The memory holds 400 binary patterns (DLPS037H): these, and the picture to show."""
-SHOWN_IMAGE = BURST_IMAGES
-"""Where the picture to show is. Images are loaded in reverse order: this one without those below."""
+"""Images with pictures to play: the memory holds 400 binary patterns (DLPS037H)."""
 
 SHORTEST_US = 105
 """The shortest exposure of a binary pattern on all blocks of a DLP6500 (DLPU018J, DMD block load)."""
@@ -124,7 +122,9 @@ class TiDlpc900(BurstDmd):
     def __init__(self, commands: Commands) -> None:
         """Drive the controller that takes `commands`."""
         self._commands = commands
-        self._loaded = 0
+        self._images: list[bytes] = []  # of the pictures to play
+        self._loaded = 0  # pictures in them
+        self._downloaded: range | None = None  # the pictures that the controller has, under its present table
         self._showing = False  # one picture for ever
         self._wanted: dict[str, tuple[int, bytes]] = {}
 
@@ -151,8 +151,9 @@ class TiDlpc900(BurstDmd):
         if mirrors.shape != (ROWS, COLUMNS // 8):
             raise InstrumentError(f"dmd: a picture of {mirrors.shape} bytes: give ({ROWS}, {COLUMNS // 8}) packed bits")
         self._prepare(PULSE_US)
-        self._define([_Pattern(SHOWN_IMAGE, 0, EXPOSURE_US, pulse=False)], FOR_EVER)
-        self._load(SHOWN_IMAGE, dlpc900_image.encode(mirrors[np.newaxis]))
+        self._downloaded = None
+        self._define([_Pattern(0, 0, EXPOSURE_US, pulse=False)], FOR_EVER)
+        self._download([dlpc900_image.encode(mirrors[np.newaxis])])
         self._commands.write(RUN, START)
         self._showing = True
 
@@ -165,15 +166,13 @@ class TiDlpc900(BurstDmd):
         return BURST_IMAGES * dlpc900_image.PLANES
 
     def load(self, mirrors: Iterable[NDArray[np.uint8]], count: int, *, progress: Progress | None = None) -> None:
-        """Images of 24 pictures, the last one first; `progress` is called after each image."""
+        """Images of 24 pictures, made now and kept here: the controller forgets images when its table changes."""
         Range(1, self.capacity(), "pictures").check("pictures in the DMD's memory", count)
-        images = [dlpc900_image.encode(pictures) for pictures in _by_images(mirrors)]
-        self._prepare(PULSE_US)
-        self._loaded = 0
-        for done, (index, image) in enumerate(reversed(list(enumerate(images))), 1):
-            self._load(index, image)
+        self._loaded, self._images, self._downloaded = 0, [], None
+        for pictures in _by_images(mirrors):
+            self._images.append(dlpc900_image.encode(pictures))
             if progress is not None:
-                progress(count * done // len(images), count)
+                progress(min(count, len(self._images) * dlpc900_image.PLANES), count)
         self._loaded = count
 
     def hold(self) -> None:
@@ -183,7 +182,11 @@ class TiDlpc900(BurstDmd):
             self._commands.write(RUN, PAUSE)
 
     def play(self, first: int, count: int, period_s: float, *, rounds: int = 1, pulse_s: float | None = None) -> None:
-        """Define the pictures as patterns of one period each, and start them; without a `pulse_s` it is 20 us."""
+        """Define the pictures as patterns of one period each, download and start them; without a `pulse_s` it is 20 us.
+
+        Images must be downloaded again whenever the number of entries, or the place of one, changes (2.4.4.4.2): for
+        the pictures that were played last they are not.
+        """
         if not self._loaded:
             raise InstrumentError("dmd: no pictures are loaded: load them before playing")
         Range(1, self._loaded - first, "pictures").check("pictures to play", count)
@@ -192,8 +195,14 @@ class TiDlpc900(BurstDmd):
         pulse_us = PULSE_US if pulse_s is None else round(pulse_s * 1e6)
         Range(1, min(period_us, PULSE_US + LONGEST_DELAY_US), "us").check("pulse of a picture", pulse_us)
         self._prepare(pulse_us)
-        places = (divmod(picture, dlpc900_image.PLANES) for picture in range(first, first + count))
+        pictures = range(first, first + count)
+        used = range(first // dlpc900_image.PLANES, pictures[-1] // dlpc900_image.PLANES + 1)
+        places = [divmod(picture - used[0] * dlpc900_image.PLANES, dlpc900_image.PLANES) for picture in pictures]
         self._define([_Pattern(image, bit, period_us, pulse=True) for image, bit in places], rounds * count)
+        if self._downloaded != pictures:
+            self._downloaded = None
+            self._download([self._images[image] for image in used])
+            self._downloaded = pictures
         self._commands.write(RUN, START)
 
     def changes(self) -> tuple[Change, ...]:
@@ -234,6 +243,7 @@ class TiDlpc900(BurstDmd):
         }
         for command, data in self._wanted.values():
             if self._commands.read(command)[: len(data)] != data:
+                self._downloaded = None  # a change of mode empties the table
                 self._commands.write(command, data)
                 self._await(command, data)
                 self._commands.write(RUN, STOP)  # a change of mode may have started the last sequence again
@@ -259,12 +269,14 @@ class TiDlpc900(BurstDmd):
         self._commands.check(DEFINE_PATTERN)
         self._commands.write(CONFIGURE_PATTERNS, struct.pack("<HI", len(patterns), to_display))
 
-    def _load(self, index: int, image: bytes) -> None:
-        self._commands.write(ANNOUNCE_IMAGE, struct.pack("<HI", index, len(image)))
-        for start in range(0, len(image), IMAGE_CHUNK):
-            chunk = image[start : start + IMAGE_CHUNK]
-            self._commands.send(LOAD_IMAGE, struct.pack("<H", len(chunk)) + chunk)
-        self._commands.check(LOAD_IMAGE)
+    def _download(self, images: list[bytes]) -> None:
+        """To the places 0, 1, ..., the last one first."""
+        for index, image in reversed(list(enumerate(images))):
+            self._commands.write(ANNOUNCE_IMAGE, struct.pack("<HI", index, len(image)))
+            for start in range(0, len(image), IMAGE_CHUNK):
+                chunk = image[start : start + IMAGE_CHUNK]
+                self._commands.send(LOAD_IMAGE, struct.pack("<H", len(chunk)) + chunk)
+            self._commands.check(LOAD_IMAGE)
 
 
 def _by_images(blocks: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:

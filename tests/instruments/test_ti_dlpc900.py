@@ -122,7 +122,7 @@ def test_pictures_in_turn_each_with_a_pulse(dmd: TiDlpc900, world: Watched) -> N
     done: list[tuple[int, int]] = []
     blocks = (np.stack([superpixels(first + n) for n in range(20)]) for first in (0, 20, 40))
     dmd.load(blocks, 60, progress=lambda *progress: done.append(progress))
-    assert done == [(20, 60), (40, 60), (60, 60)]
+    assert done == [(24, 60), (48, 60), (60, 60)]
     dmd.show(superpixels(700))
     dmd.hold()
     assert lit_in(world) == [700]
@@ -137,6 +137,28 @@ def test_pictures_in_turn_each_with_a_pulse(dmd: TiDlpc900, world: Watched) -> N
     assert projected(world).synch_pulse_s == pytest.approx(20e-6)
     dmd.play(3, 2, 200e-6, rounds=7)
     assert (len(projected(world).counts), projected(world).repeats) == (2, 7)
+
+
+def test_pictures_are_downloaded_anew_wherever_the_table_changed(
+    dmd: TiDlpc900, world: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The guide's rule (DLPU018J, 2.4.4.4.2); of the images, only those that are played; none for the same again."""
+    announced: list[int] = []
+    announce = VirtualDlpc900.announce
+    monkeypatch.setattr(
+        VirtualDlpc900, "announce", lambda one, index, size: (announced.append(index), announce(one, index, size))[1]
+    )
+    dmd.load([np.stack([superpixels(n) for n in range(60)])], 60)
+    for first, count, images in ((0, 60, [2, 1, 0]), (0, 60, []), (0, 20, [0]), (40, 20, [1, 0]), (4, 20, [0])):
+        announced.clear()
+        dmd.play(first, count, 105e-6)
+        assert [np.flatnonzero(row).tolist() for row in projected(world).counts] == [
+            [n] for n in range(first, first + count)
+        ]
+        assert announced == images
+    dmd.show(superpixels(700))
+    dmd.play(4, 20, 105e-6)
+    assert announced == [0, 0, 0], "also after a picture that was shown meanwhile"
 
 
 def test_holding_stops_pictures_in_turn(dmd: TiDlpc900, world: Watched) -> None:

@@ -123,11 +123,11 @@ def test_it_is_found_and_well(dlpc: Any) -> None:
 
 def test_patterns_are_light_and_dark(dlpc: Any, light: Callable[[], float]) -> None:
     on_the_fly(dlpc)
-    upload(dlpc)
     seen = []
     for bit in (0, 1):
         dlpc.define_pattern(0, image_index=0, bit_position=bit)
         dlpc.configure_pattern_lut(1)
+        upload(dlpc)  # anew after every change of the table, says the guide
         dlpc.start_pattern()
         assert dlpc.get_main_status()["sequencer_running"]
         seen.append(light())
@@ -138,10 +138,10 @@ def test_patterns_are_light_and_dark(dlpc: Any, light: Callable[[], float]) -> N
 
 def test_a_sequence_ends_by_itself(dlpc: Any) -> None:
     on_the_fly(dlpc)
-    upload(dlpc)
     for index in range(2):
         dlpc.define_pattern(index, trigger_out2=True, image_index=0, bit_position=index)
     dlpc.configure_pattern_lut(2, num_repeats=2)  # so many patterns, says the guide
+    upload(dlpc)
     dlpc.start_pattern()
     dlpc._poll_until(lambda: not dlpc.get_main_status()["sequencer_running"], interval_s=0.01, error_msg="goes on")
     assert not any(dlpc.get_hardware_status()[name] for name in ("sequencer_abort", "sequencer_error"))

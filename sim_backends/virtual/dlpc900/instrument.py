@@ -94,7 +94,8 @@ class VirtualDlpc900:
         self.patterns: dict[int, Pattern] = {}
         self.configured = 0
         self.to_display = 0
-        self.images: dict[int, NDArray[np.uint16]] = {}
+        self.images: dict[int, NDArray[np.uint16]] = {}  # for the present table alone
+        self._places: list[tuple[int, int]] = []
         self._upload: Upload | None = None
         self.world.show(None)
 
@@ -246,6 +247,7 @@ class VirtualDlpc900:
             self._require(self.running == STOP)
             self._coming = mode, self.world.clock.now + MODE_S
             self.patterns.clear()
+            self._places, self.images = [], {}
             self.configured = self.to_display = 0
 
     def define(self, index: int, exposure: bytes, options: int, dark: bytes, triggers: int, where: int) -> None:
@@ -273,6 +275,10 @@ class VirtualDlpc900:
         if any(index not in self.patterns for index in range(count)):
             raise Refusal(commands.BAD_DEFINITION)
         self.configured, self.to_display = count, to_display
+        places = [(self.patterns[index].image, self.patterns[index].bit) for index in range(count)]
+        if places != self._places:
+            self._places = places
+            self.images.clear()  # "re-download the images ... whenever changes are made" (DLPU018J, 2.4.4.4.2)
 
     def announce(self, index: int, size: int) -> None:
         """0x1A2A: the image that comes, and its bytes."""

@@ -126,10 +126,10 @@ def entry(index: int, *, exposure_us: int = 200, options: int = 0x10, silent: in
 def sequence(device: Cable, count: int, to_display: int, image: bytes = ALL_BITS, **manner: int) -> None:
     """So many patterns, the bits of one image in turn, started."""
     on_the_fly(device)
-    upload(device, picture(2, image))
     for index in range(count):
         assert send(device, WRITE, ENTRY, entry(index, bit=index, **manner))[0] == WRITE
     assert send(device, WRITE, LUT, struct.pack("<HI", count, to_display))[0] == WRITE
+    upload(device, picture(2, image))
     assert send(device, WRITE, RUN, START)[0] == WRITE
 
 
@@ -151,6 +151,25 @@ def test_a_sequence_ends_when_so_many_patterns_were_displayed(device: Cable, wor
     assert refusal(device, ENTRY, entry(0)) == 5, "stop it first"
     send(device, WRITE, RUN, STOP)
     assert send(device, WRITE, ENTRY, entry(0))[0] == WRITE
+
+
+def test_images_count_for_the_table_that_they_came_after(device: Cable, world: Watched) -> None:
+    sequence(device, 2, 2)
+    send(device, WRITE, RUN, STOP)
+    send(device, WRITE, ENTRY, entry(0, bit=0, exposure_us=300))
+    send(device, WRITE, ENTRY, entry(1, bit=1, exposure_us=300))
+    send(device, WRITE, LUT, struct.pack("<HI", 2, 7))
+    assert send(device, WRITE, RUN, START)[0] == WRITE, "other exposures, shown more often: the same places"
+    send(device, WRITE, RUN, STOP)
+    send(device, WRITE, LUT, struct.pack("<HI", 1, 1))
+    assert refusal(device, RUN, START) == 7, "another number of entries"
+    upload(device, picture(2, ALL_BITS))
+    send(device, WRITE, RUN, START)
+    assert projected(world).counts.all()
+    send(device, WRITE, RUN, STOP)
+    send(device, WRITE, ENTRY, entry(0, bit=5, exposure_us=300))
+    send(device, WRITE, LUT, struct.pack("<HI", 1, 1))
+    assert refusal(device, RUN, START) == 7, "another bit"
 
 
 def test_a_paused_sequence_goes_on_with_its_pattern(device: Cable, world: Watched) -> None:
