@@ -1,7 +1,7 @@
 """TI DLPC900 DMD controllers (LightCrafter 6500), on USB or served on the network.
 
-Source: TI DLPC900 programmer's guide (DLPU018J; sections beside the commands), its data sheet (DLPS037H), instrument
-facts 4.3.
+Source: TI DLPC900 programmer's guide (DLPU018J; sections beside the commands), its data sheet (DLPS037H), TI's own API
+source for idle mode and flips, instrument facts 4.3.
 """
 
 import struct
@@ -53,6 +53,7 @@ DRIVER = Driver(
 
 POWER, FIRMWARE_VERSION, FIRMWARE_TYPE = 0x0200, 0x0205, 0x0206  # 2.3.1.1, 2.1.4, 2.1.5
 HARDWARE_STATUS, SYSTEM_STATUS, MAIN_STATUS = 0x1A0A, 0x1A0B, 0x1A0C  # 2.1.1, 2.1.2, 2.1.3
+IDLE, FLIP_LONG_AXIS, FLIP_SHORT_AXIS = 0x0201, 0x1008, 0x1009
 DISPLAY_MODE, RUN = 0x1A1B, 0x1A24  # 2.4.1, 2.4.4.3.1
 TRIGGER_OUT_2, INVERT = 0x1A1E, 0x1A30
 ANNOUNCE_IMAGE, LOAD_IMAGE = 0x1A2A, 0x1A2B  # 2.4.4.4.1, 2.4.4.4.2: images count for the table they came after
@@ -60,7 +61,7 @@ CONFIGURE_PATTERNS, DEFINE_PATTERN = 0x1A31, 0x1A34  # 2.4.4.3.3, 2.4.4.3.5
 
 AWAKE = b"\0"
 PATTERN_ON_THE_FLY = b"\3"
-NOT_INVERTED = b"\0"
+NOT_INVERTED = NOT_IDLE = NOT_FLIPPED = b"\0"
 STOP, PAUSE, START = b"\0", b"\1", b"\2"
 FOR_EVER = 0
 ALL_COLOURS = 0b111
@@ -85,7 +86,10 @@ LONGEST_DELAY_US = 20_000
 MODE_POLL_S = 0.01
 MODE_TIMEOUT_S = 10.0
 """A change to video pattern mode takes 0.3 s (DLPU018J, 2.4.1); other times are not documented."""
-ROWS, COLUMNS = 1080, 1920
+ROWS, COLUMNS = 1080, 1920  # of a DLP6500
+DLP6500 = 1
+DMDS = {DLP6500: "DLP6500", 2: "DLP9000", 3: "DLP670S", 4: "DLP500YX", 5: "DLP5500"}
+"""What the controller says it drives (2.1.5)."""
 
 HARDWARE_FAULTS = {
     1: "controller and DMD do not fit",
@@ -129,8 +133,18 @@ class TiDlpc900(BurstDmd):
         self._wanted: dict[str, tuple[int, bytes]] = {}
 
     def identify(self) -> Identity:
-        """Firmware tag and version; the controller has no serial number to ask for."""
-        tag = self._commands.read(FIRMWARE_TYPE)[1:].split(b"\0")[0].decode("ascii", "replace")
+        """Firmware tag and version; the controller has no serial number to ask for.
+
+        Raises:
+            InstrumentError: its DMD is not a DLP6500.
+        """
+        dmd, *text = self._commands.read(FIRMWARE_TYPE)
+        if dmd != DLP6500:
+            raise InstrumentError(
+                f"dmd: the DLPC900 drives a {DMDS.get(dmd, f'DMD of unknown type {dmd}')}, and the driver ti-dlpc900 "
+                f"is for the {DMDS[DLP6500]}, {COLUMNS} x {ROWS} mirrors, only: use another driver"
+            )
+        tag = bytes(text).split(b"\0")[0].decode("ascii", "replace")
         patch, minor, major = struct.unpack("<HBB", self._commands.read(FIRMWARE_VERSION)[:4])
         return Identity("Texas Instruments", f"DLPC900 {COLUMNS}x{ROWS}", "", f"{tag} {major}.{minor}.{patch}".strip())
 
@@ -206,7 +220,10 @@ class TiDlpc900(BurstDmd):
         self._commands.write(RUN, START)
 
     def changes(self) -> tuple[Change, ...]:
-        """What turns pictures into others or keeps pulses away: mode, inversion, pulse, mirrors parked, no sequence."""
+        """What turns pictures into others or keeps pulses away.
+
+        Idle, mode, inversion, flips, pulse, mirrors parked, no sequence.
+        """
         found = [
             Change(name, then.hex(" "), now.hex(" "))
             for name, (command, then) in self._wanted.items()
@@ -232,13 +249,17 @@ class TiDlpc900(BurstDmd):
         self._commands.close()
 
     def _prepare(self, pulse_us: int) -> None:
-        """Awake, stopped, in the mode whose images come over the link, with pulses of so long."""
+        """Awake, stopped, not idle, in the mode whose images come over the link, with pulses of so long."""
         self._showing = False
         self._commands.write(POWER, AWAKE)
         self._commands.write(RUN, STOP)
+        self._commands.write(IDLE, NOT_IDLE)
         self._wanted = {
             "display mode": (DISPLAY_MODE, PATTERN_ON_THE_FLY),
+            "idle mode": (IDLE, NOT_IDLE),
             "inversion": (INVERT, NOT_INVERTED),
+            "flip across the long axis": (FLIP_LONG_AXIS, NOT_FLIPPED),
+            "flip across the short axis": (FLIP_SHORT_AXIS, NOT_FLIPPED),
             "trigger output 2": (TRIGGER_OUT_2, struct.pack("<Bhh", 0, 0, pulse_us - PULSE_US)),
         }
         for command, data in self._wanted.values():

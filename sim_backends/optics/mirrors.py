@@ -117,6 +117,11 @@ def upside_down(counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return counts.reshape(-1, SIDE, SIDE)[:, ::-1].reshape(counts.shape)
 
 
+def left_for_right(counts: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Counts (n, 784) when the columns of mirrors change places, first and last: the lit ones lie in the middle."""
+    return counts.reshape(-1, SIDE, SIDE)[:, :, ::-1].reshape(counts.shape)
+
+
 def fraction(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
     """Amplitude reflectance 0..1 of superpixels with `counts` mirrors on, any shape: counts over 729."""
     return counts.astype(np.float32) / np.float32(MIRRORS_PER_SUPERPIXEL**2)

@@ -190,12 +190,16 @@ def test_what_somebody_else_changed_is_told_and_set_anew(dmd: TiDlpc900, device:
     assert dmd.changes() == ()
     other = Commands(device, unheard)
     other.write(0x1A24, b"\0")
-    other.write(0x1A30, b"\1")
+    for command in (0x1A30, 0x0201, 0x1008, 0x1009):
+        other.write(command, b"\1")
     other.write(0x1A1B, b"\0")
     other.write(0x0200, b"\1")
     for _ in range(3):
         other.read(0x1A1B)
-    assert [change.setting for change in dmd.changes()] == ["display mode", "inversion", "mirrors", "sequence"]
+    assert [change.setting for change in dmd.changes()] == [
+        *("display mode", "idle mode", "inversion", "flip across the long axis", "flip across the short axis"),
+        *("mirrors", "sequence"),
+    ]
     dmd.show(superpixels(5))
     assert dmd.changes() == ()
     assert lit_in(world) == [5]
@@ -213,6 +217,15 @@ def test_identity_and_self_test(dmd: TiDlpc900) -> None:
     assert identity.model == "DLPC900 1920x1080"
     assert identity.firmware == "LCR6500 simulated 6.0.0"
     dmd.self_test()
+
+
+@pytest.mark.parametrize(("number", "named"), [(2, "a DLP9000"), (9, "a DMD of unknown type 9")])
+def test_a_controller_of_another_dmd_is_refused(
+    dmd: TiDlpc900, monkeypatch: pytest.MonkeyPatch, number: int, named: str
+) -> None:
+    monkeypatch.setattr("sim_backends.virtual.dlpc900.instrument.DLP6500", number)
+    with pytest.raises(InstrumentError, match=f"drives {named}, and the driver ti-dlpc900 is for the DLP6500"):
+        dmd.identify()
 
 
 def test_a_refusal_is_told_in_words(dmd: TiDlpc900, device: Altered) -> None:

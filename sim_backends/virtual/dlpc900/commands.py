@@ -32,6 +32,7 @@ ERROR_TEXTS = {
 }
 
 LAST_ERROR, ERROR_TEXT, LOAD_IMAGE = 0x0100, 0x0101, 0x1A2B
+IDLE, FLIP_LONG_AXIS, FLIP_SHORT_AXIS = 0x0201, 0x1008, 0x1009
 TRIGGER_OUT_1, TRIGGER_OUT_2, INVERT, TRIGGER_IN_1 = 0x1A1D, 0x1A1E, 0x1A30, 0x1A35
 
 
@@ -66,7 +67,6 @@ class Setting(NamedTuple):
 
 ACTIONS = {
     0x0200: Action("power mode", "<B", "set_power"),
-    0x0201: Action("idle mode", "<B", "set_idle"),
     0x1A1B: Action("display mode", "<B", "set_mode"),
     0x1A24: Action("pattern display start, pause, stop", "<B", "run_patterns"),
     0x1A2A: Action("initialise pattern BMP load", "<HI", "announce"),
@@ -87,6 +87,9 @@ READINGS = {
 }
 _POLARITY, _DELAY = (0, 1), (-20, 20_000)  # us
 SETTINGS = {
+    IDLE: Setting("idle mode", "<B", (0,), ((0, 1),), WORKS),
+    FLIP_LONG_AXIS: Setting("long-axis image flip", "<B", (0,), (_POLARITY,), WORKS),
+    FLIP_SHORT_AXIS: Setting("short-axis image flip", "<B", (0,), (_POLARITY,), WORKS),
     0x1A00: Setting("input source", "<B", (0,), ((0, 31),)),
     0x1A01: Setting("IT6535 power mode", "<B", (0,), ((0, 2),)),
     0x1A03: Setting("port and clock", "<B", (0,), ((0, 63),)),

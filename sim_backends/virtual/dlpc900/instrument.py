@@ -169,6 +169,8 @@ class VirtualDlpc900:
             raise Refusal(commands.INVALID_PARAMETER)
         self._require(self.running == STOP)  # "before executing this command, stop the current pattern sequence"
         self.settings[command] = values
+        if command == commands.IDLE:
+            self.world.show(None)  # idle mode flips the mirrors all the time; here it is dark
 
     # --- what is read
 
@@ -229,14 +231,6 @@ class VirtualDlpc900:
             self._power_on()
         elif state != self.power:
             self.power, self.running = state, STOP
-            self.world.show(None)
-
-    def set_idle(self, state: int) -> None:
-        """0x0201: idle mode flips the mirrors all the time; here it is dark."""
-        if state > 1:
-            raise Refusal(commands.INVALID_PARAMETER)
-        if state:
-            self._require(self.running == STOP)
             self.world.show(None)
 
     def set_mode(self, mode: int) -> None:
@@ -325,7 +319,7 @@ class VirtualDlpc900:
         self.running = action
 
     def _start(self) -> None:
-        self._require(self.mode != VIDEO and self.power == AWAKE)
+        self._require(self.mode != VIDEO and self.power == AWAKE and not self.settings[commands.IDLE][0])
         if not self.configured:
             raise Refusal(commands.BAD_DEFINITION)
         patterns = [self.patterns[index] for index in range(self.configured)]
@@ -338,6 +332,10 @@ class VirtualDlpc900:
         counts = np.stack([self.images[pattern.image][pattern.bit] for pattern in patterns])
         if self.settings[commands.INVERT][0]:
             counts = mirrors.inverted(counts)
+        if self.settings[commands.FLIP_LONG_AXIS][0]:
+            counts = mirrors.upside_down(counts)
+        if self.settings[commands.FLIP_SHORT_AXIS][0]:
+            counts = mirrors.left_for_right(counts)
         self.world.project(self._projection(np.roll(counts, -self._begins_with, axis=0), patterns[0]))
         self.world.clock.advance(LOAD_S)
 

@@ -219,6 +219,28 @@ def test_inverted_data(device: Cable, world: Watched) -> None:
     assert not projected(world).counts.any()
 
 
+@pytest.mark.parametrize(("command", "place"), [(0x1008, 27 * 28), (0x1009, 27)])
+def test_a_flip_turns_pictures_round(device: Cable, world: Watched, command: int, place: int) -> None:
+    corner = bytearray(picture(0, bytes(3 * 1920 * 1080)))
+    for row in range(8, 8 + 38):
+        for column in range(428, 428 + 38):
+            corner[48 + 3 * (1920 * row + column) + 2] = 1
+    assert send(device, WRITE, command, b"\1")[0] == WRITE
+    assert send(device, READ, command)[4] == 1
+    show(device, bytes(corner))
+    assert np.flatnonzero(projected(world).counts).tolist() == [place]
+
+
+def test_an_idle_controller_shows_nothing_until_it_is_told_otherwise(device: Cable, world: Watched) -> None:
+    sequence(device, 1, 0)
+    send(device, WRITE, RUN, STOP)
+    send(device, WRITE, 0x0201, b"\1")
+    assert send(device, READ, 0x0201)[4] == 1
+    assert refusal(device, RUN, START) == 5
+    send(device, WRITE, 0x0201, b"\0")
+    assert send(device, WRITE, RUN, START)[0] == WRITE
+
+
 @pytest.mark.parametrize("other", [{"exposure_us": 300}, {"options": 0x90}, {"silent": 1}])
 def test_what_is_not_simulated_is_refused(device: Cable, other: dict[str, int]) -> None:
     on_the_fly(device)
