@@ -2,7 +2,8 @@
 
 Sources of the commands: `qmi/instruments/santec/tsl_570.py` of QMI, which speaks the legacy command set (nm, dBm;
 messages end with CR; one command a message), and `pymeasure/instruments/santec/tsl570.py` for the shutter and for the
-command sets: in the SCPI one, the same headers are in metres.
+command sets: in the SCPI one, the same headers are in metres. Fine tuning (-100 to 100, in no unit) and the state of a
+sweep (0: stopped) are as public drivers of this laser have them.
 """
 
 import math
@@ -39,7 +40,10 @@ NO_ALERTS = "No alerts"
 
 LEGACY = Setting("SYSTem:COMMunicate:CODe", "0")
 """First of all: in the other command set the same number is another wavelength."""
+FINE = "WAVelength:FINe"
+"""A hand at the front panel turns it. `tune` ends it, and what is answered then must stay."""
 LEFTOVERS = (
+    Setting("WAVelength:SWEep:STATe", "0"),
     Setting("WAVelength:UNIT", "0"),
     Setting("WAVelength:OFFSet", "0", tolerance=1e-5, unit="nm"),
     Setting("COHCtrl", "0"),
@@ -47,7 +51,7 @@ LEFTOVERS = (
     Setting("POWer:UNIT", "0"),
     Setting("POWer:ATTenuation:AUTo", "1"),
 )
-"""What others leave behind that changes the light, or what numbers mean: units, offset, linewidth, modulation."""
+"""What others leave behind that changes light, or what numbers mean: a sweep, units, offset, linewidth, modulation."""
 
 DRIVER = Driver(
     section=Tsl570Section,
@@ -64,7 +68,7 @@ DRIVER = Driver(
     ),
     identity=re.compile(r"santec.*TSL-?570", re.IGNORECASE),
     sent_anew=(
-        *("wavelength_nm", "power_dbm", "emitting", "shutter_closed"),
+        *("wavelength_nm", "power_dbm", "emitting", "shutter_closed", FINE),
         *(setting.command for setting in (LEGACY, *LEFTOVERS)),
     ),
     ranges=lambda _section: LaserRanges(ANY_WAVELENGTH, POWER, "driver santec-tsl-570"),
@@ -104,6 +108,7 @@ class Tsl570(TunableLaser):
             self._link.write(":WAVelength:FINetuning:DISable")
             self._link.write(f":WAVelength {wavelength_nm:.4f}")
         self._settle()
+        self._kept[f"{FINE}?"] = self._link.query(f":{FINE}?")
         return self._confirmed("WAVelength", wavelength_nm, WAVELENGTH_TOLERANCE_NM, "nm")
 
     def set_power(self, power_w: float) -> float:
@@ -155,7 +160,8 @@ class Tsl570(TunableLaser):
         """Wavelength, power, emission, shutter, and what others leave behind."""
         left = {setting.command: self._link.number(f":{setting.question}") for setting in (LEGACY, *LEFTOVERS)}
         return {
-            "wavelength_nm": self._link.number(":WAVelength?"),
+            "wavelength_nm": self._nanometres(":WAVelength?"),
+            FINE: self._link.number(f":{FINE}?"),
             "power_dbm": self._link.number(":POWer?"),
             "emitting": self._link.number(":POWer:STATe?"),
             "shutter_closed": self._link.number(":POWer:SHUTter?"),
@@ -190,7 +196,12 @@ class Tsl570(TunableLaser):
         return float(answer)
 
     def _wavelengths(self) -> Range:
-        return Range(self._link.number(":WAVelength:MINimum?"), self._link.number(":WAVelength:MAXimum?"), "nm")
+        return Range(self._nanometres(":WAVelength:MINimum?"), self._nanometres(":WAVelength:MAXimum?"), "nm")
+
+    def _nanometres(self, question: str) -> float:
+        """What it answers: in metres where somebody has left it in the other command set, in which it is only asked."""
+        legacy = self._link.query(f":{LEGACY.question}") == LEGACY.value
+        return self._link.number(question) * (1 if legacy else 1e9)
 
     def _settle(self) -> None:
         """`*OPC?` answers at once, 0 until it rests."""

@@ -90,7 +90,10 @@ def test_outside_its_band_or_power_nothing_is_sent(bench: Bench, log: Any) -> No
 
 @pytest.mark.parametrize(
     "left",
-    [":SYSTem:COMMunicate:CODe 1", ":POWer:UNIT 1", ":WAVelength:OFFSet 0.05", ":COHCtrl 1", ":AM:STATe 1"],
+    [
+        *(":SYSTem:COMMunicate:CODe 1", ":POWer:UNIT 1", ":WAVelength:OFFSet 0.05", ":COHCtrl 1", ":AM:STATe 1"),
+        *(":WAVelength:FINe 50", ":WAVelength:SWEep:STATe 1"),
+    ],
 )
 def test_what_others_leave_behind_is_set(bench: Bench, front_panel: VisaLink, left: str) -> None:
     front_panel.write(left)
@@ -101,6 +104,14 @@ def test_what_others_leave_behind_is_set(bench: Bench, front_panel: VisaLink, le
         front_panel.errors()
         with pytest.raises((SettingChanged, OverLimit)):
             bench.require_unchanged()
+
+
+def test_in_the_other_command_set_it_says_where_it_tunes_and_is_left_in_it(bench: Bench, front_panel: VisaLink) -> None:
+    front_panel.write(":SYSTem:COMMunicate:CODe 1")
+    wavelengths = bench.laser.examine().limits["wavelength"]
+    assert (wavelengths.low, wavelengths.high) == pytest.approx((1500, 1630))
+    assert bench.laser.settings()["wavelength_nm"] == pytest.approx(1550)
+    assert front_panel.query(":SYSTem:COMMunicate:CODe?") == "1"
 
 
 def test_it_is_found_by_its_own_terminator_and_recognised(santec: str) -> None:

@@ -1,7 +1,8 @@
 """The virtual tunable laser TSL-570: dark while it tunes, its numbers in other units in its other command set.
 
 Sources of the commands: `qmi/instruments/santec/tsl_570.py` of QMI (legacy command set, messages end with CR, `*OPC?`
-answers at once whether it rests), `pymeasure/instruments/santec/tsl570.py` (SCPI command set, metres, shutter).
+answers at once whether it rests), `pymeasure/instruments/santec/tsl570.py` (SCPI command set, metres, shutter). Not
+simulated: light that moves while it sweeps.
 """
 
 import math
@@ -18,6 +19,7 @@ from sim_backends.world.world import World
 SHORTEST_NM, LONGEST_NM = 1500.0, 1630.0
 LEAST_DBM, MOST_DBM = -15.0, 13.0
 DARK_DBM = -50.0  # what the power monitor shows without light; recalled
+FINE_NM = 0.5e-3  # of a unit of fine tuning, a guess: public drivers give its range, -100 to 100, and no unit
 POLL_S = 0.1  # what a client lets pass between two questions whether it rests
 LEGACY, SCPI = 0, 1
 DBM, MW = 0, 1
@@ -35,8 +37,9 @@ class VirtualTsl570(VirtualInstrument):
         Query("WAVelength:MAXimum?", "longest"),
         Setting("WAVelength:UNIT", "wavelength_unit", integer(0, 1), effect=False),
         Setting("WAVelength:OFFSet", "offset_nm", real(-0.1, 0.1)),
-        Setting("WAVelength:FINe", "fine", real(-100, 100), effect=False),
-        Action("WAVelength:FINetuning:DISable", "end_fine_tuning", effect=False),
+        Setting("WAVelength:FINe", "fine", real(-100, 100)),
+        Action("WAVelength:FINetuning:DISable", "end_fine_tuning"),
+        Setting("WAVelength:SWEep[:STATe]", "sweeps", integer(0, 1), effect=False),
         Setting("COHCtrl", "coherence_control", boolean, effect=False),
         Setting("AM:STATe", "modulated", boolean, effect=False),
         Setting("POWer[:LEVel]", "power", real()),
@@ -60,6 +63,7 @@ class VirtualTsl570(VirtualInstrument):
         self._wavelength_nm = 1550.0
         self._power_dbm = 10.0
         self.wavelength_unit, self.power_unit = 0, DBM
+        self.sweeps = 0
         self.offset_nm = self.fine = 0.0
         self.coherence_control = self.modulated = self.output = False
         self.shutter_closed = self.auto_attenuation = True
@@ -128,5 +132,6 @@ class VirtualTsl570(VirtualInstrument):
 
     def _emit(self) -> None:
         lit = self.output and not self.shutter_closed
-        light = Emission(self._wavelength_nm + self.offset_nm, 1e-3 * 10 ** (self._power_dbm / 10)) if lit else None
+        wavelength_nm = self._wavelength_nm + self.offset_nm + FINE_NM * self.fine
+        light = Emission(wavelength_nm, 1e-3 * 10 ** (self._power_dbm / 10)) if lit else None
         self.world.emit(light, lit_from_s=self._settled_s)

@@ -3,6 +3,7 @@
 import pytest
 
 from sim_backends.virtual import VirtualTsl570
+from sim_backends.virtual.tsl570.instrument import FINE_NM
 from tests.sim_backends.virtual.watched import Ask, Watched
 
 
@@ -44,3 +45,13 @@ def test_the_other_command_set_is_in_metres(ask: Ask, laser: VirtualTsl570) -> N
 def test_what_is_out_of_range_is_refused(ask: Ask, laser: VirtualTsl570, line: str) -> None:
     assert ask(laser, f"{line};:SYST:ERR?").startswith(b"-222,")
     assert ask(laser, ":SYST:ALER?") == b"No alerts."
+
+
+def test_fine_tuning_moves_its_light_until_it_is_ended(ask: Ask, laser: VirtualTsl570, world: Watched) -> None:
+    ask(laser, ":POW:SHUT 0;STAT 1;:WAV:FIN -40")
+    assert world.light is not None
+    assert world.light.wavelength_nm == pytest.approx(1550 - 40 * FINE_NM)
+    assert float(ask(laser, ":WAV?")) == 1550
+    ask(laser, ":WAV:FINETUNING:DIS")
+    assert float(ask(laser, ":WAV:FINE?")) == 0
+    assert world.light.wavelength_nm == 1550
