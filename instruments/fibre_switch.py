@@ -1,4 +1,8 @@
-"""An optical matrix switch with SCPI routing commands: `ROUTe:CLOSe (@channel!port)`, `ROUTe:OPEN:ALL`."""
+"""An optical matrix switch with SCPI routing commands: `ROUTe:CLOSe (@channel!port)`, `ROUTe:OPEN:ALL`.
+
+`ROUTe:CLOSe? (@channel!port,...)` answers 1 or 0 for each of a list (SCPI-99, volume 2, chapter 17): switches such as
+the HP E1468A refuse the question without one.
+"""
 
 import re
 from collections.abc import Mapping
@@ -6,10 +10,12 @@ from collections.abc import Mapping
 from instruments.driver import Driver
 from instruments.errors import InstrumentError, OutOfRange, excerpt
 from instruments.interfaces import PatchPanel
-from instruments.kept_settings import KeptSettings
 from instruments.sections import PatchPanelSection, Timeout
 from instruments.values import Change, Examination, Identity
 from instruments.visa import VisaLink
+
+CHANNELS = range(1, 5)
+"""Of the oscilloscope."""
 
 
 class FibreSwitchSection(PatchPanelSection):
@@ -35,7 +41,8 @@ class ScpiFibreSwitch(PatchPanel):
     def __init__(self, link: VisaLink, *, ports: tuple[int, ...]) -> None:
         """Drive the switch behind `link`, which carries `ports`."""
         self._link = link
-        self._kept = KeptSettings(link)
+        self._crosspoints = [f"{channel}!{port}" for channel in CHANNELS for port in ports]
+        self._connected: str | None = None
         self.ports = ports
 
     def identify(self) -> Identity:
@@ -49,7 +56,7 @@ class ScpiFibreSwitch(PatchPanel):
     def self_test(self) -> None:
         """Read the error queue; the switch moves no light by itself."""
         with self._link.checked():
-            self._link.query("ROUTe:CLOSe?")
+            self._routes()
 
     def connect(self, patching: Mapping[int, int]) -> None:
         """Open every route, close the wanted ones, and compare with the read-back."""
@@ -61,18 +68,21 @@ class ScpiFibreSwitch(PatchPanel):
             for channel, port in patching.items():
                 self._link.write(f"ROUTe:CLOSe (@{channel}!{port})")
             self._link.query("*OPC?")
-        wanted = ",".join(f"{channel}!{port}" for channel, port in sorted(patching.items()))
-        (routed,) = self._kept.keep(["ROUTe:CLOSe?"])
-        if routed != f"(@{wanted})":
-            raise InstrumentError(f"patch_panel: routes are {excerpt(routed)}, wanted (@{wanted}): check the switch")
+        wanted = f"(@{','.join(f'{channel}!{port}' for channel, port in sorted(patching.items()))})"
+        self._connected = self._routes()
+        if self._connected != wanted:
+            raise InstrumentError(f"patch_panel: routes are {self._connected}, wanted {wanted}: check the switch")
 
     def changes(self) -> tuple[Change, ...]:
         """The closed routes."""
-        return self._kept.changes()
+        then = self._connected
+        if then is None or (now := self._routes()) == then:
+            return ()
+        return (Change("routes", then, now),)
 
     def settings(self) -> dict[str, str | float]:
         """The closed routes."""
-        return {"routes": self._link.query("ROUTe:CLOSe?")}
+        return {"routes": self._routes()}
 
     def make_safe(self) -> None:
         """Nothing to do: a route carries light only while the laser emits."""
@@ -80,3 +90,11 @@ class ScpiFibreSwitch(PatchPanel):
     def close(self) -> None:
         """Close the link."""
         self._link.close()
+
+    def _routes(self) -> str:
+        """The closed ones of the channels and ports that are wired, as a channel list; any other answer as it came."""
+        answer = self._link.query(f"ROUTe:CLOSe? (@{','.join(self._crosspoints)})")
+        closed = answer.split(",")
+        if len(closed) != len(self._crosspoints) or not {"0", "1"}.issuperset(closed):
+            return excerpt(answer)
+        return f"(@{','.join(name for name, one in zip(self._crosspoints, closed, strict=True) if one == '1')})"

@@ -1,6 +1,7 @@
 """The virtual optical switch between the chip's ports and the oscilloscope's channels.
 
-`ROUTe:CLOSe (@<channel>!<port>)` in the manner of SCPI-99, volume 2, chapter 17 (SIGNal ROUTing).
+`ROUTe:CLOSe (@<channel>!<port>)` in the manner of SCPI-99, volume 2, chapter 17 (SIGNal ROUTing): the question needs a
+list, too, and answers 1 or 0 for each of it, as the HP E1468A does.
 """
 
 from sim_backends.scpi.arguments import channels
@@ -21,7 +22,7 @@ class VirtualFibreSwitch(VirtualInstrument):
     IDENTITY = "labctl,fibre switch (simulated),SIM0001,1.0"
     COMMANDS = (
         Action("ROUTe:CLOSe", "connect", _CROSSPOINTS),
-        Query("ROUTe:CLOSe?", "connected"),
+        Query("ROUTe:CLOSe?", "connected", _CROSSPOINTS),
         Action("ROUTe:OPEN", "disconnect", channels(1)),
         Action("ROUTe:OPEN:ALL", "reset"),
         *ERROR_QUEUE,
@@ -38,10 +39,8 @@ class VirtualFibreSwitch(VirtualInstrument):
     def connect(self, crosspoints: tuple[tuple[int, int], ...]) -> None:
         """Put ports on channels, in place of what was there; -222 for one that is not there, -221 for a port twice."""
         wanted = dict(self._ports)
-        for channel, port in crosspoints:
-            if not 1 <= channel <= CHANNELS or port > self.world.parameters.chip_ports:
-                raise ScpiError(-222, f"(@{channel}!{port})")
-            wanted[channel] = port
+        self._require(crosspoints)
+        wanted.update(crosspoints)
         if len(set(wanted.values())) < len(wanted):
             raise ScpiError(-221, "a port can be on one channel only")
         self._switch(wanted)
@@ -53,9 +52,15 @@ class VirtualFibreSwitch(VirtualInstrument):
                 raise ScpiError(-222, f"(@{channel})")
         self._switch({channel: port for channel, port in self._ports.items() if (channel,) not in numbers})
 
-    def connected(self) -> str:
-        """What is connected, by channel."""
-        return _CROSSPOINTS.format(tuple(sorted(self._ports.items())), verbose=False)
+    def connected(self, crosspoints: tuple[tuple[int, int], ...]) -> str:
+        """1 for each that is connected, 0 for the others; -222 for one that is not there."""
+        self._require(crosspoints)
+        return ",".join(str(int(self._ports.get(channel) == port)) for channel, port in crosspoints)
+
+    def _require(self, crosspoints: tuple[tuple[int, int], ...]) -> None:
+        for channel, port in crosspoints:
+            if not 1 <= channel <= CHANNELS or port > self.world.parameters.chip_ports:
+                raise ScpiError(-222, f"(@{channel}!{port})")
 
     def _switch(self, wanted: dict[int, int]) -> None:
         if wanted != self._ports:

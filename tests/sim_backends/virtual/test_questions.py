@@ -33,7 +33,7 @@ def questions(role: str, instrument: VirtualInstrument) -> list[str]:
     """All that ask for a setting, and what else a client may ask of it between two records."""
     settings = [command for command in instrument.COMMANDS if isinstance(command, Setting)]
     headers = [setting.header.replace("[", "").replace("]", "").replace("#", "1") + "?" for setting in settings]
-    other = {"laser": OF_THE_LASER, "dmd": OF_THE_DMD, "patch_panel": ("ROUTe:CLOSe?",)}
+    other = {"laser": OF_THE_LASER, "dmd": OF_THE_DMD, "patch_panel": ("ROUTe:CLOSe? (@1!2)",)}
     waveform = [f'WLISt:WAVeform:{what}? "m"' for what in ("TSTamp", "LENGth", "DATA", "MARKer:DATA")]
     own = {"awg": (*waveform, "SOURce1:CASSet?", "SOURce1:WAVeform?", "AWGControl:RSTate?")}
     return [*headers, *other.get(role, ()), *own.get(role, ()), "*IDN?", "*ESR?", "*STB?"]
