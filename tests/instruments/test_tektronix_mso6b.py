@@ -117,6 +117,8 @@ def test_the_delay_is_that_of_the_first_sample(bench: Bench, scope: Mso6b) -> No
     assert np.corrcoef(traces[100][20:70], traces[50])[0, 1] > 0.9
     scope.configure(Timebase(25e9, 50, 20.4 / 25e9), AUX, (1,), 1)
     assert bench.capture().trigger_offset_s == pytest.approx(-0.4 / 25e9, abs=1e-13)
+    scope.arm_burst(3)
+    assert scope.read_burst().trigger_offset_s == pytest.approx(np.full((3, 1), -0.4 / 25e9), abs=1e-13)
 
 
 def test_a_burst_is_one_frame_a_trigger(scope: Mso6b) -> None:

@@ -1,9 +1,10 @@
 """The virtual 6 Series B MSO: the acquisition system of its elder cousin behind another digitiser, in other words.
 
-Source: the family's command descriptions in the package tm_devices. Not simulated: measurements, mathematics, stored
-references, spectra, digital channels, history, pixel maps (FastAcq) and averages made in hardware. Assumed, because the
-descriptions leave it open: it has an auxiliary input; a record has as many points in FastFrame as without; the lists of
-FastFrame look as `time_stamps` and `trigger_offsets` write them.
+Source: the family's command descriptions in the package tm_devices; where points lie in time, the programmer manual of
+the 5 Series MSO ("the returned value is always 0" for PT_OFF; XZERO is the time of the first point). Not simulated:
+measurements, mathematics, stored references, spectra, digital channels, history, pixel maps (FastAcq) and averages made
+in hardware. Assumed, because the descriptions leave it open: it has an auxiliary input; a record has as many points in
+FastFrame as without; the lists of FastFrame look as `time_stamps` and `trigger_offsets` write them.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +18,7 @@ from sim_backends.virtual.mso6b.commands import COMMANDS, PLANNED_BY
 from sim_backends.virtual.mso6b.model import BANDWIDTH_HZ, BITS, RECORDS
 from sim_backends.virtual.oscilloscope.acquisition import AcquisitionSystem
 from sim_backends.virtual.oscilloscope.fastframe import SWITCHED_ON
-from sim_backends.virtual.oscilloscope.transfer import Trace
+from sim_backends.virtual.oscilloscope.transfer import Preamble, Trace
 from sim_backends.virtual.oscilloscope.vertical import CHANNELS
 from sim_backends.world.world import World
 
@@ -27,6 +28,26 @@ class FilterShape:
     """What the low-pass filter of a channel is optimised for."""
 
     optimised_for: str = "FLATNESS"
+
+
+@dataclass(frozen=True)
+class Mso6bPreamble(Preamble):
+    """Its points count from the first one that is sent, of which it tells the time after the trigger."""
+
+    @property
+    def first_point_s(self) -> float:
+        """When the first point that is sent is due, after the trigger."""
+        return -super().trigger_point * self.x_increment_s
+
+    @property
+    def x_zero_s(self) -> float:
+        """Time of the first point, of the first frame that is sent."""
+        return self.first_point_s + super().x_zero_s
+
+    @property
+    def trigger_point(self) -> int:
+        """Always 0, for programs that were written for the elder cousin."""
+        return 0
 
 
 class VirtualMso6b(AcquisitionSystem):
@@ -40,6 +61,7 @@ class VirtualMso6b(AcquisitionSystem):
     RECORDS = RECORDS
     FULL_BANDWIDTH_HZ = BANDWIDTH_HZ
     BITS = BITS
+    PREAMBLE = Mso6bPreamble
 
     def __init__(self, world: World, section: Mapping[str, Any] | None = None) -> None:
         super().__init__(world, section, effective_bits=world.parameters.enob_of_12_bits)
@@ -73,8 +95,10 @@ class VirtualMso6b(AcquisitionSystem):
         return self._of_frames(stamp)
 
     def trigger_offsets(self) -> str:
-        """Sub-sample trigger time of each frame of the source, s: `1: 1.2E-12, 2: ...`."""
-        return self._of_frames(lambda trace, frame: nr3(float(trace.offsets_s[frame])))
+        """Time of the first point of each frame of the source after its trigger, s: `1: 1.2E-12, 2: ...`."""
+        return self._of_frames(
+            lambda trace, frame: nr3(Mso6bPreamble(trace, self.transfer).first_point_s + float(trace.offsets_s[frame]))
+        )
 
     def available_sources(self) -> str:
         """`DATa:SOUrce:AVAILable?`: the channels that are on."""

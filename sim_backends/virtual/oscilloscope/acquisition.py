@@ -100,6 +100,7 @@ class AcquisitionSystem(Oscilloscope):
 
     PLANNED_BY: ClassVar[frozenset[Command]]  # what changes how samples are taken
     RECORDS: ClassVar[Records]
+    PREAMBLE: ClassVar[type[Preamble]] = Preamble
     FULL_BANDWIDTH_HZ: ClassVar[float]
     BITS: ClassVar[int]  # of its digitiser
 
@@ -432,13 +433,13 @@ class AcquisitionSystem(Oscilloscope):
         if source not in CHANNELS:
             if not self.shown(source):
                 raise ScpiError(2244, source)
-            return Preamble(self.acquired(source), self.transfer)
+            return self.PREAMBLE(self.acquired(source), self.transfer)
         number = CHANNELS[source]
         trace = self.trace(number)
         if trace is None:
             vertical, now_s = self.channels[number].vertical, np.array([self.world.clock.now])
             trace = Trace(number, NO_CODES, self.plan, vertical, now_s, np.zeros(1))
-        return Preamble(trace, self.transfer)
+        return self.PREAMBLE(trace, self.transfer)
 
     def forget_acquisitions(self, _word: str) -> None:
         """`CLEAR ALL`."""

@@ -94,6 +94,18 @@ def test_an_average_is_in_the_same_codes(ask: Ask, scope: VirtualMso6b) -> None:
     assert np.polyfit(averaged, single, 1)[0] == pytest.approx(1, abs=0.1)
 
 
+def test_the_preamble_tells_when_the_first_point_is(ask: Ask, scope: VirtualMso6b) -> None:
+    """And its points are counted from there, unlike those of the elder cousin."""
+    ask(scope, "HORizontal:DELay:MODe OFF;:HORizontal:POSition 50;:DATa:STARt 101;:ACQuire:STATE RUN;*WAI")
+    half = 0.5 * number(ask, scope, "HORizontal:RECOrdlength?")
+    assert ask(scope, "WFMOutpre:PT_Off?") == b"0"
+    step = number(ask, scope, "WFMOutpre:XINcr?")
+    assert number(ask, scope, "WFMOutpre:XZEro?") == pytest.approx((100 - half) * step, abs=step)
+    ask(scope, "HORizontal:FASTframe:STATE ON;COUNt 2;:ACQuire:STATE RUN;*WAI")
+    for frame in ask(scope, "HORizontal:FASTframe:XZEro:ALL?").decode().split(", "):
+        assert float(frame.split(": ")[1]) == pytest.approx((100 - half) * step, abs=step)
+
+
 def test_lists_of_frames_are_those_of_the_source(ask: Ask, scope: VirtualMso6b) -> None:
     ask(scope, "HORizontal:FASTframe:STATE ON;COUNt 3;:ACQuire:STATE RUN;*WAI")
     stamps = ask(scope, "HORizontal:FASTframe:TIMEStamp:ALL?").decode()
