@@ -32,7 +32,7 @@ DRIVER = Driver(
         averages=section.averages,
     ),
     identity=re.compile(r"Thorlabs.*PM(100|400)", re.IGNORECASE),
-    sent_anew=("wavelength_nm", "averages", "unit", "auto_range", "correction_db"),
+    sent_anew=("wavelength_nm", "averages", "unit", "auto_range", "delta", "correction_db"),
 )
 
 WAVELENGTH_TOLERANCE_NM = 0.5
@@ -41,6 +41,7 @@ WAVELENGTH_TOLERANCE_NM = 0.5
 LEFTOVERS = (
     Setting("SENSe:POWer:UNIT", "W"),
     Setting("SENSe:POWer:RANGe:AUTO", "ON"),
+    Setting("SENSe:POWer:REFerence:STATe", "OFF", name="delta mode"),
     Setting("SENSe:CORRection:LOSS:INPut:MAGNitude", "0", tolerance=1e-3, unit="dB"),
 )
 """What others leave behind that changes readings. The tap is counted once: in the station file, not as a loss here."""
@@ -101,13 +102,14 @@ class Pm100(PowerMeter):
         return self._kept.changes()
 
     def settings(self) -> dict[str, str | float]:
-        """Sensor, wavelength, averages, unit, range, correction and zero."""
+        """Sensor, wavelength, averages, unit, range, delta mode, correction and zero."""
         return {
             "sensor": self._link.query("SYSTem:SENSor:IDN?").replace('"', ""),
             "wavelength_nm": self._link.number("SENSe:CORRection:WAVelength?"),
             "averages": self._link.number("SENSe:AVERage:COUNt?"),
             "unit": self._link.query("SENSe:POWer:UNIT?"),
             "auto_range": self._link.number("SENSe:POWer:RANGe:AUTO?"),
+            "delta": self._link.number("SENSe:POWer:REFerence:STATe?"),
             "correction_db": self._link.number("SENSe:CORRection:LOSS:INPut:MAGNitude?"),
             "zero_w": self._link.number(ZERO),
         }

@@ -111,6 +111,7 @@ def test_a_laser_that_gives_more_than_it_says_is_found_in_the_middle_of_a_run(
         ("SENSe:CORRection 3", "SENSe:CORRection:LOSS:INPut:MAGNitude"),
         ("SENSe:POWer:UNIT DBM", "SENSe:POWer:UNIT"),
         ("SENSe:POWer:RANGe:AUTO OFF", "SENSe:POWer:RANGe:AUTO"),
+        ("SENSe:POWer:REFerence 250e-6;REFerence:STATe ON", "SENSe:POWer:REFerence:STATe"),
     ],
 )
 def test_what_somebody_changes_at_its_front_panel_is_found(

@@ -42,6 +42,8 @@ class VirtualPm100(VirtualInstrument):
         Setting("[:SENSe]:AVERage[:COUNt]", "averages", integer(1, 3000)),
         Setting("[:SENSe]:POWer[:DC]:RANGe[:UPPer]", "range_w", real(0, MOST_W)),
         Setting("[:SENSe]:POWer[:DC]:RANGe:AUTO", "auto_range", boolean),
+        Setting("[:SENSe]:POWer[:DC]:REFerence", "reference_w", real()),
+        Setting("[:SENSe]:POWer[:DC]:REFerence:STATe", "delta", boolean),
         Setting("[:SENSe]:POWer[:DC]:UNIT", "unit", keyword("W", "DBM")),
         Action("CONFigure[:SCALar]:POWer", "carry_on"),
         Action("INITiate[:IMMediate]", "carry_on"),
@@ -65,6 +67,8 @@ class VirtualPm100(VirtualInstrument):
         self.range_w = MOST_W
         self.auto_range = True
         self.unit = "W"
+        self.reference_w = 0.0
+        self.delta = False
         self.zero_w = 0.0
 
     def sensor(self) -> str:
@@ -90,4 +94,6 @@ class VirtualPm100(VirtualInstrument):
         if shown_w > (MOST_W if self.auto_range else self.range_w):
             return OVER_RANGE
         shown_w *= power_ratio(self.loss_db)
+        if self.delta:
+            shown_w -= self.reference_w
         return shown_w if self.unit == "W" else 10 * math.log10(max(shown_w, LEAST_W) * 1e3)

@@ -32,6 +32,12 @@ def test_whoever_sets_a_loss_or_dbm_reads_otherwise(ask: Ask, meter: VirtualPm10
     assert float(ask(meter, "CORR 0;POW:UNIT DBM;:MEAS:POW?")) == pytest.approx(-10)
 
 
+def test_in_delta_mode_it_shows_the_rest_above_a_reference(ask: Ask, meter: VirtualPm100) -> None:
+    ask(meter, "SENS:CORR:WAV 1550;:SENS:POW:REF 90e-6;REF:STAT ON")
+    assert float(ask(meter, "MEAS:POW?")) == pytest.approx(10e-6)
+    assert float(ask(meter, "SENS:POW:DC:REF:STAT OFF;:MEAS:POW?")) == pytest.approx(100e-6)
+
+
 def test_more_than_the_sensor_or_the_range_holds_is_no_number(ask: Ask, meter: VirtualPm100, world: Watched) -> None:
     ask(meter, "POWer:RANGe:AUTO OFF;UPPer 50e-6")
     assert float(ask(meter, "MEAS:POW?")) == 9.9e37
