@@ -57,7 +57,7 @@ def plot(title: str, lines: Sequence[Line], axes: Axes) -> str:
 
 def traces(
     ports: Sequence[str],
-    time_s: NDArray[np.float64],
+    time_s: NDArray[np.floating],
     volts: Sequence[Sequence[Line]],
     ends: Sequence[tuple[float, float]],
 ) -> str:

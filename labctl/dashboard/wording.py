@@ -183,7 +183,7 @@ def traces(latest: Sequence[Latest], other: Sequence[Latest] = ()) -> str:
     return sketches.traces(names[-MOST_PLOTS:], longest, lines[-MOST_PLOTS:], scales[-MOST_PLOTS:])
 
 
-def _time(latest: Latest) -> NDArray[np.float64]:
+def _time(latest: Latest) -> NDArray[np.floating]:
     return np.arange(latest.volts.shape[1]) * latest.sample_interval_s
 
 
