@@ -108,11 +108,14 @@ def test_no_light_is_on_while_a_person_moves_fibres(bench: Bench, front_panel: V
     assert seen == [(False, 0, "0")] * 2
 
 
-def test_nobody_is_asked_to_move_fibres_while_the_laser_may_emit(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, simulation: SimulatedBench
-) -> None:
+def test_nobody_is_asked_to_move_fibres_while_the_laser_may_emit(bench: Bench, simulation: SimulatedBench) -> None:
     asked: list[str] = []
-    bench.patch_panel = ManualPatchPanel(lambda request: asked.append(request) or "", ports=(2, 3))
+
+    def operator(request: str) -> str:
+        asked.append(request)
+        return ""
+
+    bench.patch_panel = ManualPatchPanel(operator, ports=(2, 3))
 
     def measure() -> None:
         with bench.emitting(1550.0, {1: 2}):
