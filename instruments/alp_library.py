@@ -296,7 +296,7 @@ class AlpByVendorLibrary:
         try:
             import ALP4
         except ImportError:
-            raise NotConfigured("dmd: ALP4lib is not installed: pip install 'photonic-labctl[alp]'") from None
+            raise NotConfigured('dmd: ALP4lib is not installed: pip install "photonic-labctl[alp]"') from None
         ALP4.print = _logger.info  # the standard output is for what a command has to say, JSON perhaps
         try:
             alp = ALP4.ALP4(version=self._version, libDir=self._folder)

@@ -46,7 +46,7 @@ class HidApi:
         try:
             hid: Any = importlib.import_module("hid")
         except ImportError:
-            raise NotConfigured("dmd: hidapi is not installed: pip install 'photonic-labctl[dlpc900]'") from None
+            raise NotConfigured('dmd: hidapi is not installed: pip install "photonic-labctl[dlpc900]"') from None
         self._hid = hid
         self._timeout_s = timeout_s
         self._device: Any = None

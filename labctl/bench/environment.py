@@ -148,7 +148,7 @@ def _extras() -> Iterator[Finding]:
     for extra, purpose in EXTRAS.items():
         needed = _requirements(extra)
         present = bool(needed) and all(map(_installed, needed))
-        says = purpose if present else f"{purpose}: pip install '{DISTRIBUTION}[{extra}]'"
+        says = purpose if present else f'{purpose}: pip install "{DISTRIBUTION}[{extra}]"'
         yield Finding("extra", extra, OK if present else MISSING, says)
 
 

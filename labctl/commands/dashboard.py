@@ -42,7 +42,7 @@ def dashboard(
     if not is_elsewhere(folder) and folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder}: is no folder: name one of runs")
     if find_spec("nicegui") is None:
-        raise UsageError("the dashboard needs NiceGUI: pip install 'photonic-labctl[dashboard]'")
+        raise UsageError('the dashboard needs NiceGUI: pip install "photonic-labctl[dashboard]"')
     from labctl.bench.drivers import sent_anew
     from labctl.bench.lock import in_use
     from labctl.bench.station import read_station

@@ -302,7 +302,7 @@ def test_hidapi(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(LinkError, match="no DLPC900 on USB"):
         dmd.identify()
     monkeypatch.setitem(sys.modules, "hid", None)
-    with pytest.raises(NotConfigured, match="hidapi is not installed"):
+    with pytest.raises(NotConfigured, match=r'hidapi is not installed: pip install "photonic-labctl\[dlpc900\]"'):
         DRIVER.open(TiDlpc900Section(driver="ti-dlpc900"), opening("usb"))
 
 

@@ -288,7 +288,7 @@ class TestByUsbWhatGoesWrong:
 
     def test_a_missing_package_is_named(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "ALP4", None)
-        with pytest.raises(NotConfigured, match=r"pip install 'photonic-labctl\[alp\]'"):
+        with pytest.raises(NotConfigured, match=r'pip install "photonic-labctl\[alp\]"'):
             AlpByVendorLibrary("4.3", None)
 
     def test_what_alp4lib_knows_of_return_codes_is_known_here(self) -> None:

@@ -35,8 +35,8 @@ def test_the_core_works_here(findings: dict[tuple[str, str], Finding]) -> None:
 def test_what_is_missing_says_what_it_is_for(findings: dict[tuple[str, str], Finding]) -> None:
     for found in findings.values():
         if found.about == "extra":
-            assert EXTRAS[found.name] in found.says
-            assert ("pip install" in found.says) == (found.state == MISSING)
+            how = f': pip install "photonic-labctl[{found.name}]"'  # quotes that every shell knows
+            assert found.says == EXTRAS[found.name] + how * (found.state == MISSING)
         if found.about == "data set" and found.state == MISSING:
             assert "labctl data fetch" in found.says or "LABCTL_DATA" in found.says or "http" in found.says
 

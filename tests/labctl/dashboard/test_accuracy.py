@@ -170,7 +170,7 @@ def test_a_dashboard_without_its_extra_names_it(
     with pytest.raises(SystemExit) as ended:
         main(["dashboard", "--no-open"])
     assert ended.value.code == 2
-    assert "pip install 'photonic-labctl[dashboard]'" in capsys.readouterr().err
+    assert 'pip install "photonic-labctl[dashboard]"' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
