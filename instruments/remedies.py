@@ -36,6 +36,7 @@ REMEDIES: Mapping[int, str] = {
     getattr(errno, name): advice for advice, names in _ADVICE.items() for name in names if hasattr(errno, name)
 }
 """By errno. What depends on the file asked for (ENOENT, EISDIR, ENOTDIR, EEXIST) is not in it."""
+_ACCESS_DENIED, _SHARING_VIOLATION, _LOCK_VIOLATION = 5, 32, 33  # by Windows; EACCES, all of them
 
 
 def reason(error: OSError) -> str:
@@ -45,7 +46,16 @@ def reason(error: OSError) -> str:
 
 def remedy(error: OSError, otherwise: str) -> str:
     """What can be done about `error`; `otherwise` where that depends on the file."""
+    if _in_use(error):
+        return "close the program that has it open"
     return REMEDIES.get(error.errno or 0, otherwise)
+
+
+def _in_use(error: OSError) -> bool:
+    """Whether Windows refuses a file since a program has it open; a rename of such a one it calls "access denied"."""
+    number = getattr(error, "winerror", None)
+    renames = error.filename2 is not None
+    return number in (_SHARING_VIOLATION, _LOCK_VIOLATION) or (number == _ACCESS_DENIED and renames)
 
 
 def unreadable(path: Path | str, error: OSError, otherwise: str) -> str:

@@ -36,6 +36,23 @@ def test_each_error_has_its_own_advice(number: int, advice: str) -> None:
     assert ("make room" in line) == (number in (errno.ENOSPC, errno.EDQUOT))
 
 
+@pytest.mark.parametrize(
+    ("number", "others", "advice"),
+    [
+        (5, ("data.h5",), "close the program that has it open"),  # access denied: data.h5 cannot be replaced
+        (5, (), "use a place that is yours, or have its owner open it"),
+        (32, (), "close the program that has it open"),  # sharing violation
+        (33, (), "close the program that has it open"),  # lock violation
+    ],
+)
+def test_what_windows_refuses_because_it_is_open_is_told_from_what_is_not_ours(
+    number: int, others: tuple[str, ...], advice: str
+) -> None:
+    error = OSError(errno.EACCES, "Windows' own words", "data.h5.tmp", number, *others)
+    vars(error)["winerror"] = number  # elsewhere than on Windows it is not kept
+    assert remedy(error, "look") == advice
+
+
 def test_an_error_without_a_number_is_not_the_systems() -> None:
     assert refusal(OSError("h5py says something")) is None
     assert remedy(OSError("h5py says something"), "look") == "look"
