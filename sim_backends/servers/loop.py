@@ -11,6 +11,7 @@ import logging
 import os
 import selectors
 import socket
+import sys
 import threading
 from abc import ABC, abstractmethod
 from collections import deque
@@ -18,6 +19,7 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, ExitStack, suppress
 from itertools import count
 from typing import NamedTuple, Protocol
+from weakref import WeakSet
 
 from sim_backends.scpi.messages import Chunk, Message, MessageReader, Unit
 from sim_backends.servers.disturbed import Disturbed
@@ -26,6 +28,7 @@ logger = logging.getLogger(__name__)
 
 MOST_WAITING = 256  # messages of one client; more are left on its side of the wire
 MOST_IN_VAIN = 16  # rounds of reading that complete no message; others are answered then
+MOST_SOCKETS = 512 if sys.platform == "win32" else sys.maxsize  # which `select` takes there; other systems have better
 FULL = (errno.EMFILE, errno.ENFILE)
 TRIGGER = Message((Unit("*TRG", query=False, arguments=()),))
 """What a trigger of the transport's own means."""
@@ -163,6 +166,7 @@ class Loop:
         self.selector = selectors.DefaultSelector()
         self._clients: list[Client] = []
         self._listeners: dict[int, socket.socket] = {}
+        self._connections: WeakSet[socket.socket] = WeakSet()
         self._leaving: list[Client] = []
         self._later: list[Callable[[], None]] = []
         self.arrivals = count(1)  # the rank of a message among all messages
@@ -201,11 +205,14 @@ class Loop:
         return tuple(self._listeners)
 
     def refuse(self, port: int) -> None:
-        """Refuse new connections to `port` from now on; the port is kept."""
+        """Refuse new connections to `port` from now on; nothing else of this loop gets it."""
         listener = self._listeners[port]
-        with suppress(KeyError):  # it does so already
+        with suppress(KeyError, ValueError):  # it does so already
             self.selector.unregister(listener)
-            listener.shutdown(socket.SHUT_RDWR)
+            try:
+                listener.shutdown(socket.SHUT_RDWR)
+            except OSError:  # Windows and macOS shut down only what is connected
+                listener.close()
 
     @property
     def running(self) -> bool:
@@ -369,13 +376,18 @@ class Loop:
     def _accept(self, listener: socket.socket, accept: Callable[[socket.socket], object]) -> None:
         try:
             connection, _ = listener.accept()
-        except (BlockingIOError, ConnectionAbortedError):
+        except (BlockingIOError, ConnectionError):
             return  # gone again
         except OSError as error:
             if error.errno not in FULL:
                 raise
             self._turn_away(listener)
             return
+        if len(self._listeners) + sum(one.fileno() >= 0 for one in self._connections) + 1 >= MOST_SOCKETS:
+            logger.warning("a client is turned away: too many connections are open")
+            connection.close()
+            return
+        self._connections.add(connection)
         accept(connection)
 
     def _turn_away(self, listener: socket.socket) -> None:

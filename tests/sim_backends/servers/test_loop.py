@@ -1,12 +1,14 @@
 """The loop: who is heard, in which order messages are executed, and what a client that misbehaves can do (nothing)."""
 
+import errno
 import logging
 import os
+import selectors
 import socket
 import sys
 import threading
 from collections.abc import Generator, Iterator
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 
 import pytest
 
@@ -109,6 +111,17 @@ class Bench:
         for wire in self._wires:
             wire.close()
         self.loop.stop()
+
+
+class FewSockets(selectors.SelectSelector):
+    """As on Windows, where the number is larger."""
+
+    most = 8
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        if len(self.get_map()) > self.most:
+            raise ValueError("too many file descriptors in select()")
+        return super().select(timeout)
 
 
 @pytest.fixture
@@ -262,6 +275,45 @@ def test_a_client_too_many_is_turned_away(bench: Bench, caplog: pytest.LogCaptur
         one.close()
 
 
+def test_a_client_more_than_select_takes_is_turned_away(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Windows has nothing else than `select`, which fails there when it is asked about too many sockets."""
+    monkeypatch.setattr(selectors, "DefaultSelector", FewSockets)
+    monkeypatch.setattr("sim_backends.servers.loop.MOST_SOCKETS", FewSockets.most)
+    with closing(Bench()) as bench:
+        clients = [bench.client() for _ in range(FewSockets.most - 2)]  # besides what listens and what wakes the loop
+        with closing(Wire(bench.port)) as late:
+            assert late.line() == b""
+        assert "turned away" in caplog.text
+        clients.pop().close()
+        for _ in range(2):  # the first answer may be sent before the other one is forgotten
+            clients[0].send(b"ME?\n")
+            assert clients[0].line() == b"ME\n"
+        bench.client()
+
+
+@pytest.mark.parametrize("gone", [ConnectionResetError, ConnectionAbortedError])
+def test_a_client_that_is_gone_before_it_is_taken_in_disturbs_nobody(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, gone: type[OSError]
+) -> None:
+    """Windows says so of one that has reset its connection, other systems of one that has aborted it."""
+    polite = bench.client()
+    accept = socket.socket._accept  # type: ignore[attr-defined]
+
+    def reset(listener: socket.socket) -> None:
+        os.close(accept(listener)[0])
+        monkeypatch.undo()
+        raise gone
+
+    monkeypatch.setattr(socket.socket, "_accept", reset)
+    with closing(Wire(bench.port)) as rude:
+        assert rude.line() == b""
+    polite.send(b"ME?\n")
+    assert polite.line() == b"ME\n"
+    bench.client()
+
+
 def test_rubbish_is_executed_as_malformed(bench: Bench) -> None:
     client = bench.client()
     client.send(bytes(range(256)), b"\nASK?\n")
@@ -295,6 +347,25 @@ def test_a_taken_port_is_named(bench: Bench) -> None:
         serve_socket(loop, bench.toy, port=bench.port)
     loop.stop()
     loop.stop()
+
+
+def test_one_that_refuses_does_so_where_the_system_ends_only_connections(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Linux ends a socket that listens; Windows and macOS say that it is not connected."""
+
+    def shutdown(_listener: socket.socket, _how: int) -> None:
+        raise OSError(errno.ENOTCONN, os.strerror(errno.ENOTCONN))
+
+    client = bench.client()
+    with monkeypatch.context() as patch:
+        patch.setattr(socket.socket, "shutdown", shutdown)
+        for _ in range(2):  # a fault may strike again
+            bench.loop.refuse(bench.port)
+    with pytest.raises(ConnectionRefusedError):
+        Wire(bench.port)
+    client.send(b"ME?\n")
+    assert client.line() == b"ME\n"
 
 
 def test_the_port_of_one_that_refuses_is_given_to_nobody_else() -> None:
