@@ -22,7 +22,7 @@ from labctl.bench.signals import Interruption
 from labctl.bench.simulation import SIMULATION
 from labctl.errors import WorkerKilled
 from labctl.printable import log_printably
-from labctl.studies.tasks import CALLER, Workers, in_parallel, one_by_one, timed
+from labctl.studies.tasks import CALLER, POLL_S, Workers, in_parallel, one_by_one, timed
 
 Name = TypeVar("Name")
 Found = TypeVar("Found")
@@ -31,6 +31,9 @@ OWN = ("labctl", "protocols", "instruments", "sim_backends")
 """Our packages; what they need comes with them."""
 FIRST, LATE = "labctl.studies.template_process", (SIMULATION, "pint")
 """What is loaded before all else, and what tasks load when they need it, and most do."""
+
+MOST = 61 if sys.platform == "win32" else sys.maxsize
+"""Windows waits for no more at once, and `ProcessPoolExecutor` refuses them."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def processes(tasks: int, scratch: Path | None = None) -> Iterator[Workers]:
     that it can be watched.
     """
     context = _context()
-    size = min(os.cpu_count() or 1, tasks)
+    size = min(os.cpu_count() or 1, tasks, MOST)
     shared = _Shared(context.Event(), context.Value("q", 0), scratch)
     with (
         ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared, dict(os.environ))) as executor,
@@ -110,7 +113,7 @@ def processes(tasks: int, scratch: Path | None = None) -> Iterator[Workers]:
                 yield _Pool(executor, size, shared)
         finally:
             shared.stop.set()
-            executor.shutdown(wait=True, cancel_futures=True)
+            _wait_for(Thread(target=executor.shutdown, kwargs={"cancel_futures": True}))
 
 
 def side_by_side(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:
@@ -136,6 +139,13 @@ def _context() -> BaseContext:
         return multiprocessing.get_context("spawn")
     load_meanwhile(*(name for name in tuple(sys.modules) if name.partition(".")[0] in OWN))
     return multiprocessing.get_context("forkserver")
+
+
+def _wait_for(end: Thread) -> None:
+    """In steps: on Windows, Ctrl-C is heard only between two waits."""
+    end.start()
+    while end.is_alive():
+        end.join(POLL_S)
 
 
 @contextmanager
