@@ -1,6 +1,5 @@
 """From a station to an opened bench."""
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,6 +17,7 @@ from instruments.safe_state import MAY_EMIT, ending_with, in_order
 from instruments.sections import SIMULATED, AmplifierSection, AttenuatorSection, PowerMeterSection
 from instruments.transcripts import Transcript
 from instruments.values import EdgeTrigger
+from labctl.bench.operator import ask_operator
 from labctl.bench.recording.recorder import recorded
 from labctl.bench.recording.wire import Wire
 from labctl.bench.signals import stops_deferred
@@ -25,7 +25,6 @@ from labctl.bench.simulation import simulated_bench as simulated_bench
 from labctl.bench.simulation import with_laser_commands
 from labctl.bench.station import Station
 from labctl.errors import StationError
-from labctl.printable import printable
 
 if TYPE_CHECKING:  # a bench of real instruments does without
     from labctl.bench.simulation import SimulatedBench
@@ -240,16 +239,3 @@ def _bench(reach: _Reach, observer: Observer) -> Bench:
         observer=observer,
         undisturbed=stops_deferred,
     )
-
-
-def ask_operator(request: str) -> str:
-    """Ask at the terminal and wait for an answer.
-
-    Raises:
-        InstrumentError: nobody is there to answer.
-    """
-    print(printable(request), end=": ", file=sys.stderr, flush=True)  # noqa: T201
-    try:
-        return input()
-    except EOFError:
-        raise InstrumentError(f"nobody answered {request!r}: run this from a terminal") from None

@@ -8,11 +8,12 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from queue import Empty, SimpleQueue
-from typing import IO, TextIO, cast
+from typing import IO, NamedTuple, TextIO, cast
 
 from rich.console import Console
 from rich.text import Text
 
+from labctl.bench.operator import asked_on
 from labctl.printable import printable
 
 EVERY_S = 0.1
@@ -63,13 +64,20 @@ def past_the_buffer(name: str) -> IO[str]:
     return cast(IO[str], _PastTheBuffer(name))
 
 
+class _Question(NamedTuple):
+    """The operator is asked: the picture is away from the one moment to the other."""
+
+    cleared: threading.Event
+    answered: threading.Event
+
+
 class Beside:
     """What a thread of its own writes to a console while something is done."""
 
     def __init__(self, console: Console) -> None:
         """Nothing is written yet."""
         self._console = console
-        self._lines: SimpleQueue[Text | None] = SimpleQueue()
+        self._lines: SimpleQueue[Text | _Question | None] = SimpleQueue()
 
     def tell(self, line: str, style: str = "") -> None:
         """Have a line for people printed, above what is drawn."""
@@ -81,12 +89,27 @@ class Beside:
     ) -> Iterator[None]:
         """Write until the block ends, `draw` again and again in `picture`; then wait a moment for the rest.
 
+        While the operator is asked for something, nothing is written and the picture is away.
+
         A terminal that still takes nothing gets the rest later, if this process is there then.
         """
         thread = threading.Thread(target=self._write, args=(picture, draw), daemon=True)
         thread.start()
+
+        @contextmanager
+        def cleared() -> Iterator[None]:
+            question = _Question(threading.Event(), threading.Event())
+            try:
+                self._lines.put(question)
+                while thread.is_alive() and not question.cleared.wait(EVERY_S):
+                    pass
+                yield
+            finally:
+                question.answered.set()
+
         try:
-            yield
+            with asked_on(cleared):
+                yield
         finally:
             self._lines.put(None)
             thread.join(PATIENCE_S)
@@ -95,7 +118,14 @@ class Beside:
         with suppress(OSError), picture:  # where the console takes nothing, what goes on is worth more
             while True:
                 with suppress(Empty):
-                    if (line := self._lines.get(timeout=EVERY_S)) is None:
-                        return
-                    self._console.print(line, soft_wrap=True)
+                    match self._lines.get(timeout=EVERY_S):
+                        case None:
+                            return
+                        case _Question(cleared, answered):
+                            picture.__exit__(None, None, None)
+                            cleared.set()
+                            answered.wait()
+                            picture.__enter__()
+                        case line:
+                            self._console.print(line, soft_wrap=True)
                 draw()

@@ -122,6 +122,15 @@ class _Warnings(Observer):
         self._tell(f"labctl: {text}")
 
 
+class _Bars(Live):
+    """Is drawn where the cursor is when it comes back, not over what was written meanwhile."""
+
+    def stop(self) -> None:
+        """Away, with its height."""
+        self.update("")
+        super().stop()
+
+
 @contextmanager
 def _level_bars(*, bell: bool) -> "Iterator[tuple[Show, Callable[[str], None]]]":
     """Level bars on standard error; only where somebody can see them. And what takes lines above them."""
@@ -146,7 +155,7 @@ def _level_bars(*, bell: bool) -> "Iterator[tuple[Show, Callable[[str], None]]]"
             rings.clear()
             console.bell()
 
-    bars = Live(console=console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False)
+    bars = _Bars(console=console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False)
     beside = Beside(console)
     with beside.writing(bars, draw):
         yield look, beside.tell

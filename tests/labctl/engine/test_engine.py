@@ -8,7 +8,8 @@ import pytest
 from instruments.bench import Observer
 from instruments.errors import InstrumentError
 from instruments.values import Frames
-from labctl.bench.opening import OpenBench, ask_operator
+from labctl.bench.opening import OpenBench
+from labctl.bench.operator import ask_operator
 from labctl.bench.signals import Interruption
 from labctl.bench.station import SIMULATED_STATION, Station
 from labctl.engine.engine import Outcome, carry_out
