@@ -113,9 +113,9 @@ class Tsl570(TunableLaser):
 
     def set_power(self, power_w: float) -> float:
         """Set the output power and compare with the read-back (tolerance 0.05 dB)."""
-        self._clear_up()
         power_dbm = decibels_milliwatt(power_w)
         POWER.check("laser power", power_dbm)
+        self._clear_up()
         with self._link.checked():
             self._link.write(f":POWer {power_dbm:.2f}")
         self._settle()

@@ -81,6 +81,9 @@ def test_a_shutter_that_somebody_closed_is_light_that_is_lost(bench: Bench, fron
 
 
 def test_outside_its_band_or_power_nothing_is_sent(bench: Bench, log: Any) -> None:
+    with pytest.raises(OutOfRange, match=r"laser power = 13\.9794 dBm is outside"):
+        bench.laser.set_power(25e-3)
+    assert not log.sent_to("laser")
     with pytest.raises(OutOfRange, match=r"laser wavelength = 1640 nm is outside 1500\.\.1630 nm"):
         bench.laser.tune(1640.0)
     assert not [text for text in log.sent_to("laser") if text.startswith(":WAVelength 1")]

@@ -266,6 +266,17 @@ def test_powers_that_are_refused_change_nothing(power: str | float, told: str) -
         assert bench.laser.power == 0.03
 
 
+def test_a_power_that_the_laser_does_not_give_leaves_its_light_on() -> None:
+    light = Emission()
+    station = Station.model_validate({"laser": {"driver": "santec-tsl-570", "power": "10 mW"}})
+    with in_hands(station, Access(), wavelength_nm=1550.0, drive_seed=1, observer=light) as bench:
+        bench.show(np.ones((10, 10)))
+        bench.capture()
+        with pytest.raises(OutOfRange, match=r"laser power = 13\.9794 dBm is outside"):
+            bench.laser.power = "25 mW"
+        assert (light.seen, bench.laser.power) == ([True], 10e-3)
+
+
 def test_what_a_hand_cannot_do() -> None:
     with labctl.bench() as bench:
         with pytest.raises(OutOfRange, match="5 ports at once: the bench has 4 channels"):
