@@ -88,7 +88,7 @@ def safe_state(steps: dict[str, Callable[[], None]], *, emits: bool = True) -> N
 
     def take(name: str, step: Callable[[], None]) -> None:
         try:
-            _over_a_new_link(step)
+            over_a_new_link(step)
         except Exception as error:  # noqa: BLE001 -- a defect of a driver leaves its instrument as it is
             failures[name] = error
 
@@ -114,7 +114,7 @@ def _told(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def _over_a_new_link(step: Callable[[], None]) -> None:
+def over_a_new_link(step: Callable[[], object]) -> None:
     """Once more if the link that is there was broke unnoticed, as idle links do."""
     try:
         step()

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from instruments.bench import Bench
 from instruments.errors import DoubtfulRecord, InstrumentError, LinkError, SettingChanged
-from instruments.safe_state import UnsafeBench
+from instruments.safe_state import over_a_new_link
 
 ATTEMPTS = 3
 """So often in a row, without a record between, the bench is tried again."""
@@ -70,7 +70,9 @@ class Recovery:
             time.sleep(PAUSE_S)
             try:
                 self._bench.make_safe()
-            except UnsafeBench as failure:
+                for instrument in self._bench.instruments.values():  # some are sent nothing on the way there
+                    over_a_new_link(instrument.identify)
+            except InstrumentError as failure:
                 error.__notes__ = [str(failure)]  # what was noted when the link broke is no longer how things stand
             else:
                 self._tell(

@@ -73,5 +73,15 @@ def test_fault(case: Case, expected: dict[Way, Ended], tmp_path: Path) -> None:
     assert outcome(case, ended, expected[case.way]) == DOCUMENTED[case.identifier]
 
 
+@pytest.mark.parametrize("role", ["power_meter", "patch_panel"])
+def test_no_light_goes_on_again_before_every_instrument_answers(role: str, tmp_path: Path) -> None:
+    """Also those that the way into the safe state sends nothing to."""
+    (dead,) = (case for case in cases() if (case.role, case.phase, case.name) == (role, "acquiring", "dead"))
+    assert carried_out(dead, tmp_path).status == 1
+    said = (tmp_path / "run" / "commands.log").read_text(encoding="utf-8")
+    assert said.count("laser OUTPUT ON\n") == 1
+    assert "all instruments answer" not in said
+
+
 def test_the_committed_document_is_whole() -> None:
     assert document(DOCUMENTED) == WRITTEN, "run python -m tests.faults.document"
