@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from instruments.command_table import UNKNOWN, Command
+from instruments.command_table import SWITCHED, UNKNOWN, Command
 from instruments.driver import Driver
 from instruments.errors import InstrumentError, LightLost, NotConfigured
 from instruments.interfaces import TunableLaser
@@ -180,7 +180,7 @@ class Tlg220(TunableLaser):
     def _number(self, name: str) -> float:
         text = self._ask(name)["value"]
         with contextlib.suppress(TypeError, ValueError):  # a group that is not part of every answer; or no number
-            if math.isfinite(number := float(text)):
+            if math.isfinite(number := float(SWITCHED.get(str(text).upper(), text))):
                 return number
         raise InstrumentError(
             f"laser: {self._command(name).write!r} was answered {text!r}, not a number: correct {self._table.source}"

@@ -16,6 +16,8 @@ from instruments.toml_files import TomlError, one_line, read_toml
 from instruments.values import Range
 
 UNKNOWN = "<unknown>"
+SWITCHED = {"ON": "1", "OFF": "0"}
+"""Words that some answer where a number is read."""
 UNITS = {"wavelength": "nm", "power": "dBm", "attenuation": "dB"}
 """Drivers send and read these quantities as such numbers."""
 _NUMBER_PLACE = re.compile(r"\{value(:[-+]?[0-9]{0,2}(\.[0-9]{1,2})?[efgEFG]?)?\}")
@@ -79,11 +81,13 @@ class CommandTable(BaseModel):
     Attributes:
         INSTRUMENT: What it is, for messages.
         NEEDED: The commands that there must be, and the named groups that the expression of each reply must have.
+        SPARED: Those that may be left out, all of them together.
         OTHERWISE: What can be done besides entering a command that is unknown.
     """
 
     INSTRUMENT: ClassVar[str]
     NEEDED: ClassVar[Mapping[str, tuple[str, ...]]]
+    SPARED: ClassVar[tuple[str, ...]] = ()
     OTHERWISE: ClassVar[str] = ""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -150,7 +154,10 @@ class CommandTable(BaseModel):
         Raises:
             NotConfigured: a command is missing or `<unknown>`.
         """
+        spared = self.SPARED if self.commands.keys().isdisjoint(self.SPARED) else ()
         for name in self.NEEDED:
+            if name in spared:
+                continue
             if name not in self.commands or self.commands[name].write == UNKNOWN:
                 raise NotConfigured(
                     f"{self.source}: commands.{name}.write = {UNKNOWN!r}: enter the command from the "

@@ -1,5 +1,6 @@
 """A variable optical attenuator whose commands are a table: no public command set is common to them."""
 
+import math
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -38,6 +39,16 @@ class AttenuatorTable(CommandTable):
         "get_open": ("value",),
         "error": ("code", "text"),
     }
+    SPARED: ClassVar = ("open", "get_open")
+
+    def require_complete(self) -> None:
+        """Without a shutter the largest attenuation must be known too."""
+        super().require_complete()
+        if "get_open" not in self.commands and math.isinf(self.range("attenuation").high):
+            raise NotConfigured(
+                f"{self.source}: commands.set_attenuation.max is missing: without get_open, it is shut where its "
+                f"attenuation is max"
+            )
 
     @classmethod
     def named(cls, file: Path | None) -> "AttenuatorTable":
@@ -71,6 +82,7 @@ class TableAttenuator(Attenuator):
     def __init__(self, link: TableLink) -> None:
         """Drive the attenuator behind `link`."""
         self._link = link
+        self._has_shutter = "get_open" in link.table.commands
         self._set_db: float | None = None
 
     def identify(self) -> Identity:
@@ -85,26 +97,28 @@ class TableAttenuator(Attenuator):
     def self_test(self) -> None:
         """Ask whether it is open; the table knows no other test."""
         with self._link.checked():
-            self._link.number("get_open")
+            self._lets_through()
 
     def open(self, attenuation_db: float) -> float:
         """Set the attenuation while it is shut, compare with the read-back (tolerance 0.1 dB), and open it."""
         self._set_db = self._link.set("attenuation", attenuation_db, TOLERANCE_DB)
-        with self._link.checked():
-            self._link.send("open")
-        if self._link.number("get_open") != 1:
+        if self._has_shutter:
+            with self._link.checked():
+                self._link.send("open")
+        if self._lets_through() != 1:
             raise InstrumentError("attenuator: is shut after open: check its front panel")
         return self._set_db
 
     def require_open(self) -> None:
-        """Read-back of the shutter."""
-        if self._link.number("get_open") != 1:
+        """Read-back of the shutter, or of the attenuation."""
+        if self._lets_through() != 1:
             raise LightLost("attenuator: is shut and was open: check its front panel")
 
     def shut(self) -> None:
         """Shut, by its own answer, whatever its error queue says."""
+        self._set_db = None
         self._link.send("shut")
-        errors, is_open = self._link.errors(), self._link.number("get_open")
+        errors, is_open = self._link.errors(), self._lets_through()
         confirm_off("attenuator: still open after shut", is_open, errors, "check its front panel")
 
     def changes(self) -> tuple[Change, ...]:
@@ -119,7 +133,7 @@ class TableAttenuator(Attenuator):
             "model": self._link.table.model,
             "table_verified": str(self._link.table.verified).lower(),
             "attenuation_db": self._link.number("get_attenuation"),
-            "open": self._link.number("get_open"),
+            "open": self._lets_through(),
         }
 
     def make_safe(self) -> None:
@@ -129,3 +143,10 @@ class TableAttenuator(Attenuator):
     def close(self) -> None:
         """Close the link."""
         self._link.close()
+
+    def _lets_through(self) -> float:
+        """What the shutter answers, 1 where it is open; without one, whether the attenuation is below the largest."""
+        if self._has_shutter:
+            return self._link.number("get_open")
+        largest_db = self._link.table.range("attenuation").high
+        return float(self._link.number("get_attenuation") < largest_db - TOLERANCE_DB)

@@ -5,7 +5,7 @@ import math
 import re
 from collections.abc import Iterator
 
-from instruments.command_table import UNKNOWN, Command, CommandTable
+from instruments.command_table import SWITCHED, UNKNOWN, Command, CommandTable
 from instruments.errors import InstrumentError, NotConfigured, excerpt
 from instruments.readback import confirm
 from instruments.transcripts import Transcript
@@ -36,10 +36,10 @@ class TableLink:
         return self._groups(command)["text"]
 
     def number(self, command: str) -> float:
-        """The group `value` of the answer to a command, a number."""
+        """The group `value` of the answer to a command, a number; ON is 1 and OFF 0."""
         text = self._groups(command)["value"]
         with contextlib.suppress(TypeError, ValueError):  # a group that is not part of every answer; or no number
-            if math.isfinite(number := float(text)):
+            if math.isfinite(number := float(SWITCHED.get(str(text).upper(), text))):
                 return number
         raise InstrumentError(f"{self._told(command, str(text))}, not a number: correct {self.table.source}")
 

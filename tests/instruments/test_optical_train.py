@@ -15,6 +15,7 @@ from instruments.interfaces import BYPASS_PORT
 from instruments.limits import OverLimit
 from instruments.manual_patch_panel import ManualPatchPanel
 from instruments.safe_state import UnsafeBench
+from instruments.table_attenuator import SIMULATED_TABLE
 from instruments.values import Drive, Timebase, Vertical
 from instruments.visa import VisaLink
 from labctl.bench.check import check_bench
@@ -227,6 +228,40 @@ def test_every_other_one_is_made_safe_and_an_amplifier_that_goes_on_is_told(
         bench.make_safe()
     assert failure.value.disobeyed == {"amplifier"}
     assert switched(log) == ["attenuator OFF", "laser OFF"]
+
+
+def without_shutter(folder: Path) -> Station:
+    """A bench whose attenuator is shut at its largest attenuation."""
+    kept, rest = SIMULATED_TABLE.read_text("utf-8").split("[commands.open]")
+    error = rest[rest.index("[commands.error]") :]
+    table = folder / "voa.toml"
+    table.write_text(f'{kept}[commands.shut]\nwrite = "INPut:ATTenuation 60"\n{error}', "utf-8")
+    return station(amplifier=None, attenuator=ATTENUATOR | {"commands": table})
+
+
+def test_an_attenuator_without_a_shutter_is_shut_at_its_largest_attenuation(tmp_path: Path, log: Any) -> None:
+    with opened(without_shutter(tmp_path), log) as found:
+        bench, attenuator = found.bench, found.bench.instruments["attenuator"]
+        bench.make_safe()
+        bench.require_unchanged()
+        with bench.emitting(1550.0):
+            assert (attenuator.settings()["attenuation_db"], attenuator.settings()["open"]) == (3, 1)
+            bench.tune(1551.0)
+            bench.require_unchanged()
+        assert (attenuator.settings()["attenuation_db"], attenuator.settings()["open"]) == (60, 0)
+        bench.require_unchanged()
+    assert not [text for text in log.sent_to("attenuator") if text.startswith("OUTPut")]
+
+
+def test_without_a_shutter_the_largest_attenuation_must_be_known(tmp_path: Path, log: Any) -> None:
+    unknown = without_shutter(tmp_path)
+    table = tmp_path / "voa.toml"
+    table.write_text(table.read_text("utf-8").replace("max = 60.0\n", ""), "utf-8")
+    with (
+        pytest.raises(StationError, match=r"voa\.toml: commands\.set_attenuation\.max is missing: without get_open"),
+        opened(unknown, log),
+    ):
+        raise AssertionError("opened")
 
 
 def test_a_table_is_needed_complete_and_verified(tmp_path: Path, log: Any) -> None:
