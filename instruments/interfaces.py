@@ -146,6 +146,14 @@ class Oscilloscope(Instrument):
     code_type: Literal["int8", "int16"] = "int8"
     """Type of the codes of a single trigger; those of means are always int16."""
 
+    def require_rate(self, sample_rate: float) -> None:
+        """Refuse what needs a rate, S/s, that it does not sample at: no setting of that would help.
+
+        Raises:
+            OutOfRange: it does not.
+        """
+        self.sample_rate.check("scope sample rate", sample_rate, "use one that samples so fast, such as the DPO72504DX")
+
     @abstractmethod
     def configure(self, timebase: Timebase, trigger: EdgeTrigger, channels: tuple[int, ...], averages: int) -> None:
         """Set everything but the vertical ranges.

@@ -145,7 +145,7 @@ class Dpo72504dx(Oscilloscope):
         Whatever else changes volts or time is set as well, as a former user may have left it otherwise. The front panel
         is locked.
         """
-        self.sample_rate.check("scope sample rate", timebase.sample_rate)
+        self.require_rate(timebase.sample_rate)
         self.AVERAGES.check("averages", averages)
         self._kept.forget()
         for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL"):

@@ -123,7 +123,7 @@ class Mso6b(Oscilloscope):
         Whatever else changes volts or time is set as well, as a former user may have left it otherwise. How long a
         record is, is asked before its delay is set, which counts from its middle. The front panel is locked.
         """
-        self.sample_rate.check("scope sample rate", timebase.sample_rate)
+        self.require_rate(timebase.sample_rate)
         self.AVERAGES.check("averages", averages)
         self._kept.forget()
         for message in ("ACQuire:STATE STOP", "*CLS", "LOCk ALL"):

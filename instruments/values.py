@@ -47,16 +47,15 @@ class Range:
     high: float
     unit: str
 
-    def check(self, name: str, value: float) -> float:
-        """Return `value` if it lies inside.
+    def check(self, name: str, value: float, remedy: str = "choose a value inside") -> float:
+        """Return `value` if it lies inside; `remedy` says what to do where it does not.
 
         Raises:
             OutOfRange: it does not, or is not a number.
         """
         if not self.low <= value <= self.high:
             raise OutOfRange(
-                f"{name} = {value:g} {self.unit} is outside {self.low:g}..{self.high:g} {self.unit}: "
-                f"choose a value inside"
+                f"{name} = {value:g} {self.unit} is outside {self.low:g}..{self.high:g} {self.unit}: {remedy}"
             )
         return value
 

@@ -59,7 +59,7 @@ def planned(request: Request, bench: Bench) -> Plan:
         ProtocolError: it cannot measure these inputs.
     """
     protocol, inputs = request.protocol, request.inputs
-    bench.scope.sample_rate.check("scope sample rate", protocol.sample_rate)
+    bench.scope.require_rate(protocol.sample_rate)
     shots, passes = protocol.shots(inputs), protocol.passes(bench)
     return Plan(
         RunShape(

@@ -89,7 +89,9 @@ def test_what_samples_faster_is_refused_before_there_is_light(
     station.write_text("[scope]\ndriver = 'tektronix-mso6b'\n[wiring]\nprojector = false\n")
     status, found = as_json(capsys, *command, "--station", station, "--out", out)
     assert status == 2
-    assert found["error"] == "scope sample rate = 5e+10 S/s is outside 1..2.5e+10 S/s: choose a value inside"
+    assert found["error"] == (
+        "scope sample rate = 5e+10 S/s is outside 1..2.5e+10 S/s: use one that samples so fast, such as the DPO72504DX"
+    )
     assert not out.exists()
 
 

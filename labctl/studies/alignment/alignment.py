@@ -116,7 +116,7 @@ def align_bench(
         bench = stack.enter_context(opened(station, log, access, observer=Observers(hold, supervisor))).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
         check_laser(station, (station.laser.wavelength, last))
-        bench.scope.sample_rate.check("scope sample rate", FINE_RATE)
+        bench.scope.require_rate(FINE_RATE)
         bench.require_arm()
         instruments = {
             name: {"identity": vars(identity), "settings": bench.instruments[name].settings()}
