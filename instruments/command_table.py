@@ -60,7 +60,7 @@ class Command(BaseModel):
     unit: str = Field(default="", max_length=20)
     min: float = -math.inf
     max: float = math.inf
-    step: float | None = None
+    step: float | None = None  # the simulated laser rounds to it; a driver compares what it reads back instead
     poll_s: float = Field(default=0.1, ge=0, le=60)
     timeout_s: float = Field(default=30.0, gt=0, le=3600)
 
