@@ -24,13 +24,14 @@ USER, PASSWORD = "ada", "engine"
 class Traffic:
     """What a server was asked and how many bytes it gave; with `cut` it breaks off in the middle of files called so.
 
-    What is `refused` is answered by 403.
+    What is `refused` is answered by 403, or another `refusal`.
     """
 
     requests: list[str] = field(default_factory=list)
     bytes: int = 0
     cut: str = ""
     refused: Callable[[str], bool] = lambda _request: False
+    refusal: str = "403 Forbidden"
 
     def forget(self) -> None:
         """Count anew."""
@@ -52,7 +53,7 @@ def served(application: Any) -> Iterator[tuple[str, Traffic]]:
         request = f"{environ['REQUEST_METHOD']} {environ['PATH_INFO']}?{environ['QUERY_STRING']}"
         traffic.requests.append(request)
         if traffic.refused(request):
-            start_response("403 Forbidden", [])
+            start_response(traffic.refusal, [])
             return []
         answer = application(environ, start_response)
         try:
@@ -152,7 +153,8 @@ class _Doorkeeper(paramiko.ServerInterface):  # type: ignore[misc]
 class _Files(paramiko.SFTPServerInterface):  # type: ignore[misc]
     """This machine's files to read, and those in one folder to write.
 
-    Somebody else makes folders called `busy` there just before they are asked for.
+    Somebody else makes folders called `busy` there just before they are asked for. Those called `closed` are listed to
+    nobody.
     """
 
     def __init__(self, server: paramiko.ServerInterface, home: Path) -> None:
@@ -163,6 +165,8 @@ class _Files(paramiko.SFTPServerInterface):  # type: ignore[misc]
         return f"/{path.lstrip('/')}".startswith(f"{self._home}/")
 
     def list_folder(self, path: str) -> Any:
+        if path.endswith("/closed"):
+            return paramiko.SFTP_PERMISSION_DENIED
         found = []
         for name in os.listdir(path):
             about = paramiko.SFTPAttributes.from_stat(os.lstat(os.path.join(path, name)))

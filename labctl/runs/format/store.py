@@ -177,22 +177,47 @@ class _Folder:
 
     def _found(self) -> dict[str, Mapping[str, Any]]:
         system, root = self._opened
-        depth = DEEPEST if self._has_folders else None
         try:
             system.invalidate_cache()
             if root.endswith(".h5"):  # a listing of what is a file might be the whole file
                 return {"": system.info(root)} if system.exists(root) else {}
-            found = system.find(root, maxdepth=depth, withdirs=True, detail=True)
+            found = self._walked() if self._has_folders else self._inside(system.find(root, withdirs=True, detail=True))
         except FileNotFoundError:
             return {}
+        except Unreachable:
+            raise
         except Exception as error:
             raise self._unreachable(self.shown, error) from error
         if len(found) > MOST_ENTRIES:
             raise RunError(f"{self.shown}: holds more than {MOST_ENTRIES} files: name a folder in it")
-        above = root.rstrip("/")
+        return found
+
+    def _walked(self) -> dict[str, Mapping[str, Any]]:
+        """What is there, folder by folder. `find` takes one that the store refuses to list for an empty one."""
+        system, root = self._opened
+        # A web server calls nothing a folder that has no / at its end: what is one has something in its listing.
+        found: dict[str, Mapping[str, Any]] = {"": {"type": "file"} if _is_web(root) else system.info(root)}
+        folders = [""] if _is_web(root) or found[""]["type"] == "directory" else []
+        for folder in folders:  # and in those that are found on the way
+            try:
+                listed = {one["name"]: one for one in system.ls(self._full(folder), detail=True)}
+            except Exception as error:
+                if not folder:
+                    raise
+                raise self._unreachable(self.name_of(folder), error) from error
+            new = {inner: one for inner, one in self._inside(listed).items() if inner not in found}
+            found |= new
+            folders += [
+                inner for inner, one in new.items() if one["type"] == "directory" and inner.count("/") < DEEPEST - 1
+            ]
+        return found
+
+    def _inside(self, listed: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+        """What is listed, by its place under the URL; a page also has links to elsewhere."""
+        above = self._opened[1].rstrip("/")
         inner = {
             name.rstrip("/").removeprefix(above).lstrip("/"): one
-            for name, one in found.items()
+            for name, one in listed.items()
             if name.startswith(above)
         }
         return {
@@ -485,6 +510,10 @@ class StoredFile(io.RawIOBase):
 def _shown(url: str) -> str:
     """A URL as it may be printed: without the password in it."""
     return _PASSWORD.sub(r"\1@", url.rstrip("/"))
+
+
+def _is_web(root: str) -> bool:
+    return root.startswith(("http://", "https://"))
 
 
 def _inner(path: PurePosixPath) -> str:

@@ -201,6 +201,28 @@ def test_a_run_behind_ssh(lab: Path, as_json: AsJson, typed: Typed, tmp_path: Pa
         assert PASSWORD not in err
 
 
+@pytest.mark.parametrize("name", [".", "closed"])
+def test_a_folder_that_ssh_refuses_to_list_is_not_taken_for_empty(
+    name: str, lab: Path, tmp_path: Path, typed: Typed
+) -> None:
+    shutil.copytree(lab, tmp_path / "runs" / "closed")
+    with ssh(tmp_path) as address:
+        status, out, err = typed("runs", f"{address}{tmp_path}/runs/{name}".removesuffix("/."))
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert f"{tmp_path}/runs/closed: cannot be read (" in err
+
+
+@pytest.mark.parametrize("refusal", ["403 Forbidden", "404 Not Found"])
+def test_a_folder_that_a_web_server_refuses_to_list_is_not_taken_for_empty(
+    refusal: str, lab: Path, typed: Typed
+) -> None:
+    with web(lab) as (address, traffic):
+        traffic.refused, traffic.refusal = (lambda request: "/cut" in request), refusal
+        status, out, err = typed("runs", address)
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert f"{address}/cut: cannot be read (" in err
+
+
 def test_a_run_in_memory(lab: Path, typed: Typed) -> None:
     system = fsspec.filesystem("memory")
     for path in files_of(lab / "cut"):
