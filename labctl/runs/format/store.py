@@ -33,7 +33,7 @@ CHANGES = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", 
 """What a store may say of a file that is another when the file is."""
 LONGEST_REASON = 300
 _URL = re.compile(r"([a-z][a-z0-9+.-]+)://(?!$)")
-_PASSWORD = re.compile(r"(://[^/:@]*):[^/@]*@")
+_PASSWORD = re.compile(r"(://[^/:]*):[^/]*@")
 
 
 class Unreachable(LabctlError):

@@ -282,6 +282,21 @@ def test_what_is_no_place_is_one_line(url: str, words: str, bucket: Traffic, typ
     assert words in err
 
 
+@pytest.mark.parametrize(
+    ("url", "shown"),
+    [
+        ("sftp://ada:engine@host/lab", "sftp://ada@host/lab"),
+        ("sftp://ada:eng@ine@host:22/lab", "sftp://ada@host:22/lab"),
+        ("sftp://ada:e:n@g@host/a:b@c", "sftp://ada@host/a:b@c"),
+        ("sftp://ada@lab.org:engine@host/lab", "sftp://ada@lab.org@host/lab"),
+        ("sftp://ada@host:22/a@b", "sftp://ada@host:22/a@b"),
+        ("https://host:8080/ada:engine@lab", "https://host:8080/ada:engine@lab"),
+    ],
+)
+def test_no_part_of_a_password_is_shown(url: str, shown: str) -> None:
+    assert str(location(url)) == shown
+
+
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, typed: Typed) -> None:
     import sys
 
