@@ -180,9 +180,12 @@ class _Folder:
         try:
             system.invalidate_cache()
             if root.endswith(".h5"):  # a listing of what is a file might be the whole file
-                return {"": system.info(root)} if system.exists(root) else {}
+                return {"": system.info(root)}
             found = self._walked() if self._has_folders else self._inside(system.find(root, withdirs=True, detail=True))
-        except FileNotFoundError:
+        except FileNotFoundError as error:
+            why = error.__cause__  # HTTP calls a file "not found" whatever it was answered, and where nobody answers
+            if _is_web(root) and isinstance(why, Exception) and getattr(why, "status", None) != 404:
+                raise self._unreachable(self.shown, why) from why
             return {}
         except Unreachable:
             raise

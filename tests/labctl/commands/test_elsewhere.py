@@ -258,13 +258,26 @@ def test_a_store_that_breaks_off_is_one_line_and_is_not_remembered(
     assert "unreadable" not in typed("runs", BUCKET)[1]
 
 
-def test_a_store_that_is_gone_is_one_line(monkeypatch: pytest.MonkeyPatch, typed: Typed) -> None:
+def test_a_store_that_is_gone_is_one_line(typed: Typed) -> None:
     with web(Path()) as (address, _):
         pass
     with pytest.raises(Unreachable, match="see to the connection"):
         open_run(f"{address}/run")
-    status, out, err = typed("runs", address)
+    for words in (("runs", address), ("show", f"{address}/run/data.h5")):
+        status, out, err = typed(*words)
+        assert (status, out, err.count("\n")) == (1, "", 1)
+        assert f"{words[1]}: cannot be read (" in err
+
+
+@pytest.mark.parametrize("refusal", ["403 Forbidden", "500 Internal Server Error"])
+def test_a_data_file_that_is_refused_is_not_called_missing(refusal: str, lab: Path, typed: Typed) -> None:
+    with web(lab) as (address, traffic):
+        status, out, err = typed("show", f"{address}/nothing/data.h5")
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        traffic.refused, traffic.refusal = (lambda _request: True), refusal
+        status, out, err = typed("show", f"{address}/whole/data.h5")
     assert (status, out, err.count("\n")) == (1, "", 1)
+    assert f"{address}/whole/data.h5: cannot be read ({refusal[:3]}" in err
 
 
 @pytest.mark.parametrize(
