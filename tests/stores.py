@@ -154,8 +154,10 @@ class _Files(paramiko.SFTPServerInterface):  # type: ignore[misc]
     """This machine's files to read, and those in one folder to write.
 
     Somebody else makes folders called `busy` there just before they are asked for. Those called `closed` are listed to
-    nobody.
+    nobody, and of those called `asleep` nothing is heard as long as the server is there.
     """
+
+    ended = threading.Event()
 
     def __init__(self, server: paramiko.ServerInterface, home: Path) -> None:
         super().__init__(server)
@@ -167,6 +169,8 @@ class _Files(paramiko.SFTPServerInterface):  # type: ignore[misc]
     def list_folder(self, path: str) -> Any:
         if path.endswith("/closed"):
             return paramiko.SFTP_PERMISSION_DENIED
+        if path.endswith("/asleep"):
+            self.ended.wait()
         found = []
         for name in os.listdir(path):
             about = paramiko.SFTPAttributes.from_stat(os.lstat(os.path.join(path, name)))
@@ -211,6 +215,7 @@ def ssh(home: Path) -> Iterator[str]:
         (home / ".ssh").mkdir()
         key.write_private_key_file(home / ".ssh" / "id_rsa")
         sessions: list[paramiko.Transport] = []
+        _Files.ended.clear()
 
         def accept() -> None:
             while True:
@@ -229,6 +234,7 @@ def ssh(home: Path) -> Iterator[str]:
         try:
             yield f"sftp://{USER}:{PASSWORD}@127.0.0.1:{listening.getsockname()[1]}"
         finally:
+            _Files.ended.set()
             for session in sessions:
                 session.close()
             listening.shutdown(socket.SHUT_RDWR)

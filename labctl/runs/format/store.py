@@ -31,6 +31,10 @@ OBJECT_STORES = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "az"})
 """They have keys and no folders: one listing names all of them, and none goes deeper for ever."""
 CHANGES = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "updated", "created")
 """What a store may say of a file that is another when the file is."""
+SILENT_S = 30
+"""So long a server behind SSH may say nothing, in s, unless fsspec is configured otherwise."""
+S3_ROUNDS = 2
+"""Each is of five tries of botocore (`AWS_MAX_ATTEMPTS`), which wait longer every time for a store that throttles."""
 LONGEST_REASON = 300
 _URL = re.compile(r"([a-z][a-z0-9+.-]+)://(?!$)")
 _PASSWORD = re.compile(r"(://[^/:]*):[^/]*@")
@@ -138,18 +142,25 @@ class _Folder:
     @cached_property
     def _opened(self) -> tuple[Any, str]:
         try:
-            core = import_module("fsspec.core")
+            core, config = import_module("fsspec.core"), import_module("fsspec.config")
         except ModuleNotFoundError:
             raise self._lacks("fsspec") from None
+        ssh, s3 = self._url.startswith(("sftp:", "ssh:")), self._url.startswith(("s3:", "s3a:"))
+        own = config.conf.get("sftp", {}) | config.conf.get("ssh", {})
+        limits = {name: SILENT_S for name in ("timeout", "channel_timeout") if ssh and name not in own}
         try:
-            found: tuple[Any, str] = core.url_to_fs(self._url)
+            system, root = core.url_to_fs(self._url, **limits)
+            if ssh:  # the limit is for opening the channel: by itself, paramiko awaits answers in it for ever
+                system.ftp.get_channel().settimeout(system.ssh_kwargs["channel_timeout"])
+            elif s3:
+                system.retries = min(system.retries, S3_ROUNDS)
         except ImportError as error:
             raise self._lacks(error.name or one_line(error)) from None
         except ValueError as error:
             raise UsageError(f"{self.shown}: {one_line(error)}: name a store as s3://, sftp:// or https://") from None
         except Exception as error:
             raise self._unreachable(self.shown, error) from error
-        return found
+        return system, root
 
     def _lacks(self, package: str) -> RunError:
         return RunError(f'{self.shown}: needs {package} to be read: pip install "photonic-labctl[store]"')

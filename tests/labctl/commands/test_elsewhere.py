@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import fsspec
@@ -12,10 +13,11 @@ import pytest
 
 import labctl
 from labctl.errors import RunError
+from labctl.runs.format import store
 from labctl.runs.format.store import BLOCK_BYTES, Unreachable, location
 from labctl.runs.read.run import open_run
 from tests.labctl.commands.conftest import AsJson, Typed
-from tests.stores import PASSWORD, Traffic, bucket_of, ssh, web
+from tests.stores import PASSWORD, Traffic, account, bucket_of, served, ssh, web
 
 BUCKET = "s3://bucket/lab"
 
@@ -267,6 +269,41 @@ def test_a_store_that_is_gone_is_one_line(typed: Typed) -> None:
         status, out, err = typed(*words)
         assert (status, out, err.count("\n")) == (1, "", 1)
         assert f"{words[1]}: cannot be read (" in err
+
+
+def test_ssh_that_stands_still_is_one_line(
+    lab: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, typed: Typed
+) -> None:
+    shutil.copytree(lab, tmp_path / "runs" / "asleep")
+    monkeypatch.setattr(store, "SILENT_S", 1)
+    monkeypatch.setitem(fsspec.config.conf, "sftp", {"timeout": 60})  # of a user, to connect
+    with ssh(tmp_path) as address:
+        status, out, err = typed("runs", f"{address}{tmp_path}/runs")
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert f"{tmp_path}/runs/asleep: cannot be read (" in err
+
+
+def test_s3_that_stands_still_is_one_line_after_two_rounds_of_the_users_tries(
+    monkeypatch: pytest.MonkeyPatch, typed: Typed
+) -> None:
+    ended = Event()
+
+    def never(_environ: Any, start_response: Any) -> list[bytes]:
+        ended.wait()
+        start_response("500 Internal Server Error", [])
+        return []
+
+    monkeypatch.setitem(fsspec.config.conf, "s3", {"config_kwargs": {"connect_timeout": 60, "read_timeout": 0.5}})
+    with served(never) as (address, traffic):
+        for name, value in account(address).items():
+            monkeypatch.setenv(name, value)
+        try:
+            status, out, err = typed("runs", BUCKET)
+            assert len(traffic.requests) == 2
+        finally:
+            ended.set()
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert f"{BUCKET}: cannot be read (" in err
 
 
 @pytest.mark.parametrize("refusal", ["403 Forbidden", "500 Internal Server Error"])
