@@ -14,6 +14,7 @@ from sklearn.covariance import LedoitWolf, ShrunkCovariance
 from sklearn.metrics import auc, roc_curve
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from labctl.analysis.standardisation import units
 from labctl.errors import AnalysisError
 
 
@@ -79,7 +80,7 @@ class CovarianceScore(BaseEstimator):  # type: ignore[misc]
 
     Attributes:
         mean_: (features,) mean of each feature.
-        scale_: (features,) standard deviation of each feature; 1 where that is zero.
+        scale_: (features,) standard deviation of each feature; 1 where it is constant.
         precision_: (features, features) inverse of the covariance of the standardised features.
         shrinkage_: The s that was used.
         n_features_in_: Number of features.
@@ -98,8 +99,7 @@ class CovarianceScore(BaseEstimator):  # type: ignore[misc]
             raise AnalysisError(f"a shrinkage of {self.shrinkage:g} is no mixture: use 0 to 1, or None for the optimum")
         features = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
         self.mean_ = features.mean(axis=0)
-        spread = features.std(axis=0)
-        self.scale_ = np.where(spread == 0, 1.0, spread)
+        self.scale_ = units(features.std(axis=0), self.mean_, len(features))
         standard = (features - self.mean_) / self.scale_
         if self.shrinkage is None:
             covariance = LedoitWolf(assume_centered=True).fit(standard)

@@ -19,6 +19,8 @@ from sklearn.utils import Tags
 from sklearn.utils.multiclass import check_classification_targets, unique_labels
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from labctl.analysis.standardisation import units
+
 SHOTS_PER_WEIGHT = 20
 """How long readouts remember by default: so many shots for each weight of an output. RLS fits that many weights to
 what it remembers, so few of them would be learnt by heart."""
@@ -244,8 +246,7 @@ class _Filter:
 
     def __init__(self, features: NDArray[np.float64], outputs: int, rule: Rule) -> None:
         self._mean = features.mean(axis=0)
-        deviation = features.std(axis=0)
-        self._scale = np.where(deviation > 0, deviation, 1.0)
+        self._scale = units(features.std(axis=0), self._mean, len(features))
         self._gain = rule.gain(1 + features.shape[1])
         self._weights = np.zeros((outputs, 1 + features.shape[1]))
 

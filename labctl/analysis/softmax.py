@@ -15,6 +15,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from labctl.analysis.splits import Split
+from labctl.analysis.standardisation import units
 
 SHOTS_OF_CURVATURE = 10_000
 """The curvature is estimated from so many shots, evenly spread: it decides how fast the optimum is found, not which."""
@@ -121,13 +122,15 @@ def held_out_answers(
 
 
 def deviations(features: NDArray[np.floating], splits: Sequence[Split]) -> NDArray[np.float64]:
-    """Standard deviation of each feature over each training part, (splits, features); 1 where that is zero."""
+    """Standard deviation of each feature over each training part, (splits, features); 1 where it is constant."""
     found = np.empty((len(splits), features.shape[1]))
     for first in range(0, features.shape[1], BLOCK_FEATURES):
         some = slice(first, first + BLOCK_FEATURES)
         for deviation, (train, _) in zip(found, splits, strict=True):
             deviation[some] = features[:, some][train].std(axis=0, dtype=np.float64)
-    return np.where(found == 0, 1.0, found)
+    return np.array(
+        [units(deviation, features[train[0]], train.size) for deviation, (train, _) in zip(found, splits, strict=True)]
+    )
 
 
 @dataclass(frozen=True)
