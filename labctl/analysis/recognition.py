@@ -48,7 +48,7 @@ def recognition(
     """
     readout = softmax_readout(
         ports=ports,
-        window_s=window_s or traces.shape[2] * sample_interval_s,
+        window_s=traces.shape[2] * sample_interval_s if window_s is None else window_s,
         sample_interval_s=sample_interval_s,
         recorded_ports=recorded_ports if ports else None,
     )

@@ -6,6 +6,7 @@ from scipy.stats import norm
 
 from labctl.analysis.intervals import interval
 from labctl.analysis.recognition import Recognition, recognition
+from labctl.errors import AnalysisError
 
 DISTANCE = 0.9
 TRUTH = float(norm.cdf(DISTANCE))
@@ -36,3 +37,9 @@ def test_images_count_once_that_splits_test_again_or_a_run_shows_again() -> None
     assert again.images == pytest.approx(tested, abs=10)
     expected = interval(round(again.accuracy * again.images), again.images)
     assert np.diff(again.interval) == pytest.approx(np.diff(expected))
+
+
+def test_a_window_of_nothing_is_refused() -> None:
+    traces, labels = np.ones((40, 1, 2)), np.arange(40) % 2
+    with pytest.raises(AnalysisError, match="window"):
+        recognition(traces, labels, np.arange(40), sample_interval_s=40e-12, window_s=0.0)
