@@ -9,6 +9,7 @@ rounding errors where lambda < 1: S. and L. Ljung, Automatica 21 (1985) 157; M. 
 The bound on its trace: K. J. Astrom and B. Wittenmark, Adaptive Control (2nd ed.), section 11.5.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -58,7 +59,7 @@ class RecursiveLeastSquares(BaseEstimator):  # type: ignore[misc]  # scikit-lear
         if not longest <= chosen <= 1:
             raise ValueError(
                 f"forgetting = {chosen:g}: {weights} weights need a memory of {LEAST_SHOTS_PER_WEIGHT * weights} "
-                f"shots at least: choose from {longest:.6f} to 1"
+                f"shots at least: choose from {math.ceil(longest * 1e6) / 1e6:.6f} to 1"
             )
         if self.penalty <= 0:
             raise ValueError(f"penalty = {self.penalty:g}: choose one above 0")

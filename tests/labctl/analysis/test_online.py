@@ -1,5 +1,6 @@
 """Readouts that follow: what they are at rest, that they follow, and that nothing makes them lose their way."""
 
+import re
 import warnings
 from typing import Any
 
@@ -95,7 +96,7 @@ def test_shots_that_say_nothing_new_do_not_wind_it_up() -> None:
 @pytest.mark.parametrize(
     ("rule", "told"),
     [
-        (RecursiveLeastSquares(forgetting=0.9), r"7 weights need a memory of 14 shots.*choose from 0.928571 to 1"),
+        (RecursiveLeastSquares(forgetting=0.9), r"7 weights need a memory of 14 shots.*choose from 0.928572 to 1"),
         (RecursiveLeastSquares(forgetting=1.1), "choose from"),
         (RecursiveLeastSquares(penalty=0), "choose one above 0"),
         (NormalisedLeastMeanSquares(step=2), "choose one between 0 and 2"),
@@ -106,6 +107,15 @@ def test_settings_that_lose_their_way_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=told):
         OnlineRegressor(rule).fit(*shots(30))
+
+
+@pytest.mark.parametrize("weights", [7, 51, 1000])
+def test_the_least_memory_that_is_named_is_taken(weights: int) -> None:
+    with pytest.raises(ValueError, match="choose from") as refused:
+        RecursiveLeastSquares(forgetting=0.5).gain(weights)
+    named = re.search(r"choose from ([0-9.]+) to 1", str(refused.value))
+    assert named is not None
+    RecursiveLeastSquares(forgetting=float(named[1])).gain(weights)
 
 
 def test_a_class_that_was_not_named_is_refused() -> None:
