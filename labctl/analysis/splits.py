@@ -3,6 +3,7 @@
 Shots that show the same image share a group; a group is never on both sides of a split.
 """
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -43,13 +44,16 @@ def random_splits(
     group_labels = labels[first]
     if mixed := np.unique(groups[group_labels[member] != labels]).tolist():
         raise AnalysisError(f"shots of group {mixed[0]} have different labels: give each image a group of its own")
-    test_groups = max(round(_share(test_size, labels.size) * names.size), 1)
+    share = _share(test_size, labels.size)
+    test_groups = max(round(share * names.size), 1)
     fewest = np.unique_counts(group_labels).counts.min()
     classes = np.unique(group_labels).size
     if fewest < 2 or test_groups < classes or names.size - test_groups < classes:
+        enough = math.ceil(round(classes / min(share, 1 - share), 6))
+        advice = f"{enough} images, two or more of each, are enough" if test_size < 1 else "change the test part"
         raise TooFewImages(
             f"{names.size} images of {classes} classes cannot be split with a test part of {test_size:g}: every class "
-            "needs an image on both sides, measure more images or change the test part"
+            f"needs an image on both sides, {advice}"
         )
     splitter = StratifiedShuffleSplit(n_splits=splits, test_size=test_groups, random_state=seed)
     for _, test in splitter.split(names, group_labels):

@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,7 +19,7 @@ from labctl.analysis.evaluation import (
 from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.splits import enough_splits, forward_in_time_split, own_split, random_splits
 from labctl.analysis.windows import WindowFeatures
-from labctl.errors import AnalysisError
+from labctl.errors import AnalysisError, TooFewImages
 
 TAU = 40e-12
 
@@ -60,8 +62,20 @@ def test_splits_that_cannot_be_are_refused() -> None:
         list(random_splits(np.array([0, 1, 0, 1]), np.array([0, 0, 1, 2]), seed=1))
     with pytest.raises(AnalysisError, match="cannot be split"):
         list(random_splits(np.arange(20) % 4, np.arange(20), seed=1))
+    with pytest.raises(AnalysisError, match="change the test part"):
+        list(random_splits(np.arange(20) % 4, np.arange(20), test_size=2, seed=1))
     with pytest.raises(AnalysisError, match="leaves nothing on one side"):
         list(random_splits(np.arange(20) % 4, np.arange(20), test_size=20, seed=1))
+
+
+@pytest.mark.parametrize(("classes", "test_size"), [(2, 0.1), (3, 0.1), (4, 0.1), (10, 0.1), (3, 0.75)])
+def test_as_many_images_as_are_asked_for_can_be_split(classes: int, test_size: float) -> None:
+    with pytest.raises(TooFewImages, match="images, two or more of each, are enough") as refused:
+        list(random_splits(np.arange(classes), np.arange(classes), test_size=test_size, seed=1))
+    named = re.search(r"(\d+) images, two or more", str(refused.value))
+    assert named is not None
+    images = np.arange(int(named[1]))
+    assert list(random_splits(images % classes, images, splits=1, test_size=test_size, seed=1))
 
 
 @given(st.integers(20, 1_000_000))
