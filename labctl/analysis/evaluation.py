@@ -68,9 +68,14 @@ class Control:
     tolerance: float
 
     @property
+    def limit(self) -> float:
+        """The highest accuracy that counts as chance."""
+        return self.chance + self.tolerance
+
+    @property
     def at_chance(self) -> bool:
         """True if nothing was recognised."""
-        return self.accuracy <= self.chance + self.tolerance
+        return self.accuracy <= self.limit
 
 
 def validate(

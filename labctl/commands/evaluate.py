@@ -118,7 +118,8 @@ def _print_readout(found: dict[str, Any]) -> None:
             rows.append((f"control: {name}", *NOT_JUDGED))
             continue
         verdict = "at chance" if control["at_chance"] else "NOT at chance"
-        rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}, {control['chance']:.3f}"))
+        bounds = f"{control['chance']:.3f}, marked above {control['limit']:.3f}"
+        rows.append((f"control: {name}", f"{control['accuracy']:.3f}", f"{verdict}: {bounds}"))
     table(("what", "accuracy", ""), rows)
     if (other := found["other_images"]) is not None:
         known, shown = other["trained_on"], other["tested_on"]

@@ -324,6 +324,7 @@ def _controls(
         found[name] = {
             "accuracy": checked.accuracy,
             "chance": checked.chance,
+            "limit": checked.limit,
             "at_chance": checked.at_chance,
         }
     return found

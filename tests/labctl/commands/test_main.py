@@ -440,7 +440,12 @@ class TestReadout:
         assert found["test_shots"] == 8
         assert found["accuracy"] == trained["accuracy"]
         assert found["own_split"] is found["other_images"] is None
-        assert found["controls"]["shuffled labels"]["at_chance"]
+        shuffled = found["controls"]["shuffled labels"]
+        assert shuffled["at_chance"]
+        assert shuffled["accuracy"] <= shuffled["limit"]
+        assert shuffled["chance"] < shuffled["limit"]
+        told = labctl(capsys, "evaluate", trained["model"], run)[1]
+        assert f"at chance: {shuffled['chance']:.3f}, marked above {shuffled['limit']:.3f}" in told
         report = Path(found["report"]).read_text()
         assert "http://" not in report.replace("http://www.w3.org", "")
         assert {path.name for path in (run / "figures").iterdir()} >= {
