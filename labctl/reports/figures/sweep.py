@@ -13,7 +13,7 @@ def sweep_figure(curves: Sequence[Series], *, axis: str, ticks: Sequence[str] | 
     """Accuracy against an axis of a sweep, with its interval.
 
     Args:
-        curves: x = positions on the axis, in its unit; mean of the accuracy, 0..1, and as `sd` half its interval.
+        curves: x = positions on the axis, in its unit; mean of the accuracy, 0..1, and its interval.
         axis: What was varied, with its unit.
         ticks: Texts at positions 0, 1, 2, ... where values are no numbers.
         chance: Accuracy of guessing, 0..1, which is marked; None where it is not the same at all points.
