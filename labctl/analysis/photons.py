@@ -58,7 +58,7 @@ def photon_transfer(repeats: NDArray[Any], dark: NDArray[Any]) -> PhotonScale:
     values = np.asarray(repeats, np.float64)
     darkness = np.asarray(dark, np.float64)
     dark_v = darkness.mean(axis=(0, 2))
-    noise = np.mean(np.diff(values, axis=0) ** 2, axis=(0, 2)) / 2 - darkness.var(axis=(0, 2))
+    noise = _variance(values) - darkness.var(axis=(0, 2))
     light = values.mean(axis=(0, 2)) - dark_v
     if dead := np.flatnonzero((light <= 0) | (noise <= 0)).tolist():
         raise AnalysisError(
@@ -66,6 +66,30 @@ def photon_transfer(repeats: NDArray[Any], dark: NDArray[Any]) -> PhotonScale:
             "own noise, use more light or a quieter receiver"
         )
     return PhotonScale(noise / light, dark_v)
+
+
+def photons_of_equal_noise(repeats: NDArray[Any], light: NDArray[Any]) -> float:
+    """With how many photons a sample an ideal counter has as much noise as records do, on the port that has most.
+
+    Of n photons, the mean over all ports and samples, a port gets its part of the mean light m, n m_p / m. Their
+    variance in the records' units is m m_p / n, and that of the records at n = m m_p / variance. It is the noise at the
+    light of that picture; rounding that is the same in all repeats is not seen, and needs noise in front of it.
+
+    Args:
+        repeats: (n, ports, samples) of one picture again and again, in the order of measurement.
+        light: (shots, ports, samples) in the same units, darkness at zero.
+
+    Raises:
+        AnalysisError: Fewer than two repeats, or no noise at all.
+    """
+    if len(repeats) < 2:
+        raise AnalysisError(f"{len(repeats)} records of the reference image do not say what the noise is: measure 2")
+    variance = _variance(np.asarray(repeats, np.float64))
+    mean = np.asarray(light, np.float64).mean(axis=(0, 2))
+    noisy = variance > 0
+    if not noisy.any():
+        raise AnalysisError("the records of the reference image are all the same: their noise cannot be measured")
+    return float(mean.mean() * np.min(mean[noisy] / variance[noisy]))
 
 
 def relative(light: NDArray[Any]) -> NDArray[np.float64]:
@@ -117,3 +141,8 @@ def photons_needed(photons: Sequence[float], accuracies: Sequence[float], wanted
         return float(photons[0])
     part = (wanted - accuracies[first - 1]) / (accuracies[first] - accuracies[first - 1])
     return float(photons[first - 1] * (photons[first] / photons[first - 1]) ** part)
+
+
+def _variance(repeats: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each port (ports,), by differences between successive repeats, so that slow drift does not count."""
+    return np.asarray(np.mean(np.diff(repeats, axis=0) ** 2, axis=(0, 2)) / 2)

@@ -42,6 +42,9 @@ def test_they_go_from_their_files_to_figures(tmp_path: Path, monkeypatch: pytest
     assert 20 < bright / dim < 50, "15 dB apart"
     assert few["here"]["ideal"]["2.0"]["0.1"]["mean"] < few["here"]["ideal"]["2.0"]["300"]["mean"]
     assert analogue["here"]["counted_loss"]["10"]["mean"] > 0
+    noise = {one["here"]["bright_noise_photons"]["mean"] for one in (few, analogue)}
+    assert len(noise) == 1
+    assert noise.pop() > 100_000, "ten times what b4 asks for"
     drawn = {path.name for path in (tmp_path / "out" / "figures").glob("*.svg")}
     assert drawn == {"b3-photons.svg", "b4-bits.svg", "b4-photons.svg"}
     assert len(list((tmp_path / "out").glob("image-readout-*"))) == 4, "b3 and b4 have one bright run"

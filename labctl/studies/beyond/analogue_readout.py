@@ -11,7 +11,7 @@ from pydantic import Field, PositiveInt
 from instruments.units import Seconds
 from labctl.analysis.analogue import AnalogueReadout
 from labctl.analysis.evaluation import validate, window_key
-from labctl.analysis.intervals import SHARE, pooled
+from labctl.analysis.intervals import NOT_NEGATIVE, SHARE, pooled
 from labctl.reports.canvas import Level, Series
 from labctl.reports.experiments import ExperimentFigure
 from labctl.reports.figures.photons import bits_figure, photons_figure
@@ -25,7 +25,7 @@ class Settings(AnalysisSettings):
 
     Attributes:
         run: Run on whose records both readouts are judged.
-        bright: Run with so much light that it has no noise to speak of, of which photons are counted.
+        bright: Run with less than a tenth of the noise of `photons`, from whose light they are drawn.
         windows: Acquisition times T_N.
         bits: Of an attenuator.
         extinction_db, crosstalk: As in `AnalogueReadout`.
@@ -76,6 +76,7 @@ class Findings:
         trained: By T_N and bits, trained with its levels.
         rounded: The same, the best weights rounded.
         counted_digital, counted: By photons a sample.
+        bright: With how many photons a sample a counter has as much noise as the bright run.
     """
 
     digital: dict[str, Scores]
@@ -83,6 +84,7 @@ class Findings:
     rounded: dict[str, dict[str, Scores]]
     counted_digital: dict[str, Scores]
     counted: dict[str, Scores]
+    bright: float
 
 
 def examine(twin: TwinRuns, settings: Settings) -> Findings:
@@ -131,6 +133,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
         number: pooled(found.counted_digital[number] - found.counted[number] for found in findings)
         for number in photons
     }
+    here["bright_noise_photons"] = pooled((found.bright for found in findings), within=NOT_NEGATIVE)
     baseline: dict[str, Any] = {
         "digital": {window: pooled((found.digital[window] for found in findings), within=SHARE) for window in windows},
         "counted_digital": {
@@ -143,9 +146,9 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
 ANALYSIS = Analysis(Settings, examine, conclude)
 
 
-def _counted(twin: TwinRuns, settings: Settings) -> tuple[dict[str, Scores], dict[str, Scores]]:
-    """Scores of the digital and the analogue readout by photons a sample, of the bright run's light."""
-    bright = bright_light(twin, settings.bright)
+def _counted(twin: TwinRuns, settings: Settings) -> tuple[dict[str, Scores], dict[str, Scores], float]:
+    """Scores of the digital and the analogue readout by photons a sample, of the bright run's light; and its noise."""
+    bright, noise = bright_light(twin, settings.bright, settings.photons)
     light = window_features(bright, settings.counted_window)
     splits = twin.random_splits(bright)
     digital, analogue = {}, {}
@@ -154,7 +157,7 @@ def _counted(twin: TwinRuns, settings: Settings) -> tuple[dict[str, Scores], dic
         digital[f"{photons:g}"] = validate(counted, bright.labels, splits).scores
         readout = settings.readout(len(bright.ports), settings.counted_bits, photons=photons, seed=twin.seed)
         analogue[f"{photons:g}"] = validate(light, bright.labels, splits, readout=readout).scores
-    return digital, analogue
+    return digital, analogue, noise
 
 
 def _bits(here: dict[str, Any], baseline: dict[str, Any], settings: Settings) -> ExperimentFigure:

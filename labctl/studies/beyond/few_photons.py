@@ -30,7 +30,7 @@ class Settings(AnalysisSettings):
 
     Attributes:
         levels: Runs with more and more light.
-        bright: Run with so much light that it has no noise to speak of.
+        bright: Run with less than a tenth of the noise of `photons`, from whose light they are drawn.
         photons: Photons a sample of the ideal counter, rising.
         windows: Acquisition times T_N.
         wanted: Accuracy for which the photons needed are given.
@@ -61,11 +61,13 @@ class Findings:
         photons: Measured mean photons a sample of each level; one whose photons cannot be counted is left out.
         receiver: Scores (splits,) by T_N (text, ns) and level.
         ideal: Scores (splits,) of the ideal counter by T_N and photons a sample (text).
+        bright: With how many photons a sample a counter has as much noise as the bright run.
     """
 
     photons: dict[str, float]
     receiver: dict[str, dict[str, Scores]]
     ideal: dict[str, dict[str, Scores]]
+    bright: float
 
 
 def examine(twin: TwinRuns, settings: Settings) -> Findings:
@@ -86,13 +88,13 @@ def examine(twin: TwinRuns, settings: Settings) -> Findings:
         raise AnalysisError(
             "photons cannot be told from the receiver's own noise at any level of light: use a quieter receiver"
         )
-    light = bright_light(twin, settings.bright)
+    light, bright = bright_light(twin, settings.bright, settings.photons)
     ideal: dict[str, dict[str, Scores]] = {window: {} for window in windows}
     for place, mean in enumerate(settings.photons):
         counted = np.random.default_rng((twin.seed, place)).poisson(mean * light.traces).astype(np.float64)
         for window, window_s in windows.items():
             ideal[window][f"{mean:g}"] = _scores(twin, replace(light, traces=counted), window_s)
-    return Findings(photons, receiver, ideal)
+    return Findings(photons, receiver, ideal, bright)
 
 
 def photon_scale(twin: TwinRuns, run: str) -> PhotonScale:
@@ -116,6 +118,7 @@ def conclude(findings: Sequence[Findings], settings: Settings) -> Conclusion:
             if level not in uncounted or uncounted[level] < len(findings)
         },
         "benches_not_counted": uncounted,
+        "bright_noise_photons": pooled((found.bright for found in findings), within=NOT_NEGATIVE),
         "receiver": {
             window: {
                 f"{photons:g}": pooled(

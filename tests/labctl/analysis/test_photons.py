@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labctl.analysis.photons import photon_transfer, photons_needed, relative, scores_at
+from labctl.analysis.photons import photon_transfer, photons_needed, photons_of_equal_noise, relative, scores_at
 from labctl.errors import AnalysisError
 
 VOLTS = np.array([0.05, 0.002])
@@ -37,6 +37,27 @@ def test_photons_that_cannot_be_told_from_noise_are_an_error() -> None:
         photon_transfer(np.tile(records(10.0)[:1], (5, 1, 1)), records(0.0))
     with pytest.raises(AnalysisError, match="a smaller reference_every gives more"):
         photon_transfer(records(10.0)[:2], records(0.0))
+
+
+@pytest.mark.parametrize("noise_v", [0.0, 1.0])
+def test_the_noise_of_records_is_that_of_so_many_photons(noise_v: float) -> None:
+    """In volts each port has another share of the light: an ideal counter of n photons gives it as many of them."""
+    repeats = records(1000.0, noise_v=noise_v) - OFFSET_V
+    light = np.tile(repeats.mean(axis=0), (3, 1, 1))
+    mean = light.mean(axis=(0, 2))
+    variance = repeats.var(axis=0, ddof=1).mean(axis=1)
+    expected = min(mean.mean() * mean / variance)
+    assert photons_of_equal_noise(repeats, light) == pytest.approx(expected, rel=0.05)
+
+
+def test_an_ideal_counter_has_as_much_noise_as_itself() -> None:
+    share = np.array([0.5, 1.5])[:, None]
+    counted = np.random.default_rng(1).poisson(200.0 * share, (400, 2, 50))
+    assert photons_of_equal_noise(counted, counted) == pytest.approx(200.0, rel=0.03)
+    with pytest.raises(AnalysisError, match="do not say what the noise is"):
+        photons_of_equal_noise(counted[:1], counted)
+    with pytest.raises(AnalysisError, match="all the same"):
+        photons_of_equal_noise(np.ones((4, 2, 50)), counted)
 
 
 def test_light_is_in_units_of_its_mean_and_never_negative() -> None:
