@@ -27,6 +27,8 @@ BLOCK_SCORES = 1 << 17
 """So many scores are calculated at a time, which a processor's cache holds: memory does not grow with the shots."""
 BLOCK_FEATURES = 16
 """So many are looked at in double precision at a time: all of many shots would take more memory than their records."""
+WIDER = 1.5
+"""Features so many times as many as shots, and the root of the number of parts, cost less part by part: `_of_wide`."""
 TOLERANCE = 1e-4
 """It ends where no element of the gradient exceeds this, in coordinates in which no curvature exceeds one."""
 MOST_STEPS = 1000
@@ -161,6 +163,10 @@ def _optimum(
     shares: (parts, shots) of the mean over a part; 0 = not in it. penalties: (parts, features).
     """
     parts, k, width = len(shares), int(members.max()) + 1, features.shape[1]
+    if width > WIDER * np.sqrt(parts) * len(features):
+        ones = [_of_wide(features, members, *one, tol, max_iter) for one in zip(shares, penalties, strict=True)]
+        weights, biases, steps = zip(*((one.weights, one.biases, one.steps) for one in ones), strict=True)
+        return _Optimum(np.stack(weights, axis=1), np.stack(biases, axis=1), max(steps))
     rows, kind = k * parts, features.dtype
     back = _coordinates(features, penalties.mean(axis=0))
     step = max(1, BLOCK_SCORES // rows)
@@ -202,6 +208,26 @@ def _optimum(
         warnings.warn(f"{max_iter} steps did not find the optimum: allow more", ConvergenceWarning, stacklevel=3)
     weights = (best.reshape(rows, -1) @ back).reshape(k, parts, -1)
     return _Optimum(weights[..., :-1], weights[..., -1] + absent, steps)
+
+
+def _of_wide(
+    features: NDArray[np.floating],
+    members: NDArray[np.intp],
+    share: NDArray[np.floating],
+    penalty: NDArray[np.float64],
+    tol: float,
+    max_iter: int,
+) -> _Optimum:
+    """The same of one part, with W (k, features) and b (k,), where shots are fewer than features.
+
+    With features in units in which their penalty is one, W is a sum of shots: what is at right angles to all of them
+    costs penalty and tells nothing apart. So it is looked for in as many coordinates as there are shots.
+    """
+    units = np.sqrt(penalty)
+    basis, shots = np.linalg.qr((features / units).T)
+    rotated = shots.T.astype(features.dtype)
+    found = _optimum(rotated, members, share[np.newaxis], np.ones((1, len(shots))), tol=tol, max_iter=max_iter)
+    return _Optimum(found.weights[:, 0] @ basis.T / units, found.biases[:, 0], found.steps)
 
 
 def _moments(

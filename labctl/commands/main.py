@@ -22,6 +22,8 @@ from labctl.commands.refusal import refuse_bench_in_use
 from labctl.errors import LabctlError, notes, one_line
 from labctl.printable import json_line, log_printably, printable, printable_traceback
 
+LESS = "end other programs, or ask for less, such as fewer images or a shorter window"
+
 app = typer.Typer(
     name="labctl",
     cls=UnloadedCommands,
@@ -100,6 +102,8 @@ def _status(words: list[str], *, debug: bool) -> int:
         if isinstance(error, LabctlError):
             return _complain(one_line(error), error.exit_status, words, notes(error))
         known = refusal(error) if isinstance(error, OSError) else None
+        if isinstance(error, MemoryError):
+            known = f"{one_line(error) or 'no memory is left'}: {LESS}"
         return _complain(known or _unexpected(error), FELL_SHORT, words, notes(error))
     return status if isinstance(status, int) else 0
 

@@ -35,7 +35,7 @@ from labctl.reports.page import Result
 from labctl.reports.recognition import Confusion, recognition_report
 from labctl.runs.format.manifest import protocol_settings
 from labctl.runs.format.plain_hdf5 import HDF5_ERRORS
-from labctl.runs.read.records import Records, read_records
+from labctl.runs.read.records import Records
 from labctl.runs.read.run import Run, open_run
 from labctl.studies.inputs_of_runs import identical_images, identity_of, source_of
 from labctl.studies.masks import Masks
@@ -246,10 +246,10 @@ def _judged(
 
 @contextmanager
 def _used(model: Path, directory: Path) -> Iterator[None]:
-    """Whatever a readout that somebody made raises on a run becomes the one error."""
+    """Whatever a readout that somebody made raises on a run becomes the one error; want of memory is not its fault."""
     try:
         yield
-    except AnalysisError:
+    except (AnalysisError, MemoryError):
         raise
     except HDF5_ERRORS as error:
         reason = one_line(error)[:LONGEST_REASON]
@@ -309,7 +309,7 @@ def _controls(
     images = np.flatnonzero(run.shots["kind"] == "image")
     for name, kind in (("fixed image", "reference"), ("dark", "dark")):
         try:
-            blank = read_records(run, kind)
+            blank, _ = bounded_records(run, kind)
         except AnalysisError:
             continue
         before = images[np.searchsorted(images, blank.indices) - 1]

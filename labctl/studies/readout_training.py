@@ -121,7 +121,7 @@ def file_name(window_s: float, tau_s: float | None, inverse_penalty: float, port
     return f"softmax-{window_key(window_s)}ns{special}-ports-{'-'.join(map(str, dict.fromkeys(ports)))}.h5"
 
 
-def bounded_records(run: Run) -> tuple[Records, int]:
-    """The image shots of a run, as many as `MOST_NUMBERS` allows, evenly spread; and how many are left out."""
-    records = read_records(run, most=max(1, MOST_NUMBERS // max(1, math.prod(run.frames.shape[1:]))))
-    return records, int(np.count_nonzero(run.shots["kind"] == "image")) - records.labels.size
+def bounded_records(run: Run, kind: str = "image") -> tuple[Records, int]:
+    """The shots of `kind` of a run, as many as `MOST_NUMBERS` allows, evenly spread; and how many are left out."""
+    records = read_records(run, kind, most=max(1, MOST_NUMBERS // max(1, math.prod(run.frames.shape[1:]))))
+    return records, int(np.count_nonzero(run.shots["kind"] == kind)) - records.labels.size

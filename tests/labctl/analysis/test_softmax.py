@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from sklearn.datasets import load_digits
@@ -80,3 +82,32 @@ def test_too_few_steps_are_told() -> None:
     images, labels = load_digits(return_X_y=True)
     with pytest.warns(UserWarning, match="2 steps"):
         SoftmaxRegression(max_iter=2).fit(images, labels)
+
+
+def wide(shots: int, features: int) -> Data:
+    """Noise whose neighbouring features are alike, and two classes that one of them knows."""
+    labels = np.arange(shots) % 2
+    noise = np.cumsum(np.random.default_rng(1).standard_normal((shots, features)), axis=1)
+    noise[:, 0] += 3 * labels
+    return StandardScaler().fit_transform(noise), labels
+
+
+def test_more_features_than_shots_give_what_each_shot_several_times_gives() -> None:
+    """Which changes nothing in what is minimised, and leaves fewer features than shots."""
+    features, labels = wide(24, 180)
+    found = SoftmaxRegression(tol=1e-10).fit(features, labels)
+    often = SoftmaxRegression(C=1 / 10, tol=1e-10).fit(np.tile(features, (10, 1)), np.tile(labels, 10))
+    np.testing.assert_allclose(found.coef_, often.coef_, atol=1e-8)
+    np.testing.assert_allclose(found.intercept_, often.intercept_, atol=1e-8)
+    np.testing.assert_allclose(found.predict_proba(features), often.predict_proba(features), atol=1e-8)
+
+
+def test_many_more_features_than_shots_take_no_memory_for_each_pair_of_features() -> None:
+    features, labels = wide(20, 3000)
+    tracemalloc.start()
+    try:
+        SoftmaxRegression().fit(features, labels)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 10 * features.nbytes

@@ -260,6 +260,19 @@ class TestWrongUse:
             assert str(kept) in err
             assert "Traceback" in kept.read_text("utf-8")
 
+    def test_want_of_memory_is_one_line_that_says_what_to_do(
+        self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def fail() -> None:
+            raise MemoryError
+
+        monkeypatch.setattr("labctl.commands.doctor.examine", fail)
+        status, _, err = labctl(capsys, "doctor")
+        assert status == 1
+        assert err == (
+            "labctl: no memory is left: end other programs, or ask for less, such as fewer images or a shorter window\n"
+        )
+
     def test_scripts_get_the_error_as_json(self, capsys: pytest.CaptureFixture[str]) -> None:
         status, found = as_json(capsys, "run", "nothing")
         assert status == found["exit"] == 2

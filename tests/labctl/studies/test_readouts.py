@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from labctl.analysis.windows import WindowFeatures
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition, acquire
 from labctl.errors import AnalysisError
+from labctl.runs.read.run import open_run
 from labctl.studies import readout_training
 from labctl.studies.readout_evaluation import evaluate_readout
 from labctl.studies.readout_file import load_metadata, load_model, save_model
@@ -129,6 +131,29 @@ def test_controls_do_not_depend_on_how_many_images_memory_holds(
     assert (full["left_out"], found["left_out"]) == (0, 60)
     for name in ("fixed image", "dark"):
         assert found["controls"][name] == full["controls"][name] is not None
+
+
+def test_references_beyond_what_memory_holds_are_left_out_of_their_control(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = measured(tmp_path / "run", images=60, ports="2", reference_every=1)
+    monkeypatch.setattr(readout_training, "MOST_NUMBERS", 40 * 10)
+    with open_run(run) as opened:
+        records, left_out = readout_training.bounded_records(opened, "reference")
+    assert (records.labels.size, left_out) == (40, 20)
+    assert evaluate_readout(trained(run), run)["controls"]["fixed image"]["at_chance"]
+
+
+def test_want_of_memory_is_not_the_fault_of_a_readout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = measured(tmp_path / "run", ports="2")
+    model = trained(run)
+
+    def full(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(WindowFeatures, "transform", full)
+    with pytest.raises(MemoryError):
+        evaluate_readout(model, run)
 
 
 def test_a_readout_is_called_by_its_ports_at_however_many_wavelengths() -> None:
