@@ -2,7 +2,6 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -118,8 +117,8 @@ class Images:
     def identical(self) -> int:
         """How many of them have the same pixels as another one."""
         packed = np.packbits(self.images.reshape(len(self.images), -1), axis=1)
-        alike = Counter(row.tobytes() for row in packed)
-        return sum(number for number in alike.values() if number > 1)
+        alike = np.unique_counts(packed.view(f"V{packed.shape[1]}")).counts
+        return int(alike[alike > 1].sum())
 
 
 @dataclass(frozen=True)
@@ -177,12 +176,14 @@ class Part:
     """What is to be measured on one pass: `shots`, in the order of the plan.
 
     `scalings` are the vertical ranges of the pass if they were found before, in an earlier part of the same run: all
-    codes of a pass share them.
+    codes of a pass share them. `plan` is all shots of the run, where they are at hand: a protocol need not list them
+    once more.
     """
 
     pass_: Pass
     shots: Sequence[Shot]
     scalings: tuple[Scaling, ...] | None = None
+    plan: Sequence[Shot] = ()
 
 
 @dataclass(frozen=True)
@@ -315,7 +316,7 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
             ProtocolError: the inputs do not suit the protocol.
         """
         shots = self.shots(inputs)
-        return tuple(Part(pass_, shots) for pass_ in self.passes(bench))
+        return tuple(Part(pass_, shots, plan=shots) for pass_ in self.passes(bench))
 
     @abstractmethod
     def acquire(self, bench: Bench, inputs: InputsT, parts: Sequence[Part]) -> Events:
@@ -335,5 +336,5 @@ def _places(indices: NDArray[np.int64]) -> Mapping[int, int]:
 def _sha256(*arrays: NDArray[Any]) -> str:
     digest = hashlib.sha256()
     for array in arrays:
-        digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(np.ascontiguousarray(array))
     return digest.hexdigest()

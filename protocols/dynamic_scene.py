@@ -135,7 +135,7 @@ class DynamicScene(Measurement[Images]):
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Scene by scene: arm, let the DMD play both images, read; `averages` times."""
         dmd = burst_dmd(bench)
-        plan = self.shots(inputs)
+        plan = parts[0].plan or self.shots(inputs)
         patterns = self._patterns(inputs, dmd)
         drive = self.drive(bench, inputs)
         lead_s = self.start_s(bench, inputs)

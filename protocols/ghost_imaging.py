@@ -109,7 +109,7 @@ class GhostImaging(Measurement[Images]):
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot or in hardware-timed bursts, as an image readout."""
-        plan = self.shots(inputs)
+        plan = parts[0].plan or self.shots(inputs)
         pictures = self._pictures(inputs, plan)
         return still_pictures(
             bench,

@@ -127,7 +127,7 @@ class ImageReadout(Measurement[Images]):
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot: show, arm, wait for the marker of the running drive, read. Or in hardware-timed bursts."""
-        plan = self.shots(inputs)
+        plan = parts[0].plan or self.shots(inputs)
         return still_pictures(
             bench,
             parts,

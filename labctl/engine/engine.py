@@ -228,7 +228,8 @@ class _Measurement:
             index = part.pass_.index
             missing = self._writer.missing(index)
             if missing.size:
-                parts.append(Part(part.pass_, [part.shots[shot] for shot in missing], self._ranges(index)))
+                shots = [part.shots[shot] for shot in missing]
+                parts.append(Part(part.pass_, shots, self._ranges(index), part.shots))
         return parts
 
     def _ranges(self, pass_index: int) -> tuple[Scaling, ...] | None:
@@ -240,7 +241,7 @@ class _Measurement:
         for part in reversed(self._whole[: missing.pass_.index + 1]):
             stored = [part.shots[shot] for shot in self._writer.stored(part.pass_.index)]
             if (shot := to_repeat(stored)) is not None:
-                return Part(part.pass_, [shot] * REPEATS, self._ranges(part.pass_.index))
+                return Part(part.pass_, [shot] * REPEATS, self._ranges(part.pass_.index), part.shots)
         return None
 
     def _compare(self, events: Events, known: Part) -> None:

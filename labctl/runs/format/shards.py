@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from instruments.remedies import unreadable
 from labctl.errors import RunError, ShardLost
-from labctl.runs.format.columns import MEASURED, OF_A_SHOT, in_this_version, sizes_of
+from labctl.runs.format.columns import MEASURED, OF_A_SHOT, SHOTS_DTYPE, in_this_version, sizes_of
 from labctl.runs.format.journal import Entry
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.own_files import read_own
@@ -47,7 +47,7 @@ class Shards:
             size = f"a shot of {shape.shot_bytes} bytes or {len(shape.passes)} passes"
             raise RunError(f"{paths.manifest}: {size}: no such run is read")
         try:
-            self._plan = in_this_version(plan)
+            self._plan = plan if plan.dtype == SHOTS_DTYPE else in_this_version(plan)
         except (TypeError, ValueError) as error:
             raise RunError(f"{paths.plan}: its shots are not planned ones ({error}); restore a copy") from None
         self.paths = paths
