@@ -336,5 +336,5 @@ def _places(indices: NDArray[np.int64]) -> Mapping[int, int]:
 def _sha256(*arrays: NDArray[Any]) -> str:
     digest = hashlib.sha256()
     for array in arrays:
-        digest.update(np.ascontiguousarray(array))
+        digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()

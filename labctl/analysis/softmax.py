@@ -165,8 +165,11 @@ def _optimum(
     parts, k, width = len(shares), int(members.max()) + 1, features.shape[1]
     if width > WIDER * np.sqrt(parts) * len(features):
         ones = [_of_wide(features, members, *one, tol, max_iter) for one in zip(shares, penalties, strict=True)]
-        weights, biases, steps = zip(*((one.weights, one.biases, one.steps) for one in ones), strict=True)
-        return _Optimum(np.stack(weights, axis=1), np.stack(biases, axis=1), max(steps))
+        return _Optimum(
+            np.stack([one.weights for one in ones], axis=1),
+            np.stack([one.biases for one in ones], axis=1),
+            max(one.steps for one in ones),
+        )
     rows, kind = k * parts, features.dtype
     back = _coordinates(features, penalties.mean(axis=0))
     step = max(1, BLOCK_SCORES // rows)
