@@ -189,7 +189,8 @@ class Bench:
     they can do. `armed` says that a person has allowed light. `played`: a recording answers, nothing emits. `source` is
     the file that describes the bench, for messages. `now` gives the time of the bench in seconds: a monotonic clock on
     a real bench, the virtual clock of a simulated one. `undisturbed` keeps what would stop the program out of the way
-    into the safe state. `lit` says that light was switched on, and that the safe state was not reached since.
+    into the safe state. `simulated_still`: what simulates instruments, if anything does, has not failed. `lit` says
+    that light was switched on, and that the safe state was not reached since.
     """
 
     awg: Awg
@@ -208,6 +209,7 @@ class Bench:
     observer: Observer = field(default_factory=Observer)
     played: bool = False
     undisturbed: Callable[[], AbstractContextManager[None]] = nullcontext
+    simulated_still: Callable[[], bool] = lambda: True
     lit: bool = field(default=False, init=False)
 
     @property

@@ -102,6 +102,11 @@ class SimulatedBench:
         """Whether clients are served; False again when an error in a virtual instrument has ended it."""
         return self._loop is not None and self._loop.running
 
+    @property
+    def failed(self) -> bool:
+        """Whether an error in a virtual instrument has ended it, which `stop` raises."""
+        return self._loop is not None and self._loop.failed
+
     def stop(self) -> None:
         """Close every connection and wait until nothing runs any more; may be called again.
 

@@ -22,7 +22,7 @@ from labctl.bench.recording.recorder import recorded
 from labctl.bench.recording.wire import Wire
 from labctl.bench.signals import stops_deferred
 from labctl.bench.simulation import simulated_bench as simulated_bench
-from labctl.bench.simulation import with_laser_commands
+from labctl.bench.simulation import with_laser_commands, without_card
 from labctl.bench.station import Station
 from labctl.errors import StationError
 
@@ -70,10 +70,12 @@ def opened(
     """
     with _reached(station, transcript, access) as reach:
         try:
-            bench = _bench(reach, observer or Observer())
+            bench = _bench(reach, observer := observer or Observer())
         except (NotConfigured, StationError) as error:
             raise StationError(f"{station.source}: {error}") from None
         with ending_with(bench.close):
+            if reach.simulation is not None and reach.simulation.world.fallback:
+                observer.warning(without_card(reach.simulation.world.fallback))
             yield OpenBench(bench, reach.simulation)
 
 
@@ -238,4 +240,5 @@ def _bench(reach: _Reach, observer: Observer) -> Bench:
         else time.perf_counter,  # tells shots apart on Windows too
         observer=observer,
         undisturbed=stops_deferred,
+        simulated_still=lambda: simulation is None or not simulation.failed,
     )

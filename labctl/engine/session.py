@@ -15,7 +15,6 @@ from labctl.bench.lock import held
 from labctl.bench.opening import Access, OpenBench, opened
 from labctl.bench.own_files import remember
 from labctl.bench.signals import Interruption
-from labctl.bench.simulation import without_card
 from labctl.bench.station import Station
 from labctl.bench.supervision import supervised
 from labctl.engine.engine import Outcome, carry_out, go_on
@@ -186,8 +185,6 @@ def _session(
         supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
         observers.follow(hold, supervisor, log, events, observer or Observer())
         open_bench = stack.enter_context(opening(station, log, access, observer=observers))
-        if (simulation := open_bench.simulation) is not None and simulation.world.fallback:
-            observers.warning(without_card(simulation.world.fallback))
         check_laser(station, [one.wavelength_nm for one in protocol.passes(open_bench.bench)])
         open_bench.bench.require_arm()
         if (aliased := aliasing(protocol.sample_rate, open_bench.bench.scope.bandwidth_hz)) is not None:

@@ -23,6 +23,7 @@ from weakref import WeakSet
 
 from sim_backends.scpi.messages import Chunk, Message, MessageReader, Unit
 from sim_backends.servers.disturbed import Disturbed
+from sim_backends.world.receivers import CardFull
 
 logger = logging.getLogger(__name__)
 
@@ -219,6 +220,11 @@ class Loop:
         """Whether the thread is at work."""
         return self._thread.is_alive()
 
+    @property
+    def failed(self) -> bool:
+        """Whether an error in a virtual instrument has ended it."""
+        return self._failure is not None
+
     def start(self) -> None:
         """Begin to serve."""
         self._thread.start()
@@ -259,6 +265,8 @@ class Loop:
     def _run(self) -> None:
         try:
             self._serve()
+        except CardFull as full:  # of which the traceback says no more
+            self._failure = full
         except BaseException as failure:  # an error of a virtual instrument: for `stop` to raise
             logger.exception("the simulated bench failed and closes its connections")
             self._failure = failure

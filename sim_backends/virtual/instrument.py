@@ -10,6 +10,7 @@ from sim_backends.scpi.commands import Action, Command, CommandTable, Query, Set
 from sim_backends.scpi.family import Family
 from sim_backends.scpi.messages import Chunk, Malformed, Message, Unit
 from sim_backends.scpi.status import NotSimulated, ScpiError, Status
+from sim_backends.world.receivers import CardFull
 from sim_backends.world.world import World
 
 _logger = logging.getLogger(__name__)
@@ -119,6 +120,8 @@ class VirtualInstrument:
                 if isinstance(error, NotSimulated):
                     _logger.warning("%s: %s", type(self).__name__, error.detail)
                 part = self.refused(unit, error)
+            except CardFull:  # which no instrument has
+                raise
             except MemoryError:
                 part = self.refused(unit, ScpiError(-225, "this machine's memory"))
             reply = _joined(reply, part)

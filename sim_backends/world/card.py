@@ -7,9 +7,11 @@ records are not equal to the processor's, but alike, and depend on how many trig
 """
 
 import math
-from collections.abc import Sequence
-from functools import lru_cache
-from typing import NamedTuple
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -22,7 +24,7 @@ from sim_backends.optics.receiver import digitiser_levels
 from sim_backends.parameters import Parameters
 from sim_backends.world.keyed_random import digest, generator
 from sim_backends.world.light_path import Grid, Light, LightPath
-from sim_backends.world.receivers import Alike, Codes, Drawn, FrontEnd, colour_of, jitter_s
+from sim_backends.world.receivers import Alike, CardFull, Codes, Drawn, FrontEnd, colour_of, jitter_s
 from sim_backends.world.signals import Acquisition
 from sim_backends.world.twin import Optics, Setting
 
@@ -30,6 +32,19 @@ _AT_ONCE_BYTES = 500_000_000  # of fields computed together
 _PAGE_POINTS = 4096  # times of a page of fields at every delay, of about 100 MB
 _KEPT_SETTINGS = 12
 _KEPT_PAGES = 4
+
+
+@contextmanager
+def _in_its_room() -> Iterator[None]:
+    """Where the card has no room, that is the error.
+
+    Raises:
+        CardFull: so it is.
+    """
+    try:
+        yield
+    except torch.OutOfMemoryError:
+        raise CardFull from None
 
 
 class Placed(NamedTuple):
@@ -52,8 +67,10 @@ class CardReceivers:
         self._light_path = light_path
         self._parameters = parameters
         self._place = torch.device(place)
-        self._optics = lru_cache(_KEPT_SETTINGS)(self._placed)
-        self._page = lru_cache(_KEPT_PAGES)(self._made_page)
+        # Not methods: what refers to itself would keep its pages on the card until somebody looks for such circles.
+        self._put = partial(_put, self._place)
+        self._optics = lru_cache(_KEPT_SETTINGS)(partial(_placed, light_path, self._put))
+        self._page = lru_cache(_KEPT_PAGES)(partial(_made_page, self._optics, self._place))
 
     def drawn(self, keys: Sequence[bytes], acquisition: Acquisition) -> Drawn:
         """See `Receivers`; white noise is the generator that it will come from."""
@@ -67,6 +84,7 @@ class CardReceivers:
         """See `Receivers`."""
         return self._seeded(digest(keys[0], *acquisition.channels))
 
+    @_in_its_room()
     def detect(self, white: torch.Generator, alike: Alike, volts: NDArray[np.float32]) -> None:
         """See `Receivers`."""
         rows, lateness, acquisition, setting, light, sight = alike
@@ -88,6 +106,7 @@ class CardReceivers:
             limit = self._parameters.detector_limit_v
             volts[own] = (traces / (1 + (traces / limit) ** 6) ** (1 / 6)).cpu().numpy()
 
+    @_in_its_room()
     def digitised(
         self,
         keys: Sequence[bytes],
@@ -164,38 +183,60 @@ class CardReceivers:
         channels = len(optics.fields)
         return torch.cat([(sent @ page).view(len(shown), modes, channels, -1) for page in pages], dim=-1)
 
-    def _made_page(self, setting: Setting, start_s: float, step_s: float, points: int) -> Tensor:
-        """The ports' light at light times and at every delay before each, (delays, channels * points).
-
-        See `chain.delayed`. Before and after a triggered segment the light does not change.
-        """
-        optics = self._optics(setting)
-        host, (channels, period) = optics.host, optics.fields.shape
-        times = start_s + step_s * np.arange(points, dtype=np.float64)
-        if host.idle_s is not None:
-            times = np.clip(times + host.idle_s, 0.0, period * host.step_s)
-        index, weight = chain.interpolation(times / host.step_s, period)
-        delays = torch.arange(host.taps.shape[-1], device=self._place)[:, None]
-        page = torch.zeros(channels, len(delays), points, dtype=torch.complex64, device=self._place)
-        for corner in np.flatnonzero(weight.any(axis=1)):
-            page += optics.fields[:, (self._put(index[corner]) - delays) % period] * self._put(weight[corner])
-        return page.transpose(0, 1).reshape(len(delays), -1)
-
-    def _placed(self, setting: Setting) -> Placed:
-        host = self._light_path.optics(setting)
-        laws, factors = host.laws, host.power_factors
-        columns = (self._put(column) for column in (laws.floor, laws.linear, laws.quadratic))
-        placed_factors = None if factors is None else self._put(factors)
-        return Placed(setting, host, self._put(host.sending), self._put(host.fields), placed_factors, *columns)
-
-    def _put(self, values: NDArray[np.generic]) -> Tensor:
-        return torch.from_numpy(np.ascontiguousarray(values)).to(self._place)
-
     def _seeded(self, key: bytes) -> torch.Generator:
         return torch.Generator(self._place).manual_seed(int.from_bytes(key[:8], "little"))
 
     def _unit(self, shape: Sequence[int], source: torch.Generator) -> Tensor:
         return torch.randn(shape, generator=source, device=self._place)
+
+
+def unusable(place: str = "cuda") -> str:
+    """Why nothing can be computed on the device of torch that `place` names; empty where it can."""
+    with warnings.catch_warnings(action="ignore"):  # which repeat it
+        if place == "cuda" and not torch.cuda.is_available():
+            return "torch finds no CUDA device"
+        try:
+            (torch.zeros(1, device=place) + 1).item()
+        except RuntimeError as error:
+            return f"torch cannot use the CUDA device ({str(error).partition(chr(10))[0]})"
+    return ""
+
+
+def _put(place: torch.device, values: NDArray[np.generic]) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values)).to(place)
+
+
+def _placed(light_path: LightPath, put: Callable[[NDArray[Any]], Tensor], setting: Setting) -> Placed:
+    host = light_path.optics(setting)
+    laws, factors = host.laws, host.power_factors
+    columns = (put(column) for column in (laws.floor, laws.linear, laws.quadratic))
+    placed_factors = None if factors is None else put(factors)
+    return Placed(setting, host, put(host.sending), put(host.fields), placed_factors, *columns)
+
+
+def _made_page(
+    placed: Callable[[Setting], Placed],
+    place: torch.device,
+    setting: Setting,
+    start_s: float,
+    step_s: float,
+    points: int,
+) -> Tensor:
+    """The ports' light at light times and at every delay before each, (delays, channels * points).
+
+    See `chain.delayed`. Before and after a triggered segment the light does not change.
+    """
+    optics = placed(setting)
+    host, (channels, period) = optics.host, optics.fields.shape
+    times = start_s + step_s * np.arange(points, dtype=np.float64)
+    if host.idle_s is not None:
+        times = np.clip(times + host.idle_s, 0.0, period * host.step_s)
+    index, weight = chain.interpolation(times / host.step_s, period)
+    delays = torch.arange(host.taps.shape[-1], device=place)[:, None]
+    page = torch.zeros(channels, len(delays), points, dtype=torch.complex64, device=place)
+    for corner in np.flatnonzero(weight.any(axis=1)):
+        page += optics.fields[:, (_put(place, index[corner]) - delays) % period] * _put(place, weight[corner])
+    return page.transpose(0, 1).reshape(len(delays), -1)
 
 
 def _fast_volts(field: Tensor) -> Tensor:

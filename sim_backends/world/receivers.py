@@ -30,6 +30,13 @@ _BLOCK_BYTES = 2_000_000  # of fields computed together, which then stay in the 
 noise_colour = lru_cache(maxsize=16)(receiver.noise_colour)
 
 
+class CardFull(MemoryError):
+    """The graphics card has no room for what is to be computed on it: one line that says what to do."""
+
+    def __init__(self) -> None:
+        super().__init__("the graphics card, which sim.device = cpu does without, has no room")
+
+
 class Drawn(NamedTuple):
     """What chance makes of some triggers.
 

@@ -429,15 +429,14 @@ def _receivers(device: Device, light_path: LightPath, parameters: Parameters) ->
     missing = ""
     if device == "cuda":
         try:
-            from torch import cuda
-
-            from sim_backends.world.card import CardReceivers
-        except ImportError:
+            from sim_backends.world.card import CardReceivers, unusable
+        except ModuleNotFoundError:
             missing = "torch is not installed"
+        except (ImportError, OSError, AttributeError, ValueError, RuntimeError) as error:  # an incomplete package
+            missing = f"torch does not load ({' '.join(str(error).split())})"
         else:
-            if cuda.is_available():
+            if not (missing := unusable()):
                 return CardReceivers(light_path, parameters), ""
-            missing = "torch finds no CUDA device"
     return ProcessorReceivers(light_path, parameters), missing
 
 

@@ -1,5 +1,6 @@
 """Aligning a bench: the pieces of `protocols.alignment` one after the other, what each says, and its picture."""
 
+import logging
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.bench import Bench, Observers
+from instruments.bench import Bench, Observer, Observers
 from instruments.errors import NoTrigger
 from instruments.interfaces import BYPASS_PORT
 from instruments.values import Scaling
@@ -69,6 +70,15 @@ WITH_PROJECTOR = ("contrast", "depth", "decorrelation")
 
 Tell = Callable[[Finding], None]
 
+_logger = logging.getLogger(__name__)
+
+
+class _Warned(Observer):
+    """Whoever aligns reads warnings at once."""
+
+    def warning(self, text: str) -> None:
+        _logger.warning("%s", text)
+
 
 @dataclass(frozen=True)
 class Aligned:
@@ -113,7 +123,8 @@ def align_bench(
     with ExitStack() as stack:
         log = stack.enter_context(CommandLog())
         supervisor = stack.enter_context(supervised(station, log, access.wire, hold.descriptors))
-        bench = stack.enter_context(opened(station, log, access, observer=Observers(hold, supervisor))).bench
+        observers = Observers(hold, supervisor, _Warned())
+        bench = stack.enter_context(opened(station, log, access, observer=observers)).bench
         last = station.laser.wavelength + (0 if station.wiring.projector else DIRECT_STEP_NM * (DIRECT_WAVELENGTHS - 1))
         check_laser(station, (station.laser.wavelength, last))
         bench.scope.require_rate(FINE_RATE)

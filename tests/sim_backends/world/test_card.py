@@ -3,7 +3,12 @@
 Torch computes the same on a processor, so this is tested everywhere; where there is a CUDA device, on it as well.
 """
 
+import gc
+import subprocess
+import sys
+import weakref
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +16,8 @@ import torch
 from numpy.typing import NDArray
 
 from sim_backends.parameters import Parameters
-from sim_backends.world.card import CardReceivers
-from sim_backends.world.receivers import FrontEnd, ProcessorReceivers
+from sim_backends.world.card import CardReceivers, unusable
+from sim_backends.world.receivers import CardFull, FrontEnd, ProcessorReceivers
 from sim_backends.world.signals import Acquisition, Emission, Record
 from sim_backends.world.world import World
 from tests.sim_backends.world import test_bursts as bursts
@@ -204,6 +209,49 @@ def test_the_same_state_has_the_same_noise(on_card: Callable[[World], World]) ->
     first, again = (shoot(on_card(bench(noise="by-state")), count=5).volts for _ in range(2))
     assert np.array_equal(first, again)
     assert len(np.unique(first.reshape(5, -1), axis=0)) == 5
+
+
+def test_a_device_that_cannot_compute_is_told_in_one_line() -> None:
+    assert unusable("cpu") == ""
+    why = unusable("meta")  # which has no numbers
+    assert why.startswith("torch cannot use the CUDA device (")
+    assert "\n" not in why
+
+
+def test_a_torch_that_does_not_load_leaves_the_processor(tmp_path: Path) -> None:
+    (tmp_path / "torch.py").write_text("raise OSError('libcudart.so.12: cannot open shared object file')\n", "utf-8")
+    program = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from sim_backends.world.world import World; "
+        "print(World(device='cuda').fallback)"
+    )
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    assert told.stdout == "torch does not load (libcudart.so.12: cannot open shared object file)\n"
+
+
+def test_receivers_that_are_no_longer_used_leave_the_card_at_once() -> None:
+    world = bench()
+    card = CardReceivers(world._light_path, world.parameters, "cpu")
+    world.receivers, gone = card, weakref.ref(card)
+    shoot(world)
+    world.receivers = ProcessorReceivers(world._light_path, world.parameters)
+    gc.disable()
+    try:
+        del card
+        assert gone() is None
+    finally:
+        gc.enable()
+
+
+def test_a_card_without_room_is_an_error_of_its_own(
+    on_card: Callable[[World], World], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.")
+
+    world = on_card(bench())
+    monkeypatch.setattr(torch, "randn", full)
+    with pytest.raises(CardFull, match=r"sim\.device = cpu"):
+        shoot(world)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
