@@ -34,6 +34,7 @@ from labctl.runs.read.run import open_run
 from labctl.runs.write.writer import RunWriter
 from protocols.bursts import UPLOAD_BLOCK
 from protocols.image_readout import ImageReadout
+from sim_backends.world.receivers import ProcessorReceivers
 from sim_backends.world.world import World
 
 WINDOW_S = 0.4e-9
@@ -138,7 +139,7 @@ def speed(spans: Spans, folder: Path) -> Speed:
     passes = [(arms[pass_ * bursts][0], stored[(pass_ + 1) * bursts - 1][1]) for pass_ in range(2)]
     physics_s, storage_s = (
         sum(spans.total(name, *pass_) for name in names for pass_ in passes)
-        for names in (("project", "record"), ("append",))
+        for names in (("project", "record", "digitised"), ("append",))
     )
     pictures = 2 * outcome.shots
     return Speed(
@@ -169,6 +170,7 @@ def rows() -> Iterator[Row]:
         (Dpo72504dx, "arm_burst"),
         (World, "project"),
         (World, "record"),
+        (ProcessorReceivers, "digitised"),
         (RunWriter, "append"),
     )
     with tempfile.TemporaryDirectory() as folder:

@@ -9,7 +9,10 @@ from subprocess import DEVNULL, Popen
 
 @dataclass(frozen=True)
 class Taken:
-    """Seconds by the clock and of the processor, children included, and the peak of the command's own memory, MB."""
+    """Seconds by the clock and of the processor, children included, and the peak of its memory, MB.
+
+    The peak is at least that of the process that measures: Linux keeps it for what a process becomes.
+    """
 
     wall_s: float
     processor_s: float
