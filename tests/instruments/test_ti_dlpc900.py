@@ -145,9 +145,12 @@ def test_pictures_are_downloaded_anew_wherever_the_table_changed(
     """The guide's rule (DLPU018J, 2.4.4.4.2); of the images, only those that are played; none for the same again."""
     announced: list[int] = []
     announce = VirtualDlpc900.announce
-    monkeypatch.setattr(
-        VirtualDlpc900, "announce", lambda one, index, size: (announced.append(index), announce(one, index, size))[1]
-    )
+
+    def noted(controller: VirtualDlpc900, index: int, size: int) -> None:
+        announced.append(index)
+        announce(controller, index, size)
+
+    monkeypatch.setattr(VirtualDlpc900, "announce", noted)
     dmd.load([np.stack([superpixels(n) for n in range(60)])], 60)
     for first, count, images in ((0, 60, [2, 1, 0]), (0, 60, []), (0, 20, [0]), (40, 20, [1, 0]), (4, 20, [0])):
         announced.clear()

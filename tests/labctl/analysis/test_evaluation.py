@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from sklearn.datasets import load_digits
 
 from labctl.analysis.evaluation import (
@@ -241,17 +242,16 @@ def test_features_that_are_not_finite_are_one_error() -> None:
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_more_features_than_shots_are_judged_like_any_others(kind: type) -> None:
+def test_more_features_than_shots_are_judged_like_any_others(kind: type[np.floating]) -> None:
     """Each shot several times changes nothing in what is minimised, and leaves fewer features than shots."""
     labels = np.arange(40) % 3
-    features = np.random.default_rng(2).standard_normal((40, 400)).astype(kind)
+    features: NDArray[np.floating] = np.random.default_rng(2).standard_normal((40, 400)).astype(kind)
     features[:, :60] += np.repeat(np.eye(3, dtype=kind), 20, axis=1)[labels]
     groups = np.arange(40)
     once = validate(features, labels, random_splits(labels, groups, splits=5, test_size=0.3, seed=1))
     tiled, shown = np.tile(features, (10, 1)), np.tile(groups, 10)
     often = validate(tiled, labels[shown], random_splits(labels[shown], shown, splits=5, test_size=0.3, seed=1))
     assert once.scores.mean() > 0.8
-    np.testing.assert_allclose(
-        once.scores, often.scores, atol=1 / 11
-    )  # either ends near the same optimum: one image of 12
+    one_of_twelve = 1 / 11  # either ends near the same optimum
+    np.testing.assert_allclose(once.scores, often.scores, atol=one_of_twelve)
     assert np.abs(10 * once.confusion - often.confusion).sum() <= 20
