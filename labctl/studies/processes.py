@@ -6,17 +6,17 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing import forkserver
+from dataclasses import dataclass, field
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.context import BaseContext
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from threading import Thread
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from labctl.bench.signals import Interruption
 from labctl.bench.simulation import SIMULATION
@@ -59,6 +59,7 @@ class _Pool:
     executor: ProcessPoolExecutor
     size: int
     shared: _Shared
+    running: set[Future[Any]] = field(default_factory=set)
 
     @property
     def records(self) -> int:
@@ -76,9 +77,12 @@ class _Pool:
             WorkerKilled: one of the processes was killed, and with it went all.
         """
         try:
-            return self.executor.submit(timed, task)
+            future = self.executor.submit(timed, task)
         except BrokenProcessPool as error:
             raise self.failure(error) from error
+        self.running.add(future)
+        future.add_done_callback(self.running.discard)
+        return future
 
     def failure(self, error: Exception) -> Exception:
         """The error itself, or that a process was killed."""
@@ -104,16 +108,18 @@ def processes(tasks: int, scratch: Path | None = None) -> Iterator[Workers]:
         ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared, dict(os.environ))) as executor,
         _stopped_at_once(),  # while running tasks come to their end
     ):
+        pool = _Pool(executor, size, shared)
         try:
             # Begun before the first task: the executor notices the end only of processes that it knew when it last
             # looked, and it looks again whenever something is done.
             for _ in range(size):
                 executor.submit(int)
             with _stopped_at_once():
-                yield _Pool(executor, size, shared)
+                yield pool
         finally:
             shared.stop.set()
-            _wait_for(Thread(target=executor.shutdown, kwargs={"cancel_futures": True}))
+            while pool.running:  # in steps: on Windows, Ctrl-C is heard only between two waits
+                wait(tuple(pool.running), timeout=POLL_S)
 
 
 def side_by_side(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:
@@ -131,7 +137,12 @@ def load_meanwhile(*modules: str) -> None:
     """
     if sys.platform == "linux":
         multiprocessing.get_context("forkserver").set_forkserver_preload([FIRST, *modules, *LATE])
-        forkserver.ensure_running()
+        resource_tracker.ensure_running()  # by itself the next line would, and hear Ctrl-C again thereafter
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # there: it is for this process to heed
+        try:
+            forkserver.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _context() -> BaseContext:
@@ -139,13 +150,6 @@ def _context() -> BaseContext:
         return multiprocessing.get_context("spawn")
     load_meanwhile(*(name for name in tuple(sys.modules) if name.partition(".")[0] in OWN))
     return multiprocessing.get_context("forkserver")
-
-
-def _wait_for(end: Thread) -> None:
-    """In steps: on Windows, Ctrl-C is heard only between two waits."""
-    end.start()
-    while end.is_alive():
-        end.join(POLL_S)
 
 
 @contextmanager

@@ -87,7 +87,7 @@ def test_what_a_client_sets_changes_the_world() -> None:
         assert bench.world.twin_seed == 7
         with opened(bench.resources["patch_panel"]["socket"]) as switch:
             switch.write("ROUT:CLOS (@3!5)")
-            assert switch.query("ROUT:CLOS?") == "(@3!5)"
+            assert switch.query("ROUT:CLOS? (@3!5,3!6)") == "1,0"
 
 
 def test_an_error_inside_an_instrument_is_raised_when_the_bench_stops(monkeypatch: pytest.MonkeyPatch) -> None:

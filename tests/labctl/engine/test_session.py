@@ -261,6 +261,7 @@ def test_a_run_without_the_card_that_it_asks_for_says_so_once_and_is_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "sim_backends.world.card", raising=False)  # which has it already
     station = Station(sim=SimSection(device="cuda"))
     acquired = acquire(Acquisition(ImageReadout(images=4), station, tmp_path / "run"))
     assert acquired.outcome.complete
