@@ -10,7 +10,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import forkserver, resource_tracker
+from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
@@ -137,12 +137,7 @@ def load_meanwhile(*modules: str) -> None:
     """
     if sys.platform == "linux":
         multiprocessing.get_context("forkserver").set_forkserver_preload([FIRST, *modules, *LATE])
-        resource_tracker.ensure_running()  # by itself the next line would, and hear Ctrl-C again thereafter
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # there: it is for this process to heed
-        try:
-            forkserver.ensure_running()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        forkserver.ensure_running()
 
 
 def _context() -> BaseContext:

@@ -135,33 +135,6 @@ def test_stopped_again_it_waits_for_no_task_and_leaves_none_behind() -> None:
     assert ended.stdout == "stopped at once\n"
 
 
-STOPPED_WHILE_IT_LOADS = """
-import os, signal
-from functools import partial
-from labctl.studies.processes import load_meanwhile, side_by_side
-
-load_meanwhile("sklearn.linear_model")
-try:
-    os.killpg(0, signal.SIGINT)
-    signal.pause()
-except KeyboardInterrupt:
-    print(side_by_side({"one": partial(len, "light"), "other": partial(len, "dark")}))
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="each process loads for itself")
-def test_ctrl_c_is_not_heard_by_what_processes_are_copied_from() -> None:
-    ended = subprocess.run(
-        [sys.executable, "-c", STOPPED_WHILE_IT_LOADS],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-        start_new_session=True,
-    )
-    assert (ended.stdout, ended.stderr) == ("{'one': 5, 'other': 4}\n", "")
-
-
 ONE_IDLES_ONE_WORKS = """
 import multiprocessing, time
 from functools import partial
