@@ -6,23 +6,23 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 from multiprocessing.sharedctypes import Synchronized
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from threading import Thread
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from labctl.bench.signals import Interruption
 from labctl.bench.simulation import SIMULATION
 from labctl.errors import WorkerKilled
 from labctl.printable import log_printably
-from labctl.studies.tasks import CALLER, POLL_S, Workers, in_parallel, one_by_one, timed
+from labctl.studies.tasks import CALLER, Workers, in_parallel, one_by_one, timed
 
 Name = TypeVar("Name")
 Found = TypeVar("Found")
@@ -59,7 +59,6 @@ class _Pool:
     executor: ProcessPoolExecutor
     size: int
     shared: _Shared
-    running: set[Future[Any]] = field(default_factory=set)
 
     @property
     def records(self) -> int:
@@ -77,12 +76,9 @@ class _Pool:
             WorkerKilled: one of the processes was killed, and with it went all.
         """
         try:
-            future = self.executor.submit(timed, task)
+            return self.executor.submit(timed, task)
         except BrokenProcessPool as error:
             raise self.failure(error) from error
-        self.running.add(future)
-        future.add_done_callback(self.running.discard)
-        return future
 
     def failure(self, error: Exception) -> Exception:
         """The error itself, or that a process was killed."""
@@ -108,18 +104,16 @@ def processes(tasks: int, scratch: Path | None = None) -> Iterator[Workers]:
         ProcessPoolExecutor(size, context, initializer=_join, initargs=(shared, dict(os.environ))) as executor,
         _stopped_at_once(),  # while running tasks come to their end
     ):
-        pool = _Pool(executor, size, shared)
         try:
             # Begun before the first task: the executor notices the end only of processes that it knew when it last
             # looked, and it looks again whenever something is done.
             for _ in range(size):
                 executor.submit(int)
             with _stopped_at_once():
-                yield pool
+                yield _Pool(executor, size, shared)
         finally:
             shared.stop.set()
-            while pool.running:  # in steps: on Windows, Ctrl-C is heard only between two waits
-                wait(tuple(pool.running), timeout=POLL_S)
+            executor.shutdown(wait=True, cancel_futures=True)
 
 
 def side_by_side(tasks: Mapping[Name, Callable[[], Found]]) -> dict[Name, Found]:

@@ -288,7 +288,7 @@ def test_an_item_that_is_interrupted_while_it_starts_waits_again(tmp_path: Path)
     children = Path(f"/proc/{worker.pid}/task/{worker.pid}/children")
     item = int(until(lambda: children.read_text().split())[0])
     until(lambda: b"images=2000" in Path(f"/proc/{item}/cmdline").read_bytes())  # no longer a copy of its parent
-    os.kill(item, signal.SIGINT)
+    os.kill(item, signal.SIGTERM)
     assert worker.wait() == 130
     assert states(tmp_path) == [(1, "waiting")]
 

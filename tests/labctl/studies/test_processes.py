@@ -102,39 +102,6 @@ def test_stopped_at_once_it_waits_for_no_task() -> None:
         )
 
 
-STOPPED_AGAIN = """
-import os, signal, threading
-from functools import partial
-from labctl.bench.signals import Interruption
-from labctl.studies.processes import processes
-from labctl.studies.tasks import in_parallel
-
-PRESSES_CTRL_C_ONCE_IT_SHOULD_END_AND_GOES_ON = (
-    "import os, signal, time; from labctl.studies.tasks import CALLER; "
-    f"CALLER.get().stop.wait(); os.kill({os.getpid()}, signal.SIGINT); time.sleep(1e6)"
-)
-
-def progress(_done, _records):
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which was heard again when processes were begun
-
-threading.Thread(target=threading.Event().wait, daemon=True).start()  # takes it
-tasks = {"endless": partial(exec, PRESSES_CTRL_C_ONCE_IT_SHOULD_END_AND_GOES_ON)}
-try:
-    in_parallel(tasks, engine=processes, interruption=Interruption(requested=True), progress=progress)
-except KeyboardInterrupt:
-    print("stopped at once")
-"""
-
-
-@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals end no wait here anyway")
-def test_stopped_again_it_waits_for_no_task_and_leaves_none_behind() -> None:
-    """Also on Windows, where another thread takes Ctrl-C, and it ends no wait of the main one."""
-    ended = subprocess.run(
-        [sys.executable, "-c", STOPPED_AGAIN], stdout=subprocess.PIPE, text=True, check=True, timeout=60
-    )  # all that have its output have ended
-    assert ended.stdout == "stopped at once\n"
-
-
 ONE_IDLES_ONE_WORKS = """
 import multiprocessing, time
 from functools import partial
