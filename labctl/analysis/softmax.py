@@ -226,11 +226,11 @@ def _of_wide(
     With features in units in which their penalty is one, W is a sum of shots: what is at right angles to all of them
     costs penalty and tells nothing apart. So it is looked for in as many coordinates as there are shots.
     """
-    units = np.sqrt(penalty)
-    basis, shots = np.linalg.qr((features / units).T)
+    scale = np.sqrt(penalty)
+    basis, shots = np.linalg.qr((features / scale).T)
     rotated = shots.T.astype(features.dtype)
     found = _optimum(rotated, members, share[np.newaxis], np.ones((1, len(shots))), tol=tol, max_iter=max_iter)
-    return _Optimum(found.weights[:, 0] @ basis.T / units, found.biases[:, 0], found.steps)
+    return _Optimum(found.weights[:, 0] @ basis.T / scale, found.biases[:, 0], found.steps)
 
 
 def _moments(

@@ -100,7 +100,11 @@ def save(
 
 def newest(station: Station, now: datetime) -> Calibration | None:
     """The latest calibration until `now` of the bench that `station` describes; None without any that can be read."""
-    past = [one for one in _of_bench(station) if one.stored.date <= now]
+    return _latest(_of_bench(station), now)
+
+
+def _latest(found: list[Calibration], now: datetime) -> Calibration | None:
+    past = [one for one in found if one.stored.date <= now]
     return max(past, key=lambda one: one.stored.date, default=None)
 
 
@@ -142,11 +146,11 @@ def warnings(reference: object, station: Station) -> list[str]:
 
     reference: as `Calibration.reference` gives it and the manifest keeps it; anything else says that there was none.
     """
-    now = datetime.now(UTC)
-    lines = [ahead(one.path, one.stored.date) for one in _of_bench(station) if one.stored.date > now]
+    now, found = datetime.now(UTC), _of_bench(station)
+    lines = [ahead(one.path, one.stored.date) for one in found if one.stored.date > now]
     if not isinstance(reference, Mapping):
         return lines
-    latest = newest(station, now)
+    latest = _latest(found, now)
     if latest is None:
         gone = "the calibration that the run refers to is not here any more"
         return [*lines, f"{folder_of(station)}: {gone}: measure again with 'labctl align'"]
