@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError
 
 from instruments.values import Answer
-from labctl.bench.calibration import LARGEST, ahead, bench_of, folder_of, new_folder
+from labctl.bench.calibration import LARGEST, bench_of, folder_of, latest, new_folder
 from labctl.bench.station import Station
 from labctl.errors import writing
 from labctl.runs.format.durable import not_made, replace_file
@@ -52,18 +52,15 @@ def save(station: Station, answers: Sequence[Answer], started: datetime) -> Path
 
 def warnings(station: Station) -> list[str]:
     """What to warn of before light is switched on: where the bench did not answer as labctl assumes, a line each."""
-    found = [(path, stored) for path in folder_of(station).glob(f"*/{FILE}") if (stored := _read(path)) is not None]
-    same = [(stored.date, path, stored) for path, stored in found if stored.bench == bench_of(station)]
-    now = datetime.now(UTC)
-    lines = [ahead(path, date) for date, path, _ in same if date > now]
-    past = [one for one in same if one[0] <= now]
-    if not past:
+    read = {path: stored for path in folder_of(station).glob(f"*/{FILE}") if (stored := _read(path)) is not None}
+    found = {path: stored for path, stored in read.items() if stored.bench == bench_of(station)}
+    path, lines = latest({path: stored.date for path, stored in found.items()}, datetime.now(UTC))
+    if path is None:
         return lines
-    _, path, latest = max(past, key=lambda one: one[0])
     return lines + [
         f"{path}: {answer.question}: {answer.found}, not {answer.assumed} as is assumed: see to it, and repeat "
         "'labctl check --deep'"
-        for answer in latest.answers
+        for answer in found[path].answers
         if not answer.agrees
     ]
 

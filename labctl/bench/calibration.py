@@ -100,25 +100,25 @@ def save(
 
 def newest(station: Station, now: datetime) -> Calibration | None:
     """The latest calibration until `now` of the bench that `station` describes; None without any that can be read."""
-    return _latest(_of_bench(station), now)
+    found = _of_bench(station)
+    path, _ = latest({path: one.stored.date for path, one in found.items()}, now)
+    return found[path] if path else None
 
 
-def _latest(found: list[Calibration], now: datetime) -> Calibration | None:
-    past = [one for one in found if one.stored.date <= now]
-    return max(past, key=lambda one: one.stored.date, default=None)
+def _of_bench(station: Station) -> dict[Path, Calibration]:
+    found = {path: one for path in folder_of(station).glob(f"*/{FILE}") if (one := read(path)) is not None}
+    return {path: one for path, one in found.items() if one.stored.bench == bench_of(station)}
 
 
-def _of_bench(station: Station) -> list[Calibration]:
-    found = [one for path in folder_of(station).glob(f"*/{FILE}") if (one := read(path)) is not None]
-    return [one for one in found if one.stored.bench == bench_of(station)]
-
-
-def ahead(path: Path, date: datetime) -> str:
-    """The warning of a file whose date is yet to come: it would hide all that are made until then."""
-    return (
+def latest(dates: Mapping[Path, datetime], now: datetime) -> tuple[Path | None, list[str]]:
+    """The file with the latest date until `now`, and a warning of each dated later: it would hide all until then."""
+    lines = [
         f"{path}: is dated {date.isoformat(timespec='seconds')}, which is yet to come, and is left out: check the "
         f"clock of this machine; if it was wrong then, remove that file and measure again"
-    )
+        for path, date in dates.items()
+        if date > now
+    ]
+    return max((path for path, date in dates.items() if date <= now), key=dates.__getitem__, default=None), lines
 
 
 def concerns(calibration: Calibration, station: Station, now: datetime) -> list[str]:
@@ -147,16 +147,15 @@ def warnings(reference: object, station: Station) -> list[str]:
     reference: as `Calibration.reference` gives it and the manifest keeps it; anything else says that there was none.
     """
     now, found = datetime.now(UTC), _of_bench(station)
-    lines = [ahead(one.path, one.stored.date) for one in found if one.stored.date > now]
+    path, lines = latest({path: one.stored.date for path, one in found.items()}, now)
     if not isinstance(reference, Mapping):
         return lines
-    latest = _latest(found, now)
-    if latest is None:
+    if path is None:
         gone = "the calibration that the run refers to is not here any more"
         return [*lines, f"{folder_of(station)}: {gone}: measure again with 'labctl align'"]
-    lines += concerns(latest, station, now)
-    if latest.sha256 != reference.get("sha256"):
-        lines.insert(0, f"{latest.path}: aligned after the run was begun: look at its drift, or begin a new run")
+    lines += concerns(found[path], station, now)
+    if found[path].sha256 != reference.get("sha256"):
+        lines.insert(0, f"{path}: aligned after the run was begun: look at its drift, or begin a new run")
     return lines
 
 

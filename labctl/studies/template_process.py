@@ -1,10 +1,13 @@
 """What the process loads first that those of a pool are copies of: all that it loads after this is there for good.
 
-Python's collector of garbage would look through it again and again while it grows, and once more when it ends.
+Python's collector of garbage would look through it again and again while it grows, and once more when it ends. Ctrl-C
+reaches the whole process group: whoever began this process ends it.
 """
 
 import atexit
 import gc
+import signal
 
+signal.signal(signal.SIGINT, signal.SIG_IGN)
 gc.disable()
 atexit.register(gc.freeze)

@@ -102,6 +102,38 @@ def test_stopped_at_once_it_waits_for_no_task() -> None:
         )
 
 
+STOPPED_WHILE_IT_LOADS = """
+import os, signal
+from functools import partial
+from labctl.studies.processes import load_meanwhile, side_by_side
+
+load_meanwhile("loads_slowly")
+with open(os.environ["GO_ON"], "w"):  # open where it is read from: by that module
+    try:
+        os.killpg(0, signal.SIGINT)
+        signal.pause()
+    except KeyboardInterrupt:
+        pass
+print(side_by_side({"one": partial(len, "light"), "other": partial(len, "dark")}))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="each process loads for itself")
+def test_ctrl_c_while_modules_are_loaded_is_heard_by_the_command_alone(tmp_path: Path) -> None:
+    os.mkfifo(go_on := tmp_path / "go_on")
+    (tmp_path / "loads_slowly.py").write_text("import os\nopen(os.environ['GO_ON']).read()\n", encoding="utf-8")
+    ended = subprocess.run(
+        [sys.executable, "-c", STOPPED_WHILE_IT_LOADS],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": str(tmp_path), "GO_ON": str(go_on)},
+    )
+    assert (ended.stdout, ended.stderr) == ("{'one': 5, 'other': 4}\n", "")
+
+
 ONE_IDLES_ONE_WORKS = """
 import multiprocessing, time
 from functools import partial
