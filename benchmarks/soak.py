@@ -130,9 +130,9 @@ def rows() -> Iterator[Row]:
             what = f"growth of the {process} over the last half of {RECORDS} records, {timing}"
             yield Row(what, (last.memory - before.memory) / part, "B a record", goal=Goal(most=FLAT, of="figure"))
     fewer = RECORDS // POINTS
-    client, smaller = runs["burst"][-1][0], followed(fewer, "burst")[-1][0]
+    client, smaller = runs["software"][-1][0], followed(fewer, "software")[-1][0]
     yield Row(
-        f"the client of {RECORDS} records beside that of {fewer}, images and plan included, burst",
+        f"the client of {RECORDS} records beside that of {fewer}, images and plan included, software",
         (client.memory - smaller.memory) / (RECORDS - fewer),
         "B a record",
     )

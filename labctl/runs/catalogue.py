@@ -26,10 +26,10 @@ from platformdirs import user_cache_path
 
 from labctl.errors import RunError, UsageError
 from labctl.runs.format.layout import RunPaths
-from labctl.runs.format.manifest import Manifest, protocol_settings
+from labctl.runs.format.manifest import protocol_settings
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import StorePath
-from labctl.runs.index import RunRow, is_running, is_there, run_directories, run_row
+from labctl.runs.index import RunRow, is_running, is_there, row_and_values, run_directories
 from labctl.runs.live.alarm import may_emit
 from labctl.runs.notes import Notes, read_notes
 from labctl.runs.search import condition, unknown, words_in
@@ -334,8 +334,8 @@ def _several_at_once(folder: Path) -> Iterator[Callable[..., Iterable[tuple[RunR
 
 
 def _known_of(paths: RunPaths) -> tuple[RunRow, Facts]:
-    row = run_row(paths)
-    return row, facts_of(paths, row)
+    row, values = row_and_values(paths)
+    return row, facts_of(paths, row, values)
 
 
 def _forget(database: sqlite3.Connection, name: bytes) -> None:
@@ -366,7 +366,7 @@ def _enter(database: sqlite3.Connection, name: bytes, stamp: str | None, row: Ru
     )
 
 
-def facts_of(paths: RunPaths, row: RunRow) -> Facts:
+def facts_of(paths: RunPaths, row: RunRow, manifest: Mapping[str, Any]) -> Facts:
     """What is known of a run: how it is listed, settings, place in a sweep, what people say, how its readouts score.
 
     Keys are those of `labctl runs`, of the protocol's settings, of the axes of its sweep, `bench`, `station`,
@@ -375,9 +375,8 @@ def facts_of(paths: RunPaths, row: RunRow) -> Facts:
     """
     found: dict[str, list[str | float]] = {}
     if not row.problem:
-        values = Manifest.read(paths).values
-        station = values.get("station")
-        for said in (values.get("coordinates"), protocol_settings(values)):
+        station = manifest.get("station")
+        for said in (manifest.get("coordinates"), protocol_settings(manifest)):
             for key, value in said.items() if isinstance(said, dict) else ():
                 found[_text(key.lower())] = _values(value)
         if isinstance(station, dict):

@@ -99,15 +99,21 @@ def stamp(path: Path) -> Stamp | None:
 
 def run_row(paths: RunPaths) -> RunRow:
     """One run as the catalogue has it; one that cannot be read has its `problem`."""
+    row, _ = row_and_values(paths)
+    return row
+
+
+def row_and_values(paths: RunPaths) -> tuple[RunRow, Mapping[str, Any]]:
+    """The same, with what its manifest holds: nothing where it cannot be read."""
     try:
         manifest = Manifest.read(paths)
         shots = sum(entry.shots for entry in read_journal(paths.journal).entries)
     except RunError as error:
-        return RunRow(paths.directory, problem=str(error))
+        return RunRow(paths.directory, problem=str(error)), {}
     values = manifest.values
     protocol = values.get("protocol", "")
     seeds = values.get("seeds", values)
-    return RunRow(
+    row = RunRow(
         path=paths.directory,
         protocol=str(protocol.get("name", "") if isinstance(protocol, dict) else protocol)[:LONGEST_TEXT],
         started=str(values.get("started", ""))[:LONGEST_TEXT],
@@ -118,6 +124,7 @@ def run_row(paths: RunPaths) -> RunRow:
         running=shots < manifest.shape.shots and is_running(paths),
         instruments=origin_of(values),
     )
+    return row, values
 
 
 def is_running(paths: RunPaths) -> bool:
