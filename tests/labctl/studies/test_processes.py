@@ -107,13 +107,17 @@ import os, signal
 from functools import partial
 from labctl.studies.processes import load_meanwhile, side_by_side
 
-load_meanwhile("loads_slowly")
-with open(os.environ["GO_ON"], "w"):  # open where it is read from: by that module
+def ctrl_c():
     try:
         os.killpg(0, signal.SIGINT)
         signal.pause()
     except KeyboardInterrupt:
         pass
+
+load_meanwhile("loads_slowly")
+ctrl_c()
+with open(os.environ["GO_ON"], "w"):  # open where it is read from: by that module
+    ctrl_c()
 print(side_by_side({"one": partial(len, "light"), "other": partial(len, "dark")}))
 """
 
