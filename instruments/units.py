@@ -65,7 +65,7 @@ def quantity(text: str, unit: str) -> float:
     """The number `text` ("0.4 ns", "25 GS/s", "14.8 dBm") stands for, in `unit`.
 
     Raises:
-        ValueError: not a number, no unit, or a unit of another kind.
+        ValueError: not a number or not a finite one, no unit, or a unit of another kind.
 
     Example:
         >>> from instruments.units import quantity
@@ -81,12 +81,16 @@ def quantity(text: str, unit: str) -> float:
     if unit in _TRADE_UNITS:
         pattern, meaning = _TRADE_UNITS[unit]
         written = re.sub(rf"^{pattern.pattern}$", meaning, written)
+    import numpy as np
     import pint
 
     try:
-        converted = _registry().Quantity(float(number), written).to(unit).magnitude
-    except pint.PintError:
+        with np.errstate(over="ignore"):  # infinity is looked for below
+            converted = _registry().Quantity(float(number), written).to(unit).magnitude
+    except (pint.PintError, AssertionError):  # its parser asserts what it expects, such as something after a slash
         raise ValueError(f"{text!r} is not in {unit}: write it like '1 {unit}'") from None
+    if not math.isfinite(converted):
+        raise ValueError(f"{text!r} is more than a number holds: write it like '1 {unit}'")
     return float(f"{converted:{DIGITS}}")
 
 

@@ -47,7 +47,7 @@ def train(
     if readout != "softmax":
         raise UsageError(f"--readout {readout}: unknown readout: choose softmax")
     require_readout(run)
-    window_s = seconds(window or "0.4 ns")
+    window_s = seconds("0.4 ns" if window is None else window)
     if over:
         axes = dict(parse_axis(one, "--search") for one in over)
         if len(axes) < len(over):

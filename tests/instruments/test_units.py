@@ -35,7 +35,18 @@ def test_reads_what_people_write(text: str, unit: str, value: float) -> None:
 
 @pytest.mark.parametrize(
     ("text", "unit"),
-    [("0.4", "s"), ("ns", "s"), ("", "s"), ("5 V", "s"), ("5 parsnips", "W"), ("1 s s", "s"), ("1;import os", "s")],
+    [
+        ("0.4", "s"),
+        ("ns", "s"),
+        ("", "s"),
+        ("5 V", "s"),
+        ("5 parsnips", "W"),
+        ("1 s s", "s"),
+        ("1;import os", "s"),
+        ("1 ns/", "s"),
+        ("5000 dBm", "W"),
+        ("1e999 W", "W"),
+    ],
 )
 def test_refuses_the_rest_in_one_line(text: str, unit: str) -> None:
     with pytest.raises(ValueError, match="write it like") as refused:

@@ -30,7 +30,8 @@ def traces_figure(time_s: ArrayLike, volts: NDArray[Any], *, shots: Sequence[str
     for axes, port, traces in zip(stack, ports, np.swapaxes(volts, 0, 1), strict=True):
         for position, trace in enumerate(traces):
             style = look(position)
-            axes.plot(*thinned(time_ns, trace), color=style.colour, linestyle=style.dashes, linewidth=1.2)
+            line = {"color": style.colour, "linestyle": style.dashes, "linewidth": 1.2}
+            axes.plot(*thinned(time_ns, trace), marker="" if len(trace) > 1 else style.marker, **line)
         title = port
         if (cut := _flattening(traces)) is not None:
             others = np.delete(traces, cut, axis=0)
@@ -40,7 +41,8 @@ def traces_figure(time_s: ArrayLike, volts: NDArray[Any], *, shots: Sequence[str
         axes.set_title(title, loc="left", fontsize=8, pad=2)
         axes.locator_params(axis="y", nbins=3)
     stack[-1].set_xlabel("time (ns)")
-    stack[-1].set_xlim(time_ns[0], time_ns[-1])
+    if len(time_ns) > 1:
+        stack[-1].set_xlim(time_ns[0], time_ns[-1])
     figure.supylabel("signal (V)", fontsize=9)
     legend_below(figure, list(stack[0].lines), shots)
     return figure

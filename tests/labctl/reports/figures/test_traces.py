@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 from labctl.reports.figure_files import save_figure
@@ -60,3 +61,10 @@ def test_long_names_of_shots_fit_the_width_of_their_figure() -> None:
     figure.draw_without_rendering()
     (legend,) = figure.legends
     assert legend.get_window_extent().width <= figure.bbox.width
+
+
+def test_one_sample_is_a_point(recwarn: pytest.WarningsRecorder) -> None:
+    figure = traces_figure(np.zeros(1), np.ones((1, 1, 1)), shots=["digit 1"], ports=["port 2"])
+    figure.draw_without_rendering()
+    assert figure.axes[0].lines[0].get_marker() == "o"
+    assert not list(recwarn)
