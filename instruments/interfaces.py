@@ -283,6 +283,9 @@ class BurstDmd(Dmd):
     picture_period_s: float
     """The time between pictures that are played as fast as its mirrors follow, s."""
 
+    pulse_s: float
+    """How long the pulse of a picture lasts where nobody asks for another length, s."""
+
     settling_s: float
     """How long after their command mirrors are taken to move at most."""
 
@@ -309,8 +312,8 @@ class BurstDmd(Dmd):
     def play(self, first: int, count: int, period_s: float, *, rounds: int = 1, pulse_s: float | None = None) -> None:
         """Show `count` pictures from the `first` on, one every `period_s`, so many `rounds`; returns at once.
 
-        Each picture comes with a pulse that begins with it and lasts `pulse_s`, or until its mirrors rest. Both times
-        are rounded to whole microseconds.
+        Each picture comes with a pulse that begins with it and lasts `pulse_s`, or that of the DMD. Both times are
+        rounded to whole microseconds.
 
         Raises:
             OutOfRange: faster than the mirrors can follow.

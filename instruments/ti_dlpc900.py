@@ -121,6 +121,7 @@ class TiDlpc900(BurstDmd):
 
     shape = (ROWS, COLUMNS)
     picture_period_s = SHORTEST_US * 1e-6
+    pulse_s = PULSE_US * 1e-6
     settling_s = picture_period_s
 
     def __init__(self, commands: Commands) -> None:

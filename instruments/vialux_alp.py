@@ -112,6 +112,7 @@ class VialuxAlp(BurstDmd):
 
     picture_period_s = 44e-6
     """22 727 pictures a second, the most of a DLP7000; a device that needs longer says so when it is to play."""
+    pulse_s = SYNCH_PULSE_US * 1e-6
     settling_s = SETTLING_S
 
     def __init__(

@@ -29,9 +29,20 @@ more."""
 UPLOAD_BLOCK = 250
 
 
-def settled_s(drive: Drive) -> float:
-    """How long after its trigger a frame of a burst begins, s."""
-    return SETTLED_PERIODS * drive.period_s
+def frame_start_s(dmd: BurstDmd, drive: Drive, window_s: float) -> float:
+    """How long after its trigger, the end of the DMD's pulse, a frame of a burst begins, s.
+
+    Raises:
+        ProtocolError: a frame of `window_s` would last into the next picture.
+    """
+    start_s = SETTLED_PERIODS * drive.period_s
+    end_s, picture_s = dmd.pulse_s + start_s + window_s, dmd.picture_period_s
+    if round(end_s - picture_s, 12) > 0:
+        raise ProtocolError(
+            f"window = {window_s * 1e6:g} us: in a burst a frame would end {end_s * 1e6:g} us after its picture began, "
+            f"and a picture lasts {picture_s * 1e6:g} us: choose a shorter window, or timing = 'software'"
+        )
+    return start_s
 
 
 def burst_dmd(bench: Bench) -> BurstDmd:
@@ -117,9 +128,10 @@ def measure_bursts(
     Raises:
         InstrumentError: a frame is missing, or came at the wrong time.
     """
+    start_s = frame_start_s(dmd, drive, timebase.samples / timebase.sample_rate)
     bench.load_drive(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
     bench.play_drive()
-    bench.configure(replace(timebase, delay_s=settled_s(drive)), part.pass_.patching)
+    bench.configure(replace(timebase, delay_s=start_s), part.pass_.patching)
     dmd.hold()
     frames = min(longest_burst * averages if longest_burst else LONGEST_BURST, bench.scope.most_frames())
     longest = max(1, frames // averages)

@@ -76,7 +76,8 @@ class GhostImaging(Measurement[Images]):
         return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
-        """The images must be larger than the border, and the pictures fit the DMD."""
+        """The images must be larger than the border, the pictures fit the DMD, and a frame of a burst its picture."""
+        self.start_s(bench, inputs)
         rows, columns = inputs.images.shape[1:]
         if min(rows, columns) <= 2 * BORDER:
             raise ProtocolError(
@@ -101,7 +102,9 @@ class GhostImaging(Measurement[Images]):
 
     def start_s(self, bench: Bench, inputs: Images) -> float:
         """At the trigger, or in a burst once the drive has settled."""
-        return stills_start_s(self.drive(bench, inputs), self.timing)
+        return stills_start_s(
+            bench, self.drive(bench, inputs), self.sample_count(inputs) / self.sample_rate, self.timing
+        )
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""

@@ -24,7 +24,7 @@ from protocols.base import (
     Shot,
     ShotKind,
 )
-from protocols.bursts import LONGEST_BURST, PictureMemory, burst_dmd, measure_bursts, settled_s
+from protocols.bursts import LONGEST_BURST, PictureMemory, burst_dmd, frame_start_s, measure_bursts
 from protocols.means import rescaled
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
@@ -100,7 +100,8 @@ class ImageReadout(Measurement[Images]):
         return passes_for(bench, self.wavelengths, self.ports)
 
     def check(self, bench: Bench, inputs: Images) -> None:
-        """The images must fit the DMD."""
+        """The images must fit the DMD, and a frame of a burst its picture."""
+        self.start_s(bench, inputs)
         Patterns(inputs, bench.dmd.shape)
 
     def check_cabling(self, bench: Bench) -> None:
@@ -119,7 +120,9 @@ class ImageReadout(Measurement[Images]):
 
     def start_s(self, bench: Bench, inputs: Images) -> float:
         """At the trigger, or in a burst once the drive has settled."""
-        return stills_start_s(self.drive(bench, inputs), self.timing)
+        return stills_start_s(
+            bench, self.drive(bench, inputs), self.sample_count(inputs) / self.sample_rate, self.timing
+        )
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""
@@ -142,9 +145,13 @@ class ImageReadout(Measurement[Images]):
         )
 
 
-def stills_start_s(drive: Drive, timing: Timing) -> float:
-    """How long after the trigger frames of still pictures begin, s."""
-    return 0.0 if timing == "software" else settled_s(drive)
+def stills_start_s(bench: Bench, drive: Drive, window_s: float, timing: Timing) -> float:
+    """How long after the trigger frames of still pictures begin, s.
+
+    Raises:
+        ProtocolError: they would not end before the picture of a burst, or the bench has no bursts.
+    """
+    return 0.0 if timing == "software" else frame_start_s(burst_dmd(bench), drive, window_s)
 
 
 def stills_duration_s(passes: int, shots: int, averages: int, timing: Timing) -> float:

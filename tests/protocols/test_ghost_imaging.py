@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from instruments.bench import Bench
 from labctl.bench.opening import opened
-from labctl.bench.station import Station
+from labctl.bench.station import Station, WiringSection
 from labctl.engine.inputs import images_for
 from protocols.base import Images, PassStarted, ProtocolError, Record, ShotKind
 from protocols.dynamic_scene import DynamicScene
@@ -62,6 +62,19 @@ def test_images_under_the_reference_are_refused(bench: Bench, log: Any) -> None:
     with pytest.raises(ProtocolError, match="lie under the reference"):
         GhostImaging(**SMALL).check(bench, small)
     assert not log.messages
+
+
+def test_a_frame_of_a_burst_that_would_last_into_the_next_picture_is_refused(log: Any) -> None:
+    """After a pulse of 20 us the drive plays two windows before the frame; a picture lasts 44 us."""
+    with opened(Station(wiring=WiringSection(burst=True)), log) as found:
+        inputs = images_for(GhostImaging(**SMALL))
+        GhostImaging(**SMALL, timing="burst", window=8e-6).check(found.bench, inputs)
+        GhostImaging(**SMALL, timing="software", window=14e-6).check(found.bench, inputs)
+        with pytest.raises(
+            ProtocolError, match=r"^window = 14 us: .* end 62 us after .* lasts 44 us: choose a shorter"
+        ):
+            GhostImaging(**SMALL, timing="burst", window=14e-6).check(found.bench, inputs)
+        assert not log.sent_to("laser")
 
 
 def test_what_beats_with_the_reference_adds_up_pixel_by_pixel(log: Any) -> None:
