@@ -3,6 +3,7 @@
 Software only loads and collects, so the DMD's own rate is the limit.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -19,10 +20,9 @@ from protocols.base import Part, ProtocolError, Record, Shot
 from protocols.means import averaged
 from protocols.patterns import Patterns
 
-PERIODS_PER_TRIGGER = 3
 SETTLED_PERIODS = 2
 """Of the periods the AWG plays at each trigger, those that pass before the frame: fibre and chip then carry light of
-the running drive only, as if it had played for ever."""
+the running drive only, as if it had played for ever. As many follow as the frame lasts."""
 LONGEST_BURST = 2000
 """Frames of one burst by default: storing one takes as long as playing the next, and an interrupted run waits for no
 more."""
@@ -128,8 +128,10 @@ def measure_bursts(
     Raises:
         InstrumentError: a frame is missing, or came at the wrong time.
     """
-    start_s = frame_start_s(dmd, drive, timebase.samples / timebase.sample_rate)
-    bench.load_drive(drive, periods_per_trigger=PERIODS_PER_TRIGGER)
+    window_s = timebase.samples / timebase.sample_rate
+    start_s = frame_start_s(dmd, drive, window_s)
+    periods = math.ceil(round(window_s / drive.period_s, 9))
+    bench.load_drive(drive, periods_per_trigger=SETTLED_PERIODS + periods)
     bench.play_drive()
     bench.configure(replace(timebase, delay_s=start_s), part.pass_.patching)
     dmd.hold()

@@ -149,7 +149,7 @@ def stills_start_s(bench: Bench, drive: Drive, window_s: float, timing: Timing) 
     """How long after the trigger frames of still pictures begin, s.
 
     Raises:
-        ProtocolError: they would not end before the picture of a burst, or the bench has no bursts.
+        ProtocolError: in a burst they would last into the next picture.
     """
     return 0.0 if timing == "software" else frame_start_s(burst_dmd(bench), drive, window_s)
 

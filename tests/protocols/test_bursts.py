@@ -80,6 +80,14 @@ def test_a_burst_sees_what_single_shots_see(wired: Bench, averages: int) -> None
     assert wired.laser.settings()["emitting"] == 0
 
 
+@pytest.mark.parametrize("window", [100e-9, 250e-9])
+def test_the_drive_plays_as_long_as_a_frame_lasts(wired: Bench, window: float) -> None:
+    (pass_,), (burst,), shots = measure(wired, timing="burst", ports=(2,), images=4, window=window)
+    lit = [shot.index for shot in shots if shot.kind is ShotKind.IMAGE]
+    (seen,) = volts([pass_], {0: burst.frames.codes[lit]})
+    assert np.std(seen[..., -1000:], axis=-1) == pytest.approx(np.std(seen[..., :1000], axis=-1), rel=0.2)
+
+
 def test_more_pictures_than_the_memory_holds_go_in_parts(wired: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded: list[int] = []
     load = wired.dmd.load  # type: ignore[attr-defined]
