@@ -77,9 +77,13 @@ class KeptSettings:
         Raises:
             InstrumentError: the instrument's own error, or a setting that did not take.
         """
-        with self._link.checked():
-            for setting in settings:
-                self._link.write(setting.message)
+        try:
+            with self._link.checked():
+                for setting in settings:
+                    self._link.write(setting.message)
+        except InstrumentError:  # what was taken before it is nobody else's change
+            self.forget([setting.question for setting in settings])
+            raise
         return self.confirm(settings)
 
     def confirm(self, settings: Sequence[Setting]) -> tuple[str, ...]:

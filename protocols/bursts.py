@@ -127,6 +127,7 @@ def measure_bursts(
 
     Raises:
         InstrumentError: a frame is missing, or came at the wrong time.
+        ProtocolError: a frame would last into the next picture, or the oscilloscope cannot hold those of one mean.
     """
     window_s = timebase.samples / timebase.sample_rate
     start_s = frame_start_s(dmd, drive, window_s)
@@ -135,7 +136,12 @@ def measure_bursts(
     bench.play_drive()
     bench.configure(replace(timebase, delay_s=start_s), part.pass_.patching)
     dmd.hold()
-    frames = min(longest_burst * averages if longest_burst else LONGEST_BURST, bench.scope.most_frames())
+    if averages > (most := bench.scope.most_frames()):
+        raise ProtocolError(
+            f"averages = {averages}: a burst has all triggers of a picture, and the scope's memory holds {most} frames "
+            f"of this window: choose fewer, or a shorter window"
+        )
+    frames = min(longest_burst * averages if longest_burst else LONGEST_BURST, most)
     longest = max(1, frames // averages)
     for held in memory.parts:
         for burst_of in stretches([shot.index for shot in part.shots if shot.index in held], longest):

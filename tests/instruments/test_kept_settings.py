@@ -8,7 +8,7 @@ import pytest
 from instruments.errors import InstrumentError
 from instruments.kept_settings import KeptSettings, Setting
 from instruments.values import Change
-from instruments.visa import VisaLink
+from instruments.visa import VisaLink, tektronix_event_queue
 from sim_backends.bench import SimulatedBench
 
 RATE = Setting("HORizontal:MODE:SAMPLERate", "2.5E10", 1.0, "S/s")
@@ -19,7 +19,13 @@ HEADER = Setting("HEADer", "OFF")
 @pytest.fixture
 def link() -> Iterator[VisaLink]:
     with SimulatedBench() as bench:
-        scope = VisaLink(bench.resources["scope"]["socket"], name="scope", timeout_s=5, transcript=lambda *_: None)
+        scope = VisaLink(
+            bench.resources["scope"]["socket"],
+            name="scope",
+            timeout_s=5,
+            transcript=lambda *_: None,
+            error_queue=tektronix_event_queue,
+        )
         for setting in (RATE, MODE, HEADER):
             scope.write(setting.message)
         yield scope
@@ -41,6 +47,22 @@ def test_a_setting_that_did_not_take_is_refused(link: VisaLink) -> None:
     link.write("ACQuire:MODe HIRes")
     with pytest.raises(InstrumentError, match=r"^scope: ACQuire:MODe: asked for SAMple, got 'HIRES': choose a value"):
         KeptSettings(link).confirm((RATE, MODE))
+
+
+def test_what_a_refused_group_has_set_is_nobody_elses_change(link: VisaLink) -> None:
+    kept = KeptSettings(link)
+    kept.keep(["ACQuire:STOPAfter?", MODE.question])
+    with pytest.raises(InstrumentError, match="memory holds"):
+        kept.set(
+            (
+                Setting("ACQuire:MODe", "HIRes"),
+                Setting("HORizontal:FASTframe:STATE", "ON"),
+                Setting("HORizontal:FASTframe:COUNt", "100000000"),
+            )
+        )
+    assert kept.changes() == ()
+    link.write("ACQuire:STOPAfter SEQuence")
+    assert [change.setting for change in kept.changes()] == ["ACQuire:STOPAfter"]
 
 
 @pytest.mark.parametrize(("answer", "taken"), [("49", False), ("50", True), ("500", True), ("1051", False)])

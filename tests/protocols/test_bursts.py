@@ -18,7 +18,7 @@ from labctl.bench.opening import opened
 from labctl.bench.station import Station, WiringSection
 from labctl.engine.inputs import images_for
 from labctl.runs.live.logs import CommandLog
-from protocols.base import Part, PassStarted, Record, ShotKind
+from protocols.base import Part, PassStarted, ProtocolError, Record, ShotKind
 from protocols.bursts import check_times, stretches
 from protocols.image_readout import ImageReadout
 
@@ -125,6 +125,13 @@ def test_a_burst_of_means_takes_all_the_frames_that_there_is_room_for(
     monkeypatch.setattr(wired.scope, "most_frames", lambda: 100)
     _, bursts, _ = measure(wired, timing="burst", ports=(2,), averages=3)
     assert [(record.first, len(record.frames.codes)) for record in bursts] == [(0, 33), (33, 11)]
+
+
+def test_more_averages_than_the_memory_holds_frames_are_refused(wired: Bench) -> None:
+    """Records of 20 us: so few of them fill the memory that no test has to wait for them."""
+    with pytest.raises(ProtocolError, match=r"^averages = 64: .* the scope's memory holds 62 frames of this window"):
+        measure(wired, timing="burst", ports=(2,), images=4, window=20e-6, averages=64)
+    assert wired.laser.settings()["emitting"] == 0
 
 
 def test_a_burst_is_as_long_as_asked(wired: Bench) -> None:
