@@ -1,6 +1,7 @@
 """What every protocol is: a frozen description of an acquisition that lists its shots and yields their records."""
 
 import hashlib
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
@@ -308,6 +309,10 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
     @abstractmethod
     def duration_s(self, bench: Bench, shots: int) -> float:
         """How long `shots` shots take on real instruments, by their arm, transfer and settling times."""
+
+    def most_together(self) -> float:
+        """How many shots come, and are stored, together at most; infinite where each comes by itself."""
+        return math.inf
 
     def parts(self, bench: Bench, inputs: InputsT) -> tuple[Part, ...]:
         """The whole run: every shot on every pass.

@@ -45,6 +45,14 @@ def frame_start_s(dmd: BurstDmd, drive: Drive, window_s: float) -> float:
     return start_s
 
 
+def shots_a_burst(averages: int, longest_burst: int | None) -> int:
+    """How many shots a burst has at most, each the mean of so many triggers; None: as many as `LONGEST_BURST` frames.
+
+    It has fewer where the oscilloscope's memory holds fewer frames.
+    """
+    return longest_burst or max(1, LONGEST_BURST // averages)
+
+
 def burst_dmd(bench: Bench) -> BurstDmd:
     """The DMD of a bench that is wired for bursts.
 
@@ -141,8 +149,7 @@ def measure_bursts(
             f"averages = {averages}: a burst has all triggers of a picture, and the scope's memory holds {most} frames "
             f"of this window: choose fewer, or a shorter window"
         )
-    frames = min(longest_burst * averages if longest_burst else LONGEST_BURST, most)
-    longest = max(1, frames // averages)
+    longest = min(shots_a_burst(averages, longest_burst), most // averages)
     for held in memory.parts:
         for burst_of in stretches([shot.index for shot in part.shots if shot.index in held], longest):
             memory.load(held)

@@ -1,5 +1,6 @@
 """Calibration and unseen images for ghost imaging: random patterns and images, each beside a reference and alone."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, ClassVar
@@ -12,7 +13,7 @@ from instruments.bench import Bench
 from instruments.units import Seconds
 from instruments.values import Drive, Timebase
 from protocols.base import Events, Images, Judgement, Measurement, Part, Pass, ProtocolError, Shot, ShotKind
-from protocols.bursts import burst_dmd
+from protocols.bursts import burst_dmd, shots_a_burst
 from protocols.image_readout import (
     LONGEST_WINDOW_S,
     PROBES,
@@ -108,7 +109,11 @@ class GhostImaging(Measurement[Images]):
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""
-        return stills_duration_s(len(self.passes(bench)), shots, self.averages, self.timing)
+        return stills_duration_s(len(self.passes(bench)), shots, self.averages, self.most_together())
+
+    def most_together(self) -> float:
+        """The shots of a burst."""
+        return shots_a_burst(self.averages, None) if self.timing == "burst" else math.inf
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot or in hardware-timed bursts, as an image readout."""

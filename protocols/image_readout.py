@@ -24,7 +24,7 @@ from protocols.base import (
     Shot,
     ShotKind,
 )
-from protocols.bursts import LONGEST_BURST, PictureMemory, burst_dmd, frame_start_s, measure_bursts
+from protocols.bursts import PictureMemory, burst_dmd, frame_start_s, measure_bursts, shots_a_burst
 from protocols.means import rescaled
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
@@ -126,7 +126,11 @@ class ImageReadout(Measurement[Images]):
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Arm, transfer and settling times of real instruments, pass by pass."""
-        return stills_duration_s(len(self.passes(bench)), shots, self.averages, self.timing)
+        return stills_duration_s(len(self.passes(bench)), shots, self.averages, self.most_together())
+
+    def most_together(self) -> float:
+        """The shots of a burst."""
+        return shots_a_burst(self.averages, self.longest_burst) if self.timing == "burst" else math.inf
 
     def acquire(self, bench: Bench, inputs: Images, parts: Sequence[Part]) -> Events:
         """Shot by shot: show, arm, wait for the marker of the running drive, read. Or in hardware-timed bursts."""
@@ -154,13 +158,12 @@ def stills_start_s(bench: Bench, drive: Drive, window_s: float, timing: Timing) 
     return 0.0 if timing == "software" else frame_start_s(burst_dmd(bench), drive, window_s)
 
 
-def stills_duration_s(passes: int, shots: int, averages: int, timing: Timing) -> float:
-    """How long still pictures take on real instruments, ranging and, for bursts, loading included, s."""
-    if timing == "software":
+def stills_duration_s(passes: int, shots: int, averages: int, together: float) -> float:
+    """How long still pictures take on real instruments, ranging included, s; in bursts of so many, loading too."""
+    if together == math.inf:
         shot_s = REAL_SHOT_S if averages == 1 else REAL_MEAN_S
         return passes * (REAL_PASS_S + (shots + PROBES) * shot_s)
-    triggers = shots * averages
-    bursts_s = triggers * REAL_PICTURE_S + math.ceil(triggers / LONGEST_BURST) * REAL_BURST_S
+    bursts_s = shots * averages * REAL_PICTURE_S + math.ceil(shots / together) * REAL_BURST_S
     return shots * REAL_UPLOAD_S + passes * (REAL_PASS_S + PROBES * REAL_SHOT_S + bursts_s)
 
 

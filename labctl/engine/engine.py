@@ -85,7 +85,7 @@ def carry_out(request: Request, bench: Bench, interruption: Interruption, direct
         plan.shots,
         plan.drive,
         request.durability,
-        seconds_a_shot=plan.seconds_a_shot,
+        in_a_shard=plan.shots_a_shard,
         on_warning=bench.observer.warning,
     )
     with writer, controlled(writer.paths.directory, interruption) as control:

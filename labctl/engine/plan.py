@@ -17,7 +17,7 @@ from labctl.runs.format.columns import shot_table
 from labctl.runs.format.layout import run_name
 from labctl.runs.format.shape import RunShape
 from labctl.runs.write.durability import Durability
-from labctl.runs.write.room import needed
+from labctl.runs.write.room import needed, shots_a_shard
 from protocols.base import Inputs, Measurement, Pass, Shot
 
 
@@ -43,12 +43,12 @@ class Request:
 
 @dataclass(frozen=True)
 class Plan:
-    """Size, shots and drive of a run, and the seconds that a shot takes on one pass on real instruments."""
+    """Size, shots and drive of a run, and how many shots on real instruments close a shard."""
 
     shape: RunShape
     shots: NDArray[Any]
     drive: Drive
-    seconds_a_shot: float
+    shots_a_shard: float
 
 
 def planned(request: Request, bench: Bench) -> Plan:
@@ -61,19 +61,21 @@ def planned(request: Request, bench: Bench) -> Plan:
     protocol, inputs = request.protocol, request.inputs
     bench.scope.require_rate(protocol.sample_rate)
     shots, passes = protocol.shots(inputs), protocol.passes(bench)
+    shape = RunShape(
+        shots=len(shots),
+        passes=tuple(tuple(one.patching.values()) for one in passes),
+        wavelengths_nm=tuple(one.wavelength_nm for one in passes),
+        samples=protocol.sample_count(inputs),
+        sample_interval_s=1 / protocol.sample_rate,
+        start_s=protocol.start_s(bench, inputs),
+        code_type=bench.scope.code_type if protocol.averages == 1 else "int16",
+    )
+    seconds_a_shot = protocol.duration_s(bench, len(shots)) / (len(shots) * len(passes))
     return Plan(
-        RunShape(
-            shots=len(shots),
-            passes=tuple(tuple(one.patching.values()) for one in passes),
-            wavelengths_nm=tuple(one.wavelength_nm for one in passes),
-            samples=protocol.sample_count(inputs),
-            sample_interval_s=1 / protocol.sample_rate,
-            start_s=protocol.start_s(bench, inputs),
-            code_type=bench.scope.code_type if protocol.averages == 1 else "int16",
-        ),
+        shape,
         _columns(shots, passes),
         protocol.drive(bench, inputs),
-        protocol.duration_s(bench, len(shots)) / (len(shots) * len(passes)),
+        shots_a_shard(shape, request.durability, seconds_a_shot, protocol.most_together()),
     )
 
 
@@ -109,7 +111,7 @@ def bytes_needed(request: Request, bench: Bench) -> int:
     """
     request.protocol.check_cabling(bench)
     plan = planned(request, bench)
-    return needed(plan.shape, plan.drive, request.durability, plan.seconds_a_shot)
+    return needed(plan.shape, plan.drive, plan.shots_a_shard)
 
 
 def new_directory(protocol: Measurement[Any], started: datetime) -> Path:

@@ -30,7 +30,7 @@ def prepare(
     plan: NDArray[Any],
     drive: Drive | None,
     durability: Durability,
-    seconds_a_shot: float,
+    in_a_shard: float,
 ) -> tuple[Manifest, JournalFile]:
     """Make the directory, its folder of shards, an empty journal, plan.h5 and, last, manifest.json.
 
@@ -53,7 +53,7 @@ def prepare(
     read_back = json.loads(json.dumps(asked, allow_nan=False))
     image = encode_plan(plan, drive, manifest_digest(read_back))
     prepared = Manifest(read_back | {"plan_sha256": hashlib.sha256(image).hexdigest()})
-    require(paths.directory, needed(shape, drive, durability, seconds_a_shot))
+    require(paths.directory, needed(shape, drive, in_a_shard))
     _claim(paths)
     # The journal before the manifest: what has that is a run, and one without journal is damaged.
     with ExitStack() as stack:

@@ -41,12 +41,12 @@ LOG_OF_A_SHOT = 1 << 9
 _logger = logging.getLogger(__name__)
 
 
-def needed(shape: RunShape, drive: Drive | None, durability: Durability, seconds_a_shot: float) -> int:
-    """Bytes of a run that has not begun, at most, where a shot takes so long on one pass."""
+def needed(shape: RunShape, drive: Drive | None, in_a_shard: float) -> int:
+    """Bytes of a run that has not begun, at most, where a shard has so many shots."""
     played = 0 if drive is None else drive.samples.nbytes + drive.marker.nbytes
     plan = DATA_HEADERS + played + shape.shots * SHOTS_DTYPE.itemsize
     missing = [shape.shots] * len(shape.passes)
-    shards = measured(shape, missing, shots_a_shard(shape, durability, seconds_a_shot))
+    shards = measured(shape, missing, in_a_shard)
     return _pages(plan) + MANIFEST + shards + data_file(shape, drive)
 
 
@@ -77,11 +77,16 @@ def data_file(shape: RunShape, drive: Drive | None) -> int:
     return _pages(DATA_HEADERS + MANIFEST + (1 + MARGIN) * frames + columns)
 
 
-def shots_a_shard(shape: RunShape, durability: Durability, seconds_a_shot: float) -> float:
-    """How many shots close a shard, by their number, size or age, where one takes so long on one pass."""
+def shots_a_shard(
+    shape: RunShape, durability: Durability, seconds_a_shot: float = 0.0, together: float = math.inf
+) -> float:
+    """How many shots close a shard, by their number, size or age, where one takes so long on one pass.
+
+    together: how many come at once, and close it, at most; infinite where each comes by itself.
+    """
     row = max(map(len, shape.passes)) * shape.samples * shape.dtype.itemsize
     by_age = durability.seconds / seconds_a_shot if seconds_a_shot else math.inf
-    return max(1.0, min(durability.shots, durability.shard_bytes // row, by_age))
+    return max(1.0, min(durability.shots, durability.shard_bytes // row, by_age, together))
 
 
 def require(directory: Path, size: int) -> None:

@@ -118,7 +118,7 @@ class RunWriter:
         drive: Drive | None = None,
         durability: Durability | None = None,
         *,
-        seconds_a_shot: float = 0.0,
+        in_a_shard: float | None = None,
         on_warning: Warn = _nobody,
         timer: TimerFactory = wall_timer,
         clock: Callable[[], float] = time.monotonic,
@@ -134,7 +134,7 @@ class RunWriter:
             plan: The planned `/shots`, see `labctl.runs.format.columns.shot_table`.
             drive: What the AWG plays, None for nothing.
             durability: When a shard closes.
-            seconds_a_shot: How long a shot is expected to take on one pass.
+            in_a_shard: How many shots a shard is expected to have; without it, as many as `durability` allows.
             on_warning: Called, from any thread, with one line when the disk is filling up.
             timer: What closes a shard that gets too old.
             clock: When a shot came, s.
@@ -147,8 +147,9 @@ class RunWriter:
         """
         durability = durability or Durability()
         paths = RunPaths(directory)
-        checked, journal = prepare(paths, manifest, shape, plan, drive, durability, seconds_a_shot)
-        room = Room(directory, shape, drive, shots_a_shard(shape, durability, seconds_a_shot), on_warning)
+        expected = in_a_shard or shots_a_shard(shape, durability)
+        checked, journal = prepare(paths, manifest, shape, plan, drive, durability, expected)
+        room = Room(directory, shape, drive, expected, on_warning)
         shards = Shards(paths, shape, plan, ())
         return cls(checked, shards, drive, durability, StoredShards(shards, journal, room), timer=timer, clock=clock)
 
@@ -187,7 +188,7 @@ class RunWriter:
             recovered, next_shard = recover(shards, journal)
             for line in recovered:
                 on_warning(line)
-            room = Room(directory, shape, drive, shots_a_shard(shape, durability, 0.0), on_warning)
+            room = Room(directory, shape, drive, shots_a_shard(shape, durability), on_warning)
             writer = cls(
                 manifest,
                 shards,

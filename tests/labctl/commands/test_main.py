@@ -322,6 +322,15 @@ class TestRun:
         key = "estimated_seconds_on_a_real_bench"
         assert several[key] - one[key] > 0.35 * one["shots"] * one["passes"], "FastFrame needs 400 ms to get ready"
 
+    def test_a_dry_run_counts_every_burst(self, capsys: pytest.CaptureFixture[str]) -> None:
+        burst = ("run", "image-readout", *SMALL, "--set", "timing=burst", "--dry-run")
+        one, many = (as_json(capsys, *burst, "--set", f"longest_burst={shots}")[1] for shots in (44, 2))
+        more = 21 * one["passes"]
+        key = "estimated_seconds_on_a_real_bench"
+        assert many[key] - one[key] == pytest.approx(0.45 * more), "FastFrame gets ready and four channels are read"
+        assert many["dose_j"] > 2 * one["dose_j"]
+        assert many["bytes_needed"] - one["bytes_needed"] > 4096 * (more - 4), "each burst is a file"
+
     def test_a_profile_accounts_for_the_time(self, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         status, found = as_json(capsys, "run", "image-readout", *SMALL, "--profile", "--out", tmp_path / "run")
         assert status == 0

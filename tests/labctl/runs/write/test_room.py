@@ -72,7 +72,7 @@ def test_the_estimate_is_enough_and_little_more(
     shape = RunShape(shots, passes, samples, 40e-12, code_type=code_type)
     drive = Drive("drive", np.zeros(drive_samples, np.float32), 25e9, 0.5) if drive_samples else None
     durability, plan = Durability(a_shard, 3600), plan_for(shape)
-    estimate = needed(shape, drive, durability, 0.0)
+    estimate = needed(shape, drive, shots_a_shard(shape, durability))
     with RunWriter.create(tmp_path / "run", {}, shape, plan, drive, durability) as writer:
         for index in range(len(passes)):
             writer.scales(index, 1.0, 0.0)
@@ -85,12 +85,13 @@ def test_the_estimate_is_enough_and_little_more(
     assert estimate - allowed <= 1.02 * real + (12 * len(passes) + shards) * PAGE
 
 
-def test_shards_close_by_number_size_or_age(small: RunShape) -> None:
+def test_shards_close_by_number_size_or_age_and_with_a_burst(small: RunShape) -> None:
     durability = Durability(shots=20, seconds=1.0, shard_bytes=10 * 4 * small.samples)
     assert shots_a_shard(small, replace(durability, shard_bytes=10**9), 0.0) == 20
     assert shots_a_shard(small, durability, 0.0) == 10
     assert shots_a_shard(small, durability, 0.25) == 4
     assert shots_a_shard(small, durability, 3.0) == 1
+    assert shots_a_shard(small, durability, 0.25, together=2) == 2
 
 
 @pytest.fixture
@@ -108,7 +109,7 @@ def test_a_run_begins_where_there_is_room_for_all_of_it_and_leaves_no_trace_wher
     tmp_path: Path, begin: Begin, small: RunShape, free: Callable[[int], None]
 ) -> None:
     drive = Drive("drive", np.zeros(50, np.float32), 25e9, 0.5)
-    size = needed(small, drive, Durability(3, 3600), 0.0)
+    size = needed(small, drive, shots_a_shard(small, Durability(3, 3600)))
     free(size - 1)
     with pytest.raises(RunError, match=r"run: up to .* kB are needed and the disk has .* kB free: make room"):
         begin(tmp_path / "deep" / "run")
