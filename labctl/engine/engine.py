@@ -21,7 +21,7 @@ from instruments.values import Scaling
 from labctl.bench.identity import who_they_are
 from labctl.bench.signals import Interruption
 from labctl.engine.control import Control, controlled
-from labctl.engine.light_check import REPEATS, refuse_changed_light, to_repeat
+from labctl.engine.light_check import REPEATS, first_of, refuse_changed_light, to_repeat
 from labctl.engine.manifest import light_and_instruments, manifest
 from labctl.engine.plan import Request, checked, new_directory
 from labctl.engine.recorder import Recorder
@@ -249,8 +249,7 @@ class _Measurement:
         again = np.concatenate([event.frames.codes for event in found if not isinstance(event, PassStarted)])
         index, shot = known.pass_.index, known.shots[0]
         stored = [self._whole[index].shots[place] for place in self._writer.stored(index)]
-        first = next(one for one in stored if one.group == shot.group)
-        earlier, latest = (self._writer.codes(index, one.index) for one in (first, shot))
+        earlier, latest = (self._writer.codes(index, one.index) for one in (first_of(shot, stored), shot))
         refuse_changed_light(shot, earlier, latest, again)
 
     def _wait(self, recorder: Recorder) -> None:

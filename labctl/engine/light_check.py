@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from instruments.errors import InstrumentError
 from protocols.base import Shot, ShotKind
 
+PICTURES = (ShotKind.REFERENCE, ShotKind.IMAGE)
+"""What is measured again: of one image both show the same."""
 REPEATS = 5
 ALLOWED = 2.0
 """Times what noise and drift explain. By chance twenty samples exceed it once in 100 000 cases (F distribution of 20
@@ -24,8 +26,14 @@ to 1.5 to 2.5, the laser 2 pm off to 1.6 to 2.7, 10 pm off or another fibre to 9
 
 def to_repeat(stored: Sequence[Shot]) -> Shot | None:
     """The last reference image among the `stored` shots, else the last image; None where there are no images."""
-    pictures = [shot for shot in stored if shot.kind in (ShotKind.REFERENCE, ShotKind.IMAGE)]
+    pictures = [shot for shot in stored if shot.kind in PICTURES]
     return max(pictures, key=lambda shot: (shot.kind is ShotKind.REFERENCE, shot.index), default=None)
+
+
+def first_of(shot: Shot, stored: Sequence[Shot]) -> Shot:
+    """The first of the `stored` shots that shows what `shot`, one of them, does; a reference may be an image too."""
+    shown = shot.dataset_index, shot.group
+    return next(one for one in stored if one.kind in PICTURES and (one.dataset_index, one.group) == shown)
 
 
 def refuse_changed_light(shot: Shot, first: NDArray[Any], stored: NDArray[Any], again: NDArray[Any]) -> None:

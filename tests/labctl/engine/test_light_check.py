@@ -1,10 +1,12 @@
 """Whether a picture that is measured again may be what it was."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from instruments.errors import InstrumentError
-from labctl.engine.light_check import REPEATS, refuse_changed_light, to_repeat
+from labctl.engine.light_check import REPEATS, first_of, refuse_changed_light, to_repeat
 from protocols.base import Shot, ShotKind
 
 IMAGE = Shot(0, ShotKind.IMAGE, 7, 0, 7)
@@ -24,6 +26,19 @@ def test_the_last_reference_is_repeated_or_else_the_last_image() -> None:
     assert to_repeat([IMAGE, DARK]) == IMAGE
     assert to_repeat([DARK]) is None
     assert to_repeat([Shot(0, ShotKind.SCENE, 1, 1, 1), Shot(1, ShotKind.SEQUENCE, 1, 1, 1)]) is None
+
+
+def test_the_first_record_of_a_picture_is_of_that_picture() -> None:
+    """In ghost imaging the number of a pattern may be the index of an image, and what is dark has that of a reference.
+
+    Elsewhere a reference is an image that was shown before.
+    """
+    alone, pattern = Shot(2, ShotKind.IMAGE_ALONE, 7, 0, 7), Shot(0, ShotKind.PATTERN, -1, -1, 7)
+    image = replace(IMAGE, index=3)
+    assert first_of(image, [pattern, alone, image]) == image
+    border = Shot(20, ShotKind.REFERENCE, -1, -1, -1)
+    assert first_of(border, [replace(DARK, index=4), border]) == border
+    assert first_of(REFERENCE, [Shot(0, ShotKind.IMAGE, 3, 1, 3), image, REFERENCE]) == image
 
 
 @pytest.mark.parametrize("shape", [(4, 20), (1, 20), (4, 500)])
