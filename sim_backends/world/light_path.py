@@ -215,12 +215,15 @@ class LightPath:
             in_period = 1
         if points <= in_period:
             return self._inside(optics, sent, start_s, step, points)
-        table = self._inside(optics, sent, start_s, period / in_period, in_period)
         every = step * in_period / period
         if _on_grid(every, points):
+            table = self._inside(optics, sent, start_s, period / in_period, in_period)
             field: NDArray[np.complex64] = np.take(table, np.arange(points) * round(every) % in_period, axis=-1)
             return field
-        index, weight = chain.interpolation(np.arange(points) * every, in_period)
+        in_period = optics.fields.shape[1]  # on the fields' own grid, so that nothing is interpolated twice
+        table = self._inside(optics, sent, 0.0, optics.step_s, in_period)
+        times = start_s + step * np.arange(points, dtype=np.float64)
+        index, weight = chain.interpolation(times / optics.step_s, in_period)
         field = table[..., index[1]] * weight[1]
         for corner in (0, 2, 3):
             field += table[..., index[corner]] * weight[corner]

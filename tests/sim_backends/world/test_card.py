@@ -8,6 +8,7 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from sim_backends.world.receivers import CardFull, FrontEnd, ProcessorReceivers
 from sim_backends.world.signals import Acquisition, Emission, Record
 from sim_backends.world.world import World
 from tests.sim_backends.world import test_bursts as bursts
-from tests.sim_backends.world.light import FOUR, RATE, bench, coming, picture, quiet, shoot
+from tests.sim_backends.world.light import FOUR, RATE, bench, coming, picture, playback, quiet, shoot
 
 LONG = Acquisition((1, 2, 3, 4), RATE, 1200, -5e-9)
 """More times than one page of fields has."""
@@ -46,6 +47,11 @@ def on_card(request: pytest.FixtureRequest) -> Callable[[World], World]:
 
 def of_one_picture(world: World) -> Record:
     return shoot(world, count=3, acquisition=LONG)
+
+
+def of_an_odd_drive_rate(world: World) -> Record:
+    world.play(replace(playback(), sample_rate=23.7e9))
+    return shoot(world, acquisition=LONG)
 
 
 def of_fine_samples(world: World) -> Record:
@@ -92,6 +98,7 @@ def of_a_picture_that_goes_on(world: World) -> Record:
     "recorded",
     [
         of_one_picture,
+        of_an_odd_drive_rate,
         of_fine_samples,
         of_a_bypass,
         of_an_amplified_light,
