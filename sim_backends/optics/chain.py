@@ -22,7 +22,8 @@ from sim_backends.optics import cavity, drive, fibre, receiver
 from sim_backends.parameters import Parameters, power_ratio
 
 BYPASS = 0
-IMPULSE_POINTS = 1024
+CHIP_MEMORY_S = 1024 * 5e-12
+"""The chip's response is computed over so long: many times the 60 ps or so that it holds light."""
 _ACAUSAL_POINTS = 128  # band limits smear the chip's response a little to negative times
 _POWER_LEFT_OUT = 2e-3  # of the mean power, in what it is computed from
 
@@ -83,10 +84,10 @@ def lead_transmission(parameters: Parameters, port: int) -> float:
 def chip_transfer(
     parameters: Parameters, chip: cavity.Cavity, *, step_s: float, detuning_hz: float
 ) -> NDArray[np.complex128]:
-    """Field transfer from the input waveguide to every port, (ports, `IMPULSE_POINTS`), FFT frequencies of `step_s`."""
+    """Field transfer from the input waveguide to every port, (ports, F), FFT frequencies of a grid of `step_s`."""
     return cavity.transfer(
         chip,
-        points=IMPULSE_POINTS,
+        points=max(8 * _ACAUSAL_POINTS, round(CHIP_MEMORY_S / step_s)),
         step=step_s,
         detuning_hz=detuning_hz,
         loss_hz=1.0 / (2 * np.pi * parameters.chip_loss_lifetime_s),

@@ -8,7 +8,7 @@ from functools import cache, cached_property, lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backends.optics import cavity, chain, derived, drive, fibre, receiver
+from sim_backends.optics import cavity, chain, derived, fibre, receiver
 from sim_backends.optics.drift import OrnsteinUhlenbeck
 from sim_backends.parameters import SPEED_OF_LIGHT, Parameters
 from sim_backends.world.keyed_random import Purpose, digest, generator
@@ -167,8 +167,7 @@ def _made_light(parameters: Parameters, longest_delay_s: float, setting: Setting
     volts, _ = playback.segment(setting.segment or 0)
     if setting.periodic:
         return chain.driven_light(parameters, volts, rate), None
-    step = 1.0 / (rate * drive.oversampling(rate, parameters.drive_step_s))
-    remembered = chain.IMPULSE_POINTS * step + longest_delay_s + _FILTERS_S
+    remembered = chain.CHIP_MEMORY_S + longest_delay_s + _FILTERS_S
     lead, tail = math.ceil(_LEAD_S * rate), math.ceil(remembered * rate)
     volts = np.concatenate([np.zeros(lead, np.float32), np.tile(volts, setting.repeats), np.zeros(tail, np.float32)])
     return chain.driven_light(parameters, volts, rate), lead / rate

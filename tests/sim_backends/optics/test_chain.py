@@ -17,10 +17,14 @@ def light() -> chain.DriveLight:
 
 
 @pytest.fixture(scope="module")
-def transfer(light: chain.DriveLight) -> NDArray[np.complex128]:
-    chip = cavity.draw_cavity(
+def chip() -> cavity.Cavity:
+    return cavity.draw_cavity(
         np.random.default_rng(1), modes=320, density=derived.mode_density_per_hz(PARAMETERS), ports=14, transmission=0.9
     )
+
+
+@pytest.fixture(scope="module")
+def transfer(light: chain.DriveLight, chip: cavity.Cavity) -> NDArray[np.complex128]:
     return chain.chip_transfer(PARAMETERS, chip, step_s=light.step_s, detuning_hz=0.0)
 
 
@@ -50,6 +54,17 @@ def test_bypass_is_the_modulated_light_itself(light: chain.DriveLight, transfer:
     fields = chain.port_fields(light, transfer, [(chain.BYPASS, 0.5), (3, 0.0)])
     np.testing.assert_allclose(fields[0], 0.5 * light.field, atol=1e-6)
     assert not fields[1].any()
+
+
+def test_the_chip_answers_alike_on_every_grid_that_is_fine_enough(chip: cavity.Cavity) -> None:
+    volts = np.random.default_rng(0).uniform(-0.25, 0.25, 250).astype(np.float32)
+    answers = []
+    for step_s in (1e-12, 0.5e-12):
+        parameters = Parameters(drive_step_s=step_s)
+        light = chain.driven_light(parameters, volts, RATE)
+        transfer = chain.chip_transfer(parameters, chip, step_s=light.step_s, detuning_hz=0.0)
+        answers.append(chain.port_fields(light, transfer, [(2, 1.0), (3, 1.0)])[:, :: round(1e-12 / light.step_s)])
+    np.testing.assert_allclose(answers[1], answers[0], atol=0.01)
 
 
 def test_the_chip_never_gives_more_than_it_gets(light: chain.DriveLight, transfer: NDArray[np.complex128]) -> None:
