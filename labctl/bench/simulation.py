@@ -53,10 +53,12 @@ def simulated_bench(
     them, each as `sim_backends.faults.specification` reads it.
 
     Raises:
-        StationError: there is no such fault; or a package that simulates an instrument does not load.
+        StationError: there is no such fault, or no fibre with such modes; or a package that simulates an instrument
+            does not load.
     """
     from sim_backends.faults.bench import FaultyBench
     from sim_backends.faults.specification import FaultError, read_fault
+    from sim_backends.optics.fibre import NoSuchModes
     from sim_backends.virtual.alp.instrument import VirtualAlp
     from sim_backends.virtual.dlpc900.instrument import VirtualDlpc900
 
@@ -72,18 +74,21 @@ def simulated_bench(
     if isinstance(laser, Tlg220Section) and laser.commands is not None:
         LaserTable.read(laser.commands)
         laser_table = read_toml(laser.commands)
-    return FaultyBench(
-        befalling,
-        physical_parameters(station),
-        twin_seed=station.sim.twin_seed,
-        noise=station.sim.noise,
-        device=station.sim.device,
-        host=host,
-        port_base=port_base,
-        laser_table=laser_table,
-        plugged_in={role: make for role in station.roles if (make := _plugged_in(station, role)) is not None},
-        dmd=VirtualDlpc900 if isinstance(station.dmd, TiDlpc900Section) else VirtualAlp,
-    )
+    try:
+        return FaultyBench(
+            befalling,
+            physical_parameters(station),
+            twin_seed=station.sim.twin_seed,
+            noise=station.sim.noise,
+            device=station.sim.device,
+            host=host,
+            port_base=port_base,
+            laser_table=laser_table,
+            plugged_in={role: make for role in station.roles if (make := _plugged_in(station, role)) is not None},
+            dmd=VirtualDlpc900 if isinstance(station.dmd, TiDlpc900Section) else VirtualAlp,
+        )
+    except NoSuchModes as error:
+        raise StationError(f"{station.source}: sim.parameters: {error}") from None
 
 
 def without_card(missing: str) -> str:

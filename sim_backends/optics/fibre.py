@@ -36,6 +36,10 @@ _GAUSS_POINTS = np.array([-0.5, 0.5]) / math.sqrt(3)  # of a superpixel's half w
 _INTERPOLATED = 6  # grid points that a delayed envelope is interpolated from
 
 
+class NoSuchModes(ValueError):
+    """A fibre has not the modes that are asked of it."""
+
+
 @dataclass(frozen=True)
 class Projector:
     """The optics around the mirrors.
@@ -125,6 +129,11 @@ def _launched(projector: Projector) -> _Modes:
     launch, gaussian = projector.launch_aperture, projector.launch_profile == "gaussian"
     largest = launch * math.sqrt(-math.log(_LEFT_OUT) / 2) if gaussian else launch
     modes = lp_modes(projector.core_radius, projector.aperture, projector.wavelength, up_to_aperture=largest)
+    if not modes.count:
+        raise NoSuchModes(
+            f"launch_na {launch:g}: no mode of a fibre with core_diameter_m {2 * projector.core_radius:g} "
+            "lies within it: make either larger"
+        )
 
     def brightness(some: LpModes) -> NDArray[np.float64]:
         sine = some.sine_of_angle(projector.wavelength)[some.twofold]
@@ -170,8 +179,16 @@ def draw_modes(
         projector: the optics.
         collected_modes: how many orthogonal modes reach the detectors, as powers.
         coherence_s: time over which the field's correlation falls to 1/e; infinite: the fibre does not drift.
+
+    Raises:
+        NoSuchModes: nothing is launched, or there are fewer modes to collect.
     """
     launched, collecting = _launched(projector), _collecting(projector)
+    if collected_modes > len(collecting):
+        raise NoSuchModes(
+            f"collected_modes {collected_modes} exceeds the {len(collecting)} that there are of collection_core_m "
+            f"{2 * projector.collection_radius:g} and collection_na {projector.collection_aperture:g}: collect fewer"
+        )
     excitation = OrnsteinUhlenbeck.draw(generator, np.sqrt(launched.powers), coherence_s)
     normal = generator.standard_normal((2, len(collecting), collected_modes))
     mixture, _ = np.linalg.qr(normal[0] + 1j * normal[1])

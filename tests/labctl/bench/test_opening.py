@@ -64,6 +64,26 @@ def test_an_instrument_without_an_address_is_told_before_anything_is_asked(log: 
         pass
 
 
+@pytest.mark.parametrize(
+    ("parameters", "told"),
+    [
+        ({"launch_na": 0.003}, "launch_na 0.003: no mode of a fibre with core_diameter_m 0.0002 lies within it"),
+        ({"core_diameter_m": 1e-6}, "launch_na 0.13: no mode of a fibre with core_diameter_m 1e-06 lies within it"),
+        ({"collection_core_m": 9e-6, "collected_modes": 8}, "collected_modes 8 exceeds the 6 that there are of coll"),
+        ({"collection_core_m": 0.5e-6}, "collected_modes 1 exceeds the 0 that there are of collection_core_m 5e-07"),
+    ],
+)
+def test_a_simulated_fibre_without_the_modes_is_refused(
+    parameters: dict[str, float], told: str, log: Transcript
+) -> None:
+    station = Station.model_validate({"sim": {"parameters": parameters}})
+    with (
+        pytest.raises(StationError, match=rf"^built-in station: sim\.parameters: {told}"),
+        opened(station, log),
+    ):
+        pass
+
+
 def test_a_real_amplifier_is_not_driven_by_a_simulated_laser(log: Transcript) -> None:
     amplifier = {"driver": "table-amplifier", "commands": "simulated", "power": "50 mW"}
     with SimulatedBench(plugged_in={"amplifier": VirtualAmplifier}) as bench:
