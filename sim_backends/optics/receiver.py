@@ -22,7 +22,7 @@ COUNTED_PHOTONS = 100.0
 _HIDDEN_GRAINS = 10.0  # photoelectrons, rms, of other noise, in which no single one is seen
 _UNIFORM = (1e-6, 1 - 1e-6)  # what rounding leaves of a probability
 _UNLIMITED = 2**-4  # of a limit: less is what it is, the law's denominator rounds to 1
-_NOISE_REACH_S = 0.3e-9  # noise that only the detector makes narrow is correlated over less
+_NOISE_REACH_S = 0.3e-9  # noise is followed over so long at least, half of it either way
 _FOLDED_WHITE = 1024  # times that its spectrum is folded back: samples are so far apart that they share none of it
 
 
@@ -232,7 +232,7 @@ def noise_colour(sample_rate: float, *, detector_hz: float, scope_hz: float) -> 
     sample rate. The filter is the Fourier transform of its square root: at 25 GS/s neighbours are correlated by a
     tenth, at 100 GS/s by two thirds.
     """
-    reach_s = max(_NOISE_REACH_S, 12 * gaussian_time_width(scope_hz))
+    reach_s = max(_NOISE_REACH_S, 12 * gaussian_time_width(scope_hz), 12 / (2 * np.pi * detector_hz))
     points = 2 * math.ceil(reach_s * sample_rate / 2) + 1
     if 4 * scope_hz > _FOLDED_WHITE * sample_rate:
         white = np.zeros(points, np.float32)

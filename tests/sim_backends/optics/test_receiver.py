@@ -154,6 +154,19 @@ def test_coloured_noise_has_the_receiver_s_spectrum_at_any_rate(sample_rate: flo
     assert ratio == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.parametrize("detector_hz", [0.3e9, 1e9, 3e9, 12e9])
+def test_noise_behind_a_narrow_detector_is_correlated_for_as_long_as_its_spectrum_says(detector_hz: float) -> None:
+    colour = receiver.noise_colour(25e9, detector_hz=detector_hz, scope_hz=25e9).astype(np.float64)
+    correlation = np.correlate(colour, colour, "full")[colour.size - 1 :]
+    frequency = np.linspace(-200e9, 200e9, 40_001)
+    power = np.exp(-np.log(2) * (frequency / 25e9) ** 2) / (1 + (frequency / detector_hz) ** 2)
+    expected = [
+        np.sum(power * np.cos(2 * np.pi * frequency * lag / 25e9)) / power.sum() for lag in range(correlation.size)
+    ]
+    assert correlation == pytest.approx(expected, abs=0.01)
+    assert colour.sum() ** 2 == pytest.approx(2 * np.sum(expected) - 1, rel=0.02)
+
+
 def test_samples_far_apart_share_no_noise() -> None:
     """As far as the spectrum is folded for that, and beyond, where it need not be."""
     for sample_rate in (110e6, 90e6, 1e3):
