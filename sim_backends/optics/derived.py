@@ -38,7 +38,7 @@ def grain_superpixels(parameters: Parameters) -> float:
 
 
 def mode_density_per_hz(parameters: Parameters) -> float:
-    """Weyl density of the stadium's resonances (1/Hz), 0.98 per GHz at the defaults."""
+    """Weyl density of the stadium's resonances (1/Hz), 0.99 per GHz at the defaults."""
     return cavity.weyl_density(
         radius=parameters.stadium_radius_m,
         straight=parameters.stadium_straight_m,

@@ -58,10 +58,12 @@ CHANNEL_COMMANDS = (
     Setting("[SOURce#:]MARKer#:DELay", "sources#.markers#.delay_s", real(0, LARGEST_SKEW_S)),
     Setting("OUTPut#[:STATe]", "sources#.output", boolean),
     Setting("OUTPut#:PATH", "sources#.path", keyword("DIRect", "AC", "DCAmplified")),
-    Setting("OUTPut#:WVALue[:ANALog][:STATe]", "sources#.waiting", keyword("FIRSt", "ZERO")),
-    Setting("OUTPut#:SVALue[:ANALog][:STATe]", "sources#.stopped", keyword("OFF", "ZERO")),
-    Setting("OUTPut#:WVALue:MARKer#[:STATe]", "sources#.markers#.waiting", keyword("FIRSt", "LOW", "HIGH")),
-    Setting("OUTPut#:SVALue:MARKer#[:STATe]", "sources#.markers#.stopped", keyword("OFF", "LOW")),
+    Setting("OUTPut#:WVALue[:ANALog][:STATe]", "sources#.waiting", keyword("FIRSt", "ZERO"), effect=False),
+    Setting("OUTPut#:SVALue[:ANALog][:STATe]", "sources#.stopped", keyword("OFF", "ZERO"), effect=False),
+    Setting(
+        "OUTPut#:WVALue:MARKer#[:STATe]", "sources#.markers#.waiting", keyword("FIRSt", "LOW", "HIGH"), effect=False
+    ),
+    Setting("OUTPut#:SVALue:MARKer#[:STATe]", "sources#.markers#.stopped", keyword("OFF", "LOW"), effect=False),
     InputSetting("TRIGger[:SEQuence]:LEVel", "level_v", real(-TRIGGER_LIMIT_V, TRIGGER_LIMIT_V)),
     InputSetting("TRIGger[:SEQuence]:SLOPe", "slope", keyword("POSitive", "NEGative")),
     InputSetting("TRIGger[:SEQuence]:IMPedance", "impedance_ohm", integer(50, 1000)),
