@@ -35,9 +35,12 @@ def test_full_aperture_gives_long_spread_and_fine_grain_together() -> None:
     assert derived.launched_modes(full) == pytest.approx(6250, rel=0.01)
 
 
-def test_light_path_shortens_the_delay() -> None:
-    fibre_transit = Parameters().light_delay_s - Parameters(light_path="direct").light_delay_s
-    assert fibre_transit == pytest.approx(96.3e-9, abs=0.1e-9)
+def test_light_is_late_by_leads_and_by_the_fibre_it_goes_through() -> None:
+    assert Parameters().light_delay_s == 98e-9
+    assert Parameters(fibre_length_m=40.0).light_delay_s == pytest.approx(98e-9 + 97.57e-9, abs=0.01e-9)
+    for length_m in (20.0, 40.0):
+        direct = Parameters(light_path="direct", fibre_length_m=length_m)
+        assert direct.light_delay_s == 98e-9 - 20.0 * 1.444 / 299_792_458.0
 
 
 @pytest.mark.parametrize(

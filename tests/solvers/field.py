@@ -186,7 +186,8 @@ def record(
     saturated = unsaturated / twin.amplifier_saturation_w
     gain = small_signal * brentq(lambda part: part * (1 + part * saturated) - 1, 0.0, 1.0)
     leads = 10 ** (-(twin.spot_size_converter_loss_db + twin.facet_loss_db) / 10)
-    points = np.rint((times - twin.path_delay_s) / STEP).astype(int)
+    transit_s = twin.fibre_length_m * twin.fibre_group_index / SPEED_OF_LIGHT
+    points = np.rint((times - twin.path_delay_s - transit_s) / STEP).astype(int)
     first, last = points.min() - _MEMORY, points.max() + 100
     entering = np.sqrt(gain * leads) * collected[np.arange(first, last) % collected.size]
     behind = behind_chip(twin, draws, entering, ports)

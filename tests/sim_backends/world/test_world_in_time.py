@@ -1,12 +1,14 @@
 """The world in time: triggers, where records begin, how long they are, jitter."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim_backends.parameters import SPEED_OF_LIGHT
 from sim_backends.world.signals import AUX, Acquisition, Playback, TriggerCondition
 from sim_backends.world.world import VirtualClock, upcoming
 from tests.sim_backends.world.light import MARKER, RATE, Array, bench, coming, distance, playback, quiet, shoot
@@ -52,9 +54,27 @@ def test_start_time_moves_the_window() -> None:
 
 def test_light_is_late_by_the_path_delay() -> None:
     here = bench(parameters=quiet())
-    late = bench(parameters=quiet(path_delay_s=98e-9 + 400e-12))
+    late = bench(parameters=quiet(path_delay_s=here.parameters.path_delay_s + 400e-12))
     one, other = shoot(here).volts[0], shoot(late).volts[0]
     np.testing.assert_allclose(other[:, 10:], one[:, :54], atol=1e-3 * one.max())
+
+
+def test_light_takes_its_time_through_a_longer_fibre() -> None:
+    """40 m, and late by 97.6 ns more: the onset of a drive that waited for its trigger shows it."""
+
+    def onset_s(**changes: Any) -> float:
+        world = bench(parameters=quiet(**changes))
+        world.play(replace(playback(), lengths=(500,)))
+        world.trigger_awg()
+        times = coming(world)
+        world.clock.advance(1e-3)
+        volts = world.record(Acquisition((1,), RATE, 6000, 0.0), times).volts[0, 0]
+        return float(np.flatnonzero(np.abs(volts - volts[0]) > 0.02 * volts.max())[0]) / RATE
+
+    assert onset_s() == pytest.approx(98e-9, abs=0.4e-9)
+    assert onset_s(fibre_length_m=40.0) == pytest.approx(98e-9 + 20 * 1.4626 / SPEED_OF_LIGHT, abs=0.4e-9)
+    for length_m in (20.0, 40.0):
+        assert onset_s(light_path="direct", fibre_length_m=length_m) == pytest.approx(1.67e-9, abs=0.4e-9)
 
 
 @pytest.mark.parametrize("lengths", [None, (500,)], ids=["free-running", "triggered"])

@@ -228,7 +228,7 @@ class TestDelay:
     """What two sequences tell of the whole periods in a delay."""
 
     def test_light_that_comes_before_the_trigger_is_found(self) -> None:
-        station = twin(1, projector=False, path_delay_s=95e-9)
+        station = twin(1, projector=False, path_delay_s=-2.6e-9)
         true = truth.light_delay_s(Parameters.model_validate({"light_path": "direct", **station.sim.parameters}))
         found = delay(station).estimate
         assert true < -1e-9

@@ -117,7 +117,7 @@ def half_width_m(parameters: Parameters, twin_seed: int) -> float:
 
 
 def light_delay_s(parameters: Parameters) -> float:
-    """Marker edge to light: without the fibre's transit where the light goes straight into the chip."""
+    """Marker edge to light: leads, and the fibre's transit or the lead in its place."""
     if parameters.light_path == "projector":
-        return parameters.path_delay_s
-    return parameters.path_delay_s - parameters.fibre_length_m * parameters.fibre_index / SPEED_OF_LIGHT
+        return parameters.path_delay_s + parameters.fibre_length_m * parameters.fibre_group_index / SPEED_OF_LIGHT
+    return parameters.path_delay_s + parameters.direct_lead_s
