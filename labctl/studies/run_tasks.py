@@ -83,7 +83,7 @@ def acquire_run(run: Acquisition, *others: Observer) -> Outcome:
         return known or resume_run(Resumption(run.directory, run.station, run.data, run.access), *others)
     task = TaskObserver()
     following = Observers(task, *others)
-    with _placed(run.directory) as directory, nothing_left():
+    with _placed(run, run.directory) as directory, nothing_left():
         meanwhile = replace(run, directory=directory)
         outcome = _whole(acquire(meanwhile, observer=following, interruption=task.interruption).outcome)
     return replace(outcome, directory=run.directory)
@@ -145,10 +145,11 @@ def _whole(outcome: Outcome) -> Outcome:
 
 
 @contextmanager
-def _placed(directory: Path) -> Iterator[Path]:
-    """Where to measure what is to be in `directory` at the end of the block, if that is no failure.
+def _placed(run: Acquisition, directory: Path) -> Iterator[Path]:
+    """Where to measure the run that is to be in `directory` at the end of the block, if that is no failure.
 
-    What was measured and cannot be put there is kept, and the error says where. Of a run that ends early nothing is.
+    Somebody may put the same there meanwhile. What was measured and cannot be put there is kept, and the error says
+    where. Of a run that ends early nothing is.
     """
     scratch = CALLER.get().scratch
     if scratch is None and not is_elsewhere(directory):
@@ -166,12 +167,13 @@ def _placed(directory: Path) -> Iterator[Path]:
             what, remedy = error.args
             raise RunError(f"{what}, on {node()}; nothing of this run is kept: {remedy}, then begin it anew") from error
         try:
-            put_whole(measured, directory)
+            if not put_whole(measured, directory):
+                refuse_another(run, directory)
         except LabctlError as error:
             stack.pop_all()
-            error.add_note(
-                f"the run is kept on {node()} in {measured}: copy it to {directory}, its manifest.json last, and go on"
-            )
+            kept = f"the run is kept on {node()} in {measured}"
+            there = f"copy it to {directory}, its manifest.json last, and go on"
+            error.add_note(kept if isinstance(error, WrongPlace) else f"{kept}: {there}")
             raise
 
 

@@ -10,8 +10,8 @@ from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.store import StorePath, alone
 
 
-def put_whole(run: Path, place: Path) -> None:
-    """Copy a run to `place`, where it is found whole or not at all; a run that is there already stays.
+def put_whole(run: Path, place: Path) -> bool:
+    """Copy a run to `place`, where it is found whole or not at all; False: a run is there already, and stays.
 
     A folder gets its name when everything is in it. In a store the manifest comes last: what has none is no run.
 
@@ -20,11 +20,12 @@ def put_whole(run: Path, place: Path) -> None:
     """
     there = alone(place)
     if RunPaths(there).manifest.exists():
-        return
+        return False
     if isinstance(there, StorePath):
         there.put(run, RunPaths(run).manifest.name)
-        return
-    beside = place.with_name(f"{place.name}.{uuid4().hex[:8]}.part")
+        return True
+    # One folder down: whoever is killed meanwhile leaves nothing that looks like a run beside the others.
+    beside = place.with_name(f"{place.name}.{uuid4().hex[:8]}.part") / place.name
     try:
         shutil.copytree(run, beside, copy_function=_copy)
         for folder in (path for path in beside.rglob("*") if path.is_dir()):
@@ -33,10 +34,12 @@ def put_whole(run: Path, place: Path) -> None:
         beside.rename(place)
         sync_folder(place.parent)
     except OSError as error:
-        if not RunPaths(place).manifest.exists():  # else somebody was quicker, to the same digits
+        if not RunPaths(place).manifest.exists():  # else somebody was quicker
             raise not_made(place, error) from error
+        return False
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(beside.parent, ignore_errors=True)
+    return True
 
 
 def _copy(source: str, target: str) -> None:

@@ -11,11 +11,12 @@ import pytest
 
 from labctl.bench.station import SIMULATED_STATION
 from labctl.engine.session import Acquisition
-from labctl.errors import RunError, RunInUse
+from labctl.errors import RunError, RunInUse, WrongPlace
 from labctl.runs.format.layout import RunPaths
 from labctl.runs.index import run_row
 from labctl.runs.live.control_file import Word, ask
 from labctl.runs.live.events import EventReader
+from labctl.runs.write.placing import put_whole
 from labctl.runs.write.writer import RunWriter
 from labctl.studies.run_tasks import acquire_run
 from labctl.studies.tasks import CALLER, Caller, Interrupted
@@ -47,6 +48,16 @@ class OnASmallDisk(Alone):
         import resource
 
         resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+
+
+class Slower(Alone):
+    """Has the run measured in a folder, while somebody else puts one into its place."""
+
+    def __init__(self, scratch: Path, other: Path, place: Path) -> None:
+        self.scratch, self.other, self.place = scratch, other, place
+
+    def measured(self, records: int) -> None:
+        put_whole(self.other, self.place)
 
 
 class Impatient(Alone):
@@ -136,6 +147,30 @@ def test_another_run_that_has_begun_there_is_refused(tmp_path: Path) -> None:
         pytest.raises(RunError, match=r"another run is there \(protocol.settings.images is 8, not 9\)"),
     ):
         acquire_run(acquisition(tmp_path / "run", FEW.model_copy(update={"images": 9})))
+
+
+def test_another_run_that_is_put_there_meanwhile_is_refused_and_this_one_kept(tmp_path: Path) -> None:
+    place, other, scratch = tmp_path / "store" / "run", tmp_path / "other", tmp_path / "scratch"
+    with waiting(Alone()):
+        acquire_run(acquisition(other, FEW.model_copy(update={"images": 9})))
+    with (
+        waiting(Slower(scratch, other, place)),
+        pytest.raises(WrongPlace, match=r"another run is there \(protocol.settings.images is 9, not 8\)") as raised,
+    ):
+        acquire_run(acquisition(place))
+    (kept,) = scratch.glob("*/run")
+    assert raised.value.__notes__ == [f"the run is kept on {node()} in {kept}"]
+    assert run_row(RunPaths(kept)).complete
+    assert run_row(RunPaths(place)).planned == run_row(RunPaths(other)).planned
+
+
+def test_the_same_run_that_is_put_there_meanwhile_is_taken(tmp_path: Path) -> None:
+    place, other, scratch = tmp_path / "store" / "run", tmp_path / "other", tmp_path / "scratch"
+    with waiting(Alone()):
+        acquire_run(acquisition(other))
+    with waiting(Slower(scratch, other, place)):
+        assert acquire_run(acquisition(place)).directory == place
+    assert list(scratch.iterdir()) == []
 
 
 def test_a_run_that_a_lost_worker_is_still_writing_is_waited_for(tmp_path: Path) -> None:
