@@ -8,11 +8,10 @@ import typer
 
 from labctl.commands.exit_status import DONE, FELL_SHORT
 from labctl.commands.output import JsonOption, say, show
-from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.store import here
 from labctl.runs.sweep import is_sweep, places, read
 from labctl.runs.verification import RunReport, verify_run
-from labctl.studies.sweeps.run_folder import runs_of
+from labctl.studies.sweeps.run_folder import begun, runs_of
 
 
 def verify(
@@ -36,16 +35,15 @@ def verify(
 def _verify_sweep(sweep: Path, rebuild: bool, as_json: bool) -> int:
     file = read(sweep)
     folder = here(str(runs_of(sweep, file)))
-    runs = [folder / name for name, _ in places(file.sweep)]
-    begun = [run for run in runs if RunPaths(run).manifest.is_file()]
-    reports = [verify_run(run, rebuild=rebuild) for run in begun]
+    planned = len(places(file.sweep))
+    reports = [verify_run(folder / name, rebuild=rebuild) for name in begun(sweep, file)]
     intact = all(report.intact for report in reports)
-    found = {"sweep": str(sweep), "intact": intact, "planned": len(runs), "runs": [_listed(one) for one in reports]}
+    found = {"sweep": str(sweep), "intact": intact, "planned": planned, "runs": [_listed(one) for one in reports]}
 
     def tell() -> None:
         for report in reports:
             _print(report)
-        say(f"{sweep}: {'intact' if intact else 'DAMAGED'}: {len(begun)} of {len(runs)} runs have begun")
+        say(f"{sweep}: {'intact' if intact else 'DAMAGED'}: {len(reports)} of {planned} runs have begun")
 
     show(found, as_json, tell)
     return DONE if intact else FELL_SHORT

@@ -52,7 +52,7 @@ class SweepFile(BaseModel):
     """What sweep.json holds.
 
     The sweep; by file and content its station, and its protocol if a file defines it; `said` of each of its runs; where
-    its runs are, if not beside it.
+    its runs are, if not beside it, and what the manifest of each says then, but for what is varied.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -66,6 +66,7 @@ class SweepFile(BaseModel):
     protocol_sha256: str = ""
     said: Said = Said()
     store: str = ""
+    of_each: dict[str, Any] = {}
 
     def encode(self) -> bytes:
         """The bytes of sweep.json."""

@@ -13,6 +13,7 @@ from typing import Any
 
 from instruments.bench import Observer, Observers
 from labctl.bench.signals import Interruption
+from labctl.bench.station import Station
 from labctl.engine.control import Control
 from labctl.engine.engine import Outcome
 from labctl.engine.inputs import inputs_for
@@ -31,6 +32,7 @@ from labctl.runs.live.control_file import CONTROL
 from labctl.runs.read.differences import differences
 from labctl.runs.write.placing import put_whole
 from labctl.studies.tasks import CALLER, Interrupted
+from protocols.base import Measurement
 
 AGAIN_S = 0.5
 """How often a run is tried that somebody else is writing."""
@@ -184,20 +186,28 @@ def refuse_another(run: Acquisition, directory: Path) -> None:
         WrongPlace: it is not this run: protocol, seeds, bench or packages are others.
         RunError: its inputs are others.
     """
-    paths = RunPaths(alone(directory))
-    then = Manifest.read(paths).values
-    own_file = {} if (file := run.protocol.source_file) is None else {"file": {"sha256": file.sha256}}
-    now: dict[str, Any] = {
-        "protocol": {"name": run.protocol.name, "settings": run.protocol.model_dump(mode="json"), **own_file},
-        "station": run.station.model_dump(mode="json"),
-        "versions": versions(),
-    }
-    if changed := differences({key: then.get(key) for key in now}, now, ignored=OWN_BUSINESS):
-        first = changed[0]
-        raise WrongPlace(
-            f"{directory}: another run is there ({first.setting} is {first.then}, not {first.now}): name another place"
-        )
+    then = Manifest.read(RunPaths(alone(directory))).values
+    if other := other_than(asked_of(run.protocol, run.station) | {"versions": versions()}, then):
+        raise WrongPlace(f"{directory}: another run is there ({other}): name another place")
     refuse_other_inputs(directory, then, inputs_for(run.protocol, run.data))
+
+
+def asked_of(protocol: Measurement[Any], station: Station) -> dict[str, Any]:
+    """What the manifest of a run says of what it was asked for."""
+    own_file = {} if (file := protocol.source_file) is None else {"file": {"sha256": file.sha256}}
+    return {
+        "protocol": {"name": protocol.name, "settings": protocol.model_dump(mode="json"), **own_file},
+        "station": station.model_dump(mode="json"),
+    }
+
+
+def other_than(now: Mapping[str, Any], then: Mapping[str, Any], *varied: str) -> str:
+    """The first setting in a manifest `then` that is not what it is `now`, in words; empty if none is.
+
+    varied: patterns of the settings that may be others.
+    """
+    found = differences({key: then.get(key) for key in now}, now, ignored=(*OWN_BUSINESS, *varied))
+    return next((f"{one.setting} is {one.then}, not {one.now}" for one in found), "")
 
 
 def _whole_in_place(run: Acquisition, directory: Path) -> Outcome | None:

@@ -46,7 +46,7 @@ def differences(
     return tuple(
         Difference(f"{of} {name}".lstrip(), before.get(name), after.get(name))
         for name in sorted(before.keys() | after.keys())
-        if not any(fnmatchcase(name, pattern) for pattern in ignored) and not _same(before.get(name), after.get(name))
+        if not _same(before.get(name), after.get(name)) and not any(fnmatchcase(name, pattern) for pattern in ignored)
     )
 
 

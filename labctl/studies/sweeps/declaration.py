@@ -13,6 +13,7 @@ from labctl.bench.station import Station
 from labctl.errors import StationError, UsageError
 from labctl.runs.sweep import Sweep, places
 from labctl.runs.sweep_axes import values_of
+from labctl.studies.run_tasks import asked_of
 from protocols.base import Measurement
 from protocols.registry import with_settings
 
@@ -80,6 +81,23 @@ def points(sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> 
         ProtocolError, StationError: a value does not fit.
     """
     return [_point(sweep, protocol, station, name, values) for name, values in places(sweep)]
+
+
+def of_each(sweep: Sweep, protocol: type[Measurement[Any]], station: Station) -> dict[str, Any]:
+    """What the manifest of every run of a sweep says, but for what is `varied`.
+
+    Raises:
+        UsageError, ProtocolError, StationError: as `points`.
+    """
+    name, values = places(sweep)[0]
+    first = _point(sweep, protocol, station, name, values)
+    return asked_of(first.protocol, first.station)
+
+
+def varied(sweep: Sweep) -> tuple[str, ...]:
+    """Patterns of what the axes of a sweep set, in a manifest."""
+    targets = [SHORT.get(name, name) for name in sweep.over]
+    return tuple(pattern for target in targets for pattern in (f"*.{target}", f"*.{target}.*"))
 
 
 def _point(sweep: Sweep, asked: type[Measurement[Any]], station: Station, run: str, values: dict[str, str]) -> Point:

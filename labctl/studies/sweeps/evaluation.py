@@ -11,14 +11,13 @@ from labctl.errors import AnalysisError, writing
 from labctl.reports.canvas import Series
 from labctl.reports.figure_files import save_figure
 from labctl.reports.figures.sweep import sweep_figure
-from labctl.runs.format.layout import RunPaths
 from labctl.runs.format.origin import Origin
 from labctl.runs.format.store import alone
 from labctl.runs.read.records import read_records
 from labctl.runs.read.run import open_run
-from labctl.runs.sweep import places, read
+from labctl.runs.sweep import read
 from labctl.runs.sweep_axes import as_numbers
-from labctl.studies.sweeps.run_folder import runs_of
+from labctl.studies.sweeps.run_folder import begun, runs_of
 from labctl.studies.tasks import one_by_one
 
 FIGURES = "figures"
@@ -45,11 +44,10 @@ def evaluate_sweep(
 
     Raises:
         AnalysisError: nothing is measured yet, or a run has no such window or ports, or too few images.
-        RunError: no such sweep, or one of its runs is damaged.
+        RunError: no such sweep, or one of its runs is damaged, or another sweep's.
     """
     file = read(directory)
-    runs = runs_of(directory, file)
-    there = {name: values for name, values in places(file.sweep) if RunPaths(runs / name).manifest.exists()}
+    runs, there = runs_of(directory, file), begun(directory, file)
     judged = carried_out({name: partial(_accuracy, alone(runs / name), window_s, ports) for name in there})
     rows = [
         {"run": name, **values, **found}

@@ -34,7 +34,7 @@ from labctl.runs.live.owner import OWNER, owned
 from labctl.runs.said import Said, Saying
 from labctl.runs.sweep import FILE, Sweep, SweepFile, read
 from labctl.studies.run_tasks import acquire_run, missing_shard, refuse_another, require_in_place, resume_run
-from labctl.studies.sweeps.declaration import Point
+from labctl.studies.sweeps.declaration import Point, of_each
 from labctl.studies.sweeps.run_folder import runs_of
 from labctl.studies.tasks import Engine, Interrupted, in_parallel
 from protocols.base import Measurement
@@ -91,6 +91,7 @@ def begin(
         protocol_sha256="" if file is None else file.sha256,
         said=said or Said(),
         store=place,
+        of_each=of_each(sweep, protocol, station) if place else {},
     )
     replace_file(directory / FILE, kept.encode(), not_made)
     if kept.store:
