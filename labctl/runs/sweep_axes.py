@@ -1,5 +1,6 @@
 """The axes of a sweep: what is varied, over which values, and in which order the points are measured. Pure."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
@@ -81,18 +82,18 @@ def points_of(axes: Mapping[str, Sequence[str]], *, zipped: bool) -> list[dict[s
     """Every combination of the values, the last axis varying fastest; or all axes side by side.
 
     Raises:
-        UsageError: axes of different lengths side by side, one value of an axis twice, or too many points.
+        UsageError: axes of different lengths side by side, one point twice, or too many points.
     """
-    for name, values in axes.items():
-        if len(set(values)) < len(values):
-            raise UsageError(f"{name}: a value is there twice: each point is measured once")
     if zipped and len({len(values) for values in axes.values()}) > 1:
         lengths = ", ".join(f"{name} has {len(values)}" for name, values in axes.items())
         raise UsageError(f"--zip: axes side by side have as many values each: {lengths}")
-    count = len(next(iter(axes.values()), ())) if zipped else int(np.prod([len(values) for values in axes.values()]))
-    if count > MOST_POINTS:
-        raise UsageError(f"{count} points: a sweep has at most {MOST_POINTS}: give its axes fewer values")
-    rows = zip(*axes.values(), strict=True) if zipped else product(*axes.values())
+    count = len(next(iter(axes.values()), ())) if zipped else math.prod(len(values) for values in axes.values())
+    if count > MOST_POINTS:  # their number may be too long to be written
+        raise UsageError(f"too many points: a sweep has at most {MOST_POINTS}: give its axes fewer values")
+    rows = list(zip(*axes.values(), strict=True) if zipped else product(*axes.values()))
+    if len(set(rows)) < len(rows):
+        twice = "--zip" if zipped else next(name for name, values in axes.items() if len(set(values)) < len(values))
+        raise UsageError(f"{twice}: a {'point' if zipped else 'value'} is there twice: each point is measured once")
     return [dict(zip(axes, row, strict=True)) for row in rows]
 
 

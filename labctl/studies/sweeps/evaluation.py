@@ -106,7 +106,7 @@ def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]]) -> An
     others = [axis for axis in over if axis != along]
     values = [row[along] for row in rows]
     numbers, unit = as_numbers(values)
-    texts = None if numbers is not None else [text for text in over[along] if text in values]
+    texts = None if numbers is not None else [text for text in dict.fromkeys(over[along]) if text in values]
     at = numbers if numbers is not None else [float((texts or []).index(value)) for value in values]
     curves: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     for place, row in zip(at, rows, strict=True):

@@ -50,6 +50,23 @@ def test_every_combination_or_side_by_side() -> None:
         points_of({name: tuple(map(str, range(200))) for name in "ab"}, zipped=False)
 
 
+@pytest.mark.parametrize("axes", [64, 20_000])
+def test_no_number_of_axes_has_too_few_points(axes: int) -> None:
+    with pytest.raises(UsageError, match=f"at most {MOST_POINTS}"):
+        points_of({str(axis): ("1", "2") for axis in range(axes)}, zipped=False)
+
+
+def test_side_by_side_a_value_may_return_and_a_point_may_not() -> None:
+    windows, averages = ("0.5 ns", "0.5 ns", "1 ns"), ("1", "4", "1")
+    assert [tuple(point.values()) for point in points_of({"window": windows, "averages": averages}, zipped=True)] == [
+        ("0.5 ns", "1"),
+        ("0.5 ns", "4"),
+        ("1 ns", "1"),
+    ]
+    with pytest.raises(UsageError, match="--zip: a point is there twice"):
+        points_of({"window": windows, "averages": ("1", "1", "4")}, zipped=True)
+
+
 @given(st.integers(1, 200), st.sampled_from(Order), st.integers(0, 9), st.integers(1, 20))
 def test_each_point_is_measured_once_and_the_reference_in_between(
     count: int, order: Order, seed: int, every: int

@@ -28,6 +28,12 @@ def test_words_stand_in_the_order_in_which_they_were_given() -> None:
     assert curve.get_ydata() == pytest.approx([40, 60, 90])
 
 
+def test_words_that_return_side_by_side_have_one_place() -> None:
+    rows = [row("ports", port, 0.5) | {"averages": n} for port, n in (("2", "1"), ("2-4", "1"), ("2-4", "4"))]
+    (axes,) = _figure(rows, {"ports": ("2", "2-4", "2-4"), "averages": ("1", "1", "4")}).axes
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["2", "2-4"]
+
+
 def test_chance_is_drawn_where_it_is_one() -> None:
     def drawn(*chances: float) -> bool:
         rows = [row("classes", "0,1", 0.9, chances[0]), row("classes", "0-3", 0.8, chances[1])]
