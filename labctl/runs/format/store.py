@@ -52,7 +52,8 @@ def location(named: Path | str) -> Path:
     Nothing is requested yet. `file:///runs` is the folder `/runs`.
 
     Raises:
-        UsageError: the URL leads outside of itself, or the name is empty, which would be the present folder.
+        UsageError: the URL leads outside of itself, or that of a folder here names a machine; or the name is empty,
+            which would be the present folder.
     """
     if named == "":
         raise UsageError("a name is empty: name a folder (the shell may not know its variable)")
@@ -61,7 +62,10 @@ def location(named: Path | str) -> Path:
     if found[1] in ("file", "local"):
         from urllib.request import url2pathname  # with HTTP and TLS, which take long to load
 
-        return Path(url2pathname(urlsplit(named).path))
+        parts = urlsplit(named)
+        if parts.netloc not in ("", "localhost"):
+            raise UsageError(f"{_shown(named)}: names a machine: write file:///..., or the path of the folder")
+        return Path(url2pathname(parts.path))
     if ".." in PurePosixPath(named).parts:
         raise UsageError(f"{_shown(named)}: leads outside of itself: write it without ..")
     return cast(Path, StorePath(_Folder(named.rstrip("/"))))
@@ -71,7 +75,7 @@ def here(named: Path | str) -> Path:
     """What a person names, of a command that needs it on this machine.
 
     Raises:
-        UsageError: it is elsewhere, or the name is empty.
+        UsageError: it is elsewhere, or as `location`.
     """
     if isinstance(named, str) and _URL.match(named):
         if isinstance(location(named), StorePath):

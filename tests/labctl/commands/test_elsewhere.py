@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import labctl
-from labctl.errors import RunError
+from labctl.errors import RunError, UsageError
 from labctl.runs.format import store
 from labctl.runs.format.store import BLOCK_BYTES, Unreachable, location
 from labctl.runs.read.run import open_run
@@ -345,6 +345,17 @@ def test_what_is_no_place_is_one_line(url: str, words: str, bucket: Traffic, typ
 )
 def test_no_part_of_a_password_is_shown(url: str, shown: str) -> None:
     assert str(location(url)) == shown
+
+
+@pytest.mark.parametrize("url", ["file:///lab/runs", "file://localhost/lab/runs", "local:///lab/runs"])
+def test_the_url_of_a_folder_here_is_its_path(url: str) -> None:
+    assert location(url) == Path("/lab/runs")
+
+
+@pytest.mark.parametrize("url", ["file://twins", "file://runs/twins", "local://twins"])
+def test_the_url_of_a_folder_here_names_no_machine(url: str) -> None:
+    with pytest.raises(UsageError, match=f"^{url}: names a machine: write file:///..., or the path of the folder$"):
+        location(url)
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, typed: Typed) -> None:
