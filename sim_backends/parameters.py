@@ -74,7 +74,7 @@ class Parameters(BaseModel):
         "fibre's 97.6 ns it makes 98 ns.",
     )
     direct_lead_s: float = quantity(
-        1.2408584341371207e-9,
+        1.24e-9,
         "s",
         "What lies in the place of the projector where the light path is direct: a lead of 25 cm. A stated guess: 1.67 "
         "ns with `path_delay_s`.",
