@@ -122,20 +122,21 @@ class _Connection:
         self._records[task] = records
 
     def room(self, running: int) -> int:
-        """A task for each worker, or one that waits for a worker; none while there is no scheduler."""
+        """A task for each worker, or one that waits for a worker; none while no scheduler answers."""
         try:
             if self._client.status == "closed":
                 self._client = self._connect()
             elif self._client.status != "running":
                 return self._wait()
             if time.monotonic() - self._counted >= COUNT_S:
-                self._workers, self._counted = len(self._client.nthreads()), time.monotonic()
+                there = self._client.sync(self._client.scheduler.ncores, callback_timeout=CONNECT_S)
+                self._workers, self._counted = len(there), time.monotonic()
         except (OSError, ClusterError):
             return self._wait()
         if self._lost:
             self._lost = False
             self._client.subscribe_topic(self._name, self._hear)  # a scheduler that was started anew knows of nobody
-            self._tell(f"{self._address}: the scheduler is there again; what it had begins anew")
+            self._tell(f"{self._address}: the scheduler is there again; what it lost begins anew")
         if not self._workers and not self._deserted:
             self._tell(f"{self._address}: the scheduler has no workers: start some; Ctrl-C keeps what is finished")
         self._deserted = not self._workers
@@ -144,7 +145,9 @@ class _Connection:
     def _wait(self) -> int:
         if not self._lost:
             self._lost = True
-            self._tell(f"{self._address}: the scheduler is gone: start it again; Ctrl-C keeps what is finished")
+            self._tell(
+                f"{self._address}: the scheduler is gone or stands still: start it again; Ctrl-C keeps what is finished"
+            )
         return 0
 
     def submit(self, task: Callable[[], Found]) -> Future[tuple[Found, float]]:

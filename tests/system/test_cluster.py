@@ -34,6 +34,8 @@ from tests.command_line import answer
 
 SEEDS = 3
 
+GONE = "the scheduler is gone or stands still"
+BACK = "the scheduler is there again; what it lost begins anew"
 NO_WORKERS = "the scheduler has no workers"
 
 
@@ -72,7 +74,10 @@ EXPERIMENT = Experiment.model_validate(
 
 
 def carried_out(
-    engine: Engine, folder: Path, measured: Callable[[int], None] = lambda _records: None
+    engine: Engine,
+    folder: Path,
+    measured: Callable[[int], None] = lambda _records: None,
+    interruption: Interruption | None = None,
 ) -> tuple[str, list[bytes]]:
     """What the experiment came to, and the frames of its runs; told of all records but perhaps the last, each once."""
     plan = Plan((EXPERIMENT,), SIMULATED_STATION, folder, engine=engine)
@@ -82,7 +87,7 @@ def carried_out(
         told.append(records)
         measured(records)
 
-    (found,), failed = reproduce(plan, interruption=Interruption(), measured=follow)
+    (found,), failed = reproduce(plan, interruption=interruption or Interruption(), measured=follow)
     assert not failed
     frames = []
     shots = 0
@@ -137,7 +142,38 @@ def test_a_scheduler_that_is_killed_costs_time(dask: Cluster, tmp_path: Path, he
 
     assert carried_out(cluster(dask.address, hire), tmp_path / "there", lose) == here
     assert lost
-    assert told == ["the scheduler is gone", "the scheduler is there again; what it had begins anew", NO_WORKERS]
+    assert told == [GONE, BACK, NO_WORKERS]
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_scheduler_that_stands_still_is_told_and_can_be_left(
+    dask: Cluster, tmp_path: Path, here: tuple[str, list[bytes]], monkeypatch: pytest.MonkeyPatch, interrupted: bool
+) -> None:
+    told: list[str] = []
+    interruption = Interruption()
+
+    def hold(records: int) -> None:
+        if records and not told:
+            dask.scheduler.send_signal(signal.SIGSTOP)
+            monkeypatch.setattr("labctl.studies.cluster.CONNECT_S", 0.5)
+
+    def hear(line: str) -> None:
+        told.append(line.partition(": ")[2].partition(":")[0])
+        interruption.requested = interrupted
+        if not interrupted:
+            monkeypatch.setattr("labctl.studies.cluster.CONNECT_S", 10.0)
+            dask.scheduler.send_signal(signal.SIGCONT)
+
+    engine = cluster(dask.address, hear)
+    try:
+        if interrupted:
+            with pytest.raises(Interrupted):
+                carried_out(engine, tmp_path / "there", hold, interruption)
+        else:
+            assert carried_out(engine, tmp_path / "there", hold) == here
+    finally:
+        dask.scheduler.send_signal(signal.SIGCONT)
+    assert told == ([GONE] if interrupted else [GONE, BACK])
 
 
 def test_a_scheduler_without_workers_is_told_and_waited_for(
