@@ -58,9 +58,10 @@ def evaluate_sweep(
         why = next((str(error) for error in judged.values()), "nothing is measured yet")
         raise AnalysisError(f"{directory}: {why}: go on with 'labctl resume {directory}'")
     axes = list(file.sweep.over)
-    again = [[row for row in rows if all(row[axis] == one[axis] for axis in axes)] for one in rows]
-    repeated = max(again, key=len)
-    figure, origin = _figure(rows, file.sweep.over), Origin.of_runs(runs / row["run"] for row in rows)
+    figure, origin = (
+        _figure(rows, file.sweep.over, zipped=file.sweep.zip),
+        Origin.of_runs(runs / row["run"] for row in rows),
+    )
     with writing(directory / FIGURES, "make room"):
         (directory / FIGURES).mkdir(exist_ok=True)
         pictures = save_figure(figure, directory / FIGURES / "accuracy", origin)
@@ -68,7 +69,7 @@ def evaluate_sweep(
         "sweep": str(directory),
         "axes": axes,
         "points": rows,
-        "reference": [row["accuracy"] for row in repeated] if len(repeated) > 1 else [],
+        "reference": _repeated(rows, axes),
         "figure": str(pictures.png),
     }
 
@@ -100,10 +101,20 @@ def _accuracy(run: Path, window_s: float | None, ports: Sequence[int] | None) ->
     }
 
 
-def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]]) -> Any:
-    """Against the axis with most values; a curve for each combination of the others."""
+def _repeated(rows: Sequence[Mapping[str, Any]], axes: Sequence[str]) -> list[float]:
+    """Accuracies at the point that was measured most often, as they came; none where each was measured once."""
+    at: dict[tuple[str, ...], list[float]] = {}
+    for row in rows:
+        at.setdefault(tuple(row[axis] for axis in axes), []).append(row["accuracy"])
+    found = max(at.values(), key=len)
+    return found if len(found) > 1 else []
+
+
+def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]], *, zipped: bool = False) -> Any:
+    """Against the axis with most values; a curve for each combination of the others, unless these go along with it."""
     along = max(over, key=lambda axis: len({row[axis] for row in rows}))
-    others = [axis for axis in over if axis != along]
+    beside = [axis for axis in over if axis != along]
+    others = [] if zipped else beside
     values = [row[along] for row in rows]
     numbers, unit = as_numbers(values)
     texts = None if numbers is not None else [text for text in dict.fromkeys(over[along]) if text in values]
@@ -121,7 +132,8 @@ def _figure(rows: list[dict[str, Any]], over: Mapping[str, Sequence[str]]) -> An
         drawn.append(Series(label, positions, accuracies, [0.0] * len(points), intervals=intervals))
     chances = {row["chance"] for row in rows}
     chance = chances.pop() if len(chances) == 1 else None
-    return sweep_figure(drawn, axis=f"{along} ({unit})" if unit else along, ticks=texts, chance=chance)
+    axis = ", with ".join([f"{along} ({unit})" if unit else along, *(beside if zipped else [])])
+    return sweep_figure(drawn, axis=axis, ticks=texts, chance=chance)
 
 
 def _by_number(label: str) -> tuple[float, str]:

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from labctl.studies.sweeps.evaluation import _figure
+from labctl.studies.sweeps.evaluation import _figure, _repeated
 
 
 def row(axis: str, value: str, accuracy: float, chance: float = 0.25) -> dict[str, Any]:
@@ -42,3 +42,30 @@ def test_chance_is_drawn_where_it_is_one() -> None:
 
     assert drawn(0.5, 0.5)
     assert not drawn(0.5, 0.25)
+
+
+def test_axes_that_go_side_by_side_make_one_curve() -> None:
+    rows = [row("power", f"{number} mW", 0.1 * number) | {"window": f"{number} ns"} for number in (2, 1, 3)]
+    over = {"power": ("1 mW", "2 mW", "3 mW"), "window": ("1 ns", "2 ns", "3 ns")}
+    (axes,) = _figure(rows, over, zipped=True).axes
+    assert axes.get_xlabel() == "power (mW), with window"
+    curve = next(line for line in axes.lines if len(line.get_xdata()) == 3)
+    assert curve.get_ydata() == pytest.approx([10, 20, 30])
+    assert not any(len(line.get_xdata()) == 3 for line in _figure(rows, over).axes[0].lines)
+
+
+class Looked(dict[str, Any]):
+    """A row that counts how often it is looked at."""
+
+    looks = 0
+
+    def __getitem__(self, key: str) -> Any:
+        Looked.looks += 1
+        return super().__getitem__(key)
+
+
+def test_the_point_that_was_measured_again_is_found_by_one_look_at_each_row() -> None:
+    rows = [Looked(row("power", f"{number % 999} mW", 0.001 * number)) for number in range(1000)]
+    assert _repeated(rows, ["power"]) == pytest.approx([0.0, 0.999])
+    assert Looked.looks == 2 * len(rows)
+    assert _repeated(rows[:999], ["power"]) == []
