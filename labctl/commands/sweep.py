@@ -25,7 +25,7 @@ from labctl.runs.said import Said
 from labctl.runs.sweep import Sweep, read_to_go_on
 from labctl.runs.sweep_axes import Order, parse_axis
 from labctl.studies.sweeps import folder
-from labctl.studies.sweeps.declaration import Point, points, read_sweep, refuse_set_twice
+from labctl.studies.sweeps.declaration import Point, declared, points, read_sweep, refuse_set_twice
 from labctl.studies.sweeps.run_folder import runs_of
 from protocols.base import Judgement, Measurement
 from protocols.registry import named_protocol, protocol_class
@@ -208,27 +208,22 @@ def _asked(
     order: Order | None,
     reference_every: int | None,
 ) -> tuple[Sweep, type[Measurement[Any]]]:
-    given: dict[str, Any] = {}
-    if subject.endswith(".toml"):
-        given = read_sweep(Path(subject)).model_dump()
-        protocol = protocol_class(given["protocol"])
-    else:
-        protocol = named_protocol(subject)
-        given["protocol"] = protocol.name
-    axes = dict(parse_axis(one) for one in over)
+    axes, changed = dict(parse_axis(one) for one in over), dict(_setting(one) for one in settings)
     if len(axes) < len(over):
         raise UsageError("--over: an axis is there twice: give each once, with all its values")
-    if not axes and "over" not in given:
-        raise UsageError('--over is missing: say what is to be varied, such as --over "window=0.5 ns,1 ns"')
-    changed = dict(_setting(one) for one in settings)
-    found = Sweep.model_validate(
-        given
-        | ({"over": given.get("over", {}) | axes} if axes else {})
-        | {"settings": given.get("settings", {}) | changed}
-        | ({"zip": True} if side_by_side else {})
+    others = (
+        ({"zip": True} if side_by_side else {})
         | ({} if order is None else {"order": order})
         | ({} if reference_every is None else {"reference_every": reference_every})
     )
+    if subject.endswith(".toml"):
+        found = read_sweep(Path(subject), over=axes, settings=changed, others=others)
+        protocol = protocol_class(found.protocol)
+    else:
+        protocol = named_protocol(subject)
+        if not axes:
+            raise UsageError('--over is missing: say what is to be varied, such as --over "window=0.5 ns,1 ns"')
+        found = declared({"protocol": protocol.name, "over": axes, "settings": changed} | others, subject)
     refuse_set_twice(found)
     return found, protocol
 

@@ -1,8 +1,9 @@
 """What a sweep is declared as, in a file or on the command line, and the points that it has on a bench."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from pydantic import ValidationError
@@ -20,6 +21,8 @@ from protocols.registry import with_settings
 SHORT = {"power": "laser.power", "wavelength": "wavelengths", "amplitude": "awg.amplitude"}
 """What is set often, and the setting or key of the station that sets it."""
 
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+
 
 @dataclass(frozen=True)
 class Point:
@@ -32,18 +35,30 @@ class Point:
     coordinates: Mapping[str, float | str]
 
 
-def read_sweep(path: Path) -> Sweep:
+def read_sweep(
+    path: Path,
+    *,
+    over: Mapping[str, Sequence[str]] = NOTHING,
+    settings: Mapping[str, str] = NOTHING,
+    others: Mapping[str, Any] = NOTHING,
+) -> Sweep:
     """The sweep that a TOML file declares: `protocol`, a table `[settings]`, a table `[over]` of lists or ranges.
+
+    over, settings: beside those of the file, or instead of those of the same name. others: instead of other keys.
 
     Raises:
         UsageError: the file cannot be read, or says something else.
     """
     try:
-        return declared(read_toml(path), str(path))
+        content = read_toml(path)
     except OSError as error:
         raise UsageError(unreadable(path, error, "name a protocol or a sweep file")) from None
     except TomlError as error:
         raise UsageError(f"{path}: is not TOML ({error}): correct that line") from None
+    for table, more in (("over", over), ("settings", settings)):
+        if isinstance(there := content.get(table, {}), dict) and more:  # anything else is refused
+            content[table] = there | more
+    return declared(content | others, str(path))
 
 
 def declared(content: Mapping[str, Any], origin: str) -> Sweep:

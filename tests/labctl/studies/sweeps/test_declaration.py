@@ -117,6 +117,24 @@ def test_a_file(tmp_path: Path) -> None:
     assert (found.order, found.reference_every) == (Order.INTERLEAVED, 10)
 
 
+def test_a_file_may_leave_its_axes_to_the_options(tmp_path: Path) -> None:
+    path = written(tmp_path, 'protocol = "image-readout"\nsettings = { images = 40 }\n')
+    found = read_sweep(path, over={"power": ("10 mW",)}, settings={"ports": "2"}, others={"zip": True})
+    assert (found.over, found.settings, found.zip) == ({"power": ("10 mW",)}, {"images": 40, "ports": "2"}, True)
+
+
+def test_an_option_stands_instead_of_what_the_file_says_of_the_same_name(tmp_path: Path) -> None:
+    path = written(tmp_path, 'protocol = "a"\n[settings]\na = 1\nb = 1\n[over]\nd = "1,,2"\nc = "1,2"\n')
+    found = read_sweep(path, over={"d": ("3",)}, settings={"b": "2"})
+    assert (found.over, found.settings) == ({"d": ("3",), "c": ("1", "2")}, {"a": 1, "b": "2"})
+
+
+@pytest.mark.parametrize("text", ["settings = 3", "over = 3"])
+def test_what_should_be_a_table_is_refused_whatever_the_options(text: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=rf"sweep\.toml: {text.split()[0]}"):
+        read_sweep(written(tmp_path, f'protocol = "a"\n{text}\n'), over={"d": ("3",)}, settings={"b": "2"})
+
+
 def test_values_in_a_file_may_be_numbers(tmp_path: Path) -> None:
     path = written(tmp_path, 'protocol = "image-readout"\n\n[over]\nseed = [1, 2]\n"sim.parameters.enob" = [4.5, 5]\n')
     assert read_sweep(path).over == {"seed": ("1", "2"), "sim.parameters.enob": ("4.5", "5")}
