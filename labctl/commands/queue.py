@@ -119,7 +119,7 @@ def _out(words: list[str]) -> Path | None:
 
 
 def _kept(plan: dict[str, Any]) -> dict[str, Any]:
-    return {key: plan[key] for key in ("shots", "estimated_seconds_on_a_real_bench", "dose_j", "bytes_needed")}
+    return {key: plan[key] for key in ("shots", "estimated_seconds_on_a_real_bench", "dose_j", "bytes_needed", "files")}
 
 
 def _described(item: Item) -> dict[str, Any]:

@@ -193,6 +193,33 @@ def test_paths_count_from_where_the_item_was_added(tmp_path: Path, monkeypatch: 
     assert not list(elsewhere.iterdir())
 
 
+def test_an_item_whose_files_have_changed_since_it_was_added_is_not_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    protocol = 'protocol = "image-readout"\n[settings]\nimages = 4\nports = "2"\nwindow = "0.4 ns"\n'
+    bench = "[sim]\ntwin_seed = 4\n"
+    texts = {"run.toml": protocol, "sweep.toml": f'{protocol}[over]\npower = ["10 mW"]\n', "bench": bench}
+    for name, text in texts.items():
+        Path(name).write_text(text, encoding="utf-8")
+    for words in (("run", "run.toml"), ("sweep", "sweep.toml"), (*SMALL, "--station", "bench")):
+        assert queue(tmp_path, "add", *words)[0] == 0
+    assert queue(tmp_path, "add", *SMALL, "--station=bench")[0] == 0
+    Queue(tmp_path).add(("sweep", "sweep.toml", "--out", "begun"), Path("begun"), {"files": {"sweep.toml": "old"}}, "")
+    assert answer("sweep", "sweep.toml", "--out", "begun", "--json")[0] == 0
+    for name, text in texts.items():
+        Path(name).write_text(text + "\n", encoding="utf-8")
+    Queue(tmp_path).move(5, 1)
+    Queue(tmp_path).claim()  # as if it had begun that sweep and been killed
+    assert queue(tmp_path, "start", "--on-failure", "go-on")[1] == {"done": 1, "failed": 4, "waiting": 0}
+    told = [item["message"] for item in queue(tmp_path, "list")[1]["items"]]
+    changed = ("run.toml", "sweep.toml", "bench", "bench")
+    assert told[1:] == [
+        f"{tmp_path / one}: is not what it was when this was added here: add it again" for one in changed
+    ]
+    assert not list(tmp_path.glob("queue-0*"))
+
+
 def test_a_file_whose_name_begins_with_a_dash_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     over = '[over]\npower = ["10 mW"]\n'

@@ -1,5 +1,6 @@
 """Carrying a queue out: each item is a `labctl` of its own, so that it leaves nothing to the next but a dark bench."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 from os.path import isfile
 from pathlib import Path
 from typing import Any
@@ -33,7 +35,8 @@ LOOKED_S, AGAIN_S = 0.5, 0.01
 """Longer than anybody takes to `settle` a queue, and how often it is tried meanwhile to have it."""
 INTERRUPTED = frozenset({130, *(-number for number in STOPS)})
 """How an item ends that was interrupted: by its own status, or by the signal that came while it was starting."""
-KEPT_OPTIONS = {"--station": 1, "--data": 1, "--scheduler": 1, "--arm": 0, "--attended": 0}
+STATION = "--station"
+KEPT_OPTIONS = {STATION: 1, "--data": 1, "--scheduler": 1, "--arm": 0, "--attended": 0}
 """Options that going on with a run or sweep needs again, and how many words each is followed by."""
 
 
@@ -54,7 +57,7 @@ class Worked:
 
 
 def forecast(words: Sequence[str]) -> dict[str, Any]:
-    """What the command of an item would do, by its own `--dry-run`.
+    """What the command of an item would do, by its own `--dry-run`, and of which `files`: path -> digest.
 
     Raises:
         UsageError: it is neither a run nor a sweep, or is refused; the line is its own.
@@ -63,6 +66,8 @@ def forecast(words: Sequence[str]) -> dict[str, Any]:
         raise UsageError("a queue takes runs and sweeps: 'labctl queue add run image-readout --set images=400'")
     if asked := next((word for word in words if word in NO_MEASUREMENT), None):
         raise UsageError(f"{asked}: nothing would be measured: leave it out")
+    files = _files(words, Path.cwd())
+    digests = {str(path): _digest(path) for path in files}
     command = _command([words[0], "--dry-run", "--json", *words[1:]])  # in front, where nothing takes it for its own
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)  # noqa: S603
     found = _said(done.stdout)
@@ -70,9 +75,9 @@ def forecast(words: Sequence[str]) -> dict[str, Any]:
         raise UsageError(str(found.get("error", done.stderr.strip() or "the command is refused")))
     if not found["armed"]:
         raise UsageError("the laser is not armed, and nobody will be there to do so: add the command with --arm")
-    for path in _protocols(words, Path.cwd()):
+    for path in filter(_is_protocol, files):
         remember(path)
-    return found
+    return found | {"files": digests}
 
 
 def work(queue: Queue, on_failure: OnFailure, interruption: Interruption, tell: Callable[[str], None]) -> Worked:
@@ -144,9 +149,12 @@ def _put_back(queue: Queue, inherited: LockFile) -> list[Item]:
 
 def _carried_out(item: Item, queue: Queue, inherited: LockFile) -> tuple[int, str]:
     """Exit status of an item's command, which has a lock as long as it runs, and its error."""
-    if changed := [path for path in _protocols(item.words, Path(item.cwd)) if not is_own(path)]:
-        return 1, f"{changed[0]}: is not what it was when this was added here: add it again"
     begun = item.began and (RunPaths(item.directory).manifest.exists() or is_sweep(item.directory))
+    files = {} if begun else item.plan.get("files", {})  # what has begun says itself what it goes on with
+    changed = [path for path, digest in files.items() if _digest(Path(path)) != digest]
+    changed += [path for path in filter(_is_protocol, _files(item.words, Path(item.cwd))) if not is_own(path)]
+    if changed:
+        return 1, f"{changed[0]}: is not what it was when this was added here: add it again"
     words = ["resume", str(item.directory), *_kept(item.words)] if begun else item.words
     try:
         process = subprocess.Popen(  # noqa: S603 -- labctl itself
@@ -183,12 +191,31 @@ def _stop(directory: Path) -> None:
             asking.tell(directory, Word.STOP)
 
 
-def _protocols(words: Sequence[str], cwd: Path) -> list[Path]:
-    """Of the words of a command typed in `cwd`, those that are files with a protocol, which would be executed.
+def _files(words: Sequence[str], cwd: Path) -> list[Path]:
+    """Of the words of a command typed in `cwd`, those that are files with a protocol, a sweep or a station.
 
     A note may end like one; what is no file is refused by the command itself.
     """
-    return [cwd / word for word in words if word.endswith(SUFFIX) and isfile(cwd / word)]
+    named = [
+        word.removeprefix(f"{STATION}=")
+        for before, word in pairwise(["", *words])
+        if before == STATION or word.startswith(f"{STATION}=") or word.endswith((SUFFIX, ".toml"))
+    ]
+    return [cwd / one for one in named if isfile(cwd / one)]
+
+
+def _is_protocol(path: Path) -> bool:
+    """Whether it would be executed."""
+    return path.name.endswith(SUFFIX)
+
+
+def _digest(path: Path) -> str:
+    """Of the content of a file; empty where there is none any more that can be read."""
+    with suppress(OSError):
+        if isfile(path):  # a FIFO has no end
+            with path.open("rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+    return ""
 
 
 def _kept(words: Sequence[str]) -> list[str]:
