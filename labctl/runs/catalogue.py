@@ -35,7 +35,7 @@ from labctl.runs.notes import Notes, read_notes
 from labctl.runs.search import condition, unknown, words_in
 
 FILE = "catalogue.sqlite"
-APPLICATION, VERSION = 0x6C616263, 2
+APPLICATION, VERSION = 0x6C616263, 3
 """What the file says of itself and of its tables: one of another version is made anew, any other is let alone."""
 LISTED = ("name", "protocol", "started", "seed", "twin_seed", "shots", "planned", "instruments", "state", "problem")
 """Keys that are attributes of `RunRow`."""
@@ -351,7 +351,11 @@ def _holds_text(database: sqlite3.Connection, key: str) -> bool:
 
 def _enter(database: sqlite3.Connection, name: bytes, stamp: str | None, row: RunRow, facts: Facts) -> None:
     stored = {field: value for field, value in vars(row).items() if field != "path"} | {"path": ""}
-    told = ((key, *(f"{one:g}" if isinstance(one, float) else one for one in values)) for key, values in facts.items())
+    told = (  # a run without a star is not found by that word, which "started" begins with too
+        ("" if key == "started" else key, *(f"{one:g}" if isinstance(one, float) else one for one in values))
+        for key, values in facts.items()
+        if any(values)
+    )
     listed = f"twin {row.twin_seed} {row.shots} of {row.planned} shots"
     text = " ".join((listed, *(word for words in told for word in words)))
     entry = [name, stamp, json.dumps(stored), json.dumps(facts), f" {' '.join(words_in(text))}"]

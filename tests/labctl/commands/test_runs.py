@@ -40,6 +40,8 @@ def test_a_note_finds_a_run_again(folder: Path, typed: Typed, as_json: AsJson) -
     assert names(as_json, folder, "--where", "operator = ada and note ~ touched") == ["second"]
     assert names(as_json, folder, "--where", "touched") == ["second"]
     assert names(as_json, folder, "--where", "not star = 1") == ["first", "third"]
+    assert names(as_json, folder, "--where", "star") == ["second"]
+    assert names(as_json, folder, "--where", "alarm") == []
     typed("note", folder / "second", "--untag", "good")
     assert names(as_json, folder, "--where", "protocol = image-readout and star = 1") == ["second"]
     status, _, err = typed("runs", folder, "--where", "tag = good")
