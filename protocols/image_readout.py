@@ -20,6 +20,7 @@ from protocols.base import (
     Part,
     Pass,
     PassStarted,
+    ProtocolError,
     Record,
     Shot,
     ShotKind,
@@ -38,6 +39,9 @@ DRIVE_SAMPLES = 2500
 PROBES = 40
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 40e-12, 20e-6
 """One sample, and two hundred periods of the drive: half a million samples."""
+
+MOST_OFF = 0.25
+"""Of the distance between the closest wavelengths of a run: so far a laser may settle from what it is asked for."""
 
 MEAN_FINER = 256
 """Codes of 8 bits are so many times as fine in the mean of a burst's triggers: it fills int16."""
@@ -146,6 +150,7 @@ class ImageReadout(Measurement[Images]):
             averages=self.averages,
             timing=self.timing,
             longest_burst=self.longest_burst,
+            apart_nm=min(np.diff(sorted(self.wavelengths)).tolist(), default=math.inf),
         )
 
 
@@ -179,10 +184,15 @@ def still_pictures(
     averages: int,
     timing: Timing,
     longest_burst: int | None = None,
+    apart_nm: float = math.inf,
 ) -> Events:
     """Measure `parts` shot by shot (show, arm, wait for the marker of the running drive, read), or in bursts.
 
     plan: what of `patterns` each shot of the run shows. probes: indices of the shots that the ranges are found with.
+    apart_nm: how far apart the closest wavelengths of the run are.
+
+    Raises:
+        ProtocolError: the laser settled so far from a wavelength that they would not be that far apart.
     """
     finer = 1
     if timing == "burst":
@@ -193,7 +203,12 @@ def still_pictures(
     with bench.emitting(parts[0].pass_.wavelength_nm, parts[0].pass_.patching):
         for part in parts:
             pass_ = part.pass_
-            bench.tune(pass_.wavelength_nm)
+            settled_nm = bench.tune(pass_.wavelength_nm)
+            if abs(settled_nm - pass_.wavelength_nm) > MOST_OFF * apart_nm:
+                raise ProtocolError(
+                    f"the laser settled at {settled_nm:.9g} nm, not at {pass_.wavelength_nm:.9g} nm, and wavelengths "
+                    f"are {1e3 * apart_nm:.6g} pm apart: choose wavelengths, or a step, that this laser can make"
+                )
             bench.connect(pass_.patching)
             bench.load_drive(drive)
             bench.play_drive()

@@ -1,6 +1,8 @@
 """The protocol on a simulated bench: ranges, passes, order of commands."""
 
 from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,10 +10,11 @@ import pytest
 
 from instruments.bench import Bench
 from labctl.bench.opening import opened
-from labctl.bench.station import SimSection, Station
+from labctl.bench.station import SimSection, Station, read_station
 from labctl.engine.inputs import images_for
 from protocols.base import Part, PassStarted, ProtocolError, Record, ShotKind
 from protocols.image_readout import ImageReadout
+from protocols.wavelength_scan import WavelengthScan
 
 SMALL = {"images": 40, "reference_every": 20}
 
@@ -60,6 +63,23 @@ def test_the_laser_is_tuned_once_a_pass_and_patched_before_it_is_measured(bench:
     assert [record.pass_.wavelength_nm for record in records] == [1550.0] * 44 + [1551.0] * 44
     first, second = (np.concatenate([r.frames.codes for r in records[start : start + 40]]) for start in (0, 44))
     assert not np.array_equal(first, second)
+
+
+@pytest.mark.parametrize("protocol", [WavelengthScan(), ImageReadout(ports=(2,), wavelengths=(1550.002, 1550.0))])
+def test_wavelengths_that_the_laser_never_has_are_refused(
+    protocol: WavelengthScan | ImageReadout, tmp_path: Path, log: Any
+) -> None:
+    """Its read-back is near enough to be no fault of the laser, and too far off to be another step."""
+    table = (files("sim_backends.virtual.tlg220") / "commands.toml").read_text("utf-8")
+    (tmp_path / "coarse.toml").write_text(table.replace("step = 0.001", "step = 0.02"), "utf-8")
+    (tmp_path / "bench.toml").write_text("[laser]\ncommands = 'coarse.toml'\n", "utf-8")
+    images = images_for(protocol)
+    with opened(read_station(tmp_path / "bench.toml"), log) as found:
+        bench = found.bench
+        events = protocol.acquire(bench, images, protocol.parts(bench, images))
+        with pytest.raises(ProtocolError, match=r"settled at 1550 nm, not at 1550\.002 nm, and .* 2 pm apart: choose"):
+            list(events)
+        assert bench.laser.settings()["emitting"] == 0
 
 
 def test_leaving_early_leaves_it_dark(bench: Bench) -> None:
