@@ -296,7 +296,11 @@ class Measurement(BaseModel, ABC, Generic[InputsT]):
 
     @abstractmethod
     def sample_count(self, inputs: InputsT) -> int:
-        """Samples of one frame."""
+        """Samples of one frame.
+
+        Raises:
+            ProtocolError: the time that is asked for is not a whole number of them.
+        """
 
     def start_s(self, bench: Bench, inputs: InputsT) -> float:
         """Of a frame's first sample: how long after the trigger, s; 0 where each frame has a place of its own.

@@ -33,7 +33,7 @@ from protocols.means import averaged, rescaled
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
 from protocols.reference_picture import beside_reference, field_of
-from protocols.settings import Binarisation, Classes, ImageCount, Pair, Ports, Wavelengths, passes_for
+from protocols.settings import Binarisation, Classes, ImageCount, Pair, Ports, Wavelengths, passes_for, samples_in
 
 SETTLED_PERIODS = 2
 """Of the drive, before the record begins: fibre and chip then carry light of the running drive only."""
@@ -122,7 +122,7 @@ class DynamicScene(Measurement[Images]):
 
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
-        return round(self.window * self.sample_rate)
+        return samples_in("window", self.window, self.sample_rate)
 
     def start_s(self, bench: Bench, inputs: Images) -> float:
         """After the periods of the drive that lead."""
@@ -169,7 +169,7 @@ class DynamicScene(Measurement[Images]):
         """
         settled_s = SETTLED_PERIODS * drive.period_s
         left_s = dmd.picture_period_s - self.switch_after - settled_s
-        repeats_s = round(self.repeats_after * DRIVE_RATE) / DRIVE_RATE
+        repeats_s = samples_in("repeats_after", self.repeats_after, DRIVE_RATE) / DRIVE_RATE
         pulses_s = left_s - repeats_s * np.arange(math.ceil(left_s / repeats_s))
         pulses_s = pulses_s[pulses_s > PULSE_STEP_S / 2]
         if not pulses_s.size:

@@ -26,7 +26,7 @@ from protocols.image_readout import (
 )
 from protocols.patterns import Patterns
 from protocols.reference_picture import BORDER, beside_reference, field_of, random_patterns
-from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for
+from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for, samples_in
 
 BESIDE = (ShotKind.PATTERN, ShotKind.IMAGE, ShotKind.REFERENCE)
 """Shots with the reference on."""
@@ -99,7 +99,7 @@ class GhostImaging(Measurement[Images]):
 
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
-        return max(1, round(self.window * self.sample_rate))
+        return samples_in("window", self.window, self.sample_rate)
 
     def start_s(self, bench: Bench, inputs: Images) -> float:
         """At the trigger, or in a burst once the drive has settled."""

@@ -29,7 +29,7 @@ from protocols.bursts import PictureMemory, burst_dmd, frame_start_s, measure_bu
 from protocols.means import rescaled
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
-from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for
+from protocols.settings import Binarisation, Classes, ImageCount, Ports, Wavelengths, passes_for, samples_in
 
 Timing = Literal["software", "burst"]
 
@@ -120,7 +120,7 @@ class ImageReadout(Measurement[Images]):
 
     def sample_count(self, inputs: Images) -> int:
         """The window in samples of 40 ps."""
-        return max(1, round(self.window * self.sample_rate))
+        return samples_in("window", self.window, self.sample_rate)
 
     def start_s(self, bench: Bench, inputs: Images) -> float:
         """At the trigger, or in a burst once the drive has settled."""

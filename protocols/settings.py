@@ -9,7 +9,7 @@ from instruments.bench import Bench
 from instruments.ports import Ports as Ports
 from instruments.ports import require_distinct
 from instruments.units import Nanometres
-from protocols.base import Pass
+from protocols.base import Pass, ProtocolError
 
 
 def parse_list(value: object) -> object:
@@ -67,6 +67,27 @@ ImageCount = Annotated[
     ),
 ]
 """How many images in all, how many of each class, or every image that the data set has of the classes."""
+
+
+GRID_TOLERANCE = 0.01
+"""Of a sample: so far a time may miss the grid, since what text says is never exact in binary."""
+
+
+def samples_in(setting: str, time_s: float, sample_rate: float) -> int:
+    """How many samples, at `sample_rate` (S/s), the time that a setting asks for is.
+
+    Raises:
+        ProtocolError: not a whole number of them, one or more.
+    """
+    ratio = time_s * sample_rate
+    count = round(ratio)
+    if count < 1 or abs(ratio - count) > GRID_TOLERANCE:
+        near = (number for number in (int(ratio), int(ratio) + 1) if number)
+        raise ProtocolError(
+            f"{setting} = {time_s * 1e9:.9g} ns is not a whole number of {1e9 / sample_rate:g} ns samples: "
+            f"use {' or '.join(f'{number * 1e9 / sample_rate:.9g} ns' for number in near)}"
+        )
+    return count
 
 
 def passes_for(bench: Bench, wavelengths_nm: tuple[float, ...], ports: tuple[int, ...]) -> tuple[Pass, ...]:

@@ -44,7 +44,7 @@ def sweep(
     ],
     over: Annotated[
         list[str] | None,
-        typer.Option("--over", help='An axis: "window=0.5 ns,1 ns" or "power=3:30:7 mW"; may be repeated.'),
+        typer.Option("--over", help='An axis: "window=0.4 ns,1 ns" or "power=3:30:7 mW"; may be repeated.'),
     ] = None,
     side_by_side: Annotated[bool, typer.Option("--zip", help="Vary axes together, not in every combination.")] = False,
     order: Annotated[
@@ -222,7 +222,7 @@ def _asked(
     else:
         protocol = named_protocol(subject)
         if not axes:
-            raise UsageError('--over is missing: say what is to be varied, such as --over "window=0.5 ns,1 ns"')
+            raise UsageError('--over is missing: say what is to be varied, such as --over "window=0.4 ns,1 ns"')
         found = declared({"protocol": protocol.name, "over": axes, "settings": changed} | others, subject)
     refuse_set_twice(found)
     return found, protocol

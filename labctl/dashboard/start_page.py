@@ -52,7 +52,7 @@ class Form:
             self._station = ui.input("Station file", placeholder="empty: the simulated bench").classes("station")
             self._about = ui.label().classes("about")
             self._settings = ui.element("div").classes("settings")
-            self._over = ui.textarea("Sweep over", placeholder="window=0.5 ns,1 ns\npower=10:30:5 mW").classes("over")
+            self._over = ui.textarea("Sweep over", placeholder="window=0.4 ns,1 ns\npower=10:30:5 mW").classes("over")
             self._over.props("rows=2 stack-label hint='an axis a line; empty: one run'")
             self._cost = ui.label().classes("cost")
             self._attended = ui.checkbox("somebody stands at the laser's key switch (--attended)")

@@ -26,7 +26,7 @@ class Order(StrEnum):
 
 
 def parse_axis(text: str, option: str = "--over") -> tuple[str, tuple[str, ...]]:
-    """Name and values of "window=0.5 ns,1 ns" or "power=3:30:7 mW", which is 7 values from 3 to 30 mW.
+    """Name and values of "window=0.4 ns,1 ns" or "power=3:30:7 mW", which is 7 values from 3 to 30 mW.
 
     Raises:
         UsageError: it is neither, or has no values.

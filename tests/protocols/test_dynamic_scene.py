@@ -68,6 +68,10 @@ def test_the_light_changes_when_it_was_asked_to(switch_after: float, log: Any) -
             {"switch_after": 5e-6, "repeats_after": 20e-6},
             "plays for 40 us before the record, and a picture lasts 44 us",
         ),
+        (
+            {"repeats_after": 0.5e-9},
+            r"repeats_after = 0\.5 ns is not a whole number of 0\.04 ns samples: use 0\.48 ns or",
+        ),
     ],
 )
 def test_a_moment_that_no_pulse_gives_is_refused_in_the_dark(settings: dict[str, float], told: str, log: Any) -> None:

@@ -172,7 +172,7 @@ def test_what_a_run_would_cost_and_what_is_refused_is_said_before_it_is_started(
     expect(page.get_by_role("option", name="fashion-mnist")).to_be_visible()
     expect(page.get_by_role("option", name="santa-fe")).to_have_count(0)
     page.keyboard.press("Escape")
-    page.get_by_label("Sweep over").fill("window=0.5 ns,1 ns")
+    page.get_by_label("Sweep over").fill("window=0.4 ns,1 ns")
     says(page, ".form .cost", "^3 runs · 30 shots")
     page.get_by_label("Sweep over").fill("")
     page.get_by_label("Protocol").click()

@@ -13,7 +13,7 @@ from protocols.base import Events, Images, Measurement, Part, Pass, PassStarted,
 from protocols.image_readout import pseudorandom_drive, show_and_capture
 from protocols.patterns import Patterns
 from protocols.ranging import lock_ranges
-from protocols.settings import Binarisation, Classes, Ports, passes_for
+from protocols.settings import Binarisation, Classes, Ports, passes_for, samples_in
 
 
 class Repeatability(Measurement[Images]):
@@ -48,7 +48,7 @@ class Repeatability(Measurement[Images]):
 
     def sample_count(self, inputs: Images) -> int:
         """The window in samples."""
-        return max(1, round(self.window * self.sample_rate))
+        return samples_in("window", self.window, self.sample_rate)
 
     def duration_s(self, bench: Bench, shots: int) -> float:
         """Twenty shots a second on real instruments."""

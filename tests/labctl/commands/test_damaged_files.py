@@ -142,6 +142,7 @@ def test_a_changed_manifest_is_read_or_refused(
     [
         ("image-readout", "window=1e9 s"),
         ("image-readout", "window=1e-30 s"),
+        ("image-readout", "window=0.5 ns"),
         ("image-readout", "averages=1000000000000"),
         ("image-readout", "seed=99999999999999999999"),
         ("image-readout", "reference_every=99999999999999999999"),

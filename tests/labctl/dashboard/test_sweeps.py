@@ -23,7 +23,7 @@ from protocols.image_readout import ImageReadout
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Runs with a sweep of which one point is measured, and a file of a sweep that is none."""
-    sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns", "1 ns")}, reference_every=0)
+    sweep = Sweep(protocol="image-readout", over={"window": ("0.4 ns", "1 ns")}, reference_every=0)
     begin(tmp_path / "runs" / "power", sweep, ImageReadout, SIMULATED_STATION)
     (name, _), _ = places(sweep)
     acquire(Acquisition(ImageReadout(images=4, ports=(2,)), Station(), tmp_path / "runs" / "power" / name))
@@ -62,7 +62,7 @@ def test_what_has_just_come_has_its_page_at_once(folder: Path) -> None:
 
 
 def test_what_is_put_in_the_place_of_a_run_or_sweep_is_looked_at(folder: Path) -> None:
-    sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns",)}, reference_every=0)
+    sweep = Sweep(protocol="image-readout", over={"window": ("0.4 ns",)}, reference_every=0)
     begin(folder / "one", sweep, ImageReadout, SIMULATED_STATION)
     ((name, _),) = places(sweep)
     acquire(Acquisition(ImageReadout(images=4, ports=(2,)), Station(), folder / "one" / name))
@@ -86,7 +86,7 @@ def test_what_is_put_in_the_place_of_a_run_or_sweep_is_looked_at(folder: Path) -
 
 
 def test_a_sweep_whose_runs_are_in_a_store_says_where_to_look(tmp_path: Path) -> None:
-    sweep = Sweep(protocol="image-readout", over={"window": ("0.5 ns", "1 ns")})
+    sweep = Sweep(protocol="image-readout", over={"window": ("0.4 ns", "1 ns")})
     begin(tmp_path / "runs" / "far", sweep, ImageReadout, SIMULATED_STATION, store=tmp_path / "store")
     (far,) = Sweeps(tmp_path / "runs").all()
     assert far.points == ()
@@ -112,7 +112,7 @@ def test_a_laser_of_a_sweep_that_did_not_go_dark_is_told_until_somebody_has_seen
 
 
 def test_a_plot_has_a_curve_for_each_value_of_the_other_axes() -> None:
-    state = planned({"window": ("0.5 ns", "1 ns", "2 ns"), "power": ("10 mW", "30 mW")})
+    state = planned({"window": ("0.4 ns", "1 ns", "2 ns"), "power": ("10 mW", "30 mW")})
     known = {point.name: Recognition(0.8, 0.7, 0.9, 0.25) for point in state.points[:4]}
     drawn = sweep_plot(state, known)
     assert "accuracy against window, 4 of 6 runs" in drawn
@@ -128,14 +128,14 @@ def planned(over: dict[str, tuple[str, ...]]) -> SweepState:
 @pytest.mark.parametrize(
     "values",
     [
-        ("2 ns", "0.5 ns", "1 ns"),
+        ("2 ns", "0.4 ns", "1 ns"),
         ("800 ps", "1 ns", "1.2 ns", "1.4 ns", "1600 ps"),
         ("software", "burst", "none", "other"),
     ],
 )
 def test_points_lie_by_their_quantities_and_words_as_they_were_given(values: tuple[str, ...]) -> None:
     state = planned({"window": values})
-    in_order = ["0.5 ns", "1 ns", "2 ns"] if "2 ns" in values else list(values)
+    in_order = ["0.4 ns", "1 ns", "2 ns"] if "2 ns" in values else list(values)
     known = {
         point.name: Recognition(in_order.index(point.values["window"]) / 10, 0.0, 1.0, 0.25) for point in state.points
     }
