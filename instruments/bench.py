@@ -189,8 +189,8 @@ class Bench:
     they can do. `armed` says that a person has allowed light. `played`: a recording answers, nothing emits. `source` is
     the file that describes the bench, for messages. `now` gives the time of the bench in seconds: a monotonic clock on
     a real bench, the virtual clock of a simulated one. `undisturbed` keeps what would stop the program out of the way
-    into the safe state. `simulated_still`: what simulates instruments, if anything does, has not failed. `lit` says
-    that light was switched on, and that the safe state was not reached since.
+    into the safe state. `simulated_still`: what simulates or plays instruments, if anything does, has not failed. `lit`
+    says that light was switched on, and that the safe state was not reached since.
     """
 
     awg: Awg

@@ -240,5 +240,5 @@ def _bench(reach: _Reach, observer: Observer) -> Bench:
         else time.perf_counter,  # tells shots apart on Windows too
         observer=observer,
         undisturbed=stops_deferred,
-        simulated_still=lambda: simulation is None or not simulation.failed,
+        simulated_still=lambda: (simulation is None or not simulation.failed) and not reach.access.wire.differed(),
     )

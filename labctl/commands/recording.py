@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from instruments.errors import InstrumentError
 from labctl.bench.recording.format import Recording, read_recording
 from labctl.bench.recording.recorder import recording_before, recordings
 from labctl.bench.recording.replay import Replay, addresses, replay_of
@@ -103,8 +104,16 @@ def _play_to(
 ) -> int:
     """The command's own exit status, or 1 if it left the recording or did not play all of it."""
     try:
-        wire = Wire(replay=addresses(served, played), played=tuple(Played.of(one.path) for one in played))
+        wire = Wire(
+            replay=addresses(served, played),
+            played=tuple(Played.of(one.path) for one in played),
+            differed=lambda: served.difference is not None,
+        )
         status = _carry_out(context, command, wire, as_json)
+    except InstrumentError:
+        if served.difference is None:
+            raise
+        status = FELL_SHORT  # no instrument failed: the difference is the reason, and told alone
     finally:
         served.stop()  # not before the last messages of the command have arrived
         if served.difference is not None:

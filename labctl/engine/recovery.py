@@ -53,9 +53,9 @@ class Recovery:
         """Return when the bench is reached again and in the safe state; `records` have been stored so far.
 
         Raises:
-            InstrumentError: `error` itself, if it is none of `MISHAPS`, came too often without a new record or from a
-                simulated bench that failed, or the bench does not come back; a note to it then says how the bench is
-                left.
+            InstrumentError: `error` itself, if it is none of `MISHAPS`, came too often without a new record, from a
+                simulated bench that failed or a replay that is over, or the bench does not come back; a note to it then
+                says how the bench is left.
         """
         mishap = next((mishap for mishap in MISHAPS if isinstance(error, mishap.error)), None)
         if mishap is None or not self._bench.simulated_still():

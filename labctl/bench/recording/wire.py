@@ -2,11 +2,11 @@
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 VARIABLE = "LABCTL_WIRE"
 """How a command that is started in a process of its own learns of it."""
@@ -45,6 +45,7 @@ class Wire(BaseModel):
         replay: VISA addresses that answer as recorded, by the bench (`bench_of` its station) and the instrument; None
             where nothing is played.
         played: The recordings that these answers come from.
+        differed: Whether what is played has ended with a difference, and so for good; of this process only.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -52,6 +53,7 @@ class Wire(BaseModel):
     record: RecordingRequest | None = None
     replay: Mapping[str, Mapping[str, str]] | None = None
     played: tuple[Played, ...] = ()
+    differed: Callable[[], bool] = Field(default=lambda: False, exclude=True)
 
     @classmethod
     def of_this_process(cls) -> Self:
