@@ -7,6 +7,8 @@ from typing import Any
 
 SAME = 1e-6
 """Numbers that an instrument reports again may differ by so much of themselves."""
+ROUNDING = 1e-12
+"""Of a number that is compared as it is: 1 pm at 1550 nm is a difference."""
 FOLLOWS = (
     "started",
     "plan_sha256",
@@ -32,7 +34,7 @@ class Difference:
 
 
 def differences(
-    then: Mapping[str, Any], now: Mapping[str, Any], *, of: str = "", ignored: tuple[str, ...] = ()
+    then: Mapping[str, Any], now: Mapping[str, Any], *, of: str = "", ignored: tuple[str, ...] = (), same: float = SAME
 ) -> tuple[Difference, ...]:
     """Every setting of two nested mappings that differs, by name, such as `station.sim.twin_seed`.
 
@@ -41,12 +43,14 @@ def differences(
         now: The other.
         of: What the settings are of: a word before each name.
         ignored: Patterns (as of file names) of the settings that do not count.
+        same: By so much of themselves numbers may differ.
     """
     before, after = _flat(then), _flat(now)
     return tuple(
         Difference(f"{of} {name}".lstrip(), before.get(name), after.get(name))
         for name in sorted(before.keys() | after.keys())
-        if not _same(before.get(name), after.get(name)) and not any(fnmatchcase(name, pattern) for pattern in ignored)
+        if not _same(before.get(name), after.get(name), same)
+        and not any(fnmatchcase(name, pattern) for pattern in ignored)
     )
 
 
@@ -57,14 +61,14 @@ def settings_that_differ(
 
     Of settings that are `sent_anew` by the run of a manifest, as patterns, it says what an earlier command had left.
     """
-    return differences(one, other, ignored=(*FOLLOWS, *sent_anew(one), *sent_anew(other)))
+    return differences(one, other, ignored=(*FOLLOWS, *sent_anew(one), *sent_anew(other)), same=ROUNDING)
 
 
-def _same(then: object, now: object) -> bool:
+def _same(then: object, now: object, by: float) -> bool:
     if isinstance(then, float) or isinstance(now, float):
         if not isinstance(then, int | float) or not isinstance(now, int | float):
             return False
-        return abs(then - now) <= SAME * max(abs(then), abs(now))
+        return abs(then - now) <= by * max(abs(then), abs(now))
     return then == now
 
 

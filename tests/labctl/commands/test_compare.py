@@ -101,6 +101,12 @@ def test_differences_are_named_and_rounding_is_none() -> None:
     assert settings_that_differ({"started": "a", "protocol": {"digest": "x"}}, {"started": "b"}, sent_anew) == ()
 
 
+def test_a_wavelength_of_two_runs_differs_by_a_picometre() -> None:
+    one, other = ({"protocol": {"start": start}} for start in (1550.0, 1550.001))
+    assert settings_that_differ(one, other, sent_anew) == (Difference("protocol.start", 1550.0, 1550.001),)
+    assert settings_that_differ({"a": 0.1 + 0.2}, {"a": 0.3}, sent_anew) == ()
+
+
 def test_runs_are_filtered(bench_run: Path, changed: Path, as_json: AsJson, typed: Typed) -> None:
     first = changed.parent / "first"
     shutil.copytree(bench_run, first, ignore=shutil.ignore_patterns("figures"))
