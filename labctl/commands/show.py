@@ -17,6 +17,9 @@ from labctl.runs.read.run import Run, open_run
 from labctl.studies.file_summary import is_run, summary_of
 from labctl.studies.inspection import Look, look_at, part_of, place_of_pictures
 
+SOURCE = "protocol.file.text"
+"""The Python file of a protocol: no value for a table."""
+
 
 def show(
     path: Annotated[
@@ -112,7 +115,8 @@ def _signals(look: Look) -> list[dict[str, Any]]:
 
 def _print(found: dict[str, Any]) -> None:
     apart = ("instruments", "signals")
-    table(("what", "value"), _flat({key: value for key, value in found.items() if key not in apart}))
+    rows = _flat({key: value for key, value in found.items() if key not in apart})
+    table(("what", "value"), (row for row in rows if row[0] != SOURCE))
     say("")
     headings = ("port", "clipped frames", "range used", "reference level first, last", "correlation of first and last")
     table(headings, map(_signal_row, found["signals"]))

@@ -1,6 +1,7 @@
 """`labctl show`: pictures and numbers of a run, a summary of other files, a clear refusal of the rest."""
 
 import errno
+from importlib.resources import files
 from pathlib import Path
 
 import h5py
@@ -10,6 +11,7 @@ from PIL import Image
 
 from labctl.runs.read.run import open_run
 from labctl.studies.inspection import cannot_be_drawn
+from tests.checkout import ROOT
 from tests.labctl.commands.conftest import AsJson, Typed
 
 RECORDING = Path(__file__).parents[1] / "bench" / "recording" / "check.rec"
@@ -49,6 +51,15 @@ def test_some_shots_and_ports_in_one_picture(bench_run: Path, tmp_path: Path, ty
     assert "drift is left out: it is seen in two or more reference images" in told
 
 
+def test_the_file_of_a_protocol_is_not_in_the_table(tmp_path: Path, as_json: AsJson, typed: Typed) -> None:
+    own = ROOT / "docs" / "how-to" / "examples" / "bench_extras.py"
+    assert typed("run", own, "--set", "repeats=2", "--set", "ports=2", "--out", tmp_path / "run")[0] == 0
+    table = typed("show", tmp_path / "run")[1]
+    assert "protocol.file.sha256" in table
+    assert "import" not in table
+    assert as_json("show", tmp_path / "run")[1]["protocol"]["file"]["text"] == own.read_text("utf-8")
+
+
 def test_channels_of_different_wavelengths_have_different_names(tmp_path: Path, typed: Typed, as_json: AsJson) -> None:
     scan = ("wavelength-scan", "--set", "steps=3", "--set", "images=4", "--set", "step=0.5 pm")
     assert (
@@ -56,7 +67,10 @@ def test_channels_of_different_wavelengths_have_different_names(tmp_path: Path, 
         in typed("run", *scan, "--set", "start=1527.9995 nm")[2]
     )
     assert "1550, 1550.0005, 1550.001 nm" in typed("run", *scan, "--dry-run")[1]
-    assert typed("run", *scan, "--out", tmp_path / "scan")[0] == 0
+    table = (files("sim_backends.virtual.tlg220") / "commands.toml").read_text("utf-8")
+    (tmp_path / "fine.toml").write_text(table.replace("step = 0.001", "step = 0.0005"), "utf-8")
+    (tmp_path / "bench.toml").write_text("[laser]\ncommands = 'fine.toml'\n", "utf-8")
+    assert typed("run", *scan, "--station", tmp_path / "bench.toml", "--out", tmp_path / "scan")[0] == 0
     named = [channel["port"] for channel in as_json("show", tmp_path / "scan")[1]["signals"]]
     assert named == [f"before the chip, {wavelength} nm" for wavelength in ("1550", "1550.0005", "1550.001")]
 
