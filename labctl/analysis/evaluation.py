@@ -10,7 +10,7 @@ from sklearn.base import clone
 from sklearn.preprocessing import StandardScaler
 
 from labctl.analysis.softmax import deviations, held_out_answers
-from labctl.analysis.splits import Split, random_splits
+from labctl.analysis.splits import OTHER_CLASSES, Split, random_splits
 from labctl.analysis.threads import one_thread
 from labctl.analysis.windows import WindowFeatures, as_float, compressive_ratio
 from labctl.errors import AnalysisError, TooFewImages
@@ -139,7 +139,8 @@ def _judged(
     classes, members = np.unique(labels, return_inverse=True)
     for train, _ in ways:
         if not np.ptp(members[train]):
-            raise TooFewImages(f"all {train.size} shots to train on are of one class: acquire more images")
+            advice = OTHER_CLASSES if classes.size == 1 else "acquire more images"
+            raise TooFewImages(f"all {train.size} shots to train on are of one class: {advice}")
     with one_thread():
         answered = answers(members, ways)
     confusion = np.zeros((classes.size, classes.size), np.int64)

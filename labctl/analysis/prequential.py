@@ -17,6 +17,7 @@ from sklearn.preprocessing import StandardScaler
 from labctl.analysis.online import NormalisedLeastMeanSquares, OnlineClassifier
 from labctl.analysis.readouts import softmax_classifier
 from labctl.analysis.regression import ALPHAS
+from labctl.analysis.splits import OTHER_CLASSES
 from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError
 
@@ -56,7 +57,8 @@ def prequential(features: NDArray[Any], labels: NDArray[Any], groups: NDArray[An
     missing = set(labels.tolist()) - set(labels[:first].tolist())
     if missing or np.unique(labels).size < 2:
         what = f"class {min(missing)} is missing" if missing else "all are of one class"
-        raise AnalysisError(f"{what} among the {first} shots to begin with: acquire more images")
+        advice = "acquire more images" if missing else OTHER_CLASSES
+        raise AnalysisError(f"{what} among the {first} shots to begin with: {advice}")
     places = np.flatnonzero(first_showings(groups))
     places = places[places >= first]
     if not places.size:

@@ -16,6 +16,8 @@ from labctl.errors import AnalysisError, TooFewImages
 SEEDS = 1 << 32
 """How many seeds a split can have: those of scikit-learn."""
 MOST_SPLITS = 10
+OTHER_CLASSES = "acquire images of other classes too, by --set classes="
+"""What to do about images of one class: more of them say no more."""
 TESTED = 5000
 """Images that random splits test in all: one standard error of the accuracy is then at most 0.7 points."""
 Split = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -49,6 +51,8 @@ def random_splits(
     fewest = np.unique_counts(group_labels).counts.min()
     classes = np.unique(group_labels).size
     if fewest < 2 or test_groups < classes or names.size - test_groups < classes:
+        if classes == 1:
+            raise TooFewImages(f"all images are of one class: {OTHER_CLASSES}")
         enough = math.ceil(round(classes / min(share, 1 - share), 6))
         advice = f"{enough} images, two or more of each, are enough" if test_size < 1 else "change the test part"
         raise TooFewImages(

@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from labctl.errors import RunError, RunInUse, UsageError
 from labctl.printable import typed, typed_path
 from labctl.runs.format.layout import RunPaths
@@ -77,9 +79,11 @@ def protocol_of(directory: Path) -> tuple[str, Judgement]:
     """Name of the protocol that made a run, and how it says that its runs are judged.
 
     Raises:
-        UsageError: no such directory.
+        UsageError: no such directory, or a file.
         RunError: not a run, or damaged.
     """
+    if directory.is_file():
+        raise UsageError(f"{directory}: is a file: name the run directory, {directory.parent} if that is it")
     if not directory.is_dir():
         raise UsageError(f"{directory}: no such directory: name a run directory, as 'labctl runs' lists them")
     with open_run(directory) as run:
@@ -123,6 +127,10 @@ def _judged(directory: Path) -> tuple[str, str]:
     match judgement:
         case Judgement.READOUT:
             found = RunPaths(directory).readouts
+            if not found and _of_one_class(directory):
+                from labctl.analysis.splits import OTHER_CLASSES  # with scikit-learn, which nothing else here needs
+
+                return f"of one class cannot be judged ({OTHER_CLASSES})", f"labctl show {where}"
             judging = f"labctl evaluate {typed_path(found[0])} {where}" if found else f"labctl train {where}"
             return "is judged with a readout", judging
         case Judgement.ITSELF:
@@ -130,6 +138,12 @@ def _judged(directory: Path) -> tuple[str, str]:
         case Judgement.EXPERIMENT if names := _experiments_with(protocol):
             return "is judged by an experiment, which acquires all that it needs", f"labctl reproduce {' '.join(names)}"
     return "is nothing that labctl can judge", f"labctl show {where}"
+
+
+def _of_one_class(directory: Path) -> bool:
+    with open_run(directory) as run:
+        planned = run.planned
+    return np.unique(planned["label"][planned["kind"] == "image"]).size == 1
 
 
 def _experiments_with(protocol: str) -> list[str]:

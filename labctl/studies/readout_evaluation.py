@@ -92,10 +92,12 @@ def evaluate_readout(model: Path, directory: Path) -> dict[str, Any]:
         AnalysisError: not a readout, a run it does not fit (of another drive, bench, wavelength or sampling, or of
             records shorter than its window), or one of nothing but the images it was trained on.
         RunError: no such run.
-        UsageError: a folder, such as the run, is named in the place of the readout.
+        UsageError: a folder, such as the run, is named in the place of the readout, or a file in that of the run.
     """
     if model.is_dir():
         raise UsageError(f"{model}: is a folder: name the model file first, then the run directory")
+    if directory.is_file():
+        raise UsageError(f"{directory}: is a file: name the run directory, {directory.parent} if that is it")
     readout, trained = load_model(model), _Trained.of(model)
     with open_run(directory) as run:
         here = Masks.of(run)

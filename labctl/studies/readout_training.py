@@ -9,7 +9,7 @@ import numpy as np
 from labctl.analysis.evaluation import window_key
 from labctl.analysis.intervals import interval
 from labctl.analysis.readouts import softmax_readout
-from labctl.analysis.splits import Split, random_splits
+from labctl.analysis.splits import OTHER_CLASSES, Split, random_splits
 from labctl.analysis.threads import one_thread
 from labctl.errors import AnalysisError, UsageError, writing
 from labctl.runs.format.layout import RunPaths
@@ -58,7 +58,7 @@ def train_readout(
     )
     train, test = kept_apart(records, seed)
     if np.unique(records.labels[train]).size < 2:
-        raise AnalysisError(f"{directory}: all images are of one class: there is nothing to tell apart")
+        raise AnalysisError(f"{directory}: all images are of one class: {OTHER_CLASSES}")
     with one_thread():
         pipeline.fit(records.traces[train], records.labels[train])
     right = pipeline.predict(records.traces[test]) == records.labels[test]

@@ -67,6 +67,8 @@ def test_splits_that_cannot_be_are_refused() -> None:
         list(random_splits(np.arange(20) % 4, np.arange(20), test_size=2, seed=1))
     with pytest.raises(AnalysisError, match="leaves nothing on one side"):
         list(random_splits(np.arange(20) % 4, np.arange(20), test_size=20, seed=1))
+    with pytest.raises(TooFewImages, match="all images are of one class: acquire images of other classes too"):
+        list(random_splits(np.zeros(1), np.arange(1), test_size=0.5, seed=1))
 
 
 @pytest.mark.parametrize(("classes", "test_size"), [(2, 0.1), (3, 0.1), (4, 0.1), (10, 0.1), (3, 0.75)])

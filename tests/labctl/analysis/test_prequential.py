@@ -40,7 +40,11 @@ def test_an_image_counts_when_it_is_shown_for_the_first_time_only() -> None:
     [
         (np.arange(40) % 2, np.arange(40) % 20, "all images after the first 20 shots were shown before"),
         (np.arange(40) // 20, np.arange(40), "class 1 is missing among the 20 shots"),
-        (np.zeros(40, int), np.arange(40), "all are of one class among the 20 shots"),
+        (
+            np.zeros(40, int),
+            np.arange(40),
+            "of one class among the 20 shots to begin with: acquire images of other classes too",
+        ),
     ],
 )
 def test_what_cannot_be_judged_is_said(labels: np.ndarray, groups: np.ndarray, told: str) -> None:

@@ -209,6 +209,21 @@ class TestOtherRuns:
         model.touch()
         assert next_command(run) == f"labctl evaluate {model} {run}"
 
+    def test_a_run_of_one_class_can_be_looked_at(self, tmp_path: Path) -> None:
+        """No readout learns anything from it, however many more of its images there are."""
+        run = stored(tmp_path / "run", fading(0.5, 2)[:, ::4], protocol={"name": "image-readout"})
+        assert next_command(run) == f"labctl show {run}"
+        with pytest.raises(UsageError, match=r"by --set classes=\): go on with 'labctl show "):
+            evaluate(run)
+
+    def test_a_file_of_a_run_is_not_the_run(self, tmp_path: Path) -> None:
+        run = stored(tmp_path / "run", fading(0.5, 2), protocol={"name": "image-readout"})
+        told = rf"data\.h5: is a file: name the run directory, {run} if that is it$"
+        with pytest.raises(UsageError, match=told):
+            evaluate(tmp_path / "model.h5", run / "data.h5")
+        with pytest.raises(UsageError, match=told):
+            report(run / "data.h5")
+
     def test_a_protocol_of_ones_own_says_itself_how_it_is_judged(self, tmp_path: Path) -> None:
         run = stored(tmp_path / "run", fading(0.5, 2), protocol={"name": "mine", "judgement": "readout"})
         assert next_command(run) == f"labctl train {run}"
